@@ -37,6 +37,8 @@ _HOMES = {
     "cryptomatte": "clshade.pipeline.mattes",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
+    "flow": "clshade.pipeline.flow",
+    "visible": "clshade.pipeline.visible",
     "Views": "clshade.pipeline.many_views",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
@@ -57,11 +59,13 @@ if TYPE_CHECKING:
     from . import farm as farm
     from . import view as view
     from .measure.check.check import check as check
+    from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
     from .pipeline.many_views import Views as Views
     from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
+    from .pipeline.visible import visible as visible
     from .scene.builtin.scenes import builtin as builtin
     from .scene.builtin.studio import studio as studio
     from .scene.camera import Camera as Camera

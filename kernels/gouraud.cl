@@ -49,12 +49,12 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #endif
         for (int lane = 0; lane < LANES; ++lane) {
 #if CENTROID
-            real4 point = centroid_of(in, face[lane]);
+            real4 point = centroid_of(in, taken[lane], face[lane]);
 #else
-            real4 point = in->relative[in->faces[3 * face[lane] + k]];
+            real4 point = corner_point(in, taken[lane], face[lane], k);
 #endif
 #if DIFFUSE || SPECULAR
-            real4 normal = side_of(in, in->triangles + taken[lane]) * in->normals[normal_index(in, face[lane], k)];
+            real4 normal = side_of(in, in->triangles + taken[lane]) * corner_normal(in, taken[lane], face[lane], k);
 #else
             real4 normal = (real4)(0.0f);  // there are no normals
 #endif

@@ -13,11 +13,13 @@ ulong spread(ulong v)
 }
 
 // A face's key: its class of size, so that large triangles do not widen the boxes of small ones; its place along
-// Morton's curve, 12 bits an axis; its index. NO_CASTER if two of its corners are one vertex or one is not finite;
-// others without area lie in every plane through them, so the predicate finds the light on neither side.
+// Morton's curve, 12 bits an axis, less the lowest where the index needs them; its index. NO_CASTER if two of its corners are
+// one vertex or one is not finite; others without area lie in every plane through them, so the predicate finds the light on
+// neither side.
 kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
                            global const int *faces,       // F x 3
                            global ulong *keys,            // F
+                           int index_bits,                // of the keys
                            int face_count)                // F
 {
     int i = get_global_id(0);
@@ -38,7 +40,8 @@ kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
     }
     int drop = v[0] == v[1] || v[1] == v[2] || v[2] == v[0] || !(fabs(sum) <= FLT_MAX);
     ulong size = largest > (float)(SHADOW_REACH) / 2.0f ? 2 : largest > (float)(SHADOW_REACH) / 8.0f ? 1 : 0;
-    keys[i] = drop ? NO_CASTER : size << 60 | code << KEY_INDEX_BITS | (ulong)i;
+    ulong place_bits = (size << CURVE_BITS | code) << (64 - SIZE_BITS - CURVE_BITS);
+    keys[i] = drop ? NO_CASTER : (place_bits >> index_bits) << index_bits | (ulong)i;
 }
 
 void store_box(global float *node, int child, const float *low, const float *high)
@@ -54,7 +57,7 @@ kernel void hierarchy_leaves(global const float *vertices, global const int *fac
                              global const ulong *keys,  // of count casters, sorted
                              global float *leaves,      // structs of LEAF_SIZE
                              global float *nodes,       // structs of NODE_SIZE
-                             int first_leaf, int leaf_count, int first_node, int slots, int count)
+                             int first_leaf, int leaf_count, int first_node, int slots, int index_bits, int count)
 {
     int i = get_global_id(0);
     if (i >= slots)
@@ -64,7 +67,7 @@ kernel void hierarchy_leaves(global const float *vertices, global const int *fac
         global float *leaf = leaves + (size_t)(first_leaf + i) * LEAF_SIZE;
         for (int s = 0; s < LEAF_TRIANGLES; ++s) {
             // Room that is left repeats the last triangle.
-            int face = (int)(keys[min(i * LEAF_TRIANGLES + s, count - 1)] & ((1 << KEY_INDEX_BITS) - 1));
+            int face = (int)(keys[min(i * LEAF_TRIANGLES + s, count - 1)] & ((1UL << index_bits) - 1));
             UNROLL for (int corner = 0; corner < 3; ++corner) {
                 global const float *v = vertices + VERTEX_ROW * (size_t)faces[3 * (size_t)face + corner];
                 UNROLL for (int k = 0; k < 3; ++k) {

@@ -21,12 +21,12 @@ typedef ulong depth_t;
 #define ORDER_OF(depth) (depth)
 #endif
 
-// A depth's order with the low KEY_INDEX_BITS replaced by the complement of the triangle's index: the smallest key is the
-// nearest triangle and, of equal ones, the latest. The host resolves what the dropped bits decide.
-ulong sort_key(ulong order, int index)
+// A depth's order with its lowest bits replaced by the complement of the triangle's index: the smallest key is the nearest
+// triangle and, of equal ones, the latest. The host resolves what the dropped bits decide.
+ulong sort_key(ulong order, int index, int index_bits)
 {
-    ulong index_bits = (1UL << KEY_INDEX_BITS) - 1;
-    return (order & ~index_bits) | (index_bits - (ulong)index);
+    ulong mask = (1UL << index_bits) - 1;
+    return (order & ~mask) | (mask - (ulong)index);
 }
 
 // The mask of lanes whose back faces are culled.
@@ -157,6 +157,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
                   global ulong *keys,              // at least F, the first counters->visible are written
                   global int *to_clip,             // F, the first counters->to_clip are written: faces
                   global Counters *counters,       // 1
+                  int index_bits,                  // of the keys
                   int count)                       // F
 {
     int first = get_global_id(0) * SETUP_RUN;
@@ -205,7 +206,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
 #else
             ulong order = depth_order(mean_depths[face[lane]]);
 #endif
-            own_keys[own_count++] = sort_key(order, face[lane]);
+            own_keys[own_count++] = sort_key(order, face[lane], index_bits);
         }
     }
     if (own_count) {
@@ -227,6 +228,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
                          global ulong *keys,           // F + C
                          global Counters *counters,    // 1
                          int face_count,               // F
+                         int index_bits,               // of the keys
                          int count)                    // C
 {
     int first = get_global_id(0) * LANES;
@@ -255,7 +257,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     for (int lane = 0; lane < LANES; ++lane)
         if (visible[lane])
             keys[atomic_inc(&counters->visible)] =
-                sort_key(ORDER_OF(DEPTH_OF(pieces[first + lane].key_depth)), index[lane]);
+                sort_key(ORDER_OF(DEPTH_OF(pieces[first + lane].key_depth)), index[lane], index_bits);
     add_culled(counters, &culled);
 }
 

@@ -44,16 +44,16 @@ void put_weights(reals3 *target, ints mine, Weights m, int turned)
 INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, int2 at,
                        global const int *mirrored, global const real *scalars)
 {
-    int face = t->face;
+    int face = t->face, triangle = (int)(t - in->triangles);
     Weights m = weights_at(t, in->pieces, at, PERSPECTIVE);
 #if LAYER_N
     real side = side_of(in, t);
     put_vector(&shown->normal, mine,
-               mix_vectors(m, side * in->normals[normal_index(in, face, 0)], side * in->normals[normal_index(in, face, 1)],
-                           side * in->normals[normal_index(in, face, 2)]));
+               mix_vectors(m, side * corner_normal(in, triangle, face, 0), side * corner_normal(in, triangle, face, 1),
+                           side * corner_normal(in, triangle, face, 2)));
 #if HAS_TANGENTS
-    global const int *tangent = in->tangent_faces + 3 * face;
-    real4 t0 = in->tangents[tangent[0]], t1 = in->tangents[tangent[1]], t2 = in->tangents[tangent[2]];
+    real4 t0 = corner_tangent(in, triangle, face, 0), t1 = corner_tangent(in, triangle, face, 1);
+    real4 t2 = corner_tangent(in, triangle, face, 2);
     put_vector(&shown->tangent, mine, mix_vectors(m, side * t0, side * t1, side * t2));
     shown->across = where(mine, side * bitangent_side((reals)(t0.w), (reals)(t1.w), (reals)(t2.w)), shown->across);
     shown->factor = where(mine, (reals)(material_of(in, face)->map_factors[MAP_NORMAL]), shown->factor);
@@ -61,10 +61,10 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 #endif
 #endif
 #if LAYER_P
-    global const int *v = in->faces + 3 * face;
     // In perspective, like depth, with any interpolation of attributes: the visible point.
     Weights p = weights_at(t, in->pieces, at, !ORTHOGRAPHIC);
-    put_vector(&shown->point, mine, mix_vectors(p, in->relative[v[0]], in->relative[v[1]], in->relative[v[2]]));
+    put_vector(&shown->point, mine, mix_vectors(p, corner_point(in, triangle, face, 0), corner_point(in, triangle, face, 1),
+                                                corner_point(in, triangle, face, 2)));
 #endif
 #if LAYER_ALBEDO
 #if VERTEX_COLORS || CORNER_COLORS

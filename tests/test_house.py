@@ -331,7 +331,7 @@ def test_every_command_is_a_module_of_its_own():
         f"cli.commands.{name}"
         for name in (
             *("arguments", "parser", "farm_options", "live_view", "saving_options", "scene_options"),
-            *("scene_outputs", "view_options"),
+            *("flow_options", "scene_outputs", "stereo_options", "view_options"),
         )
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared

@@ -221,27 +221,29 @@ def test_shared_vertices_and_a_count_that_fills_no_run(device):
         assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[faces])
 
 
-def test_setup_pieces(device):
+@pytest.mark.parametrize("first_face", [0, 1 << 24])
+def test_setup_pieces(device, first_face):
     """Pieces follow the faces, with their own depth as key and the index of their face."""
     xy, z = triangles(400)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
-    face_count = 7
+    face_count = first_face + 7
     made = TriangleBuffers(device, face_count, len(xy))
     table = np.zeros(len(xy), struct_layout.SINGLE.Piece)
     table["x"], table["y"] = xy[..., 0], xy[..., 1]
     table["w"] = 1.0 / z
     table["key_depth"] = z[:, 1]
-    table["face"] = np.arange(len(xy)) % face_count
+    table["face"] = first_face + np.arange(len(xy)) % 7
     pieces = Buffer(device, table)
     pipeline.stages.setup_pieces(pieces, pipeline.image, made, face_count, len(xy))
     counters = made.counters.to_host()[0]
     expected = coverage.setup(xy, COLUMNS, ROWS)
-    order = front_to_back(made.keys.to_host(int(counters["visible"])).copy()).astype(np.int64)
+    keys = made.keys.to_host(int(counters["visible"])).copy()
+    order = front_to_back(keys, bits=made.index_bits).astype(np.int64)
     visible = np.sort(order - face_count)
     assert set(np.flatnonzero(drawn(xy, expected.box, expected.culled))) <= set(visible)
     assert not expected.culled[visible].any()
     rows = made.triangles.to_host()[face_count + visible]
-    assert np.array_equal(rows["face"], visible % face_count)
+    assert np.array_equal(rows["face"], first_face + visible % 7)
     assert np.array_equal(rows["piece_and_turn"] >> 1, visible)
     boxes, _, _ = narrowed(xy, expected.box)
     assert np.array_equal(boxes_of(made.bounds.to_host()[face_count + visible]), boxes[visible])

@@ -1,4 +1,5 @@
-"""Free host memory, checked before allocating what a file of a few KB may claim."""
+"""The memory of this machine, checked before allocating what a file of a few KB or a large scene may claim: systems end
+processes without a word."""
 
 from __future__ import annotations
 
@@ -8,6 +9,10 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+
+from ..errors import InputError
+
+GIB = 1 << 30
 
 # Files of a control group (cgroup v2, v1): limit, usage, and the part of it that is cached files, which the kernel
 # drops when memory is needed.
@@ -78,3 +83,20 @@ def _of_process(root: Path) -> float:
         return limit - pages * resource.getpagesize()
     except (ImportError, OSError):
         return math.inf
+
+
+def physical() -> int | None:
+    """Return the bytes of this machine's memory; None if the system does not say."""
+    try:
+        found = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
+    return found if found > 0 else None
+
+
+def require(owner: str, name: str, needed: int, found: str) -> None:
+    """Raise InputError if this machine has less memory than needed, bytes. found: what takes so much."""
+    most = physical()
+    if most is not None and needed > most:
+        expected = f"what {most / GIB:.1f} GiB of memory hold"
+        raise InputError(f"{owner}: {name}: expected {expected}, found {found}: {needed / GIB:.1f} GiB or more")

@@ -8,7 +8,7 @@ from typing import Any
 from .input_files import file_error, quoted
 
 MAX_DIGITS = 1000  # of an integer: float64 holds none of more than 309, and parsing time is quadratic in the digits
-MAX_VALUES = 1 << 21  # commas and brackets in the text: bounds the memory of the parsed value
+MAX_VALUES = 1 << 22  # commas and brackets in the text: bounds the memory of the parsed value
 
 
 def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> Any:

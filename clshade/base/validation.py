@@ -154,6 +154,7 @@ def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, 
 
 def indices(owner: str, name: str, value: Any, count: int) -> Faces:
     """Return an (F, 3) array of indices below `count`, range-checked before it is narrowed to int32; read-only."""
+    count = min(count, 1 << 31)
     expected = "an array of shape (F, 3) of whole numbers"
     array = floats(owner, name, value, expected)
     if array.size == 0:

@@ -373,7 +373,7 @@ def render_object(
     verts_colors : array_like, (3, V)
         Vertex colors, linear RGB.
     faces : array_like, (3, F)
-        Indices into `verts`; at most 2**24 faces.
+        Indices into `verts`; at most 2**29 faces.
     k_a, k_d, k_s : float or array_like
         Ambient, diffuse and specular coefficients.
     n : float

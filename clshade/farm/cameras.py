@@ -1,23 +1,14 @@
-"""The camera of each frame: on a circle around the point it looks at, or from a file."""
+"""The camera of each frame: on a circle around the point it looks at, or one of two eyes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
 
-from ..base.atomic_files import Path, shown
-from ..base.input_files import file_error, quoted, read_file
-from ..base.spelling import hint
-from ..base.strict_json import found_text, parse_text
-from ..errors import InputError
 from ..scene.adjust_camera import adjusted
 from ..scene.camera import Camera
-from .frames import MOST, Frames
-
-MAX_BYTES = 1 << 27
-FIELDS = (*(field.name for field in fields(Camera)), "fov")
+from .frames import Frames
 
 
 def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> Mapping[int, Camera]:
@@ -66,71 +57,44 @@ class _Orbit(Mapping[int, Camera]):
         return len(self.numbers)
 
 
-def read_cameras(path: Path, base: Camera) -> tuple[Camera, ...]:
-    """Read cameras from a JSON file: a list of objects with any of Camera's fields and ``fov``.
+def stereo_cameras(
+    cameras: Mapping[int, Camera], baseline: float, convergence: float | None = None
+) -> tuple[Mapping[int, Camera], Mapping[int, Camera]]:
+    """Return the cameras of left and right eyes around cameras by frame number.
 
     Parameters
     ----------
-    path : str or path-like
-        The file, at most 2**27 bytes and 1,000,000 cameras.
-    base : Camera
-        Supplies the fields that an object leaves out.
+    cameras : mapping of int to Camera
+        Camera between the eyes, by frame number.
+    baseline, convergence
+        See `Camera.stereo`.
 
     Returns
     -------
-    tuple of Camera
-        The cameras, in the file's order.
-
-    Raises
-    ------
-    InputError
-        If the file is refused; the error names the file, the camera (counted from 1) and the field.
-
-    Notes
-    -----
-    ``fov``, in degrees, is the vertical field of view, given in place of focal and plane. A
-    resolution without a plane keeps the plane's height and makes pixels square.
+    left, right : mapping of int to Camera
+        Cameras by frame number, created when looked up.
     """
-    owner = shown(path)
-    listed = parse_text(read_file(path, MAX_BYTES), owner, "a list of cameras", unique=True)
-    if not isinstance(listed, list) or not listed:
-        found = "an empty list" if listed == [] else "an object" if isinstance(listed, dict) else found_text(listed)
-        raise file_error(owner, "JSON", "a list of cameras, [{...}, ...]", found)
-    if len(listed) > MOST:
-        raise file_error(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
-    return tuple(_camera(given, base, owner, f"camera {k}") for k, given in enumerate(listed, 1))
+    left, right = (_Eye(cameras, baseline, convergence, side) for side in (0, 1))
+    return left, right
 
 
-def _camera(given: Any, base: Camera, owner: str, who: str) -> Camera:
-    if not isinstance(given, dict):
-        raise file_error(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(given))
-    for key, value in given.items():
-        if key not in FIELDS:
-            near = hint(key, FIELDS)
-            raise file_error(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + near)
-        if key == "orthographic" and not isinstance(value, bool):
-            raise file_error(owner, f"{who}: {key}", "true or false", found_text(value))
-        if key != "orthographic" and not _are_numbers(value):
-            raise file_error(owner, f"{who}: {key}", "numbers", found_text(value))
-    if "fov" in given and (clash := {"focal", "plane", "orthographic"} & set(given)):
-        raise file_error(owner, f"{who}: fov", f"either fov or {min(clash)}", "both")
-    values = dict(given)
-    fov, resolution = values.pop("fov", None), values.get("resolution")
-    try:
-        if resolution is not None and "plane" not in values:
-            base = base.with_resolution(resolution)
-        camera = replace(base, **values)
-        return camera if fov is None else _with_fov(camera, fov)
-    except InputError as error:
-        raise InputError(f"{owner}: {who}: {str(error).removeprefix('Camera: ')}") from None
+@dataclass(frozen=True, eq=False)
+class _Eye(Mapping[int, Camera]):
+    """One of the mappings that `stereo_cameras` returns. side: 0 for left, 1 for right."""
 
+    cameras: Mapping[int, Camera]
+    baseline: float
+    convergence: float | None
+    side: int
 
-def _with_fov(camera: Camera, fov: Any) -> Camera:
-    seen = Camera.from_fov(camera.eye, camera.lookat, camera.up, fov, camera.resolution)
-    return replace(seen, principal=camera.principal)
+    def __getitem__(self, number: int) -> Camera:
+        return self.cameras[number].stereo(self.baseline, self.convergence)[self.side]
 
+    def __contains__(self, number: object) -> bool:
+        return number in self.cameras
 
-def _are_numbers(value: Any) -> bool:
-    """Return whether `value` is a number or a flat list of numbers: JSON lists may nest nearly as deep as Python's
-    stack."""
-    return all(type(each) in (int, float) for each in (value if isinstance(value, list) else [value]))
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.cameras)
+
+    def __len__(self) -> int:
+        return len(self.cameras)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ..base.input_files import quoted
 from ..errors import InputError
-from ..pipeline.frame_files import FILES, FileKind, output_paths
+from ..pipeline.frame_files import ENDINGS, FILES, KINDS, FileKind, output_paths
 
 MOST = 1_000_000  # frames of one run
 _RANGE = r"([0-9]{1,18})(?:\.\.([0-9]{1,18})(?:\.\.([0-9]{1,18}))?)?"
@@ -95,10 +95,20 @@ class Pattern:
     after: str
 
     def names(self, number: int, files: Sequence[FileKind] = FILES) -> tuple[str, ...]:
-        """Return the EXR and PNG names of a frame, or of one, as str: a million Path objects take twenty seconds."""
+        """Return the names of a frame's files, as str: a million Path objects take twenty seconds."""
         digits = f"{number:0{self.width}d}" if self.width else ""
         stem = f"{self.before}{digits}{self.after}"
-        return tuple(f"{stem}.{kind}" for kind in FILES if kind in files)
+        return tuple(f"{stem}{ENDINGS[kind]}" for kind in KINDS if kind in files)
+
+
+def pattern_of_eye(text: str, eye: str) -> str:
+    """Return the name of the images of an eye, as `left`: out.left.####.exr for out.####.exr, out.left.mp4 for out.mp4."""
+    folder, name = os.path.split(text)
+    run = re.search("#+", name)
+    before, rest = (name[: run.start()], name[run.start() :]) if run else os.path.splitext(name)
+    stem = before.rstrip("._-")
+    separator = before[len(stem) :] or ("." if run else "")
+    return os.path.join(folder, f"{stem}{'.' if stem else ''}{eye}{separator}{rest}")
 
 
 def parse_pattern(text: str, count: int) -> Pattern:

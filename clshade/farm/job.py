@@ -13,8 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import ClshadeError, WorkerError
-from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths
+from ..pipeline.flow import flow
+from ..pipeline.flow_vectors import Flow, FlowName
+from ..pipeline.frame import Frame
+from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths, visible_path
 from ..pipeline.renderer import Renderer
+from ..pipeline.visible import visible
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.pose import Pose
@@ -24,24 +28,36 @@ SMALL = (16, 16)  # pixels of an image drawn only to compile its kernels
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What all frames share. device: a name as for `open_device`. saving: arguments of `Frame.save`."""
+    """What all frames share. device: a name as for `open_device`. saving: arguments of `Frame.save`. visible: ending of
+    each frame's table of instances, None without one."""
 
     scene: Scene
     settings: Settings
     device: str | None
     saving: SavingOptions
+    visible: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Camera and pose of the frame before or after another one. name: of the flow that leads there."""
+
+    name: FlowName
+    camera: Camera
+    pose: Pose | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
     """A frame to draw. path: of its files, as for `Frame.save`, absolute: other processes have other current folders.
-    files: which of them are written. pose: of the scene, None as it is."""
+    files: which of them are written. pose: of the scene, None as it is. beside: the frames to which its flow leads."""
 
     number: int
     camera: Camera
     path: Path
     files: Sequence[FileKind] = FILES
     pose: Pose | None = None
+    beside: tuple[Beside, ...] = ()
 
     @property
     def paths(self) -> list[Path]:
@@ -118,6 +134,10 @@ class FrameWriter:
                 self._compiled.add(kind)
             yield renderer
 
+    def _flow(self, frame: Frame, beside: Beside) -> Flow:
+        scene = self._job.scene if beside.pose is None else beside.pose.of(self._job.scene)
+        return flow(frame, replace(scene, camera=beside.camera), device=self._job.device)
+
     def draw(self, task: Task, ready: Callable[[], None] | None = None) -> DrawnFrame:
         """Draw and write a frame. ready: called when the kernels are compiled and only the frame's own work is left.
 
@@ -129,6 +149,10 @@ class FrameWriter:
                 if ready is not None:
                     ready()
                 frame = renderer.render(task.camera)
+            frame.flows = {beside.name: self._flow(frame, beside) for beside in task.beside}
+            if self._job.visible is not None:
+                table = visible(frame.scene, settings=frame.settings, device=self._job.device)
+                table.save(visible_path(task.path, self._job.visible))
             drawn = time.perf_counter()
             saving: SavingOptions = {**self._job.saving, "files": task.files}
             warnings = frame.write(task.path, **saving)

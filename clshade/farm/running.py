@@ -7,31 +7,45 @@ import os
 import stat
 import statistics
 from array import array
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from ..base import console
 from ..base.atomic_files import folder_made, shown
-from ..base.validation import integer, known, number, value_error
+from ..base.validation import choice, flag, integer, known, number, value_error
 from ..errors import InputError
-from ..images import png
 from ..images.colorbar import bar_width
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame_files import FILES, SAVING, FileKind, SavingOptions, check_output, chosen_paths
+from ..pipeline.flow_vectors import FlowName
+from ..pipeline.frame_files import (
+    FILES,
+    SAVING,
+    FileKind,
+    SavingOptions,
+    check_layers,
+    check_output,
+    chosen_paths,
+    resolution_of,
+)
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
 from .frames import Pattern, parse_pattern
-from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
+from .job import Beside, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
 from .progress import Progress, rate_text
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+
+_NAMES: dict[FileKind, str] = {"exr": "an EXR", "png": "a PNG", "npz": "an NPZ", "depth": "a depth PNG"}
+_QUICKEST: tuple[FileKind, ...] = ("png", "depth", "exr", "npz")  # to tell the resolution of
+_MOST_COMPARED = 1000  # files of earlier runs whose sizes are looked at
 
 
 @dataclass(frozen=True)
@@ -53,7 +67,9 @@ class Run:
     workers : int
         Number of workers that drew frames.
     first, last : str
-        Names of the EXR files with the lowest and the highest number.
+        Names of the files with the lowest and the highest number, the first of each frame's.
+    files : tuple of str
+        Which files each frame has, see `Frame.save`.
     """
 
     drawn: int
@@ -65,6 +81,7 @@ class Run:
     workers: int
     first: str
     last: str
+    files: tuple[FileKind, ...] = FILES
 
     @property
     def rate(self) -> float:
@@ -87,8 +104,13 @@ class Run:
         return [
             f"frames  {self.drawn:,} drawn{skipped}",
             *([time] if self.drawn else []),
-            f"files   {files}, a PNG beside each ({self.size / 1e6:.1f} MB written)",
+            f"files   {files}{self._beside()} ({self.size / 1e6:.1f} MB written)",
         ]
+
+    def _beside(self) -> str:
+        """Return which files are beside those that are named."""
+        others = [_NAMES[kind] for kind in self.files[1:]]
+        return f", {' and '.join(others)} beside each" if others else ""
 
 
 def draw_frames(
@@ -105,9 +127,11 @@ def draw_frames(
     progress: bool = True,
     device: str | None = None,
     saving: SavingOptions | None = None,
+    flow: bool = False,
+    visible: Literal["csv", "json"] | None = None,
     **settings: Unpack[FrameOptions],
 ) -> Run:
-    """Draw frames of a scene and write each as EXR and PNG, or one of them, the same files whoever draws them.
+    """Draw frames of a scene and write each as EXR and PNG, or other files, the same whoever draws them.
 
     Parameters
     ----------
@@ -132,14 +156,21 @@ def draw_frames(
         has not drawn its frame: others draw what it has. Default: wait for it, with a warning after
         ten seconds.
     overwrite : bool, default False
-        Draw frames whose files exist as well; otherwise they are skipped. An existing file is
-        complete, for files are replaced atomically (``clshade.base.atomic_files``).
+        Draw frames whose files exist as well; otherwise they are skipped, and refused if their
+        resolution is another one. An existing file is complete, for files are replaced atomically
+        (``clshade.base.atomic_files``).
     progress : bool, default True
         Show a progress bar, or lines, on standard error.
     device : str, optional
         Name of the device, see `clshade.Renderer`.
     saving : dict, optional
         Keywords of `Frame.save`.
+    flow : bool, default False
+        Write optical flow to the EXR of each frame, and the layer id: as ``flow`` to the frame with the
+        next number, as ``flow_back`` to the one before, with the masks of what these do not show, see
+        `clshade.flow`. The first frame has no ``flow_back``, the last no ``flow``.
+    visible : {"csv", "json"}, optional
+        Write the table of `clshade.visible` beside each frame: ``out.0001_visible.csv``.
     **settings
         Keywords of `clshade.render`; the resolution of a frame is that of its camera.
 
@@ -177,13 +208,22 @@ def draw_frames(
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
-    files = tuple(chosen_paths(pattern.names(0)[0], chosen.get("files", FILES)))
+    files = tuple(chosen_paths(output, chosen.get("files")))
+    if flag("draw_frames", "flow", flow):
+        if not {"exr", "npz"} & set(files):
+            raise value_error("draw_frames", "flow", "False without a file that holds it, exr or npz", flow)
+        settled = replace(settled, layers=(*settled.layers, "id"))
+    check_layers(files, settled.layers)
+    numbers = sorted(cameras) if flow else []
+    if visible is not None:
+        choice("draw_frames", "visible", visible, ("csv", "json"))
     left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
         drawn_now = set(left)
-        there = next(number for number in cameras if number not in drawn_now)
-        _compare_sizes(pattern, there, cameras, colorbar=chosen.get("colorbar", False))
+        there = [number for number in cameras if number not in drawn_now]
+        for number in there[:: -(-len(there) // _MOST_COMPARED)]:
+            _compare_size(pattern, files, number, _camera(cameras, number), colorbar=chosen.get("colorbar", False))
     tasks = (
         Task(
             number,
@@ -191,26 +231,43 @@ def draw_frames(
             Path(pattern.names(number)[0]).absolute(),
             files,
             None if poses is None else poses[number],
+            _beside(cameras, poses, numbers, number),
         )
         for number in left
     )
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
         if left:
-            check: dict[str, Any] = {
-                name: value for name, value in chosen.items() if name in ("tonemap", "exposure", "compression")
-            }
-            check_output(pattern.names(left[0])[0], **check)
-        job = Job(scene, settled, device, chosen)
+            checked = ("tonemap", "exposure", "compression", "depth_scale")
+            check: dict[str, Any] = {name: value for name, value in chosen.items() if name in checked}
+            check_output(pattern.names(left[0])[0], files=files, **check)
+        job = Job(scene, settled, device, chosen, visible)
         results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
         counts = _collect(results, bar, frame_timeout is not None)
     return Run(
         drawn=bar.drawn,
         skipped=skipped,
         seconds=bar.seconds,
-        first=pattern.names(min(cameras))[0],
-        last=pattern.names(max(cameras))[0],
+        first=pattern.names(min(cameras), files)[0],
+        last=pattern.names(max(cameras), files)[0],
+        files=files,
         **counts,
+    )
+
+
+def _beside(
+    cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None, numbers: Sequence[int], number: int
+) -> tuple[Beside, ...]:
+    """Return the frames after and before one of these ascending numbers; nothing without numbers."""
+    place = bisect_left(numbers, number)
+    near: dict[FlowName, Sequence[int]] = {
+        "flow": numbers[place + 1 : place + 2],
+        "flow_back": numbers[max(place - 1, 0) : place],
+    }
+    return tuple(
+        Beside(name, _camera(cameras, other), None if poses is None else poses[other])
+        for name, found in near.items()
+        for other in found
     )
 
 
@@ -299,14 +356,18 @@ def _is_there(name: str) -> bool:
     return stat.S_ISREG(found.st_mode) and found.st_size > 0
 
 
-def _compare_sizes(pattern: Pattern, number: int, cameras: Mapping[int, Camera], *, colorbar: bool) -> None:
-    """Warn if an existing frame of an earlier run has another resolution."""
-    name = pattern.names(number)[1]
-    columns, rows = _camera(cameras, number).resolution
-    found, expected = png.resolution(name), (columns + bar_width(rows) if colorbar else columns, rows)
+def _compare_size(pattern: Pattern, files: Sequence[FileKind], number: int, camera: Camera, *, colorbar: bool) -> None:
+    """Raise InputError if a frame of an earlier run has another resolution."""
+    kind = next(kind for kind in _QUICKEST if kind in files)
+    (name,) = pattern.names(number, (kind,))
+    columns, rows = camera.resolution
+    found, expected = resolution_of(name, kind), (columns, rows)
+    if kind == "png" and colorbar:
+        expected = columns + bar_width(rows), rows
     if found is not None and found != expected:
         there, here = ("{}x{}".format(*size) for size in (found, expected))
-        console.warning(f"{name}, there already, is {there}, not {here}: --overwrite draws what is there again")
+        again = "of an earlier run: --overwrite draws it again"
+        raise InputError(f"{shown(name)}: expected {here} of the frames to draw, found {there} {again}")
 
 
 def _results(

@@ -5,8 +5,8 @@ The format of the COCO object detection task. Run lengths are coded by pycocotoo
 
 from __future__ import annotations
 
-import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,10 @@ import numpy as np
 from ..base.arrays import Array
 from ..base.atomic_files import shown
 from ..base.input_files import file_error
+from ..base.strict_json import parse_text
+from ..base.validation import value_error
 from ..errors import InputError
-from . import exr
+from . import exr, png
 
 LAYERS = ("instance_id", "object_id")
 
@@ -40,26 +42,34 @@ def masks(instances: Array) -> dict[int, dict[str, Any]]:
     Raises
     ------
     InputError
-        pycocotools is not installed.
+        The array has another shape or type, or pycocotools is not installed.
     """
     try:
         from pycocotools import mask
     except ImportError:
         raise file_error("coco", "masks", "pycocotools", "none: `pip install pycocotools`") from None
-    numbers, index, counts = np.unique(instances, return_inverse=True, return_counts=True)
-    index = index.reshape(instances.shape)
+    instances = np.asarray(instances)
+    if instances.ndim != 2 or instances.dtype.kind not in "ui" or 0 in instances.shape:
+        raise value_error("coco", "instances", "an array of shape (M, N) of whole numbers", instances)
+    rows, columns = instances.shape
+    flat = instances.ravel(order="F")
+    starts = np.concatenate([[0], np.flatnonzero(flat[1:] != flat[:-1]) + 1])  # of runs of one number
+    ends = np.append(starts[1:], flat.size)
+    order = np.argsort(flat[starts], kind="stable")
+    numbers, first = np.unique(flat[starts][order], return_index=True)
     found = {}
-    for k, number in enumerate(numbers.tolist()):
+    for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
         if not number:
             continue
-        own = index == k
-        coded = mask.encode(np.asfortranarray(own, dtype=np.uint8))
-        columns, rows = np.flatnonzero(own.any(axis=0)), np.flatnonzero(own.any(axis=1))
-        box = columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1
+        edges = np.column_stack([starts[own], ends[own]]).ravel()
+        if edges[-1] < flat.size:
+            edges = np.append(edges, flat.size)
+        lengths = np.diff(edges, prepend=0).tolist()  # of what is outside and inside in turn
+        coded = mask.frPyObjects({"size": [rows, columns], "counts": lengths}, rows, columns)
         found[number] = {
-            "segmentation": {"size": list(instances.shape), "counts": coded["counts"].decode("ascii")},
-            "area": int(counts[k]),
-            "bbox": [float(each) for each in box],
+            "segmentation": {"size": [rows, columns], "counts": coded["counts"].decode("ascii")},
+            "area": int(mask.area(coded)),
+            "bbox": mask.toBbox(coded).tolist(),
         }
     return found
 
@@ -77,9 +87,9 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
     Returns
     -------
     dict
-        `images`, with the PNG beside each EXR if there is one, `categories`, the objects by name,
-        or ``object 1`` and so on, and `annotations`, which also hold the number and name of the
-        instance, `instance_id` and `name`. All ids count from 1.
+        `images`, with the PNG beside each EXR if there is one of the same size, `categories`, the
+        objects by name, or ``object 1`` and so on, and `annotations`, which also hold the number and
+        name of the instance, `instance_id` and `name`. All ids count from 1.
 
     Raises
     ------
@@ -92,10 +102,11 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
     for number, file in enumerate(files, 1):
         instances, objects, header = _read(file)
         names, object_names = (_names(header, name, shown(file)) for name in ("instanceNames", "objectNames"))
-        picture = Path(file).with_suffix(".png")
-        seen = picture if picture.is_file() else Path(file)
         rows, columns = instances.shape
-        images.append({"id": number, "file_name": os.path.relpath(seen, folder), "width": columns, "height": rows})
+        picture = Path(file).with_suffix(".png")
+        seen = picture if png.resolution(picture) == (columns, rows) else file
+        name = Path(os.path.relpath(seen, folder)).as_posix()
+        images.append({"id": number, "file_name": name, "width": columns, "height": rows})
         for each in object_names.values():
             categories.setdefault(each, len(categories) + 1)
         present, first = np.unique(instances, return_index=True)
@@ -130,8 +141,15 @@ def _read(file: str | os.PathLike[str]) -> tuple[Array, Array, dict[str, Any]]:
 
 def _names(header: Mapping[str, Any], attribute: str, owner: str) -> dict[int, str]:
     """Return the names of numbers in a header written by `Frame.save`."""
-    try:
-        found = json.loads(header.get(attribute, "{}"))
-        return {int(number): str(name) for number, name in found.items()}
-    except (ValueError, TypeError, AttributeError):
-        raise file_error(owner, attribute, "a JSON object of names by number", "something else") from None
+    expected = "a JSON object of names by number"
+    written = header.get(attribute, "{}")
+    found = (
+        parse_text(written.encode("utf-8", "replace"), f"{owner}: {attribute}", expected)
+        if isinstance(written, str)
+        else written
+    )
+    if not isinstance(found, dict) or not all(re.fullmatch("[0-9]{1,10}", number) for number in found):
+        raise file_error(owner, attribute, expected, "something else")
+    if not all(isinstance(name, str) for name in found.values()):
+        raise file_error(owner, attribute, "names that are texts", "others")
+    return {int(number): name for number, name in found.items() if name}

@@ -107,9 +107,18 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     Raises
     ------
     InputError
-        A number without a name, two names with one hash, or mmh3 is not installed.
+        Another shape or type, a number without a name, a name of 0, two names with one hash that are
+        both shown (of 10,000 names that happens with a probability of 1 %, of 77,000 with 50 %), or
+        mmh3 is not installed.
     """
-    text("cryptomatte", "label", label)
+    if not text("cryptomatte", "label", label):
+        raise value_error("cryptomatte", "label", "at least one letter", label)
+    numbers = np.asarray(numbers)
+    if numbers.ndim != 3 or numbers.dtype.kind not in "ui" or 0 in numbers.shape:
+        raise value_error("cryptomatte", "numbers", "an array of shape (S, M, N) of whole numbers", numbers)
+    for number, name in names.items():
+        integer("cryptomatte", "number of a name", number, 1, (1 << 32) - 1)
+        text("cryptomatte", "names", name)
     present = np.unique(numbers)
     missing = [int(number) for number in present if number and int(number) not in names]
     if missing:
@@ -117,9 +126,10 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     once = dict.fromkeys(names.values())
     ids = dict(zip(once, hashes(once).tolist(), strict=True))
     by_id: dict[int, str] = {}
-    for name, number in ids.items():
-        if by_id.setdefault(number, name) != name:
-            raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {by_id[number]!r}", name)
+    for name in dict.fromkeys(names[int(number)] for number in present if number):
+        other = by_id.setdefault(ids[name], name)
+        if other != name:
+            raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {other!r}", name)
     # Things of one name are one thing: numbered alike, in the order of the names.
     place = {name: k for k, name in enumerate(once, 1)}
     known = np.array([0, *names], np.int64)
@@ -135,7 +145,7 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
         pair = (bits[rank], shares[rank]) if rank < len(listed) else (nothing, nothing)
         channels |= {f"{label}{rank // 2:02d}.{letter}": plane for letter, plane in zip(letters, pair, strict=True)}
     key = f"cryptomatte/{hashes([label])[0]:08x}"[: len("cryptomatte/") + 7]
-    manifest = {name: f"{number:08x}" for name, number in ids.items()}
+    manifest = {name: f"{hashed:08x}" for name, hashed in ids.items()}
     metadata = {
         f"{key}/name": label,
         f"{key}/hash": "MurmurHash3_32",

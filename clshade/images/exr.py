@@ -44,14 +44,19 @@ SUFFIXES = {
     "P": "XYZ",
     "uv": "UV",
     "barycentrics": "UVW",
+    "flow": "XY",
+    "flow_back": "XY",
 }  # names of a layer's components; R G B A for every other layer
 FULL_PRECISION = (
     "Z",
     "P",
     "scalar",
+    "flow",
+    "flow_back",
 )  # layers that `half` does not affect: depths, positions and data need their digits
 FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
 
+_MAX_HEADER = 1 << 16  # bytes that are searched for the display window
 FIRST = "rgba"  # name of the first of several parts
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
@@ -338,7 +343,8 @@ def encode(
         As for `write`.
     parts : mapping of str to (mapping, mapping), optional
         Further parts by name: channels of the same size and metadata of each, without `window`,
-        never as half. The compression may not be lossy then. The first part is named ``rgba``.
+        never as half. The compression may not be lossy then. The first part is named ``rgba``; its
+        pixelAspectRatio is that of all.
 
     Returns
     -------
@@ -348,7 +354,7 @@ def encode(
     Raises
     ------
     InputError
-        Channels, metadata, compression or window are not allowed.
+        Channels, metadata, compression, window or parts are not allowed.
     OSError
         The file cannot be written.
     """
@@ -356,7 +362,8 @@ def encode(
     planes = flatten(channels)
     x0, y0, x1, y1 = data = _data_window(planes, window)
     rows, columns = next(iter(planes.values())).shape
-    header = _header(metadata or {}, data, (0, 0, columns - 1, rows - 1))
+    whole = (0, 0, columns - 1, rows - 1)
+    header = _header(metadata or {}, data, whole)
     if window == "covered":
         header |= {exr_limits.OUTSIDE[name]: value for name, value in FAR.items() if name in planes}
     warnings: list[str] = []
@@ -369,12 +376,14 @@ def encode(
     if parts and compression in LOSSY:
         raise InputError(f"exr: compression: expected a lossless one with further parts, found {compression}")
     for name, (own, own_metadata) in (parts or {}).items():
-        planes = flatten(own)
-        if next(iter(planes.values())).shape != (rows, columns):
+        if not isinstance(name, str) or not name.isprintable() or name in ("", FIRST):
+            raise InputError(f"exr: parts: expected names of at least one letter, other than {FIRST}, found {name!r}")
+        own_planes = flatten(own)
+        if next(iter(own_planes.values())).shape != (rows, columns):
             raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
-        whole = (0, 0, columns - 1, rows - 1)
-        found = {channel: _stored(channel, plane, False, warnings) for channel, plane in planes.items()}
-        further.append((name, _header(own_metadata, whole, whole), found))
+        found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in own_planes.items()}
+        shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
+        further.append((name, _header({**own_metadata, **shared}, whole, whole), found))
     _compress(file, [(FIRST, header, stored), *further], compression)
     return warnings
 
@@ -461,6 +470,15 @@ def _displayed(plane: Array, data: Window, display: Window, outside: float) -> A
     return whole
 
 
+def resolution(path: Path) -> tuple[int, int] | None:
+    """Return columns and rows of the display window from the header of a file; None if there is no readable EXR."""
+    try:
+        with open(path, "rb") as file:
+            return exr_limits.display_size(file.read(_MAX_HEADER))
+    except OSError:
+        return None
+
+
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Read a flat EXR file, written by clshade or any other program.
 
@@ -489,7 +507,7 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """
     owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)
-    if not data.startswith(b"\x76\x2f\x31\x01"):
+    if not data.startswith(exr_limits.MAGIC):
         raise file_error(owner, "file", "an OpenEXR image", "something else")
     try:
         with _quiet():

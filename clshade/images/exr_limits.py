@@ -5,18 +5,23 @@ A damaged or forged header of a few KB may claim terabytes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..base import host_memory
 from ..base.input_files import file_error
 
+MAGIC = b"\x76\x2f\x31\x01"
+_START = 8  # of the first header, after magic number and version
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
 OUTSIDE = {
     "Z": "Zbackground",
     "scalar": "scalarBackground",
 }  # channels -> the header attribute with their value outside the data window
-MAX_SHOWN = 1 << 35  # bytes of all channels of the display window: all layers of the largest image, 28 of 2^30
+MAX_SHOWN = (
+    1 << 35
+)  # bytes of all channels of the display window: all layers of the largest image, 32 of 2^30, flows included
 
 # The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2
 # bits; PXR24 first drops one byte of 4; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A has 32 bytes in 3
@@ -49,19 +54,41 @@ def channel_bytes(data: bytes, parts: int) -> list[dict[str, int]]:
     data: a file whose headers OpenEXR has accepted: its module gives everything in a header but the channel types.
     """
     found: list[dict[str, int]] = []
-    at = 8  # magic number and version
+    at = _START
     for _ in range(parts):
         sizes: dict[str, int] = {}
-        while data[at]:
-            name = data[at : data.index(b"\0", at)]
-            at = data.index(b"\0", at + len(name) + 1) + 1  # the end of the attribute's type
-            size = int.from_bytes(data[at : at + 4], "little")
+        for name, value, after in _attributes(data, at):
+            at = after
             if name == b"channels":
-                sizes = _listed_channels(data[at + 4 : at + 4 + size])
-            at += 4 + size
+                sizes = _listed_channels(value)
         at += 1
         found.append(sizes)
     return found
+
+
+def display_size(head: bytes) -> tuple[int, int] | None:
+    """Return columns and rows of the display window of a file's first part, or None if it is no OpenEXR file.
+
+    head: the file's first bytes.
+    """
+    try:
+        for name, value, _ in _attributes(head, _START) if head.startswith(MAGIC) else ():
+            if name == b"displayWindow":
+                x0, y0, x1, y1 = struct.unpack("<4i", value)
+                return x1 - x0 + 1, y1 - y0 + 1
+    except (IndexError, ValueError, struct.error):  # shorter than its header says
+        return None
+    return None
+
+
+def _attributes(data: bytes, at: int) -> Iterator[tuple[bytes, bytes, int]]:
+    """Yield name and value of each attribute of the header that begins there, and where the next one begins."""
+    while data[at]:
+        name = data[at : data.index(b"\0", at)]
+        at = data.index(b"\0", at + len(name) + 1) + 1  # the end of the attribute's type
+        size = int.from_bytes(data[at : at + 4], "little")
+        at += 4 + size
+        yield name, data[at - size : at], at
 
 
 def _listed_channels(listed: bytes) -> dict[str, int]:

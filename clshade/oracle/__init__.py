@@ -1,10 +1,22 @@
 """The float64 reference: what an image should be, stage by stage, written for clarity and not for speed.
 
 It shares nothing with the renderer but the scene model. `render(scene, settings)` returns a whole `OracleFrame`,
-`render_layers` its further layers; the modules' public functions each take one stage's inputs.
+`render_layers` its further layers, `flow` the optical flow at pixels; the modules' public functions each take one stage's
+inputs.
 """
 
+from .flow import OracleFlow, flow
 from .frame import OracleFrame, depth_at, nearest_depths, render, sample
 from .layers import OracleLayers, render_layers
 
-__all__ = ["OracleFrame", "OracleLayers", "depth_at", "nearest_depths", "render", "render_layers", "sample"]
+__all__ = [
+    "OracleFlow",
+    "OracleFrame",
+    "OracleLayers",
+    "depth_at",
+    "flow",
+    "nearest_depths",
+    "render",
+    "render_layers",
+    "sample",
+]

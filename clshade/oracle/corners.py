@@ -8,16 +8,17 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..base.arrays import Bools, Floats, Integers, Reals
+from ..base.arrays import Array, Bools, Floats, Integers, Reals
 from ..scene.model import Mesh, Scene, Settings, Texture
 from ..scene.scalar_colors import at_corners
 from .normals import placed_normal_errors, placed_normals, vertex_normal_errors, vertex_normals
 from .tangents import corner_tangents
 from .texture import bilerp, brightest, levels, spread, trilinear
-from .transform import mirrors, world_vertices
+from .transform import mirroring, world_vertices
 from .vectors import cross, length, power_of_two, unit
 
 MOST_BEND, THINNEST = 0.25, 2.0**-20
+FACES = 1 << 14  # placed at a time
 MOST_UV = 2.0**40  # beyond 2^24 float32 no longer distinguishes texels
 
 
@@ -50,19 +51,12 @@ class Corners:
         return (self.uvs, *self.more_uvs)[texture.coordinates]
 
 
-def _placed(mesh: Mesh, matrix: Floats, compute_normals: bool) -> tuple[Floats, Floats, Floats]:
-    """Return positions (F, 3, 3), normals (F, 3, 3) and their errors (F,) of a mesh's faces."""
-    verts = world_vertices(mesh.verts, matrix)
-    if mesh.normals is None or compute_normals:
-        normals = vertex_normals(verts, mesh.faces)[mesh.faces]
-        errors = vertex_normal_errors(verts, mesh.faces)[mesh.faces].max(axis=1)
-        if mirrors(matrix):
-            normals = -normals
-    else:
-        used = mesh.faces if mesh.normal_faces is None else mesh.normal_faces
-        normals = placed_normals(mesh.normals, matrix)[used]
-        errors = placed_normal_errors(mesh.normals, matrix)[used].max(axis=1, initial=0.0)
-    return verts[mesh.faces], normals, errors
+def _own_normals(mesh: Mesh, compute: bool) -> tuple[Reals, Floats, Integers]:
+    """Return the normals (K, 3) of a mesh in object space, how far two computations of them may differ, (K,), and their
+    indices (F, 3)."""
+    if mesh.normals is None or compute:
+        return vertex_normals(mesh.verts, mesh.faces), vertex_normal_errors(mesh.verts, mesh.faces), mesh.faces
+    return mesh.normals, np.zeros(len(mesh.normals)), mesh.faces if mesh.normal_faces is None else mesh.normal_faces
 
 
 def placed_bends(world: Floats, normals: Floats, index: Integers) -> Floats:
@@ -106,15 +100,26 @@ def own_tangents(mesh: Mesh) -> Floats:
     return _tangents[mesh]
 
 
-def placed_tangents(tangents: Floats, matrix: Floats) -> Floats:
-    """Place tangents (..., 4). Where the placement mirrors, normal, tangent and bitangent change from a right-handed to a
-    left-handed system, or back."""
-    placed = np.zeros_like(tangents)
-    scale = power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
-    placed[..., :3] = unit(unit(tangents[..., :3]) @ (matrix[:3, :3] / scale).T)
-    side = np.where(tangents[..., 3] < 0.0, -1.0, 1.0) * (-1.0 if mirrors(matrix) else 1.0)
+def placed_tangents(tangents: Floats, matrices: Floats) -> Floats:
+    """Place tangents (F, 3, 4) by placements (K, 4, 4): (K, F, 3, 4). Where a placement mirrors, normal, tangent and
+    bitangent change from a right-handed to a left-handed system, or back."""
+    placed = np.zeros((len(matrices), *tangents.shape))
+    if not tangents.any():
+        return placed
+    scale = power_of_two(np.abs(matrices[:, :3, :3]).max(axis=1))[:, None, None]
+    placed[..., :3] = unit(unit(tangents[..., :3]) @ np.swapaxes(matrices[:, :3, :3] / scale, 1, 2)[:, None])
+    side = np.where(tangents[..., 3] < 0.0, -1.0, 1.0) * np.where(mirroring(matrices), -1.0, 1.0)[:, None, None]
     placed[..., 3] = np.where(placed[..., :3].any(axis=-1), side, 0.0)
     return placed
+
+
+def _of_copies(rows: Array, mirrored: Bools) -> Array:
+    """Return what belongs to the corners of the faces of K copies of a mesh, (K F, 3, ...), of rows for each copy, (K, F, 3,
+    ...), or for all, (F, 3, ...) in an array of one. A placement that mirrors reverses the winding: what was the front stays
+    the front."""
+    each = np.broadcast_to(rows, (len(mirrored), *rows.shape[1:]))
+    turned = mirrored.reshape(-1, *[1] * (rows.ndim - 1))
+    return np.where(turned, each[:, :, [0, 2, 1]], each).reshape(-1, *rows.shape[2:])
 
 
 def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> Corners:
@@ -138,28 +143,31 @@ def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> C
         mesh_tangents = own_tangents(mesh)
         mesh_alphas = np.ones((count, 3)) if mesh.alphas is None else mesh.alphas[mesh.faces].astype(np.float64)
         mesh_scalars = at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan)
-        for matrix in np.asarray(mesh.instances):
-            placed, placed_normal, normal_error = _placed(mesh, matrix, scene.preset == "course")
-            # A placement that mirrors reverses the winding: what was the front stays the front.
-            turned = [0, 2, 1] if mirrors(matrix) else slice(None)
-            world.append(placed[:, turned])
-            normals.append(placed_normal[:, turned])
-            errors.append(normal_error)
-            own = mesh.faces if mesh.normals is None or scene.preset == "course" else mesh.normal_faces
-            of_faces = (
-                placed_bends(placed, placed_normal, mesh.faces if own is None else own)
-                if bent
-                else np.zeros((count, 3))
-            )
-            bends.append(of_faces[:, turned])
-            colors.append(mesh_colors[:, turned])
-            uvs.append(mesh_uvs[:, turned])
-            numbers.append(mesh_scalars[:, turned])
-            owner.append(np.full(count, index))
-            tangents.append(placed_tangents(mesh_tangents, matrix)[:, turned])
+        own, own_errors, index_of = _own_normals(mesh, scene.preset == "course")
+        placements = np.asarray(mesh.instances)
+        many = max(1, FACES // max(count, 1))
+        for first in range(0, len(placements), many):
+            matrices = placements[first : first + many]
+            mirrored = mirroring(matrices)
+            placed = world_vertices(mesh.verts, matrices)[:, mesh.faces]
+            placed_normal = placed_normals(own, matrices)[:, index_of]
+            of_faces = np.zeros((len(matrices), count, 3))
+            if bent:
+                pairs = zip(placed, placed_normal, strict=True)
+                of_faces = np.stack([placed_bends(points, each, index_of) for points, each in pairs])
+            world.append(_of_copies(placed, mirrored))
+            normals.append(_of_copies(placed_normal, mirrored))
+            own_error = placed_normal_errors(own, matrices, own_errors)[:, index_of]
+            errors.append(own_error.max(axis=2, initial=0.0).reshape(-1))
+            bends.append(_of_copies(of_faces, mirrored))
+            colors.append(_of_copies(mesh_colors[None], mirrored))
+            uvs.append(_of_copies(mesh_uvs[None], mirrored))
+            numbers.append(_of_copies(mesh_scalars[None], mirrored))
+            owner.append(np.full(len(matrices) * count, index))
+            tangents.append(_of_copies(placed_tangents(mesh_tangents, matrices), mirrored))
             for parts, part in zip(more, mesh_more, strict=True):
-                parts.append(part[:, turned])
-            alphas.append(mesh_alphas[:, turned])
+                parts.append(_of_copies(part[None], mirrored))
+            alphas.append(_of_copies(mesh_alphas[None], mirrored))
     empty = np.zeros((0, 3, 3))
     return Corners(
         np.concatenate([empty, *world]),

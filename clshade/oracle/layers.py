@@ -26,7 +26,7 @@ from .frame import (
 from .maps import maps, turned_length, turned_normals
 from .microfacet import REACH
 from .pixels import blend, seen_at_pixels, shade_pixels
-from .transform import SUBPIXELS, mirrors
+from .transform import SUBPIXELS, mirroring
 from .vectors import length, unit
 
 
@@ -105,8 +105,7 @@ def mirrored_faces(scene: Scene) -> Bools:
     """Return (F,) bool: whether the face's placement mirrors."""
     found = [np.zeros(0, bool)]
     for mesh in scene.meshes:
-        for matrix in np.asarray(mesh.instances):
-            found.append(np.full(len(mesh.faces), mirrors(matrix)))
+        found.append(np.repeat(mirroring(np.asarray(mesh.instances)), len(mesh.faces)))
     return np.concatenate(found)
 
 
@@ -114,9 +113,9 @@ def instance_numbers(scene: Scene) -> UInt32s:
     """Return (F,) uint32: the number of the face's placement, from 1."""
     found, number = [np.zeros(0, np.uint32)], 0
     for mesh in scene.meshes:
-        for _ in np.asarray(mesh.instances):
-            number += 1
-            found.append(np.full(len(mesh.faces), number, np.uint32))
+        count = len(np.asarray(mesh.instances))
+        found.append(np.repeat(np.arange(number + 1, number + 1 + count, dtype=np.uint32), len(mesh.faces)))
+        number += count
     return np.concatenate(found)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.arrays import Array, Floats, Reals
-from .transform import mirrors
+from .transform import is_identity, mirroring
 from .vectors import cross, length, power_of_two, unit
 
 CANCELED = 2.0**-40  # relative to the sizes of a vertex's faces: a smaller sum has no direction left
@@ -60,38 +60,43 @@ def _edges(verts: Reals, faces: Array) -> tuple[Floats, Floats]:
 
 
 def placed_normals(normals: Reals, matrix: Floats) -> Floats:
-    """Transform normals (K, 3) by a placement (4, 4) and normalize them: directions go by the inverse transpose.
+    """Transform normals (K, 3) by placements (..., 4, 4) and normalize them, (..., K, 3): directions go by the inverse
+    transpose.
 
     That is the matrix of cofactors divided by the determinant, of which only the sign matters here: a singular
     placement needs no special case. Zero normals stay zero.
     """
-    directions = np.asarray(normals, dtype=np.float64)
-    if np.array_equal(matrix, np.eye(4)):
-        return unit(directions)
-    rows = matrix[:3, :3] / power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
-    cofactors = np.stack([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
-    if mirrors(matrix):
-        cofactors = -cofactors
-    return unit(unit(directions) @ cofactors.T)
+    directions = unit(np.asarray(normals, dtype=np.float64))
+    a, b = _rows(matrix)
+    cofactors = np.where(mirroring(matrix)[..., None, None], -cross(a, b), cross(a, b))
+    placed = unit(directions @ np.swapaxes(cofactors, -2, -1))
+    return np.where(is_identity(matrix)[..., None, None], directions, placed)
 
 
-def placed_normal_errors(normals: Reals, matrix: Floats) -> Floats:
-    """Return how far two computations of `placed_normals` in float64 may differ: (K,), absolute; 0 where there is no normal.
+def _rows(matrix: Floats) -> tuple[Floats, Floats]:
+    """Return the rows (..., 3, 3) of placements whose cross products are the cofactors, scaled by a power of two."""
+    rows = matrix[..., :3, :3] / power_of_two(np.abs(matrix[..., :3, :3]).max(axis=-2))[..., None, None]
+    return rows[..., [1, 2, 0], :], rows[..., [2, 0, 1], :]
+
+
+def placed_normal_errors(normals: Reals, matrix: Floats, own: Floats | float = 0.0) -> Floats:
+    """Return how far two computations of `placed_normals` in float64 may differ: (..., K), absolute; 0 where there is no
+    normal. own: how far the normals themselves may differ, (K,).
 
     A cofactor is a difference of two products, accurate to 2 units of 2^-53 of the sum of their sizes, which is much more
     than the cofactor where the placement is nearly singular. A component of the normal is a sum of three products with
     a normalized direction: 4 units of the direction's components, 1 of each product and 2 of the sums add up to 9. All
-    this is relative to the length of the sum, and counts for both sides.
+    this is relative to the length of the sum, and counts for both sides. What the normals differ by themselves grows at
+    most as the cofactors' norm.
     """
-    if np.array_equal(matrix, np.eye(4)):
-        return np.zeros(len(normals))
-    rows = matrix[:3, :3] / power_of_two(np.abs(matrix[:3, :3]).max(axis=0))
-    following = np.array([1, 2, 0])
-    a, b = rows[following], rows[following[following]]
-    cofactors = cross(a, b)
-    after, before = (np.roll(np.abs(a), -k, axis=1) * np.roll(np.abs(b), k, axis=1) for k in (1, 2))
-    sizes = after + before
+    a, b = _rows(matrix)
+    cofactors = np.swapaxes(cross(a, b), -2, -1)
+    after, before = (np.roll(np.abs(a), -k, axis=-1) * np.roll(np.abs(b), k, axis=-1) for k in (1, 2))
+    sizes = np.swapaxes(after + before, -2, -1)
     directions = unit(np.asarray(normals, dtype=np.float64))
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = 2.0 * 2.0**-53 * 9.0 * length(np.abs(directions) @ sizes.T) / length(directions @ cofactors.T)
-    return np.where(placed_normals(normals, matrix).any(axis=1), errors, 0.0)
+        rounding = 2.0 * 2.0**-53 * 9.0 * length(np.abs(directions) @ sizes)
+        growth = np.linalg.norm(cofactors, axis=(-2, -1))[..., None]
+        errors = (rounding + own * growth) / length(directions @ cofactors)
+    errors = np.where(placed_normals(normals, matrix).any(axis=-1), errors, 0.0)
+    return np.where(is_identity(matrix)[..., None], own, errors)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Floats, Integers, Reals
+from ..base.arrays import Bools, Floats, Integers, Reals
 from ..scene.camera import Camera
 from .vectors import cross, dot, length, power_of_two, unit
 
@@ -27,12 +27,30 @@ def camera_frame(eye: Floats, lookat: Floats, up: Floats) -> Floats:
 
 
 def world_vertices(verts: Reals, matrix: Floats) -> Floats:
-    """Transform positions (V, 3) by a placement (4, 4); an identity leaves them as they are."""
+    """Transform positions (V, 3) by placements (..., 4, 4): (..., V, 3); an identity leaves them as they are."""
     points = np.asarray(verts, dtype=np.float64)
-    if np.array_equal(matrix, np.eye(4)):
-        return points
-    placed: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return placed
+    rows = matrix[..., None, :, :]
+    placed = np.stack([dot(points, rows[..., k, :3]) + rows[..., k, 3] for k in range(3)], axis=-1)
+    return np.where(is_identity(matrix)[..., None, None], points, placed)
+
+
+def is_identity(matrix: Floats) -> Bools:
+    """Return which placements (..., 4, 4) are identities."""
+    same: Bools = (matrix == np.eye(4)).all(axis=(-2, -1))
+    return same
+
+
+def mirroring(matrices: Floats) -> Bools:
+    """Return which placements (..., 4, 4) mirror: by float64 where its rounding, less than 2^-49 of the sum of sizes, leaves
+    no doubt of the determinant's sign."""
+    every = matrices.reshape(-1, 4, 4)[:, :3, :3]
+    a, b, c = np.moveaxis(every / power_of_two(np.abs(every).max(axis=1))[:, None, None], 1, 0)
+    found = dot(a, cross(b, c)) < 0.0
+    after, before = b[:, [1, 2, 0]] * c[:, [2, 0, 1]], b[:, [2, 0, 1]] * c[:, [1, 2, 0]]
+    sizes = dot(np.abs(a), np.abs(after) + np.abs(before))
+    for k in np.flatnonzero(np.abs(dot(a, cross(b, c))) <= 2.0**-45 * sizes + 1e-300):
+        found[k] = mirrors(matrices.reshape(-1, 4, 4)[k])
+    return found.reshape(matrices.shape[:-2])
 
 
 def mirrors(matrix: Floats) -> bool:

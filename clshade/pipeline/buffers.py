@@ -14,6 +14,7 @@ import pyopencl as cl
 from ..base.arrays import Array
 from ..errors import DeviceError
 from . import struct_layout
+from .depth_sort import index_bits
 from .opencl.device import Device
 
 _FLAGS = cl.mem_flags
@@ -110,7 +111,12 @@ class Buffer:
     @classmethod
     def empty(cls, device: Device, shape: int | tuple[int, ...], dtype: Any) -> Buffer:
         """Return a buffer of arbitrary content."""
-        return cls(device, aligned(shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)))
+        form, kind = shape if isinstance(shape, tuple) else (shape,), np.dtype(dtype)
+        try:
+            array = aligned(form, kind)
+        except MemoryError:
+            raise DeviceError(f"{device.name}: no memory for {math.prod(form) * kind.itemsize} bytes") from None
+        return cls(device, array)
 
     def twin(self) -> Buffer:
         """Return another buffer with the same content."""
@@ -161,7 +167,10 @@ class VertexBuffers:
 
 class TriangleBuffers:
     """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them; or of
-    `setup_count`, which takes no keys and has `slack` more triangles."""
+    `setup_count`, which takes no keys and has `slack` more triangles.
+
+    index_bits: of the keys, see `depth_sort`.
+    """
 
     def __init__(
         self,
@@ -171,12 +180,17 @@ class TriangleBuffers:
         structs: struct_layout.Structs = struct_layout.SINGLE,
         slack: int = 0,
     ) -> None:
-        self.piece_capacity = pieces
+        self.piece_capacity, self.index_bits = pieces, index_bits(faces + pieces)
         self._device, self._structs, self._room = device, structs, faces + pieces
         self.triangles = Buffer.empty(device, faces + pieces + slack, structs.Triangle)
         self.bounds = Buffer.empty(device, faces + pieces + slack, structs.Bounds)
         self.to_clip = Buffer.empty(device, faces, np.int32)
         self.counters = Buffer(device, np.zeros(1, structs.Counters))
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all that is in use."""
+        return sum(each.array.nbytes for each in vars(self).values() if isinstance(each, Buffer))
 
     @cached_property
     def keys(self) -> Buffer:

@@ -11,7 +11,8 @@ import numpy as np
 from ..base.arrays import Array
 from ..errors import InputError
 from ..scene.camera import Camera
-from ..scene.geometry import camera_axes
+from ..scene.geometry import bounding_box, camera_axes
+from ..scene.model import Scene
 from .shading_tables import scale_for
 
 
@@ -68,3 +69,9 @@ class CameraSpace(NamedTuple):
         """Transform world positions (..., 3) to camera space, float64."""
         d = positions.astype(np.float64) - self.camera.eye
         return np.stack([(d[..., 0] * a[0] + d[..., 1] * a[1]) + d[..., 2] * a[2] for a in self.axes], axis=-1)
+
+
+def near_plane(scene: Scene) -> float:
+    """Return the distance of the near plane of a scene whose settings give none."""
+    low, high = bounding_box(scene)
+    return CameraSpace.of(scene.camera, Extent.of(low, high) if scene.face_count else None, None).near

@@ -34,6 +34,7 @@ CHOICES = (
     "LINES",
     "LINES_ONLY",
     "BACKDROP",
+    "INSTANCES",  # the same image, from one copy of each mesh: see instances.py
 )
 # Work that a scene may not need: 1 is always correct and gives the same bits, 0 saves the work.
 OPTIONAL = (
@@ -360,17 +361,19 @@ def _culls(materials: list[Material], settings: Settings) -> bool:
 
 
 def _unneeded_input(
-    scene: Scene, settings: Settings, materials: list[Material], *, double: bool, blended: bool
+    scene: Scene, settings: Settings, materials: list[Material], *, double: bool, blended: bool, instanced: bool
 ) -> dict[str, str]:
     """Return the same for the remaining features. double: whether positions need float64. blended: whether lists may hold
-    transparent triangles, which takes sorted ones."""
+    transparent triangles, which takes sorted ones, as do instances. instanced: as in `derive`."""
     return {
         "MATERIALS": _first((len(materials) < 2, "a single material")),
         "SIDES": _first(
             (_culls(materials, settings), "all that is seen from behind is culled"),
             (not any(m.sides == "front" for m in materials), "both sides of every material are drawn"),
         ),
-        "DOUBLE_POSITIONS": _first((not double, "float32 holds the positions")),
+        "DOUBLE_POSITIONS": _first(
+            (instanced, "instances are placed where they are needed"), (not double, "float32 holds the positions")
+        ),
         "BACKGROUND": _first(
             (scene.background is None, "no background"),
             (settings.background == "environment", "the environment is the background"),
@@ -385,7 +388,8 @@ def _unneeded_input(
                 and settings.shader != "gouraud"
                 and settings.precision != "float64"
                 and settings.edges is None
-                and not blended,
+                and not blended
+                and not instanced,
                 "the depth test decides",
             ),
         ),
@@ -419,9 +423,10 @@ def _choices(
     at_corners: bool,
     own_corners: bool,
     relit: bool,
+    instanced: bool,
 ) -> dict[str, bool]:
     """Return the values of CHOICES. at_corners: texture_at vertex. own_corners: whether corners have colors of their own
-    for another reason. relit: whether lighting is forced on for shader nolight."""
+    for another reason. relit: whether lighting is forced on for shader nolight. instanced: as in `derive`."""
     return {
         "FAST": settings.precision == "fast",
         "DOUBLE": settings.precision == "float64",
@@ -443,6 +448,7 @@ def _choices(
         "LINES": settings.edges is not None,
         "LINES_ONLY": settings.edges is not None and settings.edges.only,
         "BACKDROP": settings.background == "environment" and not no_environment(scene),
+        "INSTANCES": instanced,
     }
 
 
@@ -452,12 +458,14 @@ def derive(
     *,
     double_positions: bool,
     scalars_at_corners: bool = False,
+    instanced: bool = False,
     forced: Collection[str] = frozenset(),
 ) -> Features:
     """Return the features that this scene needs under these settings.
 
     double_positions: whether positions need float64. scalars_at_corners: whether the scalars that color faces differ
     between faces at a vertex.
+    instanced: whether the scene's instances are drawn from one copy of each mesh.
     forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
     image stays the same, bit for bit. All of them together give a kernel for every scene.
     Raises InputError for another name.
@@ -474,7 +482,7 @@ def derive(
     own_corners = scalars_at_corners and any(shows_scalars(mesh, settings) for mesh in meshes)
     culls, relit = _culls(materials, settings), "LIT" in forced
     corners = {"at_corners": at_corners, "own_corners": own_corners}
-    choices = _choices(scene, settings, meshes, culls=culls, relit=relit, **corners)
+    choices = _choices(scene, settings, meshes, culls=culls, relit=relit, instanced=instanced, **corners)
     terms = _unneeded_terms(materials, scene.ambient, settings.shader, shining)
     terms["ENVIRONMENT"] = _first((settings.shader != "pbr", f"shader {settings.shader}")) or no_environment(scene)
     read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
@@ -510,7 +518,9 @@ def derive(
         **_unneeded_alpha(meshes),
     }
     blended = "BLEND" in forced or not unneeded["BLEND"]
-    unneeded |= _unneeded_input(scene, settings, materials, double=double_positions, blended=blended)
+    unneeded |= _unneeded_input(
+        scene, settings, materials, double=double_positions, blended=blended, instanced=instanced
+    )
     values = {name: int(choices[name]) for name in CHOICES}
     values.update({name: int(name in forced or not unneeded[name]) for name in OPTIONAL})
     left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])

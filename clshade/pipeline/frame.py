@@ -14,11 +14,13 @@ from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
 from ..base.validation import known, value_error
 from ..errors import InputError
+from ..images.depth_png import SCALE
 from ..images.layer_words import LAYER_WORDS
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.settings import LAYER_REMARKS, LAYERS
 from . import frame_files
-from .frame_files import FILES, SAVING, FileKind, SavingOptions
+from .flow_vectors import Flow, FlowName, flow_channels
+from .frame_files import SAVING, FileKind, SavingOptions
 from .image_check import Check
 
 if TYPE_CHECKING:
@@ -43,6 +45,9 @@ class Frame:
         How it was drawn.
     check : Check or None
         The latest result of `clshade.check`, None before.
+    flows : dict of str to Flow
+        Optical flow to other images that is written to the EXR: "flow" to the next, "flow_back" to the
+        one before; empty at first, see `clshade.flow`.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class Frame:
         self._rgba, self._layers = rgba, dict(layers)
         self.scene, self.settings = scene, settings
         self.check: Check | None = None
+        self.flows: dict[FlowName, Flow] = {}
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
 
@@ -181,11 +187,12 @@ class Frame:
         Returns
         -------
         dict of str to ndarray
-            R, G, B, A and the layers, by name; also ``error``, (M, N), if every pixel was checked.
+            R, G, B, A and the layers, by name; ``flow`` and ``flow_occluded``, ``flow_back`` and
+            ``flow_back_occluded`` of `flows`; also ``error``, (M, N), if every pixel was checked.
         """
         named = {name: self._rgba[..., i] for i, name in enumerate("RGBA")}
         checked = {} if self.check is None or self.check.image is None else {"error": self.check.image}
-        return {**named, **self._layers, **checked}
+        return {**named, **self._layers, **flow_channels(self.flows), **checked}
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """Return the EXR's header attributes other than its channels.
@@ -205,6 +212,26 @@ class Frame:
         if not deterministic:
             metadata["renderTimeSeconds"] = self.stats["times_ms"]["frame"] / 1000.0
         return metadata if self.check is None else {**metadata, **self.check.metadata()}
+
+    def arrays(self, *, deterministic: bool = False) -> dict[str, Array]:
+        """Return what an .npz of this frame holds, all of it arrays that `numpy.load` reads without pickle.
+
+        Parameters
+        ----------
+        deterministic : bool, default False
+            Leave out times.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``rgba``, (M, N, 4), and each layer by its name; ``error`` if every pixel was checked; the
+            camera's ``K`` (3, 3) and ``pose`` (4, 4), float64, with their ``convention`` and
+            ``pixel_center`` as for `Camera.from_matrix`, and ``resolution``, (2,), N and M. An
+            orthographic camera has ``plane`` (2,) in place of K. ``metadata`` is a text, JSON.
+        """
+        return frame_files.named_arrays(
+            self.scene.camera, self._rgba, self.channels(), self.metadata(deterministic=deterministic)
+        )
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """Return the tone-mapped 8-bit image.
@@ -302,14 +329,16 @@ class Frame:
         return display.notebook().plot_layers(self)
 
     def save(self, path: str | os.PathLike[str], **options: Unpack[SavingOptions]) -> list[str]:
-        """Write ``path.exr`` and ``path.png``, both complete or neither.
+        """Write ``path.exr`` and ``path.png``, or other files, all complete or none.
 
         Parameters
         ----------
         path : str or path-like
-            File name; an extension .exr or .png is dropped.
-        files : sequence of {"exr", "png"}, default ("exr", "png")
-            Files to write.
+            File name; an extension .exr, .png or .npz is dropped.
+        files : sequence of {"exr", "png", "npz", "depth"}, optional
+            Files to write: ``path.exr``, ``path.png``, ``path.npz`` with the arrays that `arrays`
+            returns, and ``path.depth.png`` with the layer Z as 16-bit codes, 0 in the background.
+            Default: EXR and PNG, or the .npz alone if the path ends so.
         tonemap : {"none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"}, optional
             Operator of the PNG, see `clshade.images.tonemap`. Default: by the scene's preset, see
             `to_png8`.
@@ -324,10 +353,13 @@ class Frame:
             must then be black or None. Outside of it clshade reads Z as infinity, other programs as
             0.
         deterministic : bool, default False
-            Leave times out of the EXR's header.
+            Leave times out of the EXR's header and the .npz.
         colorbar : bool, default False
             Add to the right of the PNG a bar of the color map with its values, which makes it
             wider; it needs ``settings.scalars``.
+        depth_scale : float, default 0.001
+            Scene units of one step of the depth PNG, whose text ``depthScale`` has it; a depth is
+            refused that would need a code beyond 1 to 65535.
 
         Returns
         -------
@@ -357,7 +389,7 @@ class Frame:
         self,
         path: str | os.PathLike[str],
         *,
-        files: Sequence[FileKind] = FILES,
+        files: Sequence[FileKind] | None = None,
         tonemap: Operator | None = None,
         exposure: float = 0.0,
         half: bool = False,
@@ -365,12 +397,13 @@ class Frame:
         crop: bool = False,
         deterministic: bool = False,
         colorbar: bool = False,
+        depth_scale: float = SCALE,
     ) -> list[str]:
         """Write the files as `save` does, but return the warnings without issuing them.
 
         Parameters
         ----------
-        path, files, tonemap, exposure, half, compression, crop, deterministic, colorbar
+        path, files, tonemap, exposure, half, compression, crop, deterministic, colorbar, depth_scale
             See `save`.
 
         Returns
@@ -385,10 +418,14 @@ class Frame:
         OutputError
             If a file cannot be written.
         """
-        from ..images import exr
+        from ..images import depth_png, exr, npz, png
 
         frame_files.check_flags(self.settings, half=half, crop=crop, deterministic=deterministic, colorbar=colorbar)
-        frame_files.check_output(path, tonemap=tonemap, exposure=exposure, compression=compression)
+        paths = frame_files.chosen_paths(path, files)
+        frame_files.check_layers(paths, self._layers)
+        frame_files.check_output(
+            path, tonemap=tonemap, exposure=exposure, compression=compression, files=files, depth_scale=depth_scale
+        )
 
         def image() -> Bytes:
             pixels = self.to_png8(tonemap, exposure)
@@ -403,7 +440,13 @@ class Frame:
                 file, self.channels(), compression=compression, half=half, metadata=metadata, window=window
             )
 
-        return frame_files.write_files(frame_files.chosen_paths(path, files), image, encode_exr)
+        encoders: dict[FileKind, frame_files.Encoder] = {
+            "exr": encode_exr,
+            "png": lambda file: png.encode(file, image()),
+            "npz": lambda file: npz.encode(file, self.arrays(deterministic=deterministic)),
+            "depth": lambda file: depth_png.encode(file, self["Z"], depth_scale, ("Frame.save", "depth_scale")),
+        }
+        return frame_files.write_files(paths, encoders)
 
 
 def missing_layer(owner: str, name: Any, asked: Iterable[str]) -> InputError:

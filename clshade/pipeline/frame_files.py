@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, get_args
@@ -12,9 +12,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, 
 import numpy as np
 
 from ..base import atomic_files
-from ..base.arrays import Bytes
+from ..base.arrays import Array, Bytes
+from ..base.json_values import plain
 from ..base.validation import choice, flag, value_error
 from ..base.validation import path as checked_path
+from ..errors import InputError
+from ..images.depth_png import SCALE, checked_scale
+from ..scene.camera import Camera
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalar_colors import color_map_of
 from .layer_buffers import first_instances, material_numbers
@@ -23,14 +27,17 @@ if TYPE_CHECKING:
     from ..images.exr import Compression
     from ..images.tonemap import Operator
 
-FileKind: TypeAlias = Literal["exr", "png"]
-FILES: tuple[FileKind, ...] = get_args(FileKind)  # in the order of `output_paths`
+FileKind: TypeAlias = Literal["exr", "png", "npz", "depth"]
+KINDS: tuple[FileKind, ...] = get_args(FileKind)
+FILES: tuple[FileKind, ...] = ("exr", "png")  # written by default, in the order of `output_paths`
+ENDINGS: dict[FileKind, str] = {"exr": ".exr", "png": ".png", "npz": ".npz", "depth": ".depth.png"}
+Encoder: TypeAlias = Callable[[BinaryIO], list[str] | None]  # writes to an open file, returns warnings
 
 
 class SavingOptions(TypedDict, total=False):
     """Keywords of `Frame.save`."""
 
-    files: Sequence[FileKind]
+    files: Sequence[FileKind] | None
     tonemap: Operator | None
     exposure: float
     half: bool
@@ -38,6 +45,7 @@ class SavingOptions(TypedDict, total=False):
     crop: bool
     deterministic: bool
     colorbar: bool
+    depth_scale: float
 
 
 # Settings that headers leave out where they have this value.
@@ -58,30 +66,72 @@ ASKED = ("Frame.save", "path")  # function and argument that errors name, unless
 
 _IMAGES = ".jpg .jpeg .jp2 .jxl .webp .avif .heic .gif .apng .bmp .tif .tiff .tga .ico .ppm .pgm .pnm .pfm"
 _IMAGES += " .hdr .rgbe .pic .dds .dpx .cin .psd .svg .pdf .eps"
-_OTHERS = ".npy .npz .csv .json .obj .glb .gltf .ply .stl .mp4 .mov .avi .mkv .webm"
+_OTHERS = ".npy .csv .json .obj .glb .gltf .ply .stl .mp4 .mov .avi .mkv .webm"
 OTHER_FORMATS = (*_IMAGES.split(), *_OTHERS.split())  # extensions of formats that are not written
 
 
 def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
     """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
     standard output, or a file of another format."""
+    stem = _stem(path, asked)
+    return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
+
+
+def _stem(path: str | os.PathLike[str], asked: tuple[str, str]) -> Path:
+    """Return what the names of all files for `path` begin with. Raises InputError like `output_paths`."""
     path = Path(checked_path(*asked, path))
-    stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png") else path
+    stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png", ".npz") else path
     if stem.name in ("", ".."):
         raise value_error(*asked, "a file name", str(path))
     if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
         name = path.stem if path.name != "-" else "image"
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
         raise value_error(*asked, both, str(path))
-    return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
+    return stem
 
 
-def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind]) -> dict[FileKind, Path]:
-    """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for other files
-    than exr and png, or none."""
-    if isinstance(files, str) or not files or not set(files) <= set(FILES):
-        raise value_error("Frame.save", "files", "exr, png or both, such as ('png',)", files)
-    return {kind: path for kind, path in zip(FILES, output_paths(path), strict=True) if kind in files}
+def visible_path(path: str | os.PathLike[str], ending: str, asked: tuple[str, str] = ASKED) -> Path:
+    """Return the path of the table of shares of instances that is written with `path`. ending: csv or json."""
+    stem = _stem(path, asked)
+    return stem.with_name(f"{stem.name}_visible.{ending}")
+
+
+def default_files(path: str | os.PathLike[str]) -> tuple[FileKind, ...]:
+    """Return the files that `Frame.save` writes for `path` unless it is told which."""
+    return ("npz",) if os.fspath(path).lower().endswith(".npz") else FILES
+
+
+def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind] | None = None) -> dict[FileKind, Path]:
+    """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for files other
+    than KINDS, or none."""
+    stem = _stem(path, ASKED)
+    chosen = default_files(path) if files is None else files
+    if isinstance(chosen, str) or not isinstance(chosen, Iterable) or not chosen:
+        raise value_error("Frame.save", "files", f"some of {', '.join(KINDS)}, such as ('png',)", files)
+    for kind in chosen:
+        choice("Frame.save", "files", kind, KINDS)
+    return {kind: stem.with_name(stem.name + ENDINGS[kind]) for kind in KINDS if kind in chosen}
+
+
+def resolution_of(path: str, kind: FileKind) -> tuple[int, int] | None:
+    """Return columns and rows of a file that `Frame.save` wrote, from its header; None if it is no such file."""
+    if kind in ("png", "depth"):
+        from ..images import png
+
+        return png.resolution(path)
+    if kind == "npz":
+        from ..images import npz
+
+        return npz.resolution(path)
+    from ..images import exr
+
+    return exr.resolution(path)
+
+
+def check_layers(files: Container[str], layers: Container[str]) -> None:
+    """Raise InputError if a file shows a layer that is not there."""
+    if "depth" in files and "Z" not in layers:
+        raise InputError("Frame.save: files: expected depth only of a frame with the layer Z, found a frame without it")
 
 
 def check_output(
@@ -90,6 +140,8 @@ def check_output(
     tonemap: Operator | None = None,
     exposure: float = 0.0,
     compression: Compression = "zip",
+    files: Sequence[FileKind] | None = None,
+    depth_scale: float = SCALE,
     asked: tuple[str, str] = ASKED,
 ) -> None:
     """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing."""
@@ -98,7 +150,9 @@ def check_output(
 
     checked(tonemap or "srgb", exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)
-    for file in output_paths(path, asked):
+    checked_scale("Frame.save", "depth_scale", depth_scale)
+    _stem(path, asked)
+    for file in chosen_paths(path, files).values():
         atomic_files.check(file)
 
 
@@ -162,34 +216,34 @@ def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Opera
     return colorbar.with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
 
 
-def write_files(
-    paths: Mapping[FileKind, Path], image: Callable[[], Bytes], encode_exr: Callable[[BinaryIO], list[str]]
-) -> list[str]:
-    """Write the files of `chosen_paths`, all or none; return the warnings.
+def named_arrays(
+    camera: Camera, rgba: Array, channels: Mapping[str, Array], metadata: Mapping[str, Any]
+) -> dict[str, Array]:
+    """Return what `Frame.arrays` describes."""
+    camera_arrays: dict[str, Any] = {"pose": camera.pose(), "plane": camera.plane}
+    if not camera.orthographic:
+        matrix, pose = camera.to_matrix()
+        camera_arrays = {"K": matrix, "pose": pose, "pixel_center": 0.5}
+    camera_arrays |= {"convention": "opencv", "resolution": camera.resolution}
+    camera_arrays["metadata"] = json.dumps(plain(dict(metadata)), ensure_ascii=False)
+    layers = {name: array for name, array in channels.items() if name not in ("R", "G", "B", "A")}
+    return {"rgba": rgba, **layers, **{name: np.asarray(value) for name, value in camera_arrays.items()}}
 
-    image: makes the PNG's pixels. encode_exr: writes the EXR to an open file and returns the warnings.
-    Raises OutputError.
-    """
-    from ..images import png
 
-    def write_png(file: BinaryIO) -> None:
-        with atomic_files.naming(paths["png"]):
-            png.encode(file, image())
-
-    def write_exr(file: BinaryIO) -> list[str]:
-        with atomic_files.naming(paths["exr"]):
-            return encode_exr(file)
-
+def write_files(paths: Mapping[FileKind, Path], encoders: Mapping[FileKind, Encoder]) -> list[str]:
+    """Write the files of `chosen_paths`, all or none; return the warnings. Raises OutputError."""
     with atomic_files.replacing_all(*paths.values()) as opened:
         file = dict(zip(paths, opened, strict=True))
-        if "exr" not in file:
-            write_png(file["png"])
-            return []
-        if "png" not in file:
-            return write_exr(file["exr"])
-        # Both release the GIL while they compress, so they run concurrently.
-        with ThreadPoolExecutor(1) as beside:
-            written = beside.submit(write_png, file["png"])
-            lines = write_exr(file["exr"])
-            written.result()
-    return lines
+
+        def write(kind: FileKind) -> list[str]:
+            with atomic_files.naming(paths[kind]):
+                return encoders[kind](file[kind]) or []
+
+        first, *others = paths
+        if not others:
+            return write(first)
+        # All release the GIL while they compress, so they run concurrently.
+        with ThreadPoolExecutor(len(others)) as beside:
+            waiting = [beside.submit(write, kind) for kind in others]
+            lines = write(first)
+            return [*lines, *(line for each in waiting for line in each.result())]

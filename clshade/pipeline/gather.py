@@ -1,28 +1,30 @@
 """A scene's meshes as flat arrays of vertices and faces: world positions, indices, normals, colors, texture
-coordinates."""
+coordinates; all copies of each mesh, one after the other."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from fractions import Fraction
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array, Floats, Reals
+from ..base.arrays import Array, Bools, Floats, Reals
 from ..scene.geometry import vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_table import typical_intensities
 from .maps import map_of, textures_of
+from .placements import about_one, mirroring, placed_normals, placed_points, placed_tangents
 from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, material_table, split, to_real
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
 MOST_BEND, THINNEST = 0.25, 2.0**-20
+_BLOCK = 1 << 14  # rows
 _MOST_BITS, _LEAST_BITS = math.frexp(MOST_POSITION)[1] - 1, 60  # of scalars that are as large, as small as they are
 
 
@@ -33,87 +35,26 @@ def _fits_float32(values: Array) -> bool:
         return bool((values.astype(np.float32) == values).all())
 
 
-def _placements(mesh: Mesh) -> list[Array | None]:
-    """Return one matrix per instance; None for an identity, whose vertices are used as they are."""
-    return [None if (matrix == np.eye(4)).all() else matrix for matrix in np.asarray(mesh.instances)]
+def _blocks(count: int) -> Iterator[slice]:
+    """Return slices that cover range(count), short enough that temporary arrays stay in the cache."""
+    return (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
 
 
-def _placed(points: Array, matrix: Array | None) -> Floats:
-    if matrix is None:
-        return points
-    placed: Floats = points.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    return placed
-
-
-def _unit(vectors: Array) -> Array:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scaled = vectors / np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
-        unit = scaled / np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-    return np.where(np.isfinite(unit), unit, 0.0)
-
-
-def _own_normals(mesh: Mesh, matrix: Array | None) -> Array:
-    normals = np.asarray(mesh.normals, np.float64)
-    if matrix is not None:
-        # Scale by powers of two to about 1: products neither overflow nor underflow.
-        m = np.ldexp(matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max())[1])
-        normals = np.ldexp(normals, -np.frexp(np.abs(normals).max(axis=1, keepdims=True, initial=0.0))[1])
-        # The cofactor matrix transforms normals, even for a singular matrix.
-        cofactor = np.array([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
-        normals = (normals @ cofactor.T) * (-1.0 if mirrors(matrix) else 1.0)
-    return _unit(normals)
-
-
-def _bends(normals: Array, index: Array, corners: Array) -> Floats:
+def _bends(normals: Array, index: Array, verts: Array, faces: Array) -> Floats:
     """Return the sine of the largest angle between each unit normal (K, 3) and the faces that have it, at most MOST_BEND,
-    (K,). index: (F, 3), the normals at corners (F, 3, 3). Faces that are too thin to have a normal do not count."""
-    a, b, c = np.moveaxis(np.asarray(corners, np.float64), 1, 0)
-    across = np.cross(b - a, c - a)
-    size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
-    counts = size > THINNEST * sides
+    (K,). index: (F, 3), the normals at the corners of faces. Faces that are too thin to have a normal do not count."""
     found = np.zeros(len(normals))
-    unit = across[counts] / size[counts, None]
-    for k in range(3):
-        rows = index[counts, k]
-        sine = np.linalg.norm(np.cross(np.asarray(normals, np.float64)[rows], unit), axis=1)
-        np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
+    for block in _blocks(len(faces)):
+        a, b, c = np.moveaxis(np.asarray(verts[faces[block]], np.float64), 1, 0)
+        across = np.cross(b - a, c - a)
+        size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
+        counts = size > THINNEST * sides
+        unit = across[counts] / size[counts, None]
+        for k in range(3):
+            rows = index[block][counts, k]
+            sine = np.linalg.norm(np.cross(np.asarray(normals[rows], np.float64), unit), axis=1)
+            np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
     return found
-
-
-def _placed_tangents(tangents: Array, matrix: Array | None) -> Array:
-    """Place tangents (K, 4). A placement that mirrors turns the bitangent round: it goes with the surface, as the tangent
-    does, but the product of normal and tangent does not."""
-    directions, side = np.asarray(tangents[:, :3], np.float64), np.where(tangents[:, 3] < 0.0, -1.0, 1.0)
-    if matrix is not None:
-        m = np.ldexp(matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max())[1])
-        directions = np.ldexp(directions, -np.frexp(np.abs(directions).max(axis=1, keepdims=True, initial=0.0))[1])
-        directions, side = directions @ m.T, -side if mirrors(matrix) else side
-    unit = _unit(directions)
-    return np.column_stack([unit, np.where(unit.any(axis=1), side, 0.0)])
-
-
-def mirrors(matrix: Array | None) -> bool:
-    """Return whether a placement mirrors. The winding of its faces is then reversed, so that front stays front.
-
-    Decided by the exact sign of its determinant: rounded to float64, the determinant of a placement that flattens may have
-    either sign.
-    """
-    if matrix is None:
-        return False
-    (a, b, c), (d, e, f), (g, h, i) = np.ldexp(
-        matrix[:3, :3], -np.frexp(np.abs(matrix[:3, :3]).max(axis=1, keepdims=True))[1]
-    ).tolist()
-    products = a * e * i, b * f * g, c * d * h, -c * e * g, -b * d * i, -a * f * h
-    determinant = math.fsum(products)
-    # Each product has a relative error of at most 2^-52, unless it underflows.
-    if abs(determinant) > 2.0**-50 * math.fsum(map(abs, products)) + 1e-300:
-        return determinant < 0.0
-    a, b, c, d, e, f, g, h, i = map(Fraction, matrix[:3, :3].ravel().tolist())
-    return a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
-
-
-def _turned(index: Array, matrix: Array | None) -> Array:
-    return np.ascontiguousarray(index[:, [0, 2, 1]]) if mirrors(matrix) else index
 
 
 def _four(vectors: Array, real: Real) -> Array:
@@ -122,16 +63,7 @@ def _four(vectors: Array, real: Real) -> Array:
     return wide
 
 
-def _shifted(parts: list[tuple[Array, int]]) -> Array:
-    """Concatenate index arrays, each offset by the number of rows before it."""
-    moved, offset = [], 0
-    for index, count in parts:
-        moved.append(index + np.int32(offset) if offset else index)
-        offset += count
-    return joined(moved, np.int32)
-
-
-def _without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
+def without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
     """Return vertices, faces and the vertices kept, or None if all are: unreferenced vertices are not uploaded."""
     used = np.zeros(len(mesh.verts), bool)
     used[mesh.faces] = True
@@ -142,8 +74,78 @@ def _without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
     return mesh.verts[kept], renumbered[mesh.faces], kept
 
 
-def _kept(rows: Array, kept: Array | None) -> Array:
-    return rows if kept is None else rows[kept]
+def own_normals(copies: Copies, scene: Scene) -> tuple[Array, Array, bool]:
+    """Return the normals of a mesh in object space, (K, 3), their indices (F, 3), and whether they are computed, and so
+    unit vectors or 0."""
+    mesh = copies.mesh
+    if mesh.normals is None or scene.preset == "course":
+        return vertex_normals(copies.verts, copies.faces), copies.faces, True
+    if mesh.normal_faces is not None:
+        return mesh.normals, mesh.normal_faces, False
+    return copies.own(mesh.normals[: len(mesh.verts)]), copies.faces, False
+
+
+@dataclass(frozen=True)
+class Copies:
+    """The copies of a mesh that are gathered, K of them.
+
+    number: of the mesh in its scene. matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors. verts:
+    (V, 3) without the vertices in no face; kept: which those are of the mesh's own, None for all. faces: (F, 3).
+    """
+
+    number: int
+    mesh: Mesh
+    matrices: Floats
+    mirrored: Bools
+    verts: Array
+    faces: Array
+    kept: Array | None
+
+    @property
+    def count(self) -> int:
+        return len(self.matrices)
+
+    def one(self, mirrored: bool) -> Copies:
+        """Return the mesh itself, or with the winding of one that a placement mirrors."""
+        return replace(self, matrices=np.eye(4)[None], mirrored=np.array([mirrored]))
+
+    def repeated(self, rows: Array) -> Array:
+        """Return rows once for each copy."""
+        return rows if self.count == 1 else np.tile(rows, (self.count, *[1] * (rows.ndim - 1)))
+
+    def turned(self, rows: Array) -> Array:
+        """Return what belongs to the corners of faces, (F, 3, ...), once for each copy: (K, F, 3, ...), with two corners
+        exchanged where a placement mirrors. The winding of its faces is then reversed, so that front stays front."""
+        if not self.mirrored.any():
+            return rows[None] if self.count == 1 else np.repeat(rows[None], self.count, axis=0)
+        return np.stack([rows, rows[:, [0, 2, 1]]])[self.mirrored.astype(np.intp)]
+
+    def indices(self, index: Array, rows: int, first: int) -> Array:
+        """Return indices (F, 3) of a table's rows for all copies, (K F, 3) int32, each with `rows` of its own, from `first`
+        on."""
+        if self.count == 1 and not first and not self.mirrored.any():
+            return index
+        starts = first + rows * np.arange(self.count, dtype=np.int64)
+        return (self.turned(index) + starts[:, None, None]).astype(np.int32).reshape(-1, 3)
+
+    def own(self, rows: Array) -> Array:
+        """Return the rows of the vertices in use, of a table of all of the mesh's."""
+        return rows if self.kept is None else rows[self.kept]
+
+
+class _Indices:
+    """Indices into a table whose rows are gathered copies by copies."""
+
+    def __init__(self) -> None:
+        self._parts: list[Array] = []
+        self._rows = 0
+
+    def add(self, copies: Copies, index: Array, rows: int) -> None:
+        self._parts.append(copies.indices(index, rows, self._rows))
+        self._rows += rows * copies.count
+
+    def joined(self) -> Array:
+        return joined(self._parts, np.int32)
 
 
 class Gatherer:
@@ -157,101 +159,121 @@ class Gatherer:
         scalars: ScalarTables | None = None,
         *,
         maps: bool = False,
+        one_copy: bool = False,
     ) -> None:
-        """maps: whether the shader uses the maps of shader pbr."""
-        self.maps = maps
+        """maps: whether the shader uses the maps of shader pbr. one_copy: whether to gather one copy of each mesh in object
+        space, and another one with the winding reversed if some placement mirrors."""
+        self.maps, self.one_copy = maps, one_copy
         self.scene, self._structs, self._forced, self.scalars = scene, structs, forced, scalars
-        self.parts: dict[str, list[Any]] = {}
         self.materials = materials_of(scene)
-        meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-        table = {id(texture): texture for mesh in meshes for texture in textures_of(mesh, maps=maps)}
+        meshes = [(number, mesh) for number, mesh in enumerate(scene.meshes) if len(mesh.faces)]
+        table = {id(texture): texture for _, mesh in meshes for texture in textures_of(mesh, maps=maps)}
         self.textures: list[Texture] = list(table.values())
         self._white = len(self.textures)
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
-        self.placed = []
-        for mesh in meshes:
-            verts, faces, kept = _without_unused(mesh)
-            self.placed += [(mesh, matrix, verts, _turned(faces, matrix), kept) for matrix in _placements(mesh)]
+        self.placed: list[Copies] = []
+        for number, mesh in meshes:
+            matrices = np.asarray(mesh.instances)
+            self.placed.append(Copies(number, mesh, matrices, mirroring(matrices), *without_unused(mesh)))
+        self.copies = self.placed
+        if one_copy:
+            self.copies = [each.one(side) for each in self.placed for side in np.unique(each.mirrored)]
 
     def positions(self) -> tuple[Array, Array]:
-        if not self.placed:
+        if not self.copies:
             return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
-        points = [_placed(verts, matrix) for _, matrix, verts, _, _ in self.placed]
-        faces = [(faces, len(verts)) for _, _, verts, faces, _ in self.placed]
-        if all(map(_fits_float32, points)):
-            return joined(points, np.float32), _shifted(faces)
-        return joined(points, np.float64), _shifted(faces)
+        points, faces = [], _Indices()
+        for each in self.copies:
+            points.append(placed_points(each.verts, each.matrices))
+            faces.add(each, each.faces, len(each.verts))
+        fits = all(map(_fits_float32, points))
+        return joined(points, np.float32 if fits else np.float64), faces.joined()
 
     def normals(self, indexed: bool, *, bends: bool = False) -> tuple[Array, Array | None]:
         """Return the normals, (K, 4), and their indices, (F, 3), if they have their own. bends: the fourth component is as
-        of `_bends`."""
-        parts, index = [], []
-        for mesh, matrix, verts, faces, kept in self.placed:
-            if mesh.normals is None or self.scene.preset == "course":
-                own, own_faces = vertex_normals(_placed(verts, matrix), faces), faces
-            elif mesh.normal_faces is not None:
-                own, own_faces = _own_normals(mesh, matrix), _turned(mesh.normal_faces, matrix)
-            else:
-                own, own_faces = _kept(_own_normals(mesh, matrix)[: len(mesh.verts)], kept), faces
+        of `_bends`. Of one copy they are float64 in object space, of any length, and the fourth is 1 if they are units."""
+        parts, index = [], _Indices()
+        precision = np.float64 if bends else self._structs.real
+        for each in self.copies:
+            normals, faces, is_unit = own_normals(each, self.scene)
+            index.add(each, faces, len(normals))
+            if self.one_copy:
+                rows = _four(normals if is_unit else about_one(normals), np.float64)
+                rows[:, 3] = is_unit
+                parts.append(rows)
+                continue
+            own = placed_normals(normals, each.matrices, each.mirrored, precision, is_unit=is_unit)
             rows = _four(own, self._structs.real)
             if bends:
-                rows[:, 3] = _bends(own, own_faces, _placed(verts, matrix)[faces])
+                own_faces = each.indices(faces, len(normals), 0)
+                points = placed_points(each.verts, each.matrices)
+                rows[:, 3] = _bends(own, own_faces, points, each.indices(each.faces, len(each.verts), 0))
             parts.append(rows)
-            index.append((own_faces, len(own)))
-        return joined(parts), _shifted(index) if indexed else None
+        return joined(parts), index.joined() if indexed else None
 
     def tangents(self) -> tuple[Array, Array]:
         """Return the tangents of meshes with a normal map, (K, 4), unit or 0, with the side of the bitangent, and their
-        indices (F, 3). Row 0 is that of all others."""
-        parts, index = [np.zeros((1, 4), self._structs.real)], []
+        indices (F, 3). Row 0 is that of all others. Of one copy they are float64 in object space, of any length."""
+        real = np.float64 if self.one_copy else self._structs.real
+        parts, index = [np.zeros((1, 4), real)], []
         count = 1
-        for mesh, matrix, _, faces, _ in self.placed:
-            texture = map_of(mesh, "normal_texture")
+        for each in self.copies:
+            texture = map_of(each.mesh, "normal_texture")
             if texture is None:
-                index.append(np.zeros_like(faces))
+                index.append(each.repeated(np.zeros_like(each.faces)))
                 continue
-            own, own_faces = mesh_tangents(mesh, texture.coordinates)
-            parts.append(_placed_tangents(own, matrix).astype(self._structs.real))
-            index.append(_turned(own_faces, matrix) + np.int32(count))
-            count += len(own)
+            own, faces = mesh_tangents(each.mesh, texture.coordinates)
+            if self.one_copy:
+                parts.append(np.column_stack([about_one(own[:, :3]), own[:, 3]]))
+            else:
+                parts.append(placed_tangents(own, each.matrices, each.mirrored).astype(real))
+            index.append(each.indices(faces, len(own), count))
+            count += len(own) * each.count
         return joined(parts), joined(index, np.int32)
 
     def colors(self, at_corners: bool) -> Array:
         """Return colors and positions in the color map of the vertices, (V, 4), or of the faces' corners, (3F, 4)."""
         parts = []
-        for mesh, matrix, verts, faces, kept in self.placed:
+        for each in self.copies:
+            mesh, faces = each.mesh, each.faces
             white = mesh.colors is None or replaces_colors(mesh)
-            own = np.ones((len(verts), 3)) if white else _kept(np.asarray(mesh.colors), kept)
-            rows = _four(to_real(own * mesh.material.color, self._structs.real), self._structs.real)
-            rows[:, 3] = WHITE_POSITION
+            own = np.broadcast_to(1.0, (len(each.verts), 3)) if white else each.own(np.asarray(mesh.colors))
+            rows = np.full((len(own), 4), WHITE_POSITION, self._structs.real)
+            for block in _blocks(len(own)):
+                rows[block, :3] = to_real(own[block] * mesh.material.color, self._structs.real)
             positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
             if positions is not None and positions.ndim == 1:
-                rows[:, 3] = _kept(positions, kept)
-            rows = rows[faces.reshape(-1)] if at_corners else rows
+                rows[:, 3] = each.own(positions)
+            if not at_corners:
+                parts.append(each.repeated(rows))
+                continue
+            rows = rows[faces]
             if positions is not None and positions.ndim == 2:
-                rows[:, 3] = _turned(positions, matrix).reshape(-1)
-            parts.append(rows)
+                rows[:, :, 3] = positions
+            parts.append(each.turned(rows).reshape(-1, 4))
         return joined(parts)
 
     def alphas(self) -> Array:
         """Return the alphas of the vertices, (V,)."""
         parts = []
-        for mesh, _, verts, _, kept in self.placed:
-            own = np.ones(len(verts)) if mesh.alphas is None else _kept(mesh.alphas, kept)
-            parts.append(to_real(own, self._structs.real))
+        for each in self.copies:
+            own = np.ones(len(each.verts)) if each.mesh.alphas is None else each.own(each.mesh.alphas)
+            parts.append(each.repeated(to_real(own, self._structs.real)))
         return joined(parts)
 
     def corner_scalars(self) -> tuple[Array, int]:
         """Return the scalars at the corners of faces, (3F,), over a power of two, NAN_POSITION for none, and the power's
         exponent: 0 unless they are very large or very small."""
-        parts = [np.full((len(faces), 3), np.nan) for *_, faces, _ in self.placed]
-        if self.scalars is not None:
-            parts = [_turned(self.scalars.values(mesh), matrix) for mesh, matrix, *_ in self.placed]
-        values = np.concatenate([part.reshape(-1) for part in parts])
-        own = int(np.frexp(np.abs(values[np.isfinite(values)]).max(initial=0.0))[1])
+        parts = []
+        for each in self.copies:
+            own = np.full(each.faces.shape, np.nan) if self.scalars is None else self.scalars.values(each.mesh)
+            parts.append(each.turned(own).reshape(-1))
+        values = np.concatenate(parts)
+        own_exponent = int(np.frexp(np.abs(values[np.isfinite(values)]).max(initial=0.0))[1])
         most = np.finfo(self._structs.real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
-        exponent = min(own - _MOST_BITS, most) if own > _MOST_BITS else min(own + _LEAST_BITS, 0)
+        large = own_exponent > _MOST_BITS
+        exponent = min(own_exponent - _MOST_BITS, most) if large else min(own_exponent + _LEAST_BITS, 0)
         held = np.clip(np.ldexp(values, -exponent), -2.0 * MOST_POSITION, 2.0 * MOST_POSITION)
         return to_real(np.where(np.isnan(values), NAN_POSITION, held), self._structs.real), exponent
 
@@ -260,41 +282,46 @@ class Gatherer:
         without a texture, which are 0 otherwise."""
         sets = 1 + max((texture.coordinates for texture in self.textures), default=0)
         parts: list[list[Array]] = [[] for _ in range(sets)]
-        index = []
-        for mesh, matrix, verts, faces, kept in self.placed:
+        index = _Indices()
+        for each in self.copies:
+            mesh, own_faces = each.mesh, each.faces
             if mesh.uvs is None or not (untextured or textures_of(mesh, maps=self.maps)):
-                count, own_faces = len(verts), faces
-                own: list[Reals] = [np.zeros((count, 2))] * sets
+                own: list[Reals] = [np.zeros((len(each.verts), 2))] * sets
             else:
                 own = [*(mesh.uvs, *mesh.more_uvs)[:sets]]
                 own += [np.zeros_like(mesh.uvs)] * (sets - len(own))
                 if mesh.uv_faces is not None:
-                    own_faces = _turned(mesh.uv_faces, matrix)
+                    own_faces = mesh.uv_faces
                 else:
-                    own, own_faces = [_kept(each[: len(mesh.verts)], kept) for each in own], faces
-            for part, each in zip(parts, own, strict=True):
-                part.append(split(each, self._structs.real))
-            index.append((own_faces, len(own[0])))
-        return joined([part for each in parts for part in each]), _shifted(index) if indexed else None
+                    own = [each.own(rows[: len(mesh.verts)]) for rows in own]
+            for part, rows in zip(parts, own, strict=True):
+                part.append(each.repeated(split(rows, self._structs.real)))
+            index.add(each, own_faces, len(own[0]))
+        return joined([part for each in parts for part in each]), index.joined() if indexed else None
 
-    def mirrored(self) -> list[int]:
-        """Return for each placed mesh whether its placement mirrors."""
-        return [int(mirrors(matrix)) for _, matrix, *_ in self.placed]
+    def mirrored(self) -> Array:
+        """Return for each face whether its placement mirrors, (F,) int32."""
+        return joined([np.repeat(each.mirrored, len(each.faces)) for each in self.copies], np.int32)
 
-    def per_face(self, value: list[int], kind: type[np.integer[Any]] = np.int32) -> Array:
-        """Repeat one value per placed mesh for each of its faces."""
-        repeats = [len(faces) for _, _, _, faces, _ in self.placed]
-        return np.repeat(np.array(value, kind), repeats)
+    def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
+        """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""
+        return joined([np.full(each.count * len(each.faces), values[each.number], kind) for each in self.copies], kind)
+
+    def per_copy(self, first: Sequence[int]) -> Array:
+        """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
+        return joined(
+            [np.repeat(first[each.number] + np.arange(each.count), len(each.faces)) for each in self.copies], np.uint32
+        )
 
     def face_materials(self) -> Array:
         numbers = {key: i for i, key in enumerate(self.materials)}
-        return self.per_face([numbers[material_key(mesh)] for mesh, *_ in self.placed])
+        return self.per_face([numbers.get(material_key(mesh), 0) for mesh in self.scene.meshes])
 
     def light_unit(self, radius: float, *, pbr: bool = False) -> float:
         """Return `shading_tables.light_unit`. radius: of the scene."""
         intensities = typical_intensities(self.scene.lights, radius)
         brightest = 0.0
-        for mesh, *_ in self.placed:
+        for mesh in (each.mesh for each in self.copies):
             color = mesh.material.color.max() * (1.0 if mesh.colors is None else mesh.colors.max(initial=0.0))
             texel = 1.0 if mesh.material.texture is None else mesh.material.texture.image.max()
             brightest = max(brightest, float(color) * max(float(texel), 1.0))
@@ -321,4 +348,6 @@ class Gatherer:
 
     def face_textures(self) -> Array:
         numbers = {id(texture): i for i, texture in enumerate(self.textures)}
-        return self.per_face([numbers[id(m.material.texture)] if texture_applies(m) else -1 for m, *_ in self.placed])
+        return self.per_face(
+            [numbers[id(m.material.texture)] if len(m.faces) and texture_applies(m) else -1 for m in self.scene.meshes]
+        )

@@ -13,10 +13,11 @@ from ..base.arrays import Array, Bools, Floats, Floats32
 from .buffers import Buffer, finish
 from .launches import Stages, hierarchy_stages, shadow_stages
 from .opencl.device import Device, open_device
-from .struct_layout import SHADOW_GRID, SHADOW_REACH, SINGLE
+from .struct_layout import CURVE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
 _LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
+_BLOCK = 1 << 14  # vertices whose temporary arrays stay in the cache
 _NO_CASTER = np.uint64(2**64 - 1)
 
 _LEAST_W = 2.0**-100  # a light so far away that its w would be less counts as directional
@@ -106,11 +107,14 @@ class Hierarchy:
         stages = hierarchy_stages(device)
         self.frame = CasterFrame.around(vertices)
         rows = np.zeros((len(vertices), 2, 4), np.float32)
-        rows[:, :, :3] = self.frame.pairs(vertices).reshape(-1, 2, 3)
+        for start in range(0, len(vertices), _BLOCK):
+            part = vertices[start : start + _BLOCK]
+            rows[start : start + _BLOCK, :, :3] = self.frame.pairs(part).reshape(-1, 2, 3)
         self.vertices = Buffer(device, rows)
         self.faces = Buffer(device, np.ascontiguousarray(faces, np.int32))
         keys = Buffer.empty(device, len(faces), np.uint64)
-        stages.hierarchy_keys(self.vertices, self.faces, keys, len(faces))
+        bits = _index_bits(len(faces))
+        stages.hierarchy_keys(self.vertices, self.faces, keys, bits, len(faces))
         found = keys.to_host()
         parts = [found] if veils is None else [found[~veils], found[veils]]
         for part in parts:
@@ -125,7 +129,8 @@ class Hierarchy:
             first = row["first_node"][: len(sizes)] = node + np.cumsum([0, *sizes])[:-1]
             if sizes:
                 ends = (leaf, many, node, sizes[0] * _WIDTH)
-                stages.hierarchy_leaves(self.vertices, self.faces, Buffer(device, tree), self.leaves, self.nodes, ends)
+                sorted_keys = Buffer(device, tree)
+                stages.hierarchy_leaves(self.vertices, self.faces, sorted_keys, self.leaves, self.nodes, ends, bits)
             for k in range(1, len(sizes)):
                 stages.hierarchy_level(self.nodes, int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)
             leaf, node = leaf + many, node + sum(sizes)
@@ -234,6 +239,11 @@ class ShadowFans:
     ends: Buffer
     w: float
     dark: Buffer
+
+
+def _index_bits(count: int) -> int:
+    """Return how many low bits of casters' keys hold the index of a face, of so many."""
+    return max((count - 1).bit_length(), 64 - SIZE_BITS - CURVE_BITS)
 
 
 def _level_sizes(count: int) -> list[int]:

@@ -33,7 +33,8 @@ class Check:
     strata : dict of str to (int, float)
         By stratum, the number of pixels checked and their largest error in bounds.
     wrong : int
-        Pixels whose owner or coverage differs from the oracle's, or whose values are not finite.
+        Pixels whose owner, instance or coverage differs from the oracle's, or whose values are not
+        finite.
     ties : int
         Pixels with another owner at a depth within 2^-38 of the oracle's, where either is correct;
         not counted as wrong. With several samples also pixels of the same id, if any, whose color
@@ -55,6 +56,9 @@ class Check:
     image : ndarray of float32, (M, N), or None
         Error of each pixel in bounds, infinity where it is wrong, 0 for ties. None unless all
         pixels were checked.
+    flow : float or None, default None
+        Largest error of the frame's flows, in what is allowed; infinite where a mask is wrong. None
+        without any.
     """
 
     pixels: int
@@ -75,12 +79,14 @@ class Check:
     precision: str
     seconds: float
     image: Floats32 | None = field(repr=False)
+    flow: float | None = None
 
     @property
     def passed(self) -> bool:
         """Whether no checked pixel is wrong and all errors are within what is allowed."""
         depth_is_right = self.depth is None or self.depth <= self.depth_allowed
-        return self.wrong == 0 and self.bounds <= self.allowed and depth_is_right
+        flow_is_right = self.flow is None or self.flow <= 1.0
+        return self.wrong == 0 and self.bounds <= self.allowed and depth_is_right and flow_is_right
 
     @property
     def complete(self) -> bool:
@@ -100,6 +106,7 @@ class Check:
         at = f"row {row}, column {column}" if self.bounds > 0.0 else "no pixel"
         gates = f", {self.gates:,} at a highlight's gate not counted" if self.gates else ""
         depth = [f"Z: {self.depth:.3g} of {self.depth_allowed} roundings"] if self.depth is not None else []
+        depth += [f"flow: {self.flow:.3g} of what is allowed"] if self.flow is not None else []
         strata = ", ".join(f"{name} {worst:.2g} ({count:,})" for name, (count, worst) in self.strata.items() if count)
         return [
             f"{self.pixels:,} of {self.of:,} pixels computed again in float64, {self.seconds * 1e3:.0f} ms: "
@@ -114,6 +121,8 @@ class Check:
     def stats(self) -> dict[str, Any]:
         """Return the figures as JSON-compatible values."""
         figures = {name: value for name, value in vars(self).items() if name != "image"}
+        if self.flow is None:
+            del figures["flow"]
         figures["strata"] = {name: {"pixels": n, "bounds": worst} for name, (n, worst) in self.strata.items()}
         return {**figures, "passed": self.passed, "lower_bound": not self.complete}
 

@@ -21,7 +21,18 @@ from .surface_inputs import SurfaceInputs
 
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
-_GEOMETRY_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES", "DOUBLE_POSITIONS", "SORTED"}
+_GEOMETRY_FEATURES = {
+    "DOUBLE",
+    "SAMPLES",
+    "DEPTH_TEST",
+    "ORTHOGRAPHIC",
+    "CULL",
+    "SIDES",
+    "DOUBLE_POSITIONS",
+    "SORTED",
+    "INSTANCES",
+}
+_INSTANCES_FILE = "instances.cl"  # of the geometry too
 _LINE_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES"}
 _GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
 _WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
@@ -64,6 +75,19 @@ class Hiding(NamedTuple):
         return self.face_count + len(self.pieces.array)
 
 
+class Placing(NamedTuple):
+    """Where instances are drawn from one copy of their mesh.
+
+    instances: (K,) of structs.Instance. listed: (K,) uint32, the first L are numbers of those to draw. vertex_starts,
+    face_starts: (K + 1,) int64, of the first L + 1 the number of vertices, or faces, of all listed before.
+    """
+
+    instances: Buffer
+    listed: Buffer
+    vertex_starts: Buffer
+    face_starts: Buffer
+
+
 # face_materials and materials, if some material is drawn from the front only.
 Sides = tuple[Buffer | None, Buffer | None]
 
@@ -78,7 +102,8 @@ def scene_stages(
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
     program of surface_layers.cl, None if it is not needed. counting: whether shadow rays are counted."""
-    geometry = build(device, features.only(_GEOMETRY_FEATURES), _GEOMETRY_FILES)
+    files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
+    geometry = build(device, features.only(_GEOMETRY_FEATURES), files)
     needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
     drawing = features.only(needed).counting() if counting else features.only(needed)
@@ -185,8 +210,8 @@ class Stages:
         items = 1 if self._programs[name].lanes > 1 else struct_layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
-    def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, count: int) -> cl.Event:
-        return self._per_item("hierarchy_keys", count, vertices, faces, keys)
+    def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, index_bits: int, count: int) -> cl.Event:
+        return self._per_item("hierarchy_keys", count, vertices, faces, keys, index_bits)
 
     def hierarchy_leaves(
         self,
@@ -196,9 +221,11 @@ class Stages:
         leaves: Buffer,
         nodes: Buffer,
         ends: tuple[int, int, int, int],
+        index_bits: int,
     ) -> cl.Event:
-        """ends: the first leaf and how many, the first node and the children of the lowest level's."""
-        arguments = (vertices, faces, keys, leaves, nodes, *ends, len(keys.array))
+        """ends: the first leaf and how many, the first node and the children of the lowest level's. index_bits: of the
+        keys."""
+        arguments = (vertices, faces, keys, leaves, nodes, *ends, index_bits, len(keys.array))
         return self._launch("hierarchy_leaves", (-(-ends[-1] // 16) * 16,), (16,), *arguments)
 
     def hierarchy_level(self, nodes: Buffer, first: int, above: int, count: int, slots: int) -> cl.Event:
@@ -249,11 +276,51 @@ class Stages:
         if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
             means = Buffer(self.device, host_projection.mean_depths(vertices.projected.array, faces.array))
         inputs = (faces, vertices.projected, *sides, means, view, image)
-        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters)
+        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters, made.index_bits)
         event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
         if means is not None:
             event.wait()  # `means` is freed on return
         return event
+
+    def place(
+        self, positions: Buffer, placing: Placing, view: Buffer, vertices: Buffer, block: tuple[int, int], count: int
+    ) -> cl.Event:
+        """Project the vertices, `count` in all, of a block of the listed instances: from the first to before the last."""
+        run = self.device.setup_run
+        inputs = (positions, placing.instances, placing.listed, placing.vertex_starts, view)
+        items = -(-count // (64 * run)) * 64
+        return self._launch("place", (items,), (64,), *inputs, vertices, *block, run)
+
+    def setup_instances(
+        self,
+        faces: Buffer,
+        vertices: Buffer,
+        placing: Placing,
+        view: Buffer,
+        image: Buffer,
+        made: TriangleBuffers,
+        of_triangles: tuple[Buffer, Buffer | None],
+        block: tuple[int, int],
+        count: int,
+        sides: Sides = (None, None),
+    ) -> cl.Event:
+        """Set up the triangles of a block's faces, `count` in all. of_triangles: their instances, and with painter's order
+        their mean depths."""
+        run = self.device.setup_run
+        local = 1 if self.device.is_cpu else 64
+        inputs = (
+            faces,
+            vertices,
+            *sides,
+            placing.instances,
+            placing.listed,
+            placing.vertex_starts,
+            placing.face_starts,
+        )
+        outputs = (made.triangles, made.bounds, made.keys, *of_triangles, made.to_clip, made.counters)
+        items = -(-count // (run * local)) * local
+        arguments = (*inputs, view, image, *outputs, *block, run, len(made.to_clip.array), made.index_bits)
+        return self._launch("setup_instances", (items,), (local,), *arguments)
 
     def setup_count(
         self,
@@ -281,7 +348,7 @@ class Stages:
         inputs = (pieces, *sides, image)
         outputs = (made.triangles, made.bounds, made.keys, made.counters)
         each = self._programs["setup_pieces"].lanes
-        return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, each=each)
+        return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, made.index_bits, each=each)
 
     def bin_count(self, order: Buffer, made: TriangleBuffers, image: Buffer, chunks: Chunks) -> cl.Event:
         arguments = (order, made.triangles, made.bounds, image, made.sorted_bounds, chunks.counts)
@@ -308,7 +375,11 @@ class Stages:
 
     def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
         features = self.pixel_features
-        return surface.arguments(casters=finds_casters(features), counts=features.counts)
+        return self._inputs(surface, features)
+
+    def _inputs(self, surface: SurfaceInputs, features: Features) -> tuple[Buffer | None, ...]:
+        casters, instances = finds_casters(features), bool(features["INSTANCES"])
+        return surface.arguments(casters=casters, counts=features.counts, instances=instances)
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)
@@ -354,6 +425,14 @@ class Stages:
     def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
         return self._per_item("layer_id", count, owners, triangles, ids)
 
+    def layer_instance_id(self, owners: Buffer, surface: SurfaceInputs, numbers: Buffer, count: int) -> cl.Event:
+        tables = (surface.triangle_instances, surface.instances)
+        return self._per_item("layer_instance_id", count, owners, *tables, numbers)
+
+    def layer_id_of_instances(self, owners: Buffer, surface: SurfaceInputs, ids: Buffer, count: int) -> cl.Event:
+        tables = (surface.triangles, surface.triangle_instances, surface.instances)
+        return self._per_item("layer_id_of_instances", count, owners, *tables, ids)
+
     def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, tiles: int) -> cl.Event:
         return self._per_tile("layer_z", tiles, owners, triangles, image, depths)
 
@@ -372,7 +451,7 @@ class Stages:
     ) -> cl.Event:
         """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
         weights, scalars, shares of rays; None if not asked for."""
-        inputs = surface.arguments(casters=finds_casters(self._programs["surface_layers"].features))
+        inputs = self._inputs(surface, self._programs["surface_layers"].features)
         return self._per_tile("surface_layers", tiles, *inputs, owners, *own, *outputs)
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -31,11 +30,13 @@ class LayerTables(NamedTuple):
 
     features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
     (F,) int32, whether a face's placement mirrors. objects, materials, instances: (F,) uint32. scalars: (3F,) reals, at the
-    corners of faces, times 2^-scalar_exponent; NAN_POSITION for none.
+    corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn from one copy of their mesh,
+    object_normals are in place of normals, and there are no numbers of instances by face.
     """
 
     features: Features | None
     normals: Array | None = None
+    object_normals: Array | None = None
     normal_faces: Array | None = None
     uvs: Array | None = None
     uv_faces: Array | None = None
@@ -96,7 +97,7 @@ def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) 
     if not asked:
         return None
     meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC"}
+    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC", "INSTANCES"}
     if "albedo" in asked:
         kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "NEAREST", "MIPMAPS", "UV_INDICES"}
     values = dict(light.only(kept).values)
@@ -134,31 +135,25 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
     program."""
     asked = settings.layers
-    turned = gatherer.mirrored()
-    features = _program(scene, settings, light, any(turned))
+    turned = any(each.mirrored.any() for each in gatherer.copies)
+    features = _program(scene, settings, light, turned)
     found: dict[str, Any] = {}
-    if not gatherer.placed:
+    if not gatherer.copies:
         return LayerTables(features)
     if features is not None:
         if "N" in asked and not (light["DIFFUSE"] or light["SPECULAR"]):
-            found["normals"], found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            normals, found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
+            found["object_normals" if light["INSTANCES"] else "normals"] = normals
         if "uv" in asked:
             found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
         if features["MIRRORED"]:
-            found["mirrored"] = gatherer.per_face(turned)
+            found["mirrored"] = gatherer.mirrored()
         if "scalar" in asked:
             found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
-
-    def numbered(per_mesh: Sequence[int], step: int = 0) -> Array:
-        placed = zip(scene.meshes, per_mesh, strict=True)
-        rows = ((number, len(np.asarray(mesh.instances))) for mesh, number in placed if len(mesh.faces))
-        numbers = [number + step * k for number, count in rows for k in range(count)]
-        return gatherer.per_face(numbers, np.uint32)
-
     if "object_id" in asked:
-        found["objects"] = numbered(range(1, len(scene.meshes) + 1))
+        found["objects"] = gatherer.per_face(range(1, len(scene.meshes) + 1), np.uint32)
     if "material_id" in asked:
-        found["materials"] = numbered(material_numbers(scene))
-    if "instance_id" in asked:
-        found["instances"] = numbered(first_instances(scene), 1)
+        found["materials"] = gatherer.per_face(material_numbers(scene), np.uint32)
+    if "instance_id" in asked and not light["INSTANCES"]:
+        found["instances"] = gatherer.per_copy(first_instances(scene))
     return LayerTables(features, **found)

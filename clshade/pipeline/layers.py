@@ -34,7 +34,7 @@ class Layers:
         self._own = {
             name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, np.ndarray)
         }
-        shared = ("normals", "normal_faces", "uvs", "uv_faces")
+        shared = ("normals", "object_normals", "normal_faces", "uvs", "uv_faces")
         self._surface = {name: self._own[name] for name in shared if name in self._own}
 
     @property
@@ -82,7 +82,12 @@ class Layers:
             if name == "Z":
                 events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, tiles)
             elif name == "id":
-                events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
+                if surface.instances is None:
+                    events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
+                else:
+                    events["layer_id"] = self._stages.layer_id_of_instances(owners, surface, buffer, count)
+            elif name == "instance_id" and surface.instances is not None:
+                events["layer_instance_id"] = self._stages.layer_instance_id(owners, surface, buffer, count)
             elif name not in _SURFACE:
                 numbers = self._own.get(_NUMBERS[name])
                 events[f"layer_{name}"] = self._stages.layer_number(owners, surface.triangles, numbers, buffer, count)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.validation import known
-from ..images.cryptomatte import RANKS, Matte, matte
+from ..base.validation import integer, known, sequence, value_error
+from ..images.cryptomatte import MOST_RANKS, RANKS, Matte, hashes, matte
 from ..scene.model import Scene, Settings
 from ..scene.settings import Layer
 from . import sample_pattern
@@ -87,9 +87,14 @@ def cryptomatte(
     -----
     Shares are exact: numbers of samples over all. What blends counts as layers do, by `layer_alpha`.
     """
-    known("cryptomatte", kinds, MATTES)
+    asked = None if isinstance(kinds, str) else sequence(kinds)
+    if not asked:
+        raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
+    known("cryptomatte", asked, MATTES)
+    integer("cryptomatte", "ranks", ranks, 1, MOST_RANKS)
+    hashes(())  # before anything is drawn: raises without mmh3
     scene, settings = frame.scene, frame.settings
-    layers = tuple(_LAYERS[kind][0] for kind in kinds)
+    layers = tuple(_LAYERS[kind][0] for kind in asked)
     numbers: dict[Layer, list[Array]] = {layer: [] for layer in layers}
     for found in _at_samples(scene, settings, layers, device):
         for layer, shown in numbers.items():
@@ -97,7 +102,7 @@ def cryptomatte(
     return {
         kind: matte(label, np.array(numbers[layer]), names(scene), ranks)
         for kind, (layer, label, names) in _LAYERS.items()
-        if kind in kinds
+        if kind in asked
     }
 
 

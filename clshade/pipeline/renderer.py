@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 import os
 import threading
 import time
@@ -16,9 +17,9 @@ from ..base.arrays import Array, Integers
 from ..base.validation import set_fields, value_error
 from ..errors import ClshadeError, DeviceError, InputError
 from ..scene.camera import Camera
-from ..scene.model import Scene, Settings
+from ..scene.model import MAX_FACES, Scene, Settings
 from ..scene.settings import LAYERS, Preset, RenderOptions
-from . import backdrop, programs, sample_pattern, scene_buffers, shading_tables, struct_layout
+from . import backdrop, programs, sample_pattern, scene_buffers, scene_memory, shading_tables, struct_layout
 from .ambient_occlusion import hemisphere_row
 from .buffer_pool import Pool
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, finish
@@ -31,6 +32,7 @@ from .frame import Frame
 from .frame_queue import FrameQueue
 from .frame_state import STREAMED_PIXELS, FrameTables, Progress
 from .hierarchy import Hierarchy
+from .instances import Instances, draws_from_one_copy
 from .launches import Hiding, Stages, lookup_stages, scene_stages
 from .layers import Layers
 from .light_table import LightTable
@@ -106,9 +108,9 @@ class Renderer:
     Raises
     ------
     InputError
-        If an argument is refused.
+        If an argument is refused, or the scene does not fit into this machine's memory.
     DeviceError
-        If no OpenCL device works.
+        If no OpenCL device works, or the scene does not fit into its memory.
 
     Examples
     --------
@@ -132,21 +134,28 @@ class Renderer:
         start, waited = _clock(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
+        if not draws_from_one_copy(self.scene, self.settings, forced):
+            scene_memory.check_host(self.scene)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = _clock()
 
         def build_meanwhile(tried: Device) -> None:
-            scene_stages(tried, at_lanes(packed.features, tried.lanes, lanes), lanes, packed.layers.features)
+            if tried.has_fp64 or packed.instances is None:
+                scene_stages(tried, at_lanes(packed.features, tried.lanes, lanes), lanes, packed.layers.features)
 
         if not isinstance(device, (Device, str, type(None))):
             raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
         self.device = device
+        if packed.instances is not None and not device.has_fp64:
+            scene_memory.check_host(self.scene)
+            packed = scene_buffers.pack(self.scene, self.settings, forced=forced, has_fp64=False)
         self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = _clock()
         self.stages = self._build(lanes, packed.layers.features)
         self._structs = self.stages.structs
+        scene_memory.check_device(self.device, packed, self._structs)
         self._pool, self._results = Pool(self.device), Pool(self.device, keep=2, kinds=len(LAYERS) + 1)
         self._upload(packed)
         self._times = {
@@ -163,9 +172,18 @@ class Renderer:
 
     def _upload(self, packed: scene_buffers.Packed) -> None:
         device, structs = self.device, self._structs
+        # Of instances that are drawn from one copy, the faces that there is room for.
         self._face_count, self._vertex_count = len(packed.faces), len(packed.positions)
         self._extent = Extent.of(packed.low, packed.high) if self._face_count else None
         self._positions, self._faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
+        self._instances: Instances | None = None
+        if packed.instances is not None:
+            painter = not self.features["DEPTH_TEST"]
+            self._instances = Instances(self.stages, packed.instances, self._positions, painter=painter)
+            self._face_count, self._vertex_count = (
+                self._instances.first_room(math.prod(self.scene.camera.resolution)),
+                0,
+            )
         # The layers' texture coordinates include these, and also those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
         if packed.layers.uvs is not None:
@@ -194,10 +212,13 @@ class Renderer:
             "backdrop": optional(packed.backdrop),
             "alphas": optional(packed.alphas),
         }
+        if self._instances is not None:
+            tables["object_normals"], tables["object_tangents"] = tables.pop("normals"), tables.pop("tangents")
         materials = Buffer(device, packed.materials)
         self._layers = Layers(self.stages, self._pool, self.settings.layers, packed.layers)
         kept = (self._positions, self._faces, materials, *tables.values())
         self._scene_bytes = sum(buffer.array.nbytes for buffer in kept if buffer is not None) + self._layers.nbytes
+        self._scene_bytes += 0 if self._instances is None else self._instances.nbytes
         self._sides = (tables["face_materials"], materials) if self.features["SIDES"] else (None, None)
         self._vertices = VertexBuffers(device, self._vertex_count, structs)
         self._transparent = scene_buffers.transparent_faces(packed) if self.features["BLEND"] else None
@@ -232,6 +253,10 @@ class Renderer:
             **tables,
             **self._shadow_tables,
         )
+        if self._instances is not None:
+            self._inputs = self._inputs._replace(
+                instances=self._instances.table, view=self._view, object_positions=self._positions
+            )
 
     def _upload_lights(self, unit: float) -> None:
         """Upload the lights. unit: the unit their intensities are expressed in."""
@@ -283,7 +308,7 @@ class Renderer:
         shadows = self._shadow_tables
         if tables.shadow_view is not None:
             shadows = {**shadows, "shadow_view": tables.shadow_view}
-        inputs = self._inputs._replace(lights=tables.lights, image=tables.image, **shadows)
+        inputs = self._inputs._replace(lights=tables.lights, image=tables.image, view=tables.view, **shadows)
         # In one step, of which an interrupt does not leave a part.
         vars(self).update(
             _tables=tables,
@@ -346,27 +371,30 @@ class Renderer:
         with self._made.counters.writing(waits=False) as table:
             table[:] = 0
         # Tables are written while kernels run that do not need them yet.
-        if self._face_count:
+        if self._face_count and self._instances is None:
             events = frame.events
             events["project"] = self.stages.project(self._positions, self._view, self._vertices, self._vertex_count)
         self._write_image(frame)
 
     def _setup(self, frame: Progress) -> int:
         """Set up the triangles; return the number of visible ones, whose keys are written."""
-        made, events = self._made, frame.events
         self._project(frame)
         if not self._face_count:
             return 0
-        events["setup"] = self.stages.setup(
-            self._faces, self._vertices, self._view, self._image, made, self._face_count, self._sides
-        )
+        if self._instances is None:
+            frame.events["setup"] = self.stages.setup(
+                self._faces, self._vertices, self._view, self._image, self._made, self._face_count, self._sides
+            )
+        else:
+            self._set_up_instances(self._instances, frame)
+        made = self._made
         self._write_lights(frame.space)
         counters = made.counters.to_host()[0]
         if counters["to_clip"]:
             start = _clock()
             count = self._clip(frame.space, int(counters["to_clip"]))
-            if self._face_count + count > 1 << struct_layout.KEY_INDEX_BITS:
-                limit = f"at most {1 << struct_layout.KEY_INDEX_BITS} triangles, pieces of clipped ones included"
+            if self._face_count + count > MAX_FACES:
+                limit = f"at most {MAX_FACES} triangles, pieces of clipped ones included"
                 raise InputError(f"render: scene: expected {limit}, found {self._face_count} and {count} pieces")
             if count > made.piece_capacity:
                 self._made = TriangleBuffers(
@@ -374,19 +402,49 @@ class Renderer:
                 )
                 self._inputs = self._inputs._replace(triangles=self._made.triangles)
                 return self._setup(frame)
+            if count and self._instances is not None:
+                self._instances.add_pieces(self._face_count, self._piece_instances)
             if count:
                 self.stages.setup_pieces(self._pieces, self._image, made, self._face_count, count, self._sides)
                 counters = made.counters.to_host()[0]
             frame.host_ms["clip"] = (_clock() - start) * 1e3
         return int(counters["visible"])
 
+    def _set_up_instances(self, instances: Instances, frame: Progress) -> None:
+        """Set up the triangles of instances in the view, with room for all that may be seen."""
+        instances.select(frame.space)
+        while True:
+            made = self._made
+            instances.set_up(self._faces, self._view, self._image, made, self._sides, frame.events)
+            self._inputs = self._inputs._replace(triangle_instances=instances.of_triangles)
+            counters = made.counters.to_host()[0]
+            needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
+            if needed <= self._face_count:
+                return
+            self._face_count = instances.more_room(needed)
+            del made
+            self._made = TriangleBuffers(
+                self.device, self._face_count, self._made.piece_capacity, self._structs, slack=self.stages.lanes
+            )
+            self._inputs = self._inputs._replace(triangles=self._made.triangles)
+
+    def _to_clip(self, count: int) -> tuple[Array, Array, Array | None]:
+        """Return the faces to clip, in order: their corners (C, 3, 3) in world space, numbers (C,), and the instances (C,)
+        that have them, if these are drawn from one copy."""
+        if self._instances is None:
+            faces = np.sort(self._made.to_clip.to_host(count))
+            return self._positions.array[self._faces.array[faces]], faces, None
+        pairs = self._made.to_clip.to_host(2 * count).reshape(-1, 2)
+        instances, faces = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
+        return self._instances.corners(self._faces.array, instances, faces), faces, instances
+
     def _clip(self, space: CameraSpace, count: int) -> int:
         """Clip the listed faces and upload the pieces; return their number."""
-        faces = np.sort(self._made.to_clip.to_host(count))
+        corners, faces, instances = self._to_clip(count)
         uvs, uv_faces = self._uvs_host
         table = piece_table(
-            space.points(self._positions.array[self._faces.array[faces]]),
-            faces,
+            space.points(corners),
+            np.arange(len(faces)),
             None if uvs is None else uvs[uv_faces[faces]],
             space.camera,
             self._structs,
@@ -394,6 +452,9 @@ class Renderer:
             scale=space.scale,
             depth_test=bool(self.features["DEPTH_TEST"]),
         )
+        if instances is not None:
+            self._piece_instances = instances[table["face"]]
+        table["face"] = faces[table["face"]]
         self._pieces = Buffer(self.device, table)
         self._inputs = self._inputs._replace(pieces=self._pieces)
         return len(table)
@@ -405,7 +466,7 @@ class Renderer:
             self._order = Buffer.empty(self.device, visible + visible // 2, np.uint32)
         keys = self._made.keys.to_host(visible)
         exact = None if self.features["DEPTH_TEST"] else self._painter_depths
-        order = front_to_back(keys, exact)
+        order = front_to_back(keys, exact, self._made.index_bits)
         if self._transparent is not None:
             if exact is not None:
                 self._write_ranks(order)
@@ -416,6 +477,8 @@ class Renderer:
 
     def _faces_of(self, index: Array) -> Array:
         """Return the faces of triangles, which are faces or clipped pieces of them."""
+        if self._instances is not None:
+            return self._made.triangles.to_host()["face"][index]
         face = index.astype(np.int64)
         pieces = face >= self._face_count
         if pieces.any():
@@ -435,6 +498,10 @@ class Renderer:
         """Return the exact painter's depths and the faces of the triangles in `index`."""
         depth, face = np.empty(len(index)), index.astype(np.int64)
         whole = index < self._face_count
+        if self._instances is not None:
+            depth[whole] = self._instances.depths_of(index[whole])
+            depth[~whole] = self._pieces.array["key_depth"][index[~whole] - np.uint32(self._face_count)]
+            return depth, self._instances.order_of(index, self._faces_of(index))
         z = self._vertices.projected.to_host()["depth"][self._faces.array[index[whole]]]
         depth[whole] = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
         if not whole.all():
@@ -478,8 +545,14 @@ class Renderer:
             self._draw(visible, rgba, owners, frame, shown)
             frame.counters = self._read_counters()
             if frame.counters["entries"] <= self._lists.room:
+                for name, count in self._culled().items():
+                    frame.counters[name] += count
                 return
             self._make_room(int(frame.counters["entries"]))
+
+    def _culled(self) -> dict[str, int]:
+        """Return the triangles of instances outside of the view, by their place."""
+        return {} if self._instances is None else self._instances.culled
 
     def _enqueue_unsorted(self, rgba: Buffer, owners: Buffer | None, frame: Progress) -> None:
         """Enqueue the drawing of the faces in their order; `_finish_unsorted` completes it."""
@@ -675,8 +748,7 @@ class Renderer:
             stats = {
                 "views": len(chosen),
                 "resolution": (columns, rows),
-                "triangles": self._face_count,
-                "vertices": self._vertex_count,
+                **self._sizes(),
                 "times_ms": times,
                 "build_ms": build_ms,
                 "ignored": ignored(self.scene, self.settings),
@@ -715,18 +787,25 @@ class Renderer:
 
         return Frame(image, layers, scene, self.settings, stats)
 
+    def _sizes(self) -> dict[str, int]:
+        """Return the numbers of triangles and vertices, those of all instances."""
+        if self._instances is not None:
+            return {"triangles": self._instances.face_count, "vertices": self._instances.vertex_count}
+        return {"triangles": self._face_count, "vertices": self._vertex_count}
+
     def _facts(self, frame: Progress, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
         """Return a function that returns the entries of `Frame.stats` other than times; it outlives the renderer."""
         features, camera, tiles, counters = self.features, frame.space.camera, frame.tiles, frame.counters
         assert counters is not None
-        faces, vertices, scene, settings = self._face_count, self._vertex_count, self.scene, self.settings
+        sizes, scene, settings = self._sizes(), self.scene, self.settings
+        if self._instances is not None:
+            image_bytes = {**image_bytes, "triangles": self._made.nbytes + self._instances.of_triangles.array.nbytes}
         title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self._scene_bytes, **image_bytes}
 
         def facts() -> dict[str, Any]:
             used = features.including("SORTED") if frame.is_sorted else features
             return {
-                "triangles": faces,
-                "vertices": vertices,
+                **sizes,
                 "resolution": camera.resolution,
                 **{name: int(counters[name]) for name in _COUNTS},
                 "clipped": int(counters["to_clip"]),

@@ -17,6 +17,7 @@ from .backdrop import backdrop_table
 from .environment_tables import environment_tables
 from .features import Features, derive, looked_up_at_corners, looks_up
 from .gather import Gatherer
+from .instances import InstanceTables, draws_from_one_copy, instance_tables, placed_extent
 from .layer_buffers import LayerTables, layer_tables
 from .scalar_tables import ScalarTables, color_table
 from .shading_tables import texture_tables
@@ -35,6 +36,8 @@ class Packed:
     corner_uvs, corner_textures: (3F, 4) and (3F,), the lookups of texture_at vertex.
     low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
     expressed in it too. layers: further inputs of layers.
+    instances: where instances are drawn from one copy of their mesh. Then positions, normals and tangents are float64, in
+    object space, and F and V count each mesh once.
     """
 
     features: Features
@@ -62,6 +65,7 @@ class Packed:
     alphas: Array | None
     light_unit: float
     layers: LayerTables
+    instances: InstanceTables | None
 
 
 def transparent_faces(packed: Packed) -> Array:
@@ -78,24 +82,29 @@ def veiling_faces(packed: Packed) -> Array:
     return np.broadcast_to(of_face, len(packed.faces))
 
 
-def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset()) -> Packed:
+def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset(), has_fp64: bool = True) -> Packed:
     """Return the arrays that a render of `scene` under `settings` needs, and the features they imply. forced: see
-    features.derive."""
+    features.derive. has_fp64: whether the device has float64, without which instances are copies."""
     structs = struct_layout.DOUBLE if settings.precision == "float64" else struct_layout.SINGLE
     tables = None if settings.scalars is None else ScalarTables.of(scene, settings.scalars)
     given, scene = scene, without_colors(scene, settings.scalars)
-    gatherer = Gatherer(scene, structs, forced, tables, maps=settings.shader == "pbr")
+    one_copy = has_fp64 and draws_from_one_copy(scene, settings, forced)
+    gatherer = Gatherer(scene, structs, forced, tables, maps=settings.shader == "pbr", one_copy=one_copy)
     positions, faces = gatherer.positions()
     features = derive(
         scene,
         settings,
         double_positions=positions.dtype == np.float64,
+        instanced=one_copy,
         scalars_at_corners=tables is not None and tables.at_corners,
         forced=forced,
     )
     at_corners = looked_up_at_corners(scene, settings)
-    positions = positions.astype(np.float64 if features["DOUBLE_POSITIONS"] else np.float32, copy=False)
+    double = features["DOUBLE_POSITIONS"] or one_copy
+    positions = positions.astype(np.float64 if double else np.float32, copy=False)
     low, high = (positions.min(axis=0), positions.max(axis=0)) if len(positions) else (np.zeros(3), np.zeros(3))
+    if one_copy:
+        low, high = placed_extent(gatherer.placed)
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
         if features["DIFFUSE"] or features["SPECULAR"]:
@@ -134,6 +143,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
         found["backdrop"] = backdrop_table(scene.environment, structs)
     materials = gatherer.material_table(unit if features["TINTED"] else 1.0, at_corners)
     found.update(positions=positions, faces=faces, materials=materials, light_unit=unit)
+    found.update(instances=instance_tables(gatherer, structs) if one_copy else None)
     found.update(layers=layer_tables(gatherer, given, settings, features))
     found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
     return Packed(**found)

@@ -41,8 +41,9 @@ RECEIVER_UNITS = 9  # of SHADOW_GRID: how far off its face's plane a receiver ma
 OCCLUSION_W = (
     0.125  # w of the ends of rays of ambient occlusion, whose coordinates are below SHADOW_REACH / OCCLUSION_W
 )
-MOST_HIERARCHY_LEVELS = 6  # of nodes: 16^7 triangles
-KEY_INDEX_BITS = 24  # low bits of a sort key: the complement of the triangle's index
+MOST_HIERARCHY_LEVELS = 7  # of nodes: 16^8 triangles
+CURVE_BITS = 36  # of a caster's place along Morton's curve, 12 an axis
+SIZE_BITS = 2  # of its class of size
 # What kernels count of shadow rays, see shadow_counts.py.
 SHADOW_COUNTS = (
     "PLACES",
@@ -58,7 +59,8 @@ CONSTANTS = {
     "FEW_PIXELS": FEW_PIXELS,
     "MOST_SAMPLES": MOST_SAMPLES,
     "LINE_INSET": LINE_INSET,
-    "KEY_INDEX_BITS": KEY_INDEX_BITS,
+    "CURVE_BITS": CURVE_BITS,
+    "SIZE_BITS": SIZE_BITS,
     **LIGHT_SHIFTS,
     "MOST_LEVELS": MOST_LEVELS,
     "MOST_LENGTH": MOST_LENGTH,
@@ -147,6 +149,16 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "weights_low", 9, "what rounding leaves of weights"),
         ("real", "uv", 6, "texture coordinates of the corners: u, v, u, v, u, v"),
         ("real", "uv_low", 6, "what rounding leaves of uv"),
+    ],
+    "Instance": [
+        ("double", "rows", 12, "of its placement: three of the matrix, each with its shift"),
+        ("double", "scale", 1, "a power of two that brings the matrix to about 1"),
+        ("int", "plain", 1, "whether the placement is the identity"),
+        ("int", "mirrored", 1, "whether it mirrors"),
+        ("int", "first_vertex", 1, "of its mesh"),
+        ("int", "first_face", 1, "of its mesh"),
+        ("int", "face_shift", 1, "from its mesh's faces to the scene's, modulo 2^32"),
+        ("int", "number", 1, "of the layer instance_id"),
     ],
     "Light": [
         ("real", "position", 3, "relative to the eye, world axes, scaled; directional: unit, toward the light"),
@@ -331,6 +343,7 @@ class Structs(NamedTuple):
     Bounds: np.dtype
     Entry: np.dtype
     Piece: np.dtype
+    Instance: np.dtype
     Light: np.dtype
     ShadowLight: np.dtype
     ShadowView: np.dtype

@@ -44,6 +44,12 @@ class SurfaceInputs(NamedTuple):
     backdrop: Annotated[Buffer | None, "real4"] = None  # of `backdrop_table`, linear RGB; with BACKDROP
     alphas: Annotated[Buffer | None, "real"] = None  # V, with VERTEX_ALPHA
     ranks: Annotated[Buffer | None, "uint"] = None  # F + C, in painter's order; with BLEND without DEPTH_TEST
+    triangle_instances: Annotated[Buffer | None, "int"] = None  # F + C, from setup_instances; these with INSTANCES
+    instances: Annotated[Buffer | None, "Instance"] = None
+    view: Annotated[Buffer | None, "View"] = None  # 1
+    object_positions: Annotated[Buffer | None, "double"] = None  # V x 3, in place of relative and vertices
+    object_normals: Annotated[Buffer | None, "double4"] = None  # K, in place of normals
+    object_tangents: Annotated[Buffer | None, "double4"] = None  # in place of tangents
     corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
     shadow_vertices: Annotated[Buffer | None, "float"] = (
         None  # of Hierarchy: V x 8; this and the rest with SHADOWS or AMBIENT_OCCLUSION
@@ -57,13 +63,21 @@ class SurfaceInputs(NamedTuple):
     shadow_hemisphere: Annotated[Buffer | None, "Light"] = None  # 1, the rays of ambient occlusion: see hemisphere_row
     shadow_counts: Annotated[Buffer | None, "uint"] = None  # 64-bit numbers, low halves first; with SHADOW_COUNTS
 
-    def arguments(self, *, casters: bool, counts: bool = False) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without SHADOWS or AMBIENT_OCCLUSION, and SHADOW_COUNTS."""
-        left_out = COUNTS_ALONE * (not counts) + CASTERS_ALONE * (not casters)
+    def arguments(self, *, casters: bool, counts: bool = False, instances: bool = False) -> tuple[Buffer | None, ...]:
+        """Return the arguments of a kernel with or without SHADOWS or AMBIENT_OCCLUSION, SHADOW_COUNTS, and INSTANCES."""
+        left_out = COUNTS_ALONE * (not counts) + CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
         return tuple(getattr(self, name) for name in self._fields if name not in left_out)
 
 
 COUNTS_ALONE = ("shadow_counts",)
+INSTANCES_ALONE = (
+    "triangle_instances",
+    "instances",
+    "view",
+    "object_positions",
+    "object_normals",
+    "object_tangents",
+)
 CASTERS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
 
 
@@ -73,10 +87,16 @@ def macros() -> str:
     hints = get_type_hints(SurfaceInputs, include_extras=True)
     every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
     every |= {name: every[name].replace("const ", "") for name in COUNTS_ALONE}
-    uncounted = {name: member for name, member in every.items() if name not in COUNTS_ALONE}
-    plain = {name: member for name, member in every.items() if name not in CASTERS_ALONE}
-    counted = f"#ifdef SHADOW_COUNTS\n{_macros(every)}#elif SHADOWS || AMBIENT_OCCLUSION\n{_macros(uncounted)}"
-    return f"{counted}#else\n{_macros(plain)}#endif\n"
+
+    def without(*names: str) -> str:
+        return _macros({name: member for name, member in every.items() if name not in names})
+
+    return (
+        f"#ifdef SHADOW_COUNTS\n{without(*INSTANCES_ALONE)}"
+        f"#elif SHADOWS || AMBIENT_OCCLUSION\n{without(*INSTANCES_ALONE, *COUNTS_ALONE)}"
+        f"#elif INSTANCES\n{without(*CASTERS_ALONE)}"
+        f"#else\n{without(*INSTANCES_ALONE, *CASTERS_ALONE)}#endif\n"
+    )
 
 
 def _macros(declared: dict[str, str]) -> str:

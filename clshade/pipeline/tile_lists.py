@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import DeviceError
 from .buffers import Buffer, TriangleBuffers, VertexBuffers
 from .launches import Chunks, Sides, Stages
 
@@ -15,6 +16,7 @@ _MOST_CHUNKS = 16  # or two per compute unit
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the counters: 16 MiB
 _SCAN_RUN = 1 << 13  # fewest counters per work-item of the scan
 _MOST_PARTS = 64
+_MOST_ENTRIES = (1 << 31) - 1  # kernels count them in an int32; 32 GiB
 
 
 class TileLists:
@@ -108,7 +110,10 @@ class TileLists:
         events["bin_fill"] = self._stages.fill_lists(made, image, self._chunks, self.entries)
 
     def make_room(self, entries: int) -> None:
-        """Make room for so many entries, with a margin for the next camera if memory allows it."""
-        kind = self._stages.structs.Entry
-        most = self._stages.device.max_allocation // kind.itemsize
+        """Make room for so many entries, with a margin for the next camera if memory allows it. Raises DeviceError."""
+        kind, device = self._stages.structs.Entry, self._stages.device
+        if entries > _MOST_ENTRIES:
+            limit = f"the lists of all tiles need {entries} entries, {_MOST_ENTRIES} are allowed"
+            raise DeviceError(f"{device.name}: {limit}: draw fewer triangles, or a smaller image")
+        most = min(device.max_allocation // kind.itemsize, _MOST_ENTRIES)
         self.entries = self._empty(max(entries, min(entries + entries // 2, most)), kind)

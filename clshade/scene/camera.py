@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Floats
 from ..base.validation import choice, flag, floats, integer, number, sequence, set_fields, value_error, vector
+from ..errors import InputError
+from . import pinhole
+from .axes import axes_of
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
 
@@ -174,7 +177,7 @@ class Camera:
         resolution: tuple[int, int],
         *,
         pixel_center: float = 0.5,
-        convention: Literal["opencv", "opengl"] = "opencv",
+        convention: pinhole.Convention = "opencv",
     ) -> Camera:
         """Create a camera from a 3x3 intrinsic matrix and a pose.
 
@@ -183,7 +186,7 @@ class Camera:
         matrix : array_like, (3, 3)
             K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, x to the right and y down from the
             top left of the image; fx and fy above 0.
-        pose : array_like, (4, 4)
+        pose : array_like, (4, 4) or (3, 4)
             Camera to world: a rotation and a translation.
         resolution : (int, int)
             (N, M), columns and rows of the image, 1 to 16384 pixels each.
@@ -205,32 +208,179 @@ class Camera:
             another argument is out of its range.
         """
         who = "Camera.from_matrix"
-        form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
-        k = floats(who, "matrix", matrix, form).astype(np.float64)
-        placement = floats(who, "pose", pose, "a finite (4, 4) matrix, camera to world").astype(np.float64)
-        if (
-            k.shape != (3, 3)
-            or not np.isfinite(k).all()
-            or (k[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0).any()
-            or k[2, 2] != 1.0
-        ):
-            raise value_error(who, "matrix", form, k.tolist())
-        if min(k[0, 0], k[1, 1]) <= 0.0:
-            raise value_error(who, "matrix", "fx and fy above 0", k.tolist())
-        if placement.shape != (4, 4) or not np.isfinite(placement).all():
-            raise value_error(who, "pose", "a finite (4, 4) matrix, camera to world", pose)
-        rotation, eye = placement[:3, :3], placement[:3, 3]
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
-            raise value_error(who, "pose", "a rotation without scale or reflection", rotation.tolist())
-        if pixel_center not in (0, 0.5):
-            raise value_error(who, "pixel_center", "0.5 or 0", pixel_center)
-        choice(who, "convention", convention, ("opencv", "opengl"))
-        forward, up = (rotation[:, 2], -rotation[:, 1]) if convention == "opencv" else (-rotation[:, 2], rotation[:, 1])
-        columns, count_rows = checked_resolution(who, resolution)
-        shift = 0.5 - pixel_center
-        principal = ((k[0, 2] + shift) / columns, 1.0 - (k[1, 2] + shift) / count_rows)
-        plane = (count_rows / k[1, 1], columns / k[0, 0])
-        return cls(eye, eye + forward, up, 1.0, plane, (columns, count_rows), principal)
+        size = checked_resolution(who, resolution)
+        return cls._of_matrix(who, ("matrix", "pose"), (matrix, pose), size, pixel_center, convention)
+
+    @classmethod
+    def from_matrices(
+        cls,
+        matrices: ArrayLike,
+        poses: ArrayLike,
+        resolution: tuple[int, int],
+        *,
+        pixel_center: float = 0.5,
+        convention: pinhole.Convention = "opencv",
+    ) -> tuple[Camera, ...]:
+        """Create cameras from intrinsic matrices and poses, one for each pose.
+
+        Parameters
+        ----------
+        matrices : array_like, (3, 3) or (P, 3, 3)
+            That of all cameras, or one for each.
+        poses : array_like, (P, 4, 4) or (P, 3, 4)
+            Camera to world.
+        resolution, pixel_center, convention
+            See `from_matrix`.
+
+        Returns
+        -------
+        tuple of Camera
+            P cameras, in the order of the poses.
+
+        Raises
+        ------
+        InputError
+            The numbers of matrices and poses differ, or `from_matrix` refuses one, which is counted
+            from 0.
+        """
+        who = "Camera.from_matrices"
+        size = checked_resolution(who, resolution)
+        given = floats(who, "poses", poses, "an array of shape (P, 4, 4) or (P, 3, 4)")
+        lenses = floats(who, "matrices", matrices, "an array of shape (3, 3) or (P, 3, 3)")
+        if given.ndim != 3:
+            raise value_error(who, "poses", "an array of shape (P, 4, 4) or (P, 3, 4)", given)
+        one = lenses.ndim == 2
+        if not one and len(np.atleast_1d(lenses)) != len(given):
+            found = len(np.atleast_1d(lenses))
+            raise InputError(f"{who}: matrices: expected one, or {len(given)} for as many poses, found {found}")
+        return tuple(
+            cls._of_matrix(
+                who,
+                ("matrices" if one else f"matrices[{k}]", f"poses[{k}]"),
+                (lenses if one else lenses[k], pose),
+                size,
+                pixel_center,
+                convention,
+            )
+            for k, pose in enumerate(given)
+        )
+
+    @classmethod
+    def _of_matrix(
+        cls,
+        who: str,
+        names: tuple[str, str],
+        given: tuple[ArrayLike, ArrayLike],
+        resolution: tuple[int, int],
+        pixel_center: float,
+        convention: str,
+    ) -> Camera:
+        """Return the camera of a matrix and a pose; `who` and `names` are for errors."""
+        plane, principal = pinhole.lens_of(who, given[0], resolution, pixel_center, names[0])
+        eye, forward, up = pinhole.placement_of(who, given[1], convention, names[1])
+        return cls(eye, eye + forward, up, 1.0, plane, resolution, principal)
+
+    def to_matrix(
+        self, *, pixel_center: float = 0.5, convention: pinhole.Convention = "opencv"
+    ) -> tuple[Floats, Floats]:
+        """Return the 3x3 intrinsic matrix and the pose: `from_matrix` the other way.
+
+        Parameters
+        ----------
+        pixel_center, convention
+            See `from_matrix`.
+
+        Returns
+        -------
+        matrix : ndarray of float64, (3, 3)
+            K, in pixels.
+        pose : ndarray of float64, (4, 4)
+            Camera to world.
+
+        Raises
+        ------
+        InputError
+            The camera is orthographic, for which there is no K, or an argument is refused.
+
+        Examples
+        --------
+        >>> import clshade
+        >>> camera = clshade.Camera.from_fov((0, 0, 4), (0, 0, 0), (0, 1, 0), 90, resolution=(640, 480))
+        >>> matrix, pose = camera.to_matrix()
+        >>> matrix.round(9).tolist()
+        [[240.0, 0.0, 320.0], [0.0, 240.0, 240.0], [0.0, 0.0, 1.0]]
+        """
+        who = "Camera.to_matrix"
+        center = pinhole.checked_center(who, pixel_center)
+        pose = self.pose(convention)
+        if self.orthographic:
+            raise InputError(f"{who}: expected a perspective camera, found an orthographic one, which has no K")
+        return pinhole.matrix_of(self.focal, self.plane, self.principal, self.resolution, center), pose
+
+    def pose(self, convention: pinhole.Convention = "opencv") -> Floats:
+        """Return the pose, camera to world, (4, 4) float64: a rotation and a translation.
+
+        Parameters
+        ----------
+        convention : {"opencv", "opengl"}
+            Axes of the camera, see `from_matrix`.
+
+        Returns
+        -------
+        ndarray of float64, (4, 4)
+            The pose.
+
+        Raises
+        ------
+        InputError
+            The convention is refused.
+        """
+        choice("Camera.pose", "convention", convention, pinhole.CONVENTIONS)
+        axes = axes_of(self.eye.tolist(), self.lookat.tolist(), self.up.tolist())
+        return pinhole.pose_of(axes, self.eye, convention)
+
+    def stereo(self, baseline: float, convergence: float | None = None) -> tuple[Camera, Camera]:
+        """Return a stereo pair around this camera: two of the same lens, half a baseline to its left and right.
+
+        Their viewing directions are parallel, and rows of both images correspond. A point at the
+        distance Z along the viewing direction is in the left image further right than in the right
+        one, by its disparity: ``fx * baseline / Z`` pixels, where fx is ``to_matrix()[0][0, 0]``.
+
+        Parameters
+        ----------
+        baseline : float
+            Distance of the two eyes, scene units, above 0.
+        convergence : float, optional
+            Distance along the viewing direction at which the disparity is 0, scene units, above 0:
+            the principal points are shifted, an off-axis projection, without turning the cameras, and
+            ``fx * baseline / convergence`` pixels are subtracted from every disparity. Default: at
+            infinity.
+
+        Returns
+        -------
+        left, right : Camera
+            The pair.
+
+        Raises
+        ------
+        InputError
+            The camera is orthographic, whose images would not differ by depth, or an argument is out
+            of its range.
+        """
+        who = "Camera.stereo"
+        half = number(who, "baseline", baseline, above=0.0) / 2.0
+        if self.orthographic:
+            raise InputError(f"{who}: expected a perspective camera, found an orthographic one, which has no disparity")
+        shift = 0.0
+        if convergence is not None:
+            shift = half * (self.focal / self.plane[1]) / number(who, "convergence", convergence, above=0.0)
+        right = np.array(axes_of(self.eye.tolist(), self.lookat.tolist(), self.up.tolist())[0])
+        u, v = self.principal
+        left_eye, right_eye = (
+            replace(self, eye=self.eye + side * right, lookat=self.lookat + side * right, principal=principal)
+            for side, principal in ((-half, (u - shift, v)), (half, (u + shift, v)))
+        )
+        return left_eye, right_eye
 
     def with_resolution(self, resolution: tuple[int, int]) -> Camera:
         """Return the same view at another resolution.

@@ -6,15 +6,15 @@ gives the same bits, and squares neither overflow nor underflow.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats
-from ..base.validation import value_error, vector
+from ..base.validation import vector
 from ..errors import InputError
+from .axes import axes_of
 from .camera import Camera
 from .model import Mesh, Scene
 
@@ -46,29 +46,34 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
     The cross product of a face is (b-a) x (c-a), so faces are weighted by area. Any scale from 1e-150 to 1e150 (within
     a mesh, faces 1e-150 times smaller in area than the largest fade to 0) and any offset.
     """
-    verts = np.asarray(verts, np.float64)
-    faces = np.asarray(faces, np.intp)
+    verts, faces = np.asarray(verts), np.asarray(faces)
     if not len(faces):
         return np.zeros((len(verts), 3))
-    edges = _edges(verts, faces)
-    np.ldexp(edges, -_exponent(edges), out=edges)
-    sums = np.zeros((3, len(verts)))
-    whole = 0.0
-    for axis in range(3):
-        cross = np.empty(len(faces))
-        for block in _blocks(len(faces)):
-            cross[block] = _cross(edges[:, :, block], axis)
-            whole += float(np.abs(cross[block]).sum())
-        for corner in range(3):
-            sums[axis] += np.bincount(faces[:, corner], cross, len(verts))
-    largest = np.abs(sums).max(axis=0)
+    blocks, exponent = list(_blocks(len(faces))), _edge_exponent(verts, faces)
+    sums, areas = np.zeros((3, 3, len(verts))), np.zeros((3, len(blocks)))  # by axis and corner, and by axis and block
+    for number, block in enumerate(blocks):
+        index = faces[block].T.astype(np.intp, order="C")
+        edges = _edges(verts, faces[block], exponent)
+        for axis in range(3):
+            cross = _cross(edges, axis)
+            areas[axis, number] = np.abs(cross).sum()
+            for corner in range(3):
+                np.add.at(sums[axis, corner], index[corner], cross)
+    sums[:, 0] += sums[:, 1]
+    sums[:, 0] += sums[:, 2]
+    normals = np.ascontiguousarray(sums[:, 0].T)
+    del sums
+    largest, whole = np.abs(normals).max(axis=1), sum(areas.ravel().tolist())
     suspects = (largest > 0.0) & (largest <= _CANCELED * whole)
     if suspects.any():
-        near = np.flatnonzero(suspects[faces].any(axis=1))
-        sizes = sum(np.abs(_cross(edges[:, :, near], axis)) for axis in range(3))
-        together = np.bincount(faces[near].reshape(-1), np.repeat(sizes, 3), len(verts))
-        sums[:, suspects & (largest <= _CANCELED * together)] = 0.0
-    return _normalized(sums.T)
+        near = faces[suspects[faces].any(axis=1)]
+        edges = _edges(verts, near, exponent)
+        sizes = sum(np.abs(_cross(edges, axis)) for axis in range(3))
+        together = np.bincount(near.reshape(-1), np.repeat(sizes, 3), len(verts))
+        normals[suspects & (largest <= _CANCELED * together)] = 0.0
+    for block in _blocks(len(normals)):
+        normals[block] = _normalized(normals[block])
+    return normals
 
 
 def _cross(edges: Array, axis: int) -> Floats:
@@ -79,17 +84,17 @@ def _cross(edges: Array, axis: int) -> Floats:
     return component
 
 
-def _edges(verts: Array, faces: Array) -> Floats:
-    """Return (2, 3, F) half of b-a and c-a of each face, by axis; halves, so that they cannot overflow."""
-    columns = np.multiply(verts.T, 0.5, order="C")
-    edges = np.empty((2, 3, len(faces)))
-    for block in _blocks(len(faces)):
-        a, b, c = faces[block].T
-        for axis, column in enumerate(columns):
-            start = column[a]
-            np.subtract(column[b], start, out=edges[0, axis, block])
-            np.subtract(column[c], start, out=edges[1, axis, block])
-    return edges
+def _edge_exponent(verts: Array, faces: Array) -> int:
+    """Return the exponent, as of `_exponent`, of all `_edges`."""
+    largest = [np.abs(_edges(verts, faces[block])).max(initial=0.0) for block in _blocks(len(faces))]
+    return _exponent(np.array(largest))
+
+
+def _edges(verts: Array, faces: Array, exponent: int = 0) -> Floats:
+    """Return (2, 3, F) half of b-a and c-a of each face over 2^exponent, by axis; halves, so that they cannot overflow."""
+    corners = np.multiply(verts[faces].transpose(1, 2, 0), 0.5, dtype=np.float64, order="C")
+    edges: Floats = corners[1:] - corners[0]
+    return np.ldexp(edges, -exponent, out=edges)
 
 
 def _blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
@@ -107,36 +112,12 @@ def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
     eye, lookat, up = (vector("look_at", name, v) for name, v in (("eye", eye), ("lookat", lookat), ("up", up)))
-    return np.array(_axes(eye.tolist(), lookat.tolist(), up.tolist()))
+    return np.array(axes_of(eye.tolist(), lookat.tolist(), up.tolist()))
 
 
 def camera_axes(camera: Camera) -> Floats:
     """Return `look_at` of a camera."""
-    return np.array(_axes(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
-
-
-def _axes(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple[float, ...], ...]:
-    """Return the rows of `look_at`. Plain floats: for one camera NumPy's overhead would make it ten times as slow."""
-    z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
-    if not any(z):
-        raise value_error("look_at", "lookat", "a point other than eye", lookat)
-    exponent = math.frexp(max(map(abs, up)))[1]
-    u = [math.ldexp(value, -exponent) for value in up]
-    along = (u[0] * z[0] + u[1] * z[1]) + u[2] * z[2]
-    across = [a - along * b for a, b in zip(u, z, strict=True)]
-    if max(map(abs, across)) <= 1e-12:
-        raise value_error("look_at", "up", "a vector not parallel to lookat - eye", up)
-    y = _unit(*across)
-    x = (z[1] * y[2] - z[2] * y[1], z[2] * y[0] - z[0] * y[2], z[0] * y[1] - z[1] * y[0])
-    return x, y, z
-
-
-def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return `_normalized` of one vector."""
-    exponent = math.frexp(max(abs(x), abs(y), abs(z)))[1]
-    x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
-    length = math.sqrt(x * x + y * y + z * z) or 1.0
-    return x / length, y / length, z / length
+    return np.array(axes_of(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
 
 
 def bounding_box(scene: Scene) -> tuple[Floats, Floats]:

@@ -59,7 +59,7 @@ from .texture import Lookup as Lookup
 from .texture import Texture as Texture
 from .texture import Wrap as Wrap
 
-MAX_FACES = 1 << 24  # the host's sort key has 24 bits for the index of a face
+MAX_FACES = 1 << 29  # kernels count the three corners of each in an int32
 
 Sides: TypeAlias = Literal["both", "front"]
 Nonfinite: TypeAlias = Literal["refuse", "drop"]
@@ -461,7 +461,7 @@ class Scene:
     Attributes
     ----------
     meshes : Mesh or iterable of Mesh
-        At most 2^24 triangles in all, counting instances. Kept as a tuple.
+        At most 2^29 triangles in all, counting instances. Kept as a tuple.
     camera : Camera
         Camera and resolution.
     lights : light or iterable of lights, default ()
@@ -583,11 +583,11 @@ class Scene:
         ----------
         source : trimesh.Trimesh, trimesh.Scene, open3d.geometry.TriangleMesh or pyvista.PolyData
             Known by its attributes. Of trimesh: vertices, faces, normals, colors of vertices or
-            faces, texture coordinates, simple and PBR materials with their textures, placements,
-            the camera, and as scalars vertex attributes with one number for each vertex. Of Open3D:
-            vertices, triangles, normals, colors. Of PyVista: points, triangles, normals, the first
-            array of points with uint8 RGB or RGBA, and as scalars arrays with one number for each
-            point or cell.
+            faces, texture coordinates, simple and PBR materials with their textures, placements
+            with the names of their nodes, the camera, and as scalars vertex attributes with one
+            number for each vertex. Of Open3D: vertices, triangles, normals, colors. Of PyVista:
+            points, triangles, normals, the first array of points with uint8 RGB or RGBA, and as
+            scalars arrays with one number for each point or cell.
         resolution : (int, int), optional
             (N, M), columns and rows, 1 to 16384 pixels each. Default: the camera's, else 800 x 600.
         crease : float, optional
@@ -643,7 +643,8 @@ class Scene:
         Raises
         ------
         InputError
-            The name has another ending, or the file would have 4 GiB or more.
+            The name has another ending, the file would have 4 GiB or more, or the scene has numbers
+            or an angle of view that glTF cannot hold.
         OutputError
             The file cannot be written.
 

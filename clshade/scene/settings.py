@@ -55,6 +55,9 @@ BACKGROUNDS: tuple[NamedBackground, ...] = get_args(NamedBackground)
 LAYER_REMARKS = dict.fromkeys(
     ("r", "g", "b", "a", "rgb", "rgba", "color", "image", "beauty", "alpha", "mask", "coverage"),
     "the image and its coverage are always there (frame.rgba; R, G, B, A of the EXR)",
+) | dict.fromkeys(
+    ("flow", "optical_flow", "motion", "motion_vectors", "velocity", "vector"),
+    "optical flow leads to another image: clshade.flow(frame, other), or --flow of turntable and animate",
 )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.components import connected_components
-from .geometry import _blocks, _cross, _edges, _exponent
+from .geometry import _blocks, _cross, _edge_exponent, _edges
 from .model import Mesh, Scene
 from .normals import welded
 
@@ -47,30 +47,32 @@ def surface_facts(scene: Scene) -> SurfaceFacts:
     """Return counts and area of a scene's triangles."""
     vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
     triangles = scene.face_count
-    area = sum((_area(verts, mesh.faces) for mesh in scene.meshes for verts in _placed(mesh)), 0.0)
+    area = sum((_area(verts, faces) for mesh in scene.meshes for verts, faces in _placed(mesh)), 0.0)
     if triangles > MOST_FACES:
         return SurfaceFacts(vertices, triangles, area)
     return SurfaceFacts(vertices, triangles, area, *_topology(scene))
 
 
-def _placed(mesh: Mesh) -> Iterator[Array]:
-    """Yield the vertices (V, 3) float64 in world space, once for each instance; none for a mesh without faces."""
-    for placement in np.asarray(mesh.instances) if len(mesh.faces) else ():
-        if (placement == np.eye(4)).all():
-            yield mesh.verts.astype(np.float64)
-        else:
-            yield mesh.verts.astype(np.float64) @ placement[:3, :3].T + placement[:3, 3]
+def _placed(mesh: Mesh) -> Iterator[tuple[Array, Array]]:
+    """Yield the vertices (K, 3) float64 in world space and the faces (F, 3) of some instances after the other; none for a
+    mesh without faces."""
+    placements = np.asarray(mesh.instances) if len(mesh.faces) else np.zeros((0, 4, 4))
+    verts, faces = mesh.verts.astype(np.float64), mesh.faces.astype(np.int64)
+    many = max(1, (1 << 14) // len(verts))
+    for first in range(0, len(placements), many):
+        some = placements[first : first + many]
+        placed = verts @ some[:, :3, :3].transpose(0, 2, 1) + some[:, None, :3, 3]
+        placed[(some == np.eye(4)).all(axis=(1, 2))] = verts
+        starts = len(verts) * np.arange(len(some))
+        yield placed.reshape(-1, 3), (faces + starts[:, None, None]).reshape(-1, 3)
 
 
 def _area(verts: Array, faces: Array) -> float:
     """Return the area of triangles, scaled by a power of two meanwhile so that squares neither overflow nor vanish."""
-    edges = _edges(verts, faces)
-    exponent = _exponent(edges)
-    np.ldexp(edges, -exponent, out=edges)
-    total = 0.0
+    exponent, total = _edge_exponent(verts, faces), 0.0
     for block in _blocks(len(faces)):
-        part = edges[:, :, block]
-        squares = sum(np.square(_cross(part, axis)) for axis in range(3))
+        edges = _edges(verts, faces[block], exponent)
+        squares = sum(np.square(_cross(edges, axis)) for axis in range(3))
         total += float(np.sqrt(squares).sum())
     with np.errstate(over="ignore", under="ignore"):
         return float(np.ldexp(2.0 * total, 2 * exponent))  # half of the cross product of edges, which are halved
@@ -80,9 +82,9 @@ def _topology(scene: Scene) -> tuple[int, int, int, int]:
     """Return the numbers of positions, shapes, boundary and non-manifold edges."""
     points, faces, count = [], [], 0
     for mesh in scene.meshes:
-        for verts in _placed(mesh):
+        for verts, own in _placed(mesh):
             points.append(verts)
-            faces.append(mesh.faces + np.int64(count))
+            faces.append(own + count)
             count += len(verts)
     if not points:
         return 0, 0, 0, 0

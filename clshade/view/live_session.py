@@ -13,7 +13,7 @@ from ..base.validation import integer, known, number, sequence, value_error
 from ..images.tonemap import OPERATORS, Operator
 from ..images.tonemap import checked as checked_exposure
 from ..pipeline.frame import Frame
-from ..pipeline.frame_files import output_paths
+from ..pipeline.frame_files import KINDS, chosen_paths
 from ..scene.model import default_tonemap
 from ..scene.settings import SHADERS, Settings
 from . import orbit_controls
@@ -226,7 +226,7 @@ class Session:
         output = _free_name(source.output)
         saving = {**source.saving, "tonemap": display.tonemap, "exposure": display.exposure}
         warnings = frame.write(output, **saving)  # type: ignore[arg-type]
-        files = [str(path) for path in output_paths(output)]
+        files = [str(path) for path in chosen_paths(output, source.saving.get("files")).values()]
         return {"files": files, "command": self.command(output), "warnings": warnings}
 
     def command(self, output: str | None = None) -> str:
@@ -281,8 +281,8 @@ def _pose(camera: Any) -> dict[str, list[float]]:
 
 
 def _free_name(output: str) -> str:
-    """Return the first of output-1, output-2, ... of which neither file exists."""
+    """Return the first of output-1, output-2, ... of which no file exists."""
     number_ = 1
-    while any(path.exists() for path in output_paths(f"{output}-{number_}")):
+    while any(path.exists() for path in chosen_paths(f"{output}-{number_}", KINDS).values()):
         number_ += 1
     return f"{output}-{number_}"

@@ -43,6 +43,8 @@ USAGE = [
     (("render", "--layers", "normal"), ("'normal': did you mean 'N'?",)),
     (("render", "--layers", "Position"), ("'Position': did you mean 'P'?",)),
     (("render", "--layers", "rgb"), ("'rgb': the image and its coverage are always there",)),
+    (("render", "--layers", "flow"), ("'flow': optical flow leads to another image: clshade.flow",)),
+    (("render", "--layers", "instance"), ("did you mean 'instance_id'?",)),
     (("render", "--layers", ""), ("--layers", "names of Z, id", "''")),
     (("render", "--components", "ambiant"), ("did you mean 'ambient'?",)),
     (("render", "--samples", "3.5"), ("--samples", "a whole number", "'3.5'")),

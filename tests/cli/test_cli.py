@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from command_line import SMALL, assert_refused, listing, needs_device, process, 
 from devices import is_tested, working_devices
 from processes import ROOT
 
+from clshade.base import interrupts
 from clshade.cli.commands import render
 from clshade.cli.main import main
 from clshade.images import exr, png
@@ -233,6 +235,7 @@ def test_interrupted(capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(render, "load_scene", stop)
+    monkeypatch.setattr(interrupts, "_told", threading.Lock())  # another test of this process may have been interrupted
     code, out, err = run(capsys, *SMALL)
     assert (code, out) == (130, "")
     assert len(err) == 1

@@ -88,7 +88,12 @@ def test_frames_of_such_names(monkeypatch, capsys, name, form):
     assert os.path.exists(f"{name}.02.png")
     write(Path(f"{name}.json"), json.dumps([{"eye": [0, 0, 6], "resolution": [8, 6]}]))
     capsys.readouterr()
-    code, out = on_terminal(monkeypatch, "ascii", "animate", "a.npy", f"{name}.json", "-o", f"{name}.##.exr", form)
+    animate = ("animate", "a.npy", f"{name}.json", form, "-o")
+    assert on_terminal(monkeypatch, "ascii", *animate, f"{name}.##.exr") == (2, "")
+    err = capsys.readouterr().err
+    assert "expected 8x6 of the frames to draw, found 16x12" in err.splitlines()[-1]
+    assert_harmless(err)
+    code, out = on_terminal(monkeypatch, "ascii", *animate, f"{name}.b.##.exr")
     assert code == 0
     assert_harmless(out)
     assert_harmless(re.sub(r"\r.*", "", capsys.readouterr().err))  # except the bar, which reports another size

@@ -54,6 +54,8 @@ def test_standard_output_stays_json(capsys, tmp_path):
     ("arguments", "parts"),
     [
         (("--save-scene", "a.jsn"), ("--save-scene: expected a file name that ends in .json or .glb, found a.jsn",)),
+        (("--save-scene", ".glb"), ("--save-scene: expected a file name that ends in .json or .glb, found .glb",)),
+        (("--save-scene", "a\nb.json"), ("render: --save-scene: expected a file in the scene's folder, found ",)),
         (("--save-scene", ""), ("--save-scene: expected a file name that ends in .json or .glb",)),
         (("teapot", "--save-scene", "a.json"), ("--save-scene: expected one scene with it, found 2",)),
         (("--save-scene", "none/a.json"), ("none/a.json: cannot be written: there is no folder ",)),

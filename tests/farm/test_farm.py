@@ -13,9 +13,13 @@ from devices import working_devices
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
-from clshade.farm.cameras import FIELDS, orbit, read_cameras
-from clshade.farm.frames import parse_frames, parse_pattern
+from clshade.farm.camera_files import FIELDS, read_cameras
+from clshade.farm.cameras import orbit
+from clshade.farm.frames import parse_frames, parse_pattern, pattern_of_eye
 from clshade.images import exr
+from clshade.pipeline.flow import flow
+from clshade.pipeline.renderer import render
+from clshade.pipeline.visible import visible
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 
@@ -81,6 +85,21 @@ def test_refused_frames(text):
 )
 def test_file_names(text, number, stem):
     assert parse_pattern(text, 1).names(number) == (f"{stem}.exr", f"{stem}.png")
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("out.####.exr", "out.left.####.exr"),
+        ("a/b_##", "a/b.left_##"),
+        ("out###.npz", "out.left.###.npz"),
+        ("take#3/####.exr", "take#3/left.####.exr"),
+        ("a/film.mp4", "a/film.left.mp4"),
+        ("single", "single.left"),
+    ],
+)
+def test_names_of_an_eye(text, name):
+    assert pattern_of_eye(text, "left") == name
 
 
 @pytest.mark.parametrize(("text", "count"), [("out.exr", 2), ("a#b#.exr", 1), ("##/out.exr", 2), ("##/", 1), ("", 1)])
@@ -149,7 +168,7 @@ def test_cameras_of_a_file(tmp_path):
         "principal": [0.25, 0.5],
         "orthographic": True,
     }
-    assert {*every, "fov"} == set(FIELDS)
+    assert {*every, "fov", "K", "pose", "convention", "pixel_center"} == set(FIELDS)
     first, second, third, fourth = cameras_of(
         tmp_path, [every, {}, {"eye": [0, 0, 9], "fov": 90}, {"resolution": [60, 20]}]
     )
@@ -238,8 +257,13 @@ def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
 
     assert "warning" not in err
-    err = run(capsys, *command, "--resolution", "64,48")[2]
-    assert "out.0008.png, there already, is 32x24, not 64x48: --overwrite draws" in err
+    (tmp_path / "out.0010.png").unlink()
+    refused = (
+        "out.0008.png: expected 64x48 of the frames to draw, found 32x24 of an earlier run: --overwrite draws it again"
+    )
+    assert_refused(run(capsys, *command, "--resolution", "64,48"), refused)
+    assert not (tmp_path / "out.0010.png").exists()
+    assert run(capsys, *command, "--quiet") == (0, "", "")
 
     (tmp_path / "out.0009.exr").write_bytes(b"something else")
     assert run(capsys, *command, "--quiet") == (0, "", "")
@@ -396,6 +420,50 @@ def test_from_python(tmp_path):
 
 
 @needs_device
+def test_flow_to_the_frames_beside(tmp_path, capsys):
+    """What `clshade.flow` gives between them, also where one exists already."""
+    (tmp_path / "c.json").write_text('[{}, {"eye": [0.3, 0.1, 3]}, {"eye": [0.5, 0.3, 3.5]}]')
+    pattern = tmp_path / "f#.exr"
+    command = ("animate", "icosphere", tmp_path / "c.json", "--resolution", "32,24", "--preset", "course", "--quiet")
+    for numbers in ("1", "1..3"):
+        assert run(capsys, *command, "--flow", "--frames", numbers, "-o", pattern)[0] == 0
+    files = [exr.read(tmp_path / f"f{k}.exr")[0] for k in (1, 2, 3)]
+    assert [("flow.X" in each, "flow_back.X" in each) for each in files] == [
+        (False, False),
+        (True, True),
+        (False, True),
+    ]
+    assert all("id" in each for each in files)
+    scene = builtin("icosphere", resolution=(32, 24))
+    cameras = read_cameras(tmp_path / "c.json", scene.camera)
+    frame = render(replace(scene, camera=cameras[1]), preset="course", layers="id")
+    for name, camera in (("flow", cameras[2]), ("flow_back", cameras[0])):
+        found = flow(frame, camera)
+        for k, letter in enumerate("XY"):
+            np.testing.assert_array_equal(files[1][f"{name}.{letter}"], found.vectors[..., k])
+        np.testing.assert_array_equal(files[1][f"{name}_occluded"] != 0, found.occluded)
+    for option in (["--flow"], ["--visible", "csv"]):
+        refused = run(capsys, *command, *option, "-o", tmp_path / "a.mp4")
+        assert_refused(refused, f"{option[0]}: expected frames as --output, such as out.####.exr, found")
+    with pytest.raises(InputError, match="draw_frames: flow: expected False without a file that holds it, exr or npz"):
+        draw_frames(scene, {1: scene.camera}, str(tmp_path / "b#.exr"), flow=True, saving={"files": ["png"]})
+
+
+@needs_device
+def test_tables_of_instances_beside_the_frames(tmp_path):
+    scene = builtin("icosphere", resolution=(32, 24))
+    cameras = {1: scene.camera, 2: replace(scene.camera, lookat=(1.0, 0.0, 0.0))}
+    draw_frames(scene, cameras, str(tmp_path / "f#.exr"), preset="course", progress=False, visible="json")
+    assert sorted(path.name for path in tmp_path.glob("f2*")) == ["f2.exr", "f2.png", "f2_visible.json"]
+    for number, camera in cameras.items():
+        (row,) = json.loads((tmp_path / f"f{number}_visible.json").read_text())
+        assert row["inside"] == visible(replace(scene, camera=camera)).table["inside"][0]
+        assert (row["inside"] < 1.0) == (number == 2)
+    with pytest.raises(InputError, match="draw_frames: visible: expected one of csv, json, found 'txt'"):
+        draw_frames(scene, cameras, str(tmp_path / "g#.exr"), visible="txt")
+
+
+@needs_device
 def test_one_file_of_each_frame(tmp_path):
     """A frame with this file counts as drawn; one that is to have both does not."""
     scene = builtin("icosphere", resolution=(32, 24))
@@ -412,5 +480,5 @@ def test_one_file_of_each_frame(tmp_path):
     assert draw(("png",)) == (0, 2)
     assert draw(("png", "exr")) == (2, 0)
     for files in ((), "png", ["jpg"]):
-        with pytest.raises(InputError, match=r"^Frame.save: files: expected exr, png or both"):
+        with pytest.raises(InputError, match=r"^Frame.save: files: expected (one|some) of exr, png, npz, depth"):
             draw(files)

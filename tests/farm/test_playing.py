@@ -53,6 +53,22 @@ def same(one: str, other: str) -> None:
 
 
 @needs_device
+def test_flow_of_what_moves(folder, capsys):
+    """The bar bends on from frame to frame; the flow to the one before leads the other way."""
+    command = ("animate", "bar.glb", "--animation", "Bend", "--count", "3", *VIEW, *SMALL, "--shader", "nolight")
+    assert run(capsys, *command, "--flow", "-o", "f.#.exr")[0] == 0
+    files = [exr.read(f"f.{k}.exr")[0] for k in (1, 2, 3)]
+    assert [("flow.X" in each, "flow_back.X" in each) for each in files] == [(True, False), (True, True), (False, True)]
+    there, back = (
+        np.stack([files[1][f"{name}.{letter}"] for letter in "XY"], axis=-1) for name in ("flow", "flow_back")
+    )
+    moved = np.abs(there).max(axis=-1) > 1e-4
+    assert moved.sum() > 20
+    assert np.array_equal(np.isfinite(there).all(axis=-1), files[1]["id"] > 0)
+    assert ((there * back).sum(axis=-1) < 0.0)[moved].all()
+
+
+@needs_device
 def test_frames_are_what_render_draws_at_their_times(folder, capsys):
     # Lights of a scene without any depend on its size, which is that of all frames.
     look = (*VIEW, *SMALL, "--shader", "nolight", "--layers", "Z,N")

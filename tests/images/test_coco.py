@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
 from command_line import assert_refused, listing, needs_device, run
 
 from clshade import exr
+from clshade.errors import InputError
+from clshade.images import png
 from clshade.images.coco import masks
 
 INSTANCES = np.array([[0, 7, 7, 0], [2, 7, 0, 0], [2, 0, 0, 7]], np.uint32)
@@ -37,6 +40,36 @@ def test_masks_are_decoded_to_the_same_pixels():
         assert each["bbox"] == mask.toBbox(each["segmentation"]).tolist()
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (17, 13)])
+def test_masks_of_any_shape(shape):
+    """Runs that wrap from one column to the next, touch the first and the last pixel, or fill the image."""
+    from pycocotools import mask
+
+    rng = np.random.default_rng(shape)
+    for instances in (np.full(shape, 2**32 - 1, np.uint32), rng.integers(0, 4, shape), rng.integers(0, 2, shape) * 9):
+        found = masks(instances)
+        assert list(found) == [number for number in np.unique(instances).tolist() if number]
+        for number, each in found.items():
+            own = instances == number
+            coded = mask.encode(np.asfortranarray(own, np.uint8))
+            assert each["segmentation"]["counts"] == coded["counts"].decode()
+            assert (each["area"], each["bbox"]) == (own.sum(), mask.toBbox(coded).tolist())
+
+
+@pytest.mark.parametrize("given", [[[0.5, 1.0]], [1, 2], np.zeros((0, 3), np.uint32), [[True, False]]])
+def test_what_has_no_masks(given):
+    with pytest.raises(InputError, match=r"^coco: instances: expected an array of shape \(M, N\) of whole numbers"):
+        masks(given)
+
+
+def test_names_of_files_that_are_not_utf8(tmp_path, capsys):
+    names = ["é.exr", os.fsdecode(b"\xff.exr")]
+    files = [written(tmp_path, name) for name in names]
+    assert run(capsys, "coco", *files, "-o", tmp_path / "a.json")[0] == 0
+    assert "é.exr" in (tmp_path / "a.json").read_text("utf-8")
+    assert [each["file_name"] for each in json.loads((tmp_path / "a.json").read_bytes())["images"]] == names
+
+
 def test_nothing_is_seen():
     assert masks(np.zeros((3, 4), np.uint32)) == {}
 
@@ -46,7 +79,11 @@ def test_pycocotools_reads_the_data_set(tmp_path, capsys):
 
     (tmp_path / "in").mkdir()
     first, second = written(tmp_path / "in"), written(tmp_path, "b.exr", instanceNames="{}")
-    first.with_suffix(".png").write_bytes(b"")
+    png.write(first.with_suffix(".png"), np.zeros((3, 4, 3), np.uint8))
+    png.write(second.with_suffix(".png"), np.zeros((3, 9, 3), np.uint8))  # of another size, such as one with a colorbar
+    assert run(capsys, "coco", first, "-o", tmp_path / "one.json")[1].endswith(
+        ": 1 image, 2 annotations, 2 categories\n"
+    )
     code, out, err = run(capsys, "coco", first, second, "-o", tmp_path / "found.json")
     assert (code, err) == (0, [])
     assert "2 images, 4 annotations, 2 categories" in out
@@ -88,10 +125,20 @@ def test_what_is_refused(tmp_path, capsys, change, part):
     assert listing(tmp_path) == ["a.exr"]
 
 
-@pytest.mark.parametrize("names", ["[]", "{", '{"one": "cat"}'])
-def test_names_that_are_refused(tmp_path, capsys, names):
+@pytest.mark.parametrize(
+    ("names", "part"),
+    [
+        ("[]", "expected a JSON object of names by number, found something else"),
+        (3, "expected a JSON object of names by number, found something else"),
+        ('{"one": "cat"}', "expected a JSON object of names by number, found something else"),
+        ("{", "expected a JSON object of names by number, found Expecting property name"),
+        ("[" * 100_000, "expected a JSON object of names by number, found too deep a nesting"),
+        ('{"1": null}', "expected names that are texts, found others"),
+    ],
+)
+def test_names_that_are_refused(tmp_path, capsys, names, part):
     found = run(capsys, "coco", written(tmp_path, objectNames=names), "-o", tmp_path / "b.json")
-    assert_refused(found, "objectNames: expected a JSON object of names by number")
+    assert_refused(found, "a.exr: objectNames: ", part)
     assert listing(tmp_path) == ["a.exr"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import numpy as np
@@ -64,6 +65,17 @@ def test_a_thing_is_recovered_from_its_name():
         assert np.allclose(share, np.isin(numbers, alike).mean(axis=0), atol=1e-7)
 
 
+def test_names_of_one_hash():
+    """They are refused where both are shown: masks would be mixed."""
+    one, other = "tree 33987", "tree 49036"
+    assert hashes([one])[0] == hashes([other])[0]
+    numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
+    found = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: other})
+    assert found.channels["CryptoObject00.G"].max() > 0
+    with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{other}'"):
+        matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: other})
+
+
 def test_others_read_the_part(tmp_path):
     oiio = pytest.importorskip("OpenImageIO")
     found = matte("CryptoObject", shown(4), NAMES)
@@ -92,6 +104,13 @@ def test_others_read_the_part(tmp_path):
         ({"names": {1: "bunny", 2: "floor"}}, "names: expected a name for 3, found none"),
         ({"ranks": 0}, "ranks: expected a whole number from 1 to 64"),
         ({"label": 3}, "label: expected"),
+        ({"label": ""}, "label: expected at least one letter"),
+        ({"names": {**NAMES, 0: "sky"}}, "number of a name: expected a whole number from 1 to 4294967295, found 0"),
+        ({"names": {**NAMES, 2**70: "sky"}}, "number of a name: expected a whole number"),
+        ({"names": {**NAMES, 4: 5}}, "names: expected a text, found 5"),
+        ({"numbers": shown(6)[0]}, r"numbers: expected an array of shape \(S, M, N\) of whole numbers"),
+        ({"numbers": shown(6)[:0]}, "numbers: expected an array"),
+        ({"numbers": shown(6) * 0.5}, "numbers: expected an array"),
     ],
 )
 def test_what_is_refused(change, part):
@@ -107,3 +126,23 @@ def test_parts_that_are_refused(tmp_path):
             exr.encode(file, image, compression="b44", parts={"cryptomatte": found})
         with pytest.raises(InputError, match="cryptomatte: expected channels of 8 x 7 pixels, found others"):
             exr.encode(file, image[:, :8], parts={"cryptomatte": found})
+        for name in ("", "rgba", "a\n", "\ud800", 3):
+            with pytest.raises(InputError, match="exr: parts: expected names of at least one letter, other than rgba"):
+                exr.encode(file, image, parts={name: found})
+
+
+def test_pixels_have_the_shape_of_the_first_parts(tmp_path):
+    """As OpenEXR wants it."""
+    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    for more in ({}, {"pixelAspectRatio": 2.0}):
+        with open(tmp_path / "a.exr", "w+b") as file:
+            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (found.channels, more)})
+        assert exr.read(tmp_path / "a.exr")[1]["pixelAspectRatio"] == 1.25
+
+
+def test_warnings_and_errors_name_the_part():
+    image, huge = np.zeros((7, 9, 3), np.float32), np.full((7, 9), 1e300)
+    (warning,) = exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge}, {})})
+    assert warning.startswith("more.R: 63 finite values")
+    with pytest.raises(InputError, match=r"exr: more\.R: expected floats or whole numbers"):
+        exr.encode(io.BytesIO(), image, parts={"more": ({"R": huge * 1j}, {})})

@@ -40,18 +40,19 @@ def test_a_disk_that_is_full_after_any_number_of_bytes(error):
     """The last bytes matter most: OpenEXR seeks back and writes its table of offsets at the very end."""
     import OpenEXR
 
-    def encode(compression, limit, error=None):
+    def encode(compression, names, limit, error=None):
         box = (np.zeros(2, np.int32), np.array([8, 39], np.int32))
         sink = Failing()
         sink.limit, sink.error = limit, error
-        exr._compress(sink, {"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9)).copy()}, compression)
+        header, channels = {"dataWindow": box, "displayWindow": box}, {"R": noise((40, 9)).copy()}
+        exr._compress(sink, [(name, header, channels) for name in names], compression)
         return len(sink.getvalue())
 
-    for compression in ("none", "zip", "zstd"):
-        size = encode(compression, 1 << 30)
+    for compression, names in (("none", "a"), ("zip", "a"), ("zstd", "a"), ("zip", "ab")):
+        size = encode(compression, names, 1 << 30)
         for limit in [*range(0, size, 97), *range(size - 30, size)]:
             with pytest.raises(type(error)):
-                encode(compression, limit, error)
+                encode(compression, names, limit, error)
         assert OpenEXR.global_thread_count() == 0
 
 

@@ -24,9 +24,7 @@ from clshade.measure.bench.shadow_rays import (
     ShadowWorkload,
     blocks,
     occlusion_receivers,
-    pixel_rays,
     receivers,
-    triangles,
 )
 from clshade.measure.bench.shadow_results import Answers, Built, LightTimes, ShadowTimes
 from clshade.measure.bench.workloads import knot
@@ -35,6 +33,7 @@ from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
 from clshade.scene.model import Mesh, PointLight, Scene
+from clshade.scene.seen_points import pixel_rays, triangles
 
 # A floor of two triangles in z = 0, and above it, in z = 1, a square of two triangles that share the edge x = y.
 VERTS = np.array(

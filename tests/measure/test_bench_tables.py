@@ -56,7 +56,7 @@ def test_series_are_drawn_from_small_to_large():
 
     triangles, pixels, *others = series_of(measure)
     names = list(SCALING)
-    first = ["phong-triangles-fixed", *names[:8], "phong-pixels-fixed", *names[8:14], "gouraud-triangles-fixed"]
+    first = ["phong-triangles-fixed", *names[:9], "phong-pixels-fixed", *names[9:15], "gouraud-triangles-fixed"]
     assert asked[: len(first)] == first
     assert len(asked) == len(names) + 6
     assert [each.sizes for each in others] == [triangles.sizes, pixels.sizes] * 2
@@ -66,6 +66,10 @@ def test_series_are_drawn_from_small_to_large():
     assert pixels.sizes[0] == 256**2
     assert pixels.exponents()["time"] < 1.0
     assert pixels.exponents()["memory beyond the fixed cost"] is None
+    asked.clear()
+    fewer = scaling.scaling(measure, 200 * 10**6)[0]
+    assert fewer.sizes == triangles.sizes[:-3]
+    assert asked[6:8] == [names[5], "phong-pixels-fixed"]
 
 
 # Tables, files, the command

@@ -8,6 +8,7 @@ import pytest
 from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, soup, sphere
 from kernel_stages import OTHER_LANES, mask
 
+from clshade.pipeline import hierarchy as hierarchy_module
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy, ShadowRays
 from clshade.pipeline.programs import build_text
@@ -264,6 +265,29 @@ def test_tree(device, count):
         assert (children[len(boxes) :, 0] > children[len(boxes) :, 1]).all()
         boxes = np.stack([nodes[:, :, 0].min(axis=1), nodes[:, :, 1].max(axis=1)], axis=1)
     assert len(boxes) == 1
+
+
+@pytest.mark.parametrize("bits", [27, 29, 40])
+def test_indices_of_many_bits(device, monkeypatch, bits):
+    """As many as so many faces need: the curve is then coarser, and the same triangles cast the same shadows."""
+    mesh = MESHES["crumpled"]
+    expected = Hierarchy(device, *mesh)
+    monkeypatch.setattr(hierarchy_module, "_index_bits", lambda count: bits)
+    hierarchy = Hierarchy(device, *mesh)
+    corners, faces = leaves_of(hierarchy)
+    assert np.array_equal(np.unique(faces), np.arange(len(mesh[1])))
+    assert np.array_equal(corners, hierarchy.vertices.array[:, 0, :3][mesh[1]][faces])
+    if bits == 40:
+        assert not np.array_equal(faces, leaves_of(expected)[1])
+    points = neighbors(mesh, 1600)
+    for light in lights_for(mesh)[:3]:
+        assert np.array_equal(hierarchy.shadowed(*points, light), expected.shadowed(*points, light))
+
+
+def test_bits_of_the_index():
+    """26, which leave all of the curve's, and one more from 2^26 faces on."""
+    found = [hierarchy_module._index_bits(n) for n in (0, 1, 2**24 + 1, 2**26, 2**26 + 1, 2**29)]
+    assert found == [26, 26, 26, 26, 27, 29]
 
 
 def test_memory(device):

@@ -89,7 +89,18 @@ def test_an_empty_scene(device):
     assert not any(plane.any() for plane in found["object"].channels.values())
 
 
-def test_other_kinds_are_refused(opened):
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"kinds": ["materials"]}, "cryptomatte: materials: expected one of object, material, instance"),
+        ({"kinds": "object"}, "cryptomatte: kinds: expected one or more of object, material, instance, found 'object'"),
+        ({"kinds": []}, "cryptomatte: kinds: expected one or more of"),
+        ({"kinds": 3}, "cryptomatte: kinds: expected one or more of"),
+        ({"ranks": 65}, "cryptomatte: ranks: expected a whole number from 1 to 64, found 65"),
+    ],
+)
+def test_what_is_refused_before_anything_is_drawn(opened, monkeypatch, change, part):
     frame = clshade.render(Scene((), CAMERA), device=opened)
-    with pytest.raises(InputError, match="material"):
-        clshade.cryptomatte(frame, ["materials"])
+    monkeypatch.setattr("clshade.pipeline.mattes.Renderer", None)
+    with pytest.raises(InputError, match=part):
+        clshade.cryptomatte(frame, **change)

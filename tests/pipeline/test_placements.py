@@ -10,10 +10,14 @@ import clshade
 from clshade.oracle import transform
 from clshade.oracle.normals import placed_normal_errors, placed_normals
 from clshade.oracle.vectors import unit
-from clshade.pipeline import gather
+from clshade.pipeline import placements as packing
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene
+
+
+def packed(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    return packing.placed_normals(normals, matrix[None], packing.mirroring(matrix[None]))
 
 
 def test_mirroring_is_decided_exactly():
@@ -27,11 +31,11 @@ def test_mirroring_is_decided_exactly():
             matrix[:3, 2] = matrix[:3, :2] @ rng.normal(size=2)
         matrix[:3, :3] *= 10.0 ** rng.uniform(-120, 100)
         signs.append(transform.mirrors(matrix))
-        assert gather.mirrors(matrix) == signs[-1]
+        assert packing.mirrors(matrix) == signs[-1]
         other = matrix[:, [1, 0, 2, 3]]
         if number % 3 == 2:
             assert signs[-1] == (np.linalg.det(matrix[:3, :3] / np.abs(matrix[:3, :3]).max()) < 0)
-            assert transform.mirrors(other) == gather.mirrors(other) == (not signs[-1])
+            assert transform.mirrors(other) == packing.mirrors(other) == (not signs[-1])
     assert 50 < sum(signs) < 250
 
 
@@ -52,7 +56,7 @@ def test_mirroring_is_decided_exactly():
 def test_whether_a_placement_mirrors(rows, mirrored):
     matrix = np.eye(4)
     matrix[:3, :3] = rows
-    assert gather.mirrors(matrix) is mirrored
+    assert packing.mirrors(matrix) is mirrored
     assert transform.mirrors(matrix) is mirrored
 
 
@@ -65,8 +69,7 @@ def test_placed_normals_of_any_length(size):
     expected = unit(unit(normals) @ np.linalg.inv(matrix[:3, :3]))
     for scale in (1e-160, 1.0, 1e160):
         placed = matrix * [[scale] * 3 + [1]]
-        mesh = Mesh(np.eye(3), [[0, 1, 2]], normals=normals, normal_faces=[[0, 1, 2]], instances=[placed])
-        assert np.allclose(gather._own_normals(mesh, placed), expected, rtol=1e-9, atol=1e-12)
+        assert np.allclose(packed(normals, placed), expected, rtol=1e-9, atol=1e-12)
         assert np.allclose(placed_normals(normals, placed), expected, rtol=1e-9, atol=1e-12)
 
 
@@ -89,14 +92,13 @@ def test_normals_under_placements_that_nearly_flatten():
     normals, worst = rng.normal(size=(50, 3)), 0.0
     for _ in range(20):
         matrix = nearly_flat(rng)
-        mesh = Mesh(np.eye(3), [[0, 1, 2]], normals=normals, normal_faces=[[0, 1, 2]], instances=[matrix])
         allowed = placed_normal_errors(normals, matrix)
         with mpmath.workdps(60):
             a, b, c = ([mpmath.mpf(x) for x in row] for row in matrix[:3, :3].tolist())
-            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (-1 if gather.mirrors(matrix) else 1)
+            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (-1 if packing.mirrors(matrix) else 1)
             exact = [cofactors * mpmath.matrix(normal) for normal in normals.tolist()]
             true = np.array([[float(x / mpmath.norm(v)) for x in v] for v in exact])
-        for found in (placed_normals(normals, matrix), gather._own_normals(mesh, matrix)):
+        for found in (placed_normals(normals, matrix), packed(normals, matrix)):
             off = np.abs(found - true).max(axis=1)
             assert (off <= allowed / 2.0).all()
             worst = max(worst, off.max())
@@ -114,7 +116,7 @@ def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
         placement[:3, :3] = rng.normal(size=(3, 3))
         placement[:3, 2] = placement[:3, :2] @ rng.normal(size=2)
         placement[:3, 3] = 3 * (k % 4) - 4.5, 3 * (k // 4) - 3, 0
-    assert 2 < sum(map(gather.mirrors, placements)) < 10
+    assert 2 < sum(map(packing.mirrors, placements)) < 10
     verts, directions = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), rng.normal(size=(4, 3))
     material = Material(ka=0.1, kd=0.5, ks=0.5, n=5.0, two_sided=True)
     mesh = Mesh(verts, [[0, 1, 2], [0, 2, 3]], normals=directions, instances=placements, material=material)

@@ -7,22 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clshade.pipeline.depth_sort import front_to_back
-from clshade.pipeline.struct_layout import KEY_INDEX_BITS
+from clshade.pipeline.depth_sort import front_to_back, index_bits
 
 # Values that 40 bits of a float64 distinguish, and others: 1, an ulp on both sides, and 2^-28 above.
 NEAR_ONE = (1.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0), 1.0 + 2.0**-40, 1.0 + 2.0**-28)
 DEPTHS = (*NEAR_ONE, -1.0, -1.0 - 2.0**-40, 0.0, -0.0, 5e-324, -5e-324, 1e-300, 1e300, 2.0, 1e6, 1e6 + 2.0**-30)
 
 
-def keys_of(depth: np.ndarray) -> np.ndarray:
-    """Compute keys one by one as documented in sorting.py: 40 bits of the float in sortable order, index
+def keys_of(depth: np.ndarray, bits: int = 24, first: int = 0) -> np.ndarray:
+    """Compute keys one by one as documented in depth_sort.py: the highest bits of the float in sortable order, index
     complemented."""
     keys = []
-    for index, value in enumerate(depth):
+    for index, value in enumerate(depth, first):
         (raw,) = np.array([value + 0.0]).view(np.uint64).tolist()
         ordered = raw + (1 << 63) if raw < 1 << 63 else (1 << 64) - 1 - raw
-        low = 1 << KEY_INDEX_BITS
+        low = 1 << bits
         keys.append(ordered // low * low + (low - 1 - index))
     return np.array(keys, np.uint64).reshape(-1)
 
@@ -89,7 +88,27 @@ def test_without_exact_depths_runs_are_in_order_of_40_bits():
     keys = keys_of(depth)
     order = front_to_back(keys.copy())
     assert sorted(order.tolist()) == list(range(2000))
-    assert (np.diff((keys[order] >> np.uint64(KEY_INDEX_BITS)).astype(np.int64)) >= 0).all()
+    assert (np.diff((keys[order] >> np.uint64(24)).astype(np.int64)) >= 0).all()
+
+
+def test_bits_of_the_index():
+    """24, as many as ever were, and one more from 2^24 triangles on."""
+    assert [index_bits(n) for n in (0, 1, 2**24, 2**24 + 1, 2**25, 2**25 + 1, 2**29)] == [24, 24, 24, 25, 25, 26, 29]
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.sampled_from(DEPTHS), min_size=1, max_size=40),
+    st.sampled_from([2**24 - 20, 2**24, 2**25 - 1, 2**28, 2**29 - 40]),
+    st.integers(0, 99),
+)
+def test_indices_beyond_24_bits(values, first, seed):
+    """Fewer bits are left for depths, so that more of them are compared exactly."""
+    depth, bits = np.array(values, np.float64), index_bits(first + len(values))
+    keys = np.random.default_rng(seed).permutation(keys_of(depth, bits, first))
+    order = front_to_back(keys, lambda index: (depth[index - first], index.astype(np.int64)), bits)
+    assert order.dtype == np.uint32
+    assert (order - first).tolist() == np.lexsort((-np.arange(len(depth)), depth)).tolist()
 
 
 def test_without_negative_zero_the_later_face_wins_and_with_it_too():

@@ -75,6 +75,23 @@ def test_layers_are_composited_in_order_of_depth(device, order, visibility):
     assert hidden.rgba[MIDDLE].tolist() == [1, 0, 0, 1]
 
 
+@pytest.mark.parametrize("first", [2**24 - 3, 2**29 - 40])
+def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
+    """In painter's order of many triangles, some of them transparent."""
+    meshes = [square(z, color=(RED, GREEN, BLUE)[z % 3], opacity=0.3) for z in range(12)]
+    given = scene(*meshes, square(12, color=RED, blend=False))
+    expected = draw(device, given, visibility="painter")
+    write_ranks = Renderer._write_ranks
+
+    def further(self, order):
+        write_ranks(self, order)
+        with self._inputs.ranks.writing() as ranks:
+            ranks += first
+
+    monkeypatch.setattr(Renderer, "_write_ranks", further)
+    assert same_bits(draw(device, given, visibility="painter"), expected)
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_of_layers_in_one_plane_the_later_is_nearer(device, turned):
     """Cut along other diagonals their depths differ by rounding."""

@@ -77,6 +77,17 @@ def test_colors_of_faces(trimesh):
     expected = srgb_to_linear(np.repeat(CODES[:2, :3], 3, axis=0).reshape(2, 3, 3) / 255.0)
     np.testing.assert_allclose(mesh.colors[mesh.faces], expected, atol=1e-12)
     np.testing.assert_allclose(mesh.normals[mesh.normal_faces], source.vertex_normals[FACES], atol=1e-12)
+    source.vertex_attributes["heat"] = np.arange(4.0)
+    mesh = only(source)
+    assert mesh.scalars["heat"][mesh.faces].tolist() == FACES.tolist()
+
+
+def test_a_camera_without_a_place_is_none(trimesh):
+    """As trimesh leaves it where a camera is set and its transform is not."""
+    source = trimesh.Scene(plain(trimesh))
+    source.camera = trimesh.scene.Camera(resolution=(8, 6), fov=(40, 30))
+    scene = Scene.from_trimesh(source)
+    assert (scene.fitted, scene.camera.resolution) == (True, (800, 600))
 
 
 def test_a_simple_material(trimesh):
@@ -154,6 +165,7 @@ def test_a_scene_with_instances_and_a_camera(trimesh):
     (mesh,) = scene.meshes
     assert mesh.name == "roof"
     np.testing.assert_array_equal(mesh.instances, [np.eye(4), moved])
+    assert mesh.instance_names == ("one", "two")
     assert scene.fitted
     source.delete_geometry("curve")
     source.camera.resolution, source.camera.fov = (200, 100), (90.0, 60.0)

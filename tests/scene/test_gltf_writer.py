@@ -229,6 +229,17 @@ def test_vertices_are_split_only_where_attributes_differ(tmp_path):
     np.testing.assert_array_equal(at_corners(back.meshes[1], "uvs"), UVS[FACES])
 
 
+@pytest.mark.parametrize("far", [1e9, 1e300])
+def test_vertices_without_faces_are_left_out(tmp_path, far):
+    """They cost the others no digits."""
+    verts = np.vstack([[far] * 3, CORNERS + 1 / 3, [-far] * 3])
+    back, _ = written(tmp_path, mesh(verts=verts, faces=FACES + 1, colors=np.linspace(0, 1, 18).reshape(6, 3)))
+    np.testing.assert_allclose(corners_in_world(back), verts[FACES + 1], rtol=1e-7)
+    (found,) = back.meshes
+    assert (len(found.verts), found.faces.tolist()) == (4, FACES.tolist())
+    np.testing.assert_allclose(found.colors, np.linspace(0, 1, 18).reshape(6, 3)[1:5], rtol=1e-7)
+
+
 def test_unified_vertices_keep_their_order():
     faces = np.array([[3, 1, 0], [0, 1, 2]], np.int32)
     own = np.array([[0, 0, 0], [0, 0, 1]], np.int32)
@@ -267,6 +278,16 @@ def test_placements_are_nodes(tmp_path):
         np.testing.assert_allclose(squares, np.diag(np.diag(squares)), atol=1e-12)
 
 
+def test_placements_that_only_move_are_short(tmp_path):
+    moved = np.tile(np.eye(4), (3, 1, 1))
+    moved[1:, :3, 3] = [[0.1, 1e-300, -1e200], [0, 0, 0]]
+    moved[2, 0, 1] = 1e-9
+    back, _ = written(tmp_path, mesh(instances=moved))
+    assert back.meshes[0].instances.tobytes() == moved.tobytes()
+    nodes = content(tmp_path / "a.glb")["nodes"][:3]
+    assert [sorted(node) for node in nodes] == [["mesh"], ["mesh", "translation"], ["matrix", "mesh"]]
+
+
 @pytest.mark.parametrize(
     ("offset", "scale"), [(1e6, 1.0), (-4.5e5, 1e-3), (0.0, 1.0), (0.0, 1e100), (1e-60, 1e-60), (1e60, 1e59)]
 )
@@ -296,7 +317,8 @@ def test_indices_are_as_wide_as_they_need(tmp_path, count):
     verts = np.zeros((count, 3), np.float32)
     verts[:, 0] = np.arange(count)
     verts[-1, 1] = 1.0
-    back, _ = written(tmp_path, mesh(verts=verts, faces=np.array([[0, 1, count - 1]] * (count // 6 + 1))))
+    others = np.minimum(np.arange(2, 2 + count // 3 * 3), count - 1).reshape(-1, 3)
+    back, _ = written(tmp_path, mesh(verts=verts, faces=np.vstack([[[0, 1, count - 1]], others])))
     assert corners_in_world(back)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
     accessors = content(tmp_path / "a.glb")["accessors"]
     assert accessors[-1]["componentType"] == (5123 if count == 65535 else 5125)
@@ -530,7 +552,7 @@ def test_what_the_file_cannot_say_is_told_once(tmp_path):
 # Files
 
 
-@pytest.mark.parametrize("name", ["a.gltf", "a", "a.obj", ""])
+@pytest.mark.parametrize("name", ["a.gltf", "a", "a.obj", ".glb", ""])
 def test_other_names_are_refused(tmp_path, name):
     with pytest.raises(InputError, match=r"^to_glb: path: expected a name ending in \.glb, found "):
         clshade.builtin("icosphere", level=0).to_glb(tmp_path / name if name else "")
@@ -559,12 +581,51 @@ def test_too_large_a_file_is_refused(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_placements_beyond_float64_are_refused(tmp_path):
+def beyond_float64() -> Mesh:
     far = np.eye(4)
     far[:3, :3] *= 1e200
-    huge = mesh(verts=np.asarray(CORNERS, np.float64) * 1e200, instances=far[None])
-    with pytest.raises(InputError, match="to_glb: meshes: expected placements within the range of float64"):
-        Scene(huge, CAMERA).to_glb(tmp_path / "a.glb")
+    return mesh(verts=np.asarray(CORNERS, np.float64) * 1e200, instances=far[None])
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"meshes": beyond_float64()}, "meshes: expected placements within 1e"),
+        ({"camera": replace(CAMERA, plane=(1e-200, 1e200))}, "camera: expected angles of view above 0 and below 180"),
+        ({"camera": replace(CAMERA, plane=(1e200, 1e200))}, "camera: expected angles of view"),
+        ({"camera": replace(CAMERA, focal=1e200, plane=(1e-200, 1e-200))}, "camera: expected angles of view"),
+        ({"camera": replace(CAMERA, eye=(0, 0, 1e305))}, "camera: expected placements within 1e"),
+        ({"lights": PointLight((0, 0, 1e305))}, "lights: expected placements within 1e"),
+        ({"lights": DirectionalLight((0, 0, 1)), "light_scale": 1e-320}, "scene: expected materials and lights within"),
+        (
+            {"meshes": mesh(material=Material(ka=1e300, kd=0, ks=0, color=0)), "ambient": 1e300},
+            "scene: expected materials and lights within the range of float64, found others",
+        ),
+    ],
+)
+def test_what_is_beyond_float64_is_refused(tmp_path, changes, part):
+    with pytest.raises(InputError, match=f"^to_glb: {part}"):
+        Scene(**{"meshes": mesh(), "camera": CAMERA, **changes}).to_glb(tmp_path / "a.glb")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_colors_that_overflow_are_clamped(tmp_path):
+    material = Material(kd=1e300, color=1e300)
+    back, (message,) = written(tmp_path, mesh(material=material))
+    assert message.endswith("colors beyond 0 to 1 (clamped)")
+    assert back.meshes[0].material.color.tolist() == [1, 1, 1]
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_placements_come_back(tmp_path):
+    turned = np.tile(np.eye(4), (100_000, 1, 1))
+    turned[:, :2, :2] = [[0.6, -0.8], [0.8, 0.6]]
+    turned[:, :3, 3] = RNG.normal(size=(100_000, 3))
+    names = [f"tree {k}" for k in range(100_000)]
+    found = written(tmp_path, mesh(instances=turned, instance_names=names))[0].meshes[0]
+    np.testing.assert_array_equal(found.instances, turned)
+    assert found.instance_names == tuple(names)
 
 
 def test_padding_is_as_the_format_wants():
@@ -596,6 +657,16 @@ def test_trimesh_reads_it(tmp_path):
     assert other.visual.vertex_attributes["color"].tolist() == np.eye(4)[:, :3].tolist()
     assert found.has_camera
     np.testing.assert_allclose(found.camera.fov[1], 40.0, rtol=1e-9)
+
+
+def test_trimesh_reads_halves_of_surrogate_pairs(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    named = mesh(name='a\ud800"\n\0', instance_names=["\udfff"], scalars={"t\ud800": np.arange(4.0)})
+    back, _ = written(tmp_path, named, name="\ud801é")
+    found = trimesh.load(tmp_path / "a.glb")
+    assert list(found.geometry) == [back.meshes[0].name] == ['a\\ud800"\n\0']
+    assert back.meshes[0].instance_names == ("\\udfff",)
+    assert list(back.meshes[0].scalars) == ["t\\ud800"]
 
 
 def test_trimesh_reads_a_builtin_scene(tmp_path):

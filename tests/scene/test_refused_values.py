@@ -116,7 +116,10 @@ CASES = {
     "fov resolution 0": (lambda: Camera.from_fov(*EYE, 45, (3, 0)), "Camera.from_fov: resolution M: "),
     "matrix": (lambda: Camera.from_matrix("x", POSE, (3, 3)), "Camera.from_matrix: matrix: expected [[fx, 0, cx]"),
     "ragged matrix": (lambda: Camera.from_matrix([[1], [1, 2]], POSE, (3, 3)), "Camera.from_matrix: matrix: "),
-    "pose": (lambda: Camera.from_matrix(K, "x", (3, 3)), "Camera.from_matrix: pose: expected a finite (4, 4) matrix"),
+    "pose": (
+        lambda: Camera.from_matrix(K, "x", (3, 3)),
+        "Camera.from_matrix: pose: expected a finite (4, 4) or (3, 4)",
+    ),
     "matrix resolution=5": (lambda: Camera.from_matrix(K, POSE, 5), "Camera.from_matrix: resolution: "),
     "matrix resolution": (lambda: Camera.from_matrix(K, POSE, ("a", 3)), "Camera.from_matrix: resolution N: "),
     "pixel center": (

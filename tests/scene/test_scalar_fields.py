@@ -76,7 +76,7 @@ def test_refused_settings(given, message):
 
 def test_settings():
     assert Settings(scalars="a") == Settings(scalars=Scalars("a"))
-    assert Settings(layers="all", scalars="a").layers == (*Settings(layers="all").layers, "scalar")
+    assert sorted(Settings(layers="all", scalars="a").layers) == sorted((*Settings(layers="all").layers, "scalar"))
     assert hash(Settings(scalars=Scalars("a", ["red", (0, 0, 1)], [0, 2])))
     with pytest.raises(InputError, match="Settings: scalars: expected a name, a Scalars or None, found 5"):
         Settings(scalars=5)

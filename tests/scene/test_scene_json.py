@@ -434,6 +434,7 @@ def test_zero_rows_of_any_width_are_refused_by_the_mesh(saved):
         ("[1, 2]", "format: expected 'clshade scene', found 2 values"),
         ('[{"eye": [0, 1, 5]}]', "format: expected 'clshade scene', found 1 values"),
         ("3", "format: expected 'clshade scene', found 3"),
+        ('"clshade scene"', "format: expected 'clshade scene', found clshade scene"),
         ("{", "JSON: expected a scene file, found "),
         (MINIMAL.replace("0.6", "NaN"), "JSON: expected a scene file, found 'a number that is NaN'"),
         (MINIMAL.replace("[1, 2, 3]", "[1, 2, 1e999]"), "scene.lights[0]: PointLight: position: expected three finite"),
@@ -479,7 +480,7 @@ def test_a_file_of_arrays_is_not_read_unless_its_size_is_right(saved, monkeypatc
 # Writing
 
 
-@pytest.mark.parametrize("name", ["a", "a.jsn", "a.json.bin", "json"])
+@pytest.mark.parametrize("name", ["a", "a.jsn", "a.json.bin", "json", ".json"])
 def test_endings_of_names(tmp_path, name):
     with pytest.raises(InputError, match=r"Scene\.to_json: path: expected a name ending in \.json, found "):
         full_scene().to_json(tmp_path / name)
@@ -487,7 +488,7 @@ def test_endings_of_names(tmp_path, name):
 
 
 def test_names_that_no_file_could_refer_to(tmp_path):
-    for name in ("a\nb.json", "C:a.json", "a\\..\\b.json"):
+    for name in ("a\nb.json", "C:a.json", "a\\..\\b.json", "a\\b.json"):
         with pytest.raises(InputError, match=r"Scene\.to_json: path: expected a file in the scene's folder"):
             full_scene().to_json(tmp_path / name)
     assert os.listdir(tmp_path) == []

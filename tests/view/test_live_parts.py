@@ -137,3 +137,6 @@ def test_options_that_commands_repeat():
     lines = ("--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0", "--edges-only")
     expected = ("--edge-width=2.0", "--edge-color=1,0,0", "--edges=feature,silhouette", "--edges-only")
     assert source_of("teapot", *lines).options == expected
+    files = source_of("teapot", "--layers", "id", "--formats", "npz,depth", "--depth-scale", "0.01")
+    assert files.options == ("--depth-scale=0.01", "--formats=npz,depth")
+    assert files.settings["layers"] == ("id", "Z")

@@ -272,10 +272,11 @@ def test_a_snapshot_that_cannot_be_written(tmp_path):
     session, _ = session_of(*SMALL, "-o", tmp_path / "view")
     (tmp_path / "view-1.exr").mkdir()
     assert session.snapshot()["files"] == [str(tmp_path / f"view-2.{kind}") for kind in ("exr", "png")]
-    tmp_path.joinpath("view-3.png").symlink_to(tmp_path / "none" / "x.png")
+    (tmp_path / "view-3.depth.png").write_text("of another run")
+    tmp_path.joinpath("view-4.png").symlink_to(tmp_path / "none" / "x.png")
     with pytest.raises(clshade.errors.OutputError):
         session.snapshot()
-    assert not (tmp_path / "view-3.exr").exists()
+    assert not {"view-3.exr", "view-4.exr"} & {path.name for path in tmp_path.iterdir()}
 
 
 def test_two_sessions_share_a_scene_and_keep_their_own_cameras():

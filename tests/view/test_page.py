@@ -94,7 +94,7 @@ def test_float64_is_rounded_and_other_types_are_refused():
 
 def test_nothing_of_a_file_becomes_markup():
     """Names of scene, file, layers, attributes and their values: all of it is found again as text."""
-    header = {HOSTILE: HOSTILE, "objectNames": json.dumps({"1": HOSTILE})}
+    header = {HOSTILE: HOSTILE, "objectNames": json.dumps({"1": HOSTILE}), "instanceNames": json.dumps({"2": "b"})}
     picture = Picture({"R": np.zeros((2, 2), np.float32), HOSTILE: np.zeros((2, 2), np.uint32)}, header)
     text = page.html({HOSTILE: picture}, title=HOSTILE)
     elements = Elements(text)
@@ -103,7 +103,7 @@ def test_nothing_of_a_file_becomes_markup():
     manifest = json.loads(elements.text_of("manifest"))
     (image,) = manifest["images"]
     assert manifest["title"] == image["name"] == image["channels"][1]["name"] == HOSTILE
-    assert image["info"]["names"] == {"object_id": {"1": HOSTILE}}
+    assert image["info"]["names"] == {"object_id": {"1": HOSTILE}, "instance_id": {"2": "b"}}
     assert next(data for tag, _, data in elements.found if tag == "title") == HOSTILE
 
 

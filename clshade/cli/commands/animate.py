@@ -64,9 +64,7 @@ def _fly(arguments: argparse.Namespace, frames: Frames | None) -> int:
     if arguments.count is not None:
         raise InputError("--count: expected an animation to play, which CAMERAS.json is none of, found both")
     scene = load_scene(arguments)
-    cameras = read_cameras(arguments.cameras, scene.camera)
-    if arguments.resolution is not None:
-        cameras = tuple(camera.with_resolution(arguments.resolution) for camera in cameras)
+    cameras = read_cameras(arguments.cameras, scene.camera, arguments.resolution)
     numbers = _numbers(frames, arguments, len(cameras), "have a camera", f"the cameras of {arguments.cameras}")
     return draw(arguments, scene, {number: cameras[number - 1] for number in numbers})
 

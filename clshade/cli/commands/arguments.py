@@ -152,7 +152,7 @@ def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]
     overwrite one of the input files."""
     from ...base import atomic_files
 
-    if not output.lower().endswith(tuple(endings)):
+    if os.path.splitext(output)[1].lower() not in endings:
         expected = f"a file name that ends in {' or '.join(endings)}"
         raise InputError(f"{option}: expected {expected}, found {atomic_files.shown(output)}")
     atomic_files.check(output)

@@ -52,6 +52,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help=f"so many views of a mesh by render_many, in turns with loops over render (default: {VIEWS})",
     )
+    parser.add_argument(
+        "--instances",
+        type=numbers(int, None, "whole numbers such as 1000,100000"),
+        metavar="N,...",
+        help="one mesh drawn so many times, from one copy and from as many copies: time and memory",
+    )
     parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
 
@@ -67,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _run_shadows(arguments)
     if arguments.views is not None:
         return _run_views(arguments)
+    if arguments.instances:
+        return _run_instances(arguments)
     if arguments.workers or arguments.scheduler:
         return _run_crews(arguments)
     named = [name.strip() for name in (arguments.peers or "").split(",")]
@@ -132,6 +140,24 @@ def _run_views(arguments: argparse.Namespace) -> int:
         arguments.views,
         device=arguments.device,
         rounds=views.ROUNDS if arguments.frames is None else arguments.frames,
+        out=arguments.out,
+    )
+    return DONE if passed else FAILED
+
+
+def _run_instances(arguments: argparse.Namespace) -> int:
+    from ...measure.bench import instances
+
+    others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers, arguments.workloads
+    if any(others) or arguments.turn is not None or arguments.targets:
+        raise InputError(
+            "bench: expected either --instances, or workloads, --workers, --scheduler, --scaling, --peers, --turn and "
+            "--targets, found both"
+        )
+    passed = instances.run(
+        arguments.instances,
+        device=arguments.device,
+        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
         out=arguments.out,
     )
     return DONE if passed else FAILED

@@ -26,7 +26,9 @@ def run(arguments: argparse.Namespace) -> int:
     check_output_file(arguments.output, arguments.files, (".json",))
     found = data_set(arguments.files, os.path.dirname(arguments.output) or ".")
     with atomic_files.replacing(arguments.output) as file:
-        file.write(json.dumps(found, ensure_ascii=False).encode("utf-8", "replace"))
-    counts = ((len(found[name]), name) for name in ("images", "annotations", "categories"))
-    print(f"wrote {atomic_files.shown(arguments.output)}: {', '.join(f'{count} {name}' for count, name in counts)}")
+        file.write(json.dumps(found, ensure_ascii=False).encode("utf-8", "backslashreplace"))  # as JSON escapes
+    parts = (("images", "image"), ("annotations", "annotation"), ("categories", "category"))
+    counts = ((len(found[several]), one, several) for several, one in parts)
+    counted = ", ".join(f"{count} {one if count == 1 else several}" for count, one, several in counts)
+    print(f"wrote {atomic_files.shown(arguments.output)}: {counted}")
     return DONE

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...errors import InputError
 from . import DONE
 from .arguments import device_option, output_name, seconds
 from .saving_options import chosen_saving, saving_options
 from .scene_options import picture_settings
+from .stereo_options import EYES, check_stereo, stereo_options
 
 FPS = 30  # view.film.FPS, whose import loads NumPy
 CONNECT_SECONDS = 10.0  # timeout to reach a scheduler, and for it to have workers
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
 
 
 def output_options(parser: argparse.ArgumentParser) -> None:
+    stereo_options(parser)
     output = parser.add_argument_group("output")
     output.add_argument(
         "-o",
@@ -44,6 +48,24 @@ def output_options(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--keep-frames", action="store_true", help="of a film, in the folder OUT.mp4.frames")
     output.add_argument("--overwrite", action="store_true", help="draw frames that exist, too")
     saving_options(output)
+    output.add_argument(
+        "--save-cameras",
+        metavar="FILE.json",
+        help="also write K and pose of each frame's camera, in the order of the frames, which `animate` reads; of a stereo "
+        "pair FILE.left.json and FILE.right.json",
+    )
+    output.add_argument(
+        "--flow",
+        action="store_true",
+        help="of frames: optical flow in the EXR, pixels to the right and down, to the next frame (flow) and to the one "
+        "before (flow_back), what is occluded there (flow_occluded, flow_back_occluded), and the layer id",
+    )
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="of frames: also how much of each instance is seen, and how much of it is in the image, beside each frame: "
+        "out.0001_visible.csv and so on",
+    )
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -76,6 +98,65 @@ def draw(
     arguments: argparse.Namespace, scene: Scene, cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None = None
 ) -> int:
     """Draw the frames or the film, as the options say, and print a summary. poses: of an animation that is played."""
+    from ...farm import write_cameras
+
+    check_stereo(arguments)
+    eyes = _eyes(arguments, cameras)
+    with ExitStack() as folders:
+        _check_saved(eyes.values(), folders)
+        drawn = {}
+        for name, eye in eyes.items():
+            drawn[name] = _draw(arguments, scene, eye.cameras, eye.output, poses)
+            if eye.saved:
+                write_cameras(eye.saved, (eye.cameras[number] for number in sorted(eye.cameras)))
+    if arguments.json:
+        stats = {name: each.stats() for name, each in drawn.items()}
+        print(json.dumps(stats.get("", stats), indent=2))
+    else:
+        print("\n".join(line for each in drawn.values() for line in each.lines()))
+    return DONE
+
+
+class _Eye(NamedTuple):
+    """What is drawn of one eye, or in all. saved: the file of its cameras, if any."""
+
+    output: str
+    saved: str | None
+    cameras: Mapping[int, Camera]
+
+
+def _eyes(arguments: argparse.Namespace, cameras: Mapping[int, Camera]) -> dict[str, _Eye]:
+    """Return both eyes by name, or without --stereo one whose name is empty."""
+    from ...farm import stereo_cameras
+    from ...farm.frames import pattern_of_eye
+
+    output, saved = arguments.output, arguments.save_cameras
+    if arguments.stereo is None:
+        return {"": _Eye(output, saved, cameras)}
+    pair = stereo_cameras(cameras, arguments.stereo, arguments.convergence)
+    return {
+        name: _Eye(pattern_of_eye(output, name), saved and pattern_of_eye(saved, name), each)
+        for name, each in zip(EYES, pair, strict=True)
+    }
+
+
+def _check_saved(eyes: Iterable[_Eye], folders: ExitStack) -> None:
+    """Refuse, before anything is drawn, files of cameras that cannot be written; make their folder."""
+    from ...base.atomic_files import check, folder_made
+
+    for eye in eyes:
+        if eye.saved:
+            folders.enter_context(folder_made(Path(eye.saved).parent))
+            check(eye.saved)
+
+
+def _draw(
+    arguments: argparse.Namespace,
+    scene: Scene,
+    cameras: Mapping[int, Camera],
+    output: str,
+    poses: Mapping[int, Pose] | None,
+) -> Run | Film:
     from ...view.film_format import is_film
 
     options: dict[str, Any] = {
@@ -91,25 +172,25 @@ def draw(
         "preset": arguments.preset,
         **picture_settings(arguments, scene),
     }
-    found: Run | Film
-    if is_film(arguments.output):
+    if is_film(output):
+        if arguments.formats is not None:
+            formats = ",".join(arguments.formats)
+            raise InputError(f"--formats: expected none with a film, found {formats} and {output}")
         from ...view.film import draw_film
 
+        for name in ("flow", "visible"):
+            if getattr(arguments, name):
+                expected = "frames as --output, such as out.####.exr"
+                raise InputError(f"--{name}: expected {expected}, found {arguments.output}")
         options |= {name: value for name, value in _film_options(arguments).items() if value is not None}
-        found = draw_film(scene, cameras, arguments.output, **options)
-    else:
-        from ...farm import draw_frames
+        return draw_film(scene, cameras, output, **options)
+    from ...farm import draw_frames
 
-        for name, value in _film_options(arguments).items():
-            if value and not (name == "fps" and poses is not None):
-                flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
-                raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {arguments.output}")
-        found = draw_frames(scene, cameras, arguments.output, **options)
-    if arguments.json:
-        print(json.dumps(found.stats(), indent=2))
-    else:
-        print("\n".join(found.lines()))
-    return DONE
+    for name, value in _film_options(arguments).items():
+        if value and not (name == "fps" and poses is not None):
+            flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
+            raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {output}")
+    return draw_frames(scene, cameras, output, flow=arguments.flow, visible=arguments.visible, **options)
 
 
 def _film_options(arguments: argparse.Namespace) -> dict[str, Any]:

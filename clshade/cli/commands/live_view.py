@@ -34,8 +34,9 @@ _WITH_VALUES = (
     *("environment", "environment_rotation", "environment_intensity"),
     *("texture", "focal", "crease", "up", "time", "animation", "preset", "camera_view_angle", "device"),
     *("scalars", "colormap", "nan_color", "edge_angle", "edge_width", "edge_color"),
+    "depth_scale",
 )
-_LISTS = ("lights", "components", "resolution", "clim", "edges")
+_LISTS = ("lights", "components", "resolution", "clim", "edges", "formats")
 _FLAGS = ("fit", "ground", "flat", "orthographic", "half", "crop", "deterministic", "colorbar", "edges_only")
 
 
@@ -111,7 +112,7 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
     output = arguments.output or Path(name).stem or "view"
     output = os.path.join(output, Path(name).stem) if output.endswith(os.sep) else output
     saving = chosen_saving(arguments)
-    checks: Any = {key: saving[key] for key in ("tonemap", "exposure", "compression")}
+    checks: Any = {key: saving[key] for key in ("tonemap", "exposure", "compression", "files", "depth_scale")}
     check_output(output, asked=("view", "--output"), **checks)
     settings = {"samples": SAMPLES, **chosen_settings(arguments)}
     settings |= {"preset": arguments.preset, "resolution": arguments.resolution}

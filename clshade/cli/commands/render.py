@@ -14,6 +14,7 @@ from ...errors import ClshadeError
 from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
+from .flow_options import add_flows, flow_cameras, flow_option
 from .saving_options import chosen_saving, saving_options
 from .scene_options import (
     SAMPLES_HELP,
@@ -25,6 +26,7 @@ from .scene_options import (
     setting_options,
 )
 from .scene_outputs import check_save_scene, output_stems, save_scene, save_scene_option
+from .stereo_options import EYES, check_stereo, stereo_options
 from .view_options import (
     check_crops,
     check_view_options,
@@ -34,6 +36,7 @@ from .view_options import (
     views_of,
     write_crops,
     write_sheet,
+    write_visible,
 )
 
 if TYPE_CHECKING:
@@ -51,6 +54,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, several=True)
     camera_options(parser)
     view_options(parser)
+    stereo_options(parser)
     setting_options(parser, SAMPLES_HELP)
     output = parser.add_argument_group("output")
     output.add_argument(
@@ -62,7 +66,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "made where there is none, with files named after the scenes (default: the current one)",
     )
     saving_options(output)
+    flow_option(output)
     save_scene_option(output)
+    output.add_argument(
+        "--visible",
+        choices=("csv", "json"),
+        help="also write OUT_visible.csv or .json: how much of each instance is seen, and how much of it is in the image",
+    )
     output.add_argument(
         "--json",
         "--stats",
@@ -96,6 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
     warming.start()
     check_view_options(arguments)
+    check_stereo(arguments, "views", "sheet")
     folder, outputs = output_stems(arguments.scenes, arguments.output)
     with folder_made(folder):
         for output in outputs:
@@ -142,10 +153,10 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
         return DONE, facts
     drawn = [_draw(view, stem, arguments, options, warming) for view, stem in views_of(scene, output, arguments)]
     save_scene(scene, arguments)
-    if not arguments.views:
+    if not arguments.views and arguments.stereo is None:
         return drawn[0]
-    names = dict.fromkeys(arguments.views)
-    return max(code for code, _ in drawn), {"views": dict(zip(names, (stats for _, stats in drawn), strict=True))}
+    title, names = ("views", dict.fromkeys(arguments.views)) if arguments.views else ("stereo", dict.fromkeys(EYES))
+    return max(code for code, _ in drawn), {title: dict(zip(names, (stats for _, stats in drawn), strict=True))}
 
 
 def _draw(
@@ -153,6 +164,7 @@ def _draw(
 ) -> tuple[int, dict[str, Any]]:
     """Render and save one view of a scene; return the exit code and all figures."""
     from ...pipeline import renderer
+    from ...pipeline.frame_files import chosen_paths
 
     found: dict[str, Any] = {}
     if arguments.budget is not None or arguments.tolerance is not None:
@@ -161,15 +173,18 @@ def _draw(
         selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
         console.table(selected.table())
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
+    cameras = flow_cameras(scene, arguments)
     frame = renderer.render(scene, **options)
+    add_flows(frame, cameras, arguments)
     if arguments.check is not None:
         from ...measure.check.check import check
 
         check(frame, arguments.check)
     warming.join()
-    for warning in frame.write(output, **chosen_saving(arguments)):
+    saving = chosen_saving(arguments)
+    for warning in frame.write(output, **saving):
         console.warning(warning)
-    crops = write_crops(frame, output, arguments)
+    others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]
     if frame.check is not None:
         found["check"] = frame.check
     if arguments.explain or arguments.explain_each:
@@ -177,7 +192,7 @@ def _draw(
 
         found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
-        print(summary(frame, output, crops))
+        print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *others]))
         for title, each in found.items():
             lines = (
                 text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())
@@ -193,6 +208,8 @@ def _render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, An
     chosen = chosen_settings(arguments) if limited else picture_settings(arguments, scene)
     if arguments.check is not None:
         chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
+    if arguments.flow_to is not None:
+        chosen["layers"] = (*chosen.get("layers", ()), "id")
     return {"preset": arguments.preset, "device": arguments.device, "resolution": arguments.resolution, **chosen}
 
 
@@ -215,26 +232,26 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
     from ...base import atomic_files
     from ...pipeline.frame_files import check_output
 
-    saving = {"tonemap": arguments.tonemap, "exposure": arguments.exposure, "compression": arguments.compression}
+    saving: Any = {
+        name: value
+        for name, value in chosen_saving(arguments).items()
+        if name in ("tonemap", "exposure", "compression", "files", "depth_scale")
+    }
     for stem in stems_of(output, arguments):
         check_output(stem, asked=("render", "--output"), **saving)
     for path in files_of(output, arguments):
         atomic_files.check(path)
 
 
-def summary(frame: Frame, output: str, others: Sequence[Path] = ()) -> str:
-    """Return a few lines: what was drawn, the device, the time of each stage, and the files, `others` included."""
-    from ...pipeline.frame_files import output_paths
-
+def summary(frame: Frame, written: Sequence[Path]) -> str:
+    """Return a few lines: what was drawn, the device, the time of each stage, and the files that were written."""
     stats = frame.stats
     times = dict(stats["times_ms"])
     columns, rows = stats["resolution"]
     whole = times.pop("frame")
     fixed = {name: times.pop(name) for name in ("pack", "open", "upload")}
     fixed["build"] = stats["build_ms"]
-    files = ", ".join(
-        f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in (*output_paths(output), *others)
-    )
+    files = ", ".join(f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in written)
 
     def listed(values: dict[str, float]) -> str:
         return ", ".join(f"{name}{text_tables.TIED}{value:.2f}" for name, value in values.items())

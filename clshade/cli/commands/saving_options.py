@@ -5,15 +5,33 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from ...errors import InputError
+from .arguments import names
+
 if TYPE_CHECKING:
     from ...pipeline.frame_files import SavingOptions
 
 
 def saving_options(group: argparse._ArgumentGroup) -> list[str]:
     """Add the options; return their names, the keyword arguments of `Frame.save`."""
+    from ...images.depth_png import SCALE
     from ...images.exr import COMPRESSIONS
     from ...images.tonemap import OPERATORS
+    from ...pipeline.frame_files import KINDS
 
+    group.add_argument(
+        "--formats",
+        type=names(KINDS, words={"z": "depth", "numpy": "npz", "openexr": "exr"}),
+        metavar="NAME,...",
+        help="files to write: exr, png, npz (all arrays, K and pose, for numpy.load), depth (OUT.depth.png, 16 bits, with "
+        "layer Z) (default: exr,png; of OUT.npz that alone)",
+    )
+    group.add_argument(
+        "--depth-scale",
+        type=float,
+        metavar="UNITS",
+        help=f"scene units of a step of the depth PNG, which its text depthScale has (default: {SCALE:g})",
+    )
     group.add_argument(
         "--tonemap",
         choices=OPERATORS,
@@ -29,12 +47,21 @@ def saving_options(group: argparse._ArgumentGroup) -> list[str]:
     )
     group.add_argument("--colorbar", action="store_true", help="add the color map of --scalars to the right of the PNG")
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
-    return ["tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar"]
+    return [
+        *("formats", "depth_scale", "tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar")
+    ]
 
 
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
     """Return the keyword arguments of `Frame.save`."""
+    from ...images.depth_png import SCALE
+    from ...pipeline.frame_files import default_files
+
+    if arguments.depth_scale is not None and "depth" not in (arguments.formats or ()):
+        raise InputError("--depth-scale: expected --formats depth beside it, found none")
     return {
+        "files": arguments.formats or default_files(arguments.output or ""),
+        "depth_scale": SCALE if arguments.depth_scale is None else arguments.depth_scale,
         "tonemap": arguments.tonemap,
         "exposure": arguments.exposure,
         "half": arguments.half,

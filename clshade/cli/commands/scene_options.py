@@ -280,6 +280,8 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     given["scalars"] = _chosen_scalars(arguments)
     given["edges"] = _chosen_edges(arguments)
     found = {name: value for name, value in given.items() if value is not None}
+    if "depth" in (getattr(arguments, "formats", None) or ()) and "all" not in found.get("layers", ()):
+        found["layers"] = tuple(dict.fromkeys((*found.get("layers", ()), "Z")))
     return found | ({"background": None} if found.get("background") == "none" else {})
 
 

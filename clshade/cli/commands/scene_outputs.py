@@ -51,15 +51,15 @@ def _named_after(scene: str) -> str:
     from ...pipeline.frame_files import OTHER_FORMATS
 
     name = Path(scene).stem
-    return f"{name}.exr" if Path(name).suffix.lower() in OTHER_FORMATS else name
+    return f"{name}.exr" if Path(name).suffix.lower() in (*OTHER_FORMATS, ".npz") else name
 
 
 def save_scene_option(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--save-scene",
         metavar="FILE",
-        help="also write the scene as it is drawn, with its lights, camera and preset: all of it to FILE.json and, of large "
-        "arrays, FILE.json.bin, or what other programs read to FILE.glb",
+        help="also write the scene as it is drawn, with its lights, camera and preset: all of it to FILE.json, with large "
+        "arrays in FILE.json.bin, or for other programs to FILE.glb",
     )
 
 
@@ -69,13 +69,14 @@ def check_save_scene(arguments: argparse.Namespace, others: Iterable[Path]) -> N
     if name is None:
         return
     from ...base import atomic_files
-    from ...scene.formats.scene_json_writer import BINARY, ENDING
+    from ...scene.formats.scene_json_writer import BINARY, ENDING, file_names
 
     if len(arguments.scenes) > 1:
         raise InputError(f"--save-scene: expected one scene with it, found {len(arguments.scenes)}")
     check_output_file(name, arguments.scenes, (ENDING, _GLB), "--save-scene")
     if name.lower().endswith(ENDING):
         atomic_files.check(name + BINARY)
+        file_names(name, ("render", "--save-scene"))
     if os.path.abspath(name) in map(os.path.abspath, others):
         raise InputError(f"--save-scene: expected a file of its own, found {shown(name)}, the facts of --sheet")
 

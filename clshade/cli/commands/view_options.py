@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base.atomic_files import shown
 from ...errors import InputError
 from .arguments import names, numbers
+from .stereo_options import EYES
 
 if TYPE_CHECKING:
     from ...images.crops import Crop
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from ...scene.model import Scene
 
 _NOT_WITH_SHEET: dict[str, Any] = {  # options and their defaults
-    **dict.fromkeys(("check", "budget", "tolerance")),
+    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to")),
     **dict.fromkeys(("explain", "explain_each", "half", "crop", "colorbar"), False),
     "compression": "zip",
     "crop_zoom": [],
@@ -90,26 +92,35 @@ def files_of(output: str, arguments: argparse.Namespace) -> list[Path]:
         for path in (
             *crop_paths(stem, arguments.crop_zoom),
             *([_beside(stem, "marked")] if arguments.crop_zoom else ()),
+            *([_table(stem, arguments.visible)] if arguments.visible else ()),
         )
     ]
 
 
 def stems_of(output: str, arguments: argparse.Namespace) -> list[str]:
-    """Return the name for `Frame.save` of each view, or the output itself without --views; none for a sheet."""
+    """Return the name for `Frame.save` of each view or eye, or the output itself without these; none for a sheet."""
     if arguments.sheet:
         return []
+    if arguments.stereo is not None:
+        return [str(_beside(output, eye, "", ".")) for eye in EYES]
     return [str(_beside(output, view, "")) for view in dict.fromkeys(arguments.views)] if arguments.views else [output]
 
 
-def _beside(output: str, what: str, ending: str = ".png") -> Path:
+def _beside(output: str, what: str, ending: str = ".png", separator: str = "_") -> Path:
     from ...pipeline.frame_files import output_paths
 
     stem = output_paths(output, ("render", "--output"))[0].with_suffix("")
-    return stem.with_name(f"{stem.name}_{what}{ending}")
+    return stem.with_name(f"{stem.name}{separator}{what}{ending}")
 
 
 def views_of(scene: Scene, output: str, arguments: argparse.Namespace) -> Iterator[tuple[Scene, str]]:
-    """Yield the scene with the camera of each view, and its name for `Frame.save`."""
+    """Yield the scene with the camera of each view or eye, and its name for `Frame.save`."""
+    if arguments.stereo is not None:
+        camera = scene.camera if arguments.resolution is None else scene.camera.with_resolution(arguments.resolution)
+        pair = camera.stereo(arguments.stereo, arguments.convergence)
+        for eye, stem in zip(pair, stems_of(output, arguments), strict=True):
+            yield replace(scene, camera=eye), stem
+        return
     if not arguments.views:
         yield scene, output
         return
@@ -128,6 +139,23 @@ def check_crops(scene: Scene, arguments: argparse.Namespace) -> None:
 
 def crop_paths(stem: str, crops: Sequence[Crop]) -> list[Path]:
     return [_beside(stem, f"crop{number if len(crops) > 1 else ''}") for number in range(1, len(crops) + 1)]
+
+
+def _table(stem: str, ending: str) -> Path:
+    from ...pipeline.frame_files import visible_path
+
+    return visible_path(stem, ending, ("render", "--output"))
+
+
+def write_visible(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[Path]:
+    """Write the table of how much of each instance the frame shows; return its path."""
+    if arguments.visible is None:
+        return []
+    from ...pipeline.visible import visible
+
+    path = _table(stem, arguments.visible)
+    visible(frame.scene, settings=frame.settings, device=arguments.device).save(path)
+    return [path]
 
 
 def write_crops(frame: Frame, stem: str, arguments: argparse.Namespace) -> list[Path]:

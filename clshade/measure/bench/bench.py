@@ -127,7 +127,7 @@ def measure_all(
     except ClshadeError as error:
         failed.append(f"{choices.NAME}: {error}")
     try:
-        series = scaling(draw_point) if with_scaling else ()
+        series = scaling(draw_point, device.memory) if with_scaling else ()
     except ClshadeError as error:
         failed.append(f"scaling: {error}")
     most = best(found.peaks, peaks(device))

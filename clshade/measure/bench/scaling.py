@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from .workloads import SCALING, WAYS
 EXPONENT = 1.05  # the bar
 LEAST_TIME, LEAST_MEMORY = 1.0, 0.15  # fractions of the fixed cost that exceed noise
 FEWEST_POINTS = 3  # in a fit
+MOST_BYTES = 200  # that a triangle takes in any way to draw
 KINDS = ("triangles", "pixels")
 
 
@@ -82,12 +84,19 @@ def power_beyond(
     return power(*zip(*kept, strict=True)) if kept else None
 
 
-def scaling(measure: Callable[[str], FrameTiming]) -> tuple[Series, ...]:
-    """Measure all series. measure: draws the workload of a name in SCALING."""
+def fits(name: str, memory: float) -> bool:
+    """Return whether a workload of SCALING fits into so many bytes."""
+    _, kind, size = name.split("-")
+    return kind == "pixels" or size == "fixed" or int(size) * MOST_BYTES <= memory
+
+
+def scaling(measure: Callable[[str], FrameTiming], memory: float = math.inf) -> tuple[Series, ...]:
+    """Measure all series. measure: draws the workload of a name in SCALING. memory: bytes, without the points that take
+    more."""
     found = []
     for way, kind in itertools.product(WAYS, KINDS):
         name = f"{way}-{kind}"
         measure(f"{name}-fixed")  # excludes the memory used for compiling the kernels
-        fixed, *points = (measure(each) for each in SCALING if each.startswith(name))
+        fixed, *points = (measure(each) for each in SCALING if each.startswith(name) and fits(each, memory))
         found.append(Series(way, kind, fixed, tuple(points)))
     return tuple(found)

@@ -15,10 +15,9 @@ from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.builtin.scenes import builtin
-from ...scene.camera import Camera
-from ...scene.geometry import camera_axes
 from ...scene.lights import plain_lights
 from ...scene.model import Scene
+from ...scene.seen_points import pixel_rays, triangles
 from .workloads import HD, knot
 
 SIDE = 4  # pixels of a block, across and down
@@ -98,23 +97,6 @@ class Receivers:
         return Receivers(points, faces, None, points[:, :, None] + directions)
 
 
-def triangles(scene: Scene) -> tuple[Floats, Faces]:
-    """Return the vertices (V, 3) of all meshes and instances in world space, and the faces (F, 3) in the order in which
-    the layer `id` counts them."""
-    verts: list[Floats] = []
-    faces: list[Faces] = []
-    count = 0
-    for mesh in scene.meshes:
-        for placement in np.asarray(mesh.instances):
-            placed = mesh.verts.astype(np.float64)
-            if (placement != np.eye(4)).any():
-                placed = placed @ placement[:3, :3].T + placement[:3, 3]
-            verts.append(placed)
-            faces.append(mesh.faces + np.int32(count))
-            count += len(placed)
-    return np.concatenate(verts), np.concatenate(faces)
-
-
 class _Seen(NamedTuple):
     """What the pixels show. owners: (M, N), faces, NOBODY for none. points: (M, N, 3). Of the K pixels that show any: a
     corner of their faces and the normals toward the camera, (K, 3) each."""
@@ -168,21 +150,6 @@ def _kept_blocks(points: Floats, owners: Faces, kept: Bools) -> tuple[Floats, Fa
     of_blocks = blocks(np.where(kept, owners, NOBODY))
     some = (of_blocks != NOBODY).any(axis=1)
     return blocks(np.where(kept[..., None], points, 0.0))[some], of_blocks[some]
-
-
-def pixel_rays(camera: Camera) -> tuple[Floats, Floats]:
-    """Return directions and origins, (M, N, 3) each, of the rays through the pixels' centers, row 0 at the top."""
-    (height, width), (columns, rows) = camera.plane, camera.resolution
-    x = ((np.arange(columns) + 0.5) / columns - camera.principal[0]) * width
-    y = ((rows - np.arange(rows) - 0.5) / rows - camera.principal[1]) * height
-    across, up = np.broadcast_arrays(x, y[:, None])
-    axes = camera_axes(camera)
-    if camera.orthographic:
-        origins = camera.eye + across[..., None] * axes[0] + up[..., None] * axes[1]
-        return np.broadcast_to(axes[2], origins.shape), origins
-    forward = np.full_like(across, camera.focal)
-    rays = np.stack([across, up, forward], axis=-1) @ axes
-    return rays, np.broadcast_to(camera.eye, rays.shape)
 
 
 def _on_face(origins: Floats, rays: Floats, corners: Floats) -> Floats:

@@ -16,6 +16,7 @@ from ...base import atomic_files
 from ...base.arrays import Array, Bools, Faces, Floats
 from ...errors import InputError
 from ...pipeline.opencl.device import Device, open_device
+from ...scene.seen_points import triangles
 from ..defaults import BENCH_FRAMES
 from ..report.study import machine
 from ..timing import in_turns
@@ -23,7 +24,7 @@ from . import shadow_tables
 from .children import run_module
 from .exact_shadows import Answer, answers
 from .peers import MissingPeer
-from .shadow_rays import RADIUS, WORKLOADS, Receivers, ShadowWorkload, occlusion_receivers, receivers, triangles
+from .shadow_rays import RADIUS, WORKLOADS, Receivers, ShadowWorkload, occlusion_receivers, receivers
 from .shadow_results import Answers, Built, LightTimes, ShadowTimes
 from .tables import paths
 from .workloads import pick

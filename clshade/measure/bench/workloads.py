@@ -159,7 +159,7 @@ WORKLOADS = (
 )
 
 FEW_TRIANGLES = 1000  # so few that their time is negligible beside that of the pixels
-TRIANGLES = (4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24)
+TRIANGLES = (4000, 16_000, 64_000, 256_000, 10**6, 4 * 10**6, 1 << 24, 1 << 25)
 SIDES = (256, 512, 1024, 2048, 4096)
 FIXED_SIDE = 16  # of an image so small that its pixels take negligible time
 

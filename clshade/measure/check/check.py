@@ -16,10 +16,12 @@ from ... import oracle
 from ...base.arrays import Array
 from ...base.validation import value_error
 from ...oracle import OracleFrame
+from ...oracle.layers import instance_numbers
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check
 from ..defaults import PIXELS
 from . import oracle_bounds
+from .flow_bounds import flow_errors
 
 STRATA = ("not finite", "silhouettes", "highlights", "edges", "surfaces", "background")
 SHARES = (16, 4, 5, 3, 3, 1)  # proportions of the sample; what exceeds a stratum's size goes to the others
@@ -32,7 +34,8 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
     Parameters
     ----------
     frame : Frame
-        A rendered frame. Its layers `id` and `Z` are checked too if present.
+        A rendered frame. Its layers `id`, `Z` and `instance_id` are checked too if present, and with
+        `id` its `flows`.
     pixels : int or "all", default 4096
         Number of pixels to check, at least 1, or "all" for every pixel. Fewer pixels than the image
         has are a stratified sample: silhouettes, highlights, edges between faces, surfaces and
@@ -118,6 +121,7 @@ def summary(found: Comparison, seconds: float) -> Check:
         precision=frame.settings.precision,
         seconds=seconds,
         image=image,
+        flow=found.flow,
     )
 
 
@@ -126,7 +130,7 @@ class Comparison:
 
     oracle: what they should be. wrong, ties, gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or
     tied. counted: the same, and 0 at gates. relative: `counted` as |value - oracle| / B. found: the same, also at gates,
-    infinite where wrong. expected: the most that is allowed of `found`. depth: the largest of all pixels, see `Check`.
+    infinite where wrong. expected: the most that is allowed of `found`. depth, flow: the largest of all pixels, see `Check`.
     """
 
     def __init__(self, frame: Frame, expected: OracleFrame, rows: Array, columns: Array) -> None:
@@ -143,6 +147,8 @@ class Comparison:
             different, unproven = oracle_bounds.different_ids(frame["id"][where], expected, scene, settings, where)
             self.wrong |= unproven
             self.ties = different & ~unproven
+        if "instance_id" in frame.layers:
+            self.wrong |= _other_instances(frame, expected, where)
         gates = oracle_bounds.excepted_at_gates(np.nan_to_num(rgb), expected, self.allowed, precision)
         if "id" not in frame.layers or settings.samples > 1:
             suspects = (ratio > self.allowed) & ~gates & (expected.alpha > 0.0)
@@ -162,6 +168,27 @@ class Comparison:
         if "Z" in frame.layers:
             depth = oracle_bounds.depth_errors(frame["Z"][where], expected)
             self.depth = float(np.where(np.isnan(depth), np.inf, depth)[compared].max(initial=0.0))
+        self.flow = _flow_error(frame, where) if frame.flows and "id" in frame.layers else None
+
+
+def _other_instances(frame: Frame, expected: OracleFrame, where: tuple[Array, Array]) -> Array:
+    """Return where instance_id is not that of the face that the frame shows, or without its id the oracle, (K,) bool; of
+    two faces as near as each other either one's is right."""
+    of_faces = np.append(np.uint32(0), instance_numbers(frame.scene))
+    ids = frame["id"][where] if "id" in frame.layers else expected.id
+    other: Array = frame["instance_id"][where] != of_faces[ids]
+    if "id" not in frame.layers and other.any():
+        other &= ~oracle_bounds.depth_ties(frame.scene, frame.settings, other, where)
+    return other
+
+
+def _flow_error(frame: Frame, where: tuple[Array, Array]) -> float:
+    """Return the largest error of the frame's flows, see `flow_errors`; infinite where a mask is wrong."""
+    largest = 0.0
+    for flow in frame.flows.values():
+        errors, wrong = flow_errors(flow, frame.scene, frame.settings, frame["id"][where], where)
+        largest = max(largest, float(np.where(wrong, np.inf, errors).max(initial=0.0)))
+    return largest
 
 
 # The sample

@@ -249,7 +249,7 @@ def _medians(times: list[Times]) -> Times:
 
 def _bytes(frame: Frame) -> int:
     """Return the device memory of the scene, the image and the owner buffer."""
-    return sum(frame.stats["bytes"].values())
+    return sum(frame.stats["bytes"][name] for name in ("scene", "image", "owners"))
 
 
 def _programs(stored: bool) -> tuple[int, float]:

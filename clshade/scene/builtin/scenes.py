@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base import host_memory
 from ...base.arrays import Array
 from ...base.validation import choice, integer, known, value_error
 from ..camera import Camera
@@ -48,7 +49,7 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
     (512, 512) for `course` and (800, 600) for the others. Further options:
 
     - teapot: `level`, 2 to 500, default 10: cells along each side of a Bezier patch.
-    - torus_knot: `triangles`, 18 to 16777216, default 100000; `p` and `q`, 1 to 50, default 2 and
+    - torus_knot: `triangles`, 18 to 536870912, default 100000; `p` and `q`, 1 to 50, default 2 and
       3: turns around the axis of the torus and around its tube, without a common divisor.
     - icosphere: `level`, 0 to 9, default 5: subdivisions of an icosahedron.
     - quads: `count`, 1 to 4096, default 32, quads one behind the other; `seed` of their order,
@@ -193,11 +194,12 @@ def _floor(lights: Sequence[PointLight]) -> Mesh:
 def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Resolution = (800, 600)) -> Scene:
     """A tube along the (p, q) torus knot: one smooth closed surface without texture, in float32, three lights.
 
-    triangles: number, 18 to 16777216: 2 x segments x sides, as close as cells that are not too elongated allow (exact
+    triangles: number, 18 to 536870912: 2 x segments x sides, as close as cells that are not too elongated allow (exact
         for round numbers).
     p, q: turns around the axis of the torus and around its tube, 1 to 50, without a common divisor.
     """
     triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
+    host_memory.require("torus_knot", "triangles", 24 * triangles, f"{triangles:,}")
     p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
     if math.gcd(p, q) != 1:
         raise value_error("torus_knot", "p, q", "numbers without a common divisor", (p, q))

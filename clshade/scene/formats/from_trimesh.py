@@ -52,16 +52,17 @@ def scene_of(
 
 def _of_scene(source: Any) -> Iterator[Mesh]:
     """Yield the meshes of a scene of trimesh, each with all its placements; warn of other geometry."""
-    placements: dict[str, list[Any]] = {}
+    placements: dict[str, dict[Any, Any]] = {}  # of each geometry, by node
     for node in source.graph.nodes_geometry:
         matrix, name = source.graph[node]
-        placements.setdefault(name, []).append(matrix)
+        placements.setdefault(name, {})[node] = matrix
     materials: dict[int, Material] = {}
     skipped = []
     for name, matrices in placements.items():
         geometry = source.geometry[name]
         if hasattr(geometry, "faces"):
-            yield replace(_mesh(geometry, materials), name=str(name), instances=np.stack(matrices))
+            instances, names = np.stack(list(matrices.values())), tuple(map(str, matrices))
+            yield replace(_mesh(geometry, materials), name=str(name), instances=instances, instance_names=names)
         else:
             skipped.append(f"{name} ({type(geometry).__name__})")
     if skipped:
@@ -69,8 +70,8 @@ def _of_scene(source: Any) -> Iterator[Mesh]:
 
 
 def _camera(source: Any, resolution: tuple[int, int] | None) -> Camera | None:
-    """Return the camera of a scene of trimesh, if it has one."""
-    if not getattr(source, "has_camera", False):
+    """Return the camera of a scene of trimesh, if it has one and says where it is."""
+    if not getattr(source, "has_camera", False) or source.camera.name not in source.graph.nodes:
         return None
     columns, rows = (int(each) for each in source.camera.resolution)
     width, height = (2.0 * np.tan(np.radians(np.asarray(source.camera.fov, np.float64)) / 2.0)).tolist()
@@ -181,8 +182,9 @@ def _with_face_colors(mesh: Mesh, colors: Array) -> Mesh:
     corners = mesh.faces.reshape(-1)
     normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
     verts, faces = mesh.verts[corners], np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    colored = _colored(np.repeat(colors, 3, axis=0), mesh.material)
-    return replace(mesh, verts=verts, faces=faces, normals=normals, normal_faces=mesh.faces, **colored)
+    changes = _colored(np.repeat(colors, 3, axis=0), mesh.material)
+    changes["scalars"] = {name: values[corners] for name, values in mesh.scalars.items()}
+    return replace(mesh, verts=verts, faces=faces, normals=normals, normal_faces=mesh.faces, **changes)
 
 
 def _creased(mesh: Mesh, degrees: float | None) -> Mesh:

@@ -69,8 +69,8 @@ class Glb:
         return self.add("accessors", entry)
 
     def write(self, path: Path, owner: str) -> None:
-        """Write the file atomically. Raises InputError, naming `owner`, for one of 4 GiB or more, OutputError if it cannot
-        be written."""
+        """Write the file atomically. Raises InputError, naming `owner`, for one of 4 GiB or more and for numbers beyond
+        float64, OutputError if it cannot be written."""
         document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "clshade"}}
         if self.used:
             document["extensionsUsed"] = sorted(self.used)
@@ -80,7 +80,10 @@ class Glb:
         length = self._length + -self._length % 4
         if length:
             document["buffers"] = [{"byteLength": length}]
-        text = json.dumps(document, allow_nan=False, separators=(",", ":")).encode("ascii")
+        try:
+            text = json.dumps(document, allow_nan=False, separators=(",", ":")).encode("ascii")
+        except ValueError:
+            raise file_error(owner, "scene", "materials and lights within the range of float64", "others") from None
         text += b" " * (-len(text) % 4)
         whole = 12 + 8 + len(text) + (8 + length if length else 0)
         if whole > MOST_BYTES:

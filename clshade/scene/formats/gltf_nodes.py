@@ -15,7 +15,7 @@ from ..framing import RESOLUTION
 from .gltf_animations import NodeValues, target_count
 from .gltf_json import Item
 
-MAX_NODES = 1 << 16
+MAX_NODES = 1 << 18
 _LEVEL = 1e-6  # radians: less is the rounding of rotations in float32, and moves no pixel
 
 

@@ -19,14 +19,15 @@ from .gltf_writer_materials import MaterialWriter
 from .gltf_writer_meshes import MeshWriter, named
 from .gltf_writer_nodes import add_camera, add_lights, add_placement
 
+ENDING = ".glb"
 _OWNER = "to_glb"
 
 
 def write_glb(scene: Scene, path: Path) -> None:
     """Write a scene as a binary glTF 2.0 file, see `Scene.to_glb`."""
     checked_path(_OWNER, "path", path)
-    if not os.fspath(path).lower().endswith(".glb"):
-        raise file_error(_OWNER, "path", "a name ending in .glb", shown(path))
+    if os.path.splitext(path)[1].lower() != ENDING:
+        raise file_error(_OWNER, "path", f"a name ending in {ENDING}", shown(path))
     atomic_files.check(path)
     glb, lost = Glb(), _unsaid(scene)
     decode = scene.preset == "course"
@@ -38,9 +39,9 @@ def write_glb(scene: Scene, path: Path) -> None:
         if not len(mesh.faces) or not len(placements):
             continue
         sets = 0 if mesh.uvs is None else 1 + len(mesh.more_uvs)
-        index, own = meshes.write(mesh, materials.write(mesh.material, sets))
+        names = mesh.instance_names or (mesh.name,) * len(placements)
         with np.errstate(over="ignore", invalid="ignore"):
-            names = mesh.instance_names or (mesh.name,) * len(placements)
+            index, own = meshes.write(mesh, materials.write(mesh.material, sets))
             nodes += [
                 add_placement(glb, each @ own, mesh=index, **named(name))
                 for each, name in zip(placements, names, strict=True)

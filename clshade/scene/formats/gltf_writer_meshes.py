@@ -34,7 +34,9 @@ class MeshWriter:
 
     def write(self, mesh: Mesh, material: int) -> tuple[int, Floats]:
         """Write a mesh that has triangles; return its index, and the (4, 4) matrix from its positions to object space."""
-        positions, matrix = in_float32(mesh.verts)
+        used = _used(mesh.faces, len(mesh.verts))
+        verts = mesh.verts if used.all() else np.where(used[:, None], mesh.verts, mesh.verts[mesh.faces[0, 0]])
+        positions, matrix = in_float32(verts)
         sources = {"POSITION": (positions, None), **self._sources(mesh)}
         found, faces = unified(mesh.faces, len(mesh.verts), sources)
         attributes = {name: self.glb.accessor(rows, extent=name == "POSITION") for name, rows in found.items()}
@@ -63,7 +65,7 @@ class MeshWriter:
                 self.lost.append(f"NaN in scalars {name} (kept, though glTF forbids it)")
             with np.errstate(over="ignore"):
                 rows = values.astype(np.float32)
-            found[f"_{name}"] = (rows, None) if at_vertices(mesh, name) else _by_value(rows)
+            found[f"_{in_utf8(name)}"] = (rows, None) if at_vertices(mesh, name) else _by_value(rows)
         return found
 
     def _colors(self, mesh: Mesh) -> Floats32 | None:
@@ -84,7 +86,12 @@ class MeshWriter:
 
 def named(name: str) -> dict[str, str]:
     """Return the name of an object of the file; nothing for an empty one."""
-    return {"name": name} if name else {}
+    return {"name": in_utf8(name)} if name else {}
+
+
+def in_utf8(name: str) -> str:
+    """Return a text with escapes for what UTF-8 cannot say, halves of surrogate pairs, which other readers refuse."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def in_float32(verts: Array) -> tuple[Floats32, Floats]:
@@ -113,14 +120,14 @@ def in_float32(verts: Array) -> tuple[Floats32, Floats]:
 def unified(faces: Faces, count: int, sources: dict[str, Source]) -> tuple[dict[str, Array], Faces]:
     """Return attributes with one row per vertex of the file, and the faces (F, 3) that index all of them.
 
-    count: of the vertices. Vertices are split only where an attribute differs between the faces around them; then they
-    keep their order, and those without faces are left out.
+    count: of the vertices. Vertices are split only where an attribute differs between the faces around them. They keep
+    their order, and those without faces are left out.
     """
     columns: list[Faces] = []
     for _, own in sources.values():
         if own is not None and not any(np.array_equal(own, other) for other in (faces, *columns)):
             columns.append(own)
-    if not columns:
+    if not columns and _used(faces, count).all():
         return {name: rows[:count] for name, (rows, _) in sources.items()}, faces
     key = faces.reshape(-1).astype(np.int64)
     for column in columns:
@@ -128,6 +135,13 @@ def unified(faces: Faces, count: int, sources: dict[str, Source]) -> tuple[dict[
     _, first, vertex = np.unique(key, return_index=True, return_inverse=True)
     found = {name: rows[(faces if own is None else own).reshape(-1)[first]] for name, (rows, own) in sources.items()}
     return found, vertex.reshape(-1, 3).astype(np.int32)
+
+
+def _used(faces: Faces, count: int) -> Array:
+    """Return which of so many vertices have faces, (count,) bool."""
+    used = np.zeros(count, bool)
+    used[faces] = True
+    return used
 
 
 def _by_value(values: Array) -> Source:

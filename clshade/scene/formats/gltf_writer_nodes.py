@@ -16,7 +16,7 @@ from ..model import Light
 from .glb import Glb
 
 _SQUARE = 1e-6  # cosine between the axes of a matrix that is a rotation and a scale
-_MOST = 1e300  # of a number in the file
+_MOST = 1e300  # of a number in the file: readers refuse larger ones
 _NARROWEST = 1e-6  # radians, of a cone
 _HALF_PI = math.pi / 2
 
@@ -25,13 +25,18 @@ Sphere = tuple[Array, float]
 
 def add_placement(glb: Glb, matrix: Floats, **content: Any) -> int:
     """Add a node, in two steps where its matrix shears, which nodes may not; return the index of the outer one."""
-    if not (np.isfinite(matrix).all() and np.abs(matrix).max() <= _MOST):
-        raise value_error("to_glb", "meshes", "placements within the range of float64", matrix.tolist())
-    outer, inner = _without_shear(matrix)
+    outer, inner = _without_shear(_checked(matrix, "meshes"))
     if inner is None:
-        return glb.add("nodes", {**content, **_matrix(outer)})
-    child = glb.add("nodes", {**content, **_matrix(inner)})
-    return glb.add("nodes", {"children": [child], **_matrix(outer)})
+        return glb.add("nodes", {**content, **_placed(outer)})
+    child = glb.add("nodes", {**content, **_placed(inner)})
+    return glb.add("nodes", {"children": [child], **_placed(outer)})
+
+
+def _checked(matrix: Floats, field: str) -> Floats:
+    """Return a placement. Raises InputError, naming the scene's field, for one beyond what readers take."""
+    if not (np.isfinite(matrix).all() and np.abs(matrix).max() <= _MOST):
+        raise value_error("to_glb", field, f"placements within {_MOST:g}", matrix.tolist())
+    return matrix
 
 
 def _without_shear(matrix: Floats) -> tuple[Floats, Floats | None]:
@@ -51,9 +56,11 @@ def _without_shear(matrix: Floats) -> tuple[Floats, Floats | None]:
     return outer, inner
 
 
-def _matrix(matrix: Floats) -> dict[str, list[float]]:
-    """Return the matrix of a node; nothing for the identity."""
-    return {} if (matrix == np.eye(4)).all() else {"matrix": (matrix.T.reshape(-1) + 0.0).tolist()}
+def _placed(matrix: Floats) -> dict[str, list[float]]:
+    """Return the placement of a node, as short as it can be said exactly."""
+    if (matrix[:3, :3] != np.eye(3)).any():
+        return {"matrix": (matrix.T.reshape(-1) + 0.0).tolist()}
+    return {"translation": (matrix[:3, 3] + 0.0).tolist()} if matrix[:3, 3].any() else {}
 
 
 def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int:
@@ -71,12 +78,15 @@ def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int
         entry: dict[str, Any] = {"type": "orthographic", "orthographic": lens, "extras": extras}
     else:
         near = max(0.5 * (depth - radius), 1e-3 * radius)
-        fov = 2.0 * math.atan(height / camera.focal / 2.0)
-        lens = {"yfov": fov, "aspectRatio": width / height, "znear": near}
+        fov, aspect = 2.0 * math.atan(height / camera.focal / 2.0), width / height
+        if not (0.0 < fov < math.pi and 0.0 < aspect <= _MOST):
+            raise value_error("to_glb", "camera", "angles of view above 0 and below 180 degrees", camera.plane)
+        lens = {"yfov": fov, "aspectRatio": aspect, "znear": near}
         entry = {"type": "perspective", "perspective": lens, "extras": extras}
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = np.stack([right, up, -forward], axis=1), camera.eye
-    return glb.add("nodes", {"name": "camera", "camera": glb.add("cameras", entry), **_matrix(matrix)})
+    own = _placed(_checked(matrix, "camera"))
+    return glb.add("nodes", {"name": "camera", "camera": glb.add("cameras", entry), **own})
 
 
 def _camera_extras(camera: Camera) -> dict[str, Any]:
@@ -97,7 +107,8 @@ def add_lights(
         entry, matrix = _light(light, sphere, light_scale, lost)
         entries.append(entry)
         use = glb.use("KHR_lights_punctual", {"light": number})
-        nodes.append(glb.add("nodes", {"name": f"light {number}", "extensions": use, **_matrix(matrix)}))
+        own = _placed(_checked(matrix, "lights"))
+        nodes.append(glb.add("nodes", {"name": f"light {number}", "extensions": use, **own}))
     return nodes, {"lights": entries}
 
 

@@ -44,7 +44,7 @@ def read_scene(path: Path) -> Scene:
     owner = shown(path)
     document = parse_text(read_file(path, MAX_BYTES), owner, "a scene file", unique=True)
     found = document.get("format") if isinstance(document, dict) else document
-    if found != FORMAT:
+    if not isinstance(document, dict) or found != FORMAT:
         raise file_error(owner, "format", repr(FORMAT), found_text(found))
     version = document.get("version")
     if isinstance(version, bool) or version != VERSION:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, naming, replacing_all, shown
-from ...base.input_files import beside, file_error
+from ...base.input_files import beside, file_error, quoted
 from ...base.strict_json import MAX_VALUES
 from ...base.validation import path as checked_path
 from ...base.validation import value_error
@@ -59,17 +59,26 @@ class SceneFile:
         return _parts(self.arrays)
 
 
+def file_names(path: Path, asked: tuple[str, str] = ("Scene.to_json", "path")) -> tuple[str, str]:
+    """Return the names of a scene's JSON file and of its binary file.
+
+    asked: function and argument, for messages. Raises InputError for a name that `clshade.load` does not take, or to
+    which no scene file may refer.
+    """
+    name = checked_path(*asked, path)
+    if os.path.splitext(name)[1].lower() != ENDING:
+        raise file_error(*asked, f"a name ending in {ENDING}", shown(path))
+    folder, own = os.path.split(name)
+    if "\\" in own:  # readers take it for a slash
+        raise file_error(*asked, "a file in the scene's folder (no backslash)", quoted(own))
+    beside(folder or ".", folder or ".", own + BINARY, *asked)
+    return name, name + BINARY
+
+
 def write_scene(scene: DataclassInstance, path: Path) -> None:
     """Write a scene, see `Scene.to_json`: both files or none."""
-    owner = "Scene.to_json"
-    name = checked_path(owner, "path", path)
-    if not name.lower().endswith(ENDING):
-        raise file_error(owner, "path", f"a name ending in {ENDING}", shown(path))
-    folder, own = os.path.split(name)
-    made = encoded(scene, own + BINARY)
-    if made.arrays:
-        beside(folder or ".", folder or ".", own + BINARY, owner, "path")  # a name that no scene file may refer to
-    binary, text = name + BINARY, name
+    text, binary = file_names(path)
+    made = encoded(scene, os.path.basename(binary))
     with replacing_all(*((binary, text) if made.arrays else (text,))) as files:
         if made.arrays:
             with naming(binary):

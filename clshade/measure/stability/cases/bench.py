@@ -83,8 +83,8 @@ def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
 class Bench:
     """A device and the operations that cases need; tests plant errors by overriding them.
 
-    triangles: number of random triangles of the coverage case. fractions: how many of them are also checked in rational
-    arithmetic. folder: for temporary files.
+    triangles: number of random triangles of the coverage case, and of those that share pixels by twos. fractions: how
+    many of the random ones are also checked in rational arithmetic. folder: for temporary files.
     """
 
     def __init__(self, device: Device, folder: Path, *, triangles: int = 50_000, fractions: int = 1000) -> None:

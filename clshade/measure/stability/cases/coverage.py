@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -261,6 +262,27 @@ def million_into_64(bench: Bench) -> Outcome:
     return flat.drawn_once(bench, scene, np.ones((64, 64), bool), f"{len(faces):,} triangles")
 
 
+def two_a_pixel(bench: Bench) -> Outcome:
+    """One mesh of two triangles in each pixel, which meet on its center: the one whose left edge that is owns it."""
+    columns = math.isqrt(max(bench.triangles // 2, 1))
+    rows = -(-bench.triangles // (2 * columns))
+    corner = np.arange(rows * (columns + 1), dtype=np.int32).reshape(rows, columns + 1)[:, :-1]
+    faces = np.empty((rows, columns, 2, 3), np.int32)
+    for triangle, steps in enumerate(((0, 1, columns + 1), (1, columns + 2, columns + 1))):
+        for place, step in enumerate(steps):
+            np.add(corner, step, out=faces[:, :, triangle, place])
+    uv = np.empty((rows + 1, columns + 1, 2))
+    uv[..., 0], uv[..., 1] = np.arange(columns + 1), np.arange(rows + 1)[:, None]
+    depth = flat.DEPTH + np.random.default_rng(11).random(uv[..., 0].size)
+    scene = flat.scene_of(uv.reshape(-1, 2), faces.reshape(-1, 3), (columns, rows), depth)
+    owners = np.arange(2, 2 * rows * columns + 1, 2, dtype=np.uint32).reshape(rows, columns)[::-1]
+    outcomes = []
+    for visibility in ("painter", "depth"):
+        ids = bench.draw(scene, **{**flat.FLAT, "visibility": visibility})["id"]
+        outcomes.append(wrong_pixels(ids, owners))
+    return worst(outcomes, f"{2 * rows * columns:,} triangles, both visibilities")
+
+
 CASES = (
     Case("1", "shared-edges", "4x4 rotated quads share edges", "each pixel once", shared_edges),
     Case("2", "full-screen-quad", "a rotated quad over the screen", "each pixel once, no hole", full_screen_quad),
@@ -280,4 +302,5 @@ CASES = (
     Case("9", "zero-area", "repeated, collinear, collapsed corners", "nothing drawn, counted", zero_area),
     Case("10", "slivers", "needles 1e5:1, slivers of 0.01 px", "each pixel once, no hole", slivers),
     Case("11", "many-into-few", "1.6M triangles into 64x64", "each pixel once, no hole", million_into_64, True),
+    Case("11b", "two-a-pixel", "one mesh of two triangles a pixel", "the upper one's pixel", two_a_pixel),
 )

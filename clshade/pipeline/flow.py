@@ -1,0 +1,199 @@
+"""Optical flow: where what a frame shows is in another image, and whether it is seen there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ..base.arrays import Array, Bools, Faces, Floats
+from ..base.validation import value_error
+from ..scene.camera import Camera
+from ..scene.geometry import bounding_box, camera_axes
+from ..scene.model import Mesh, Scene, Settings
+from ..scene.seen_points import face_weights, in_image, pixel_rays, triangles
+from . import sample_pattern
+from .camera_space import near_plane
+from .flow_vectors import Flow
+from .frame import Frame
+from .hierarchy import Hierarchy
+from .opencl.device import Device, shared_device
+from .placements import mirrors
+from .struct_layout import SUBPIXEL_BITS
+
+View: TypeAlias = Camera | Scene | Frame
+
+_BAND = 1 << 18  # pixels at a time
+
+
+def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
+    """Return the optical flow from a frame to another image: where the points that its pixels show are there.
+
+    Parameters
+    ----------
+    frame : Frame
+        A rendered frame with the layer id.
+    to : Frame, Scene or Camera
+        The other image: a frame, a scene with its camera, or another camera of the frame's scene. A
+        scene may have its meshes elsewhere: the same faces and as many instances, with other vertices
+        or placements, such as another time of an animation.
+    device : Device or str, optional
+        Where it is decided what is hidden, see `clshade.Renderer`.
+
+    Returns
+    -------
+    Flow
+        Vectors, in pixels to the right and down, and the mask of what the other image does not show.
+
+    Raises
+    ------
+    InputError
+        If the frame has no layer id, or the other scene has other faces.
+    DeviceError
+        If no OpenCL device works.
+
+    Notes
+    -----
+    The point is where the ray of the pixel's sample nearest the center meets the plane of the face
+    that `id` names, clamped to the face, computed in float64 from the scene; vectors are the difference
+    of its places in both images, exactly 0 where nothing moves. ``flow(b, a)`` is the backward flow.
+
+    A point is hidden where a triangle lies between it and the other eye, by the exact predicate of
+    shadows. Triangles that lie nearer than the near plane, or whose side is culled, hide nothing;
+    blended ones hide all of what is behind them, unless the opacity of their material is below
+    ``layer_alpha``. Alpha in textures is not looked up.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> from dataclasses import replace
+    >>> scene = clshade.builtin("icosphere", level=1)
+    >>> frame = clshade.render(scene, layers="id", resolution=(64, 48))
+    >>> camera = frame.scene.camera
+    >>> moved = replace(camera, eye=camera.eye + (0.1, 0, 0), lookat=camera.lookat + (0.1, 0, 0))
+    >>> clshade.flow(frame, moved).vectors.shape
+    (48, 64, 2)
+    """
+    if not isinstance(frame, Frame):
+        raise value_error("flow", "frame", "a Frame", frame)
+    if "id" not in frame:
+        raise value_error("flow", "frame", 'a frame with the layer id (layers=("id",))', ", ".join(frame) or "none")
+    scene, settings = _scene_of(frame, to), to.settings if isinstance(to, Frame) else frame.settings
+    _check_faces(frame.scene, scene)
+    shown = frame["id"]
+    vectors = np.full((*shown.shape, 2), np.nan, np.float32)
+    occluded = np.ones(shown.shape, bool)
+    target = _Target(frame.scene, scene, settings, device)
+    for rows, (rays, origins) in _bands(frame):
+        at = np.nonzero(shown[rows])
+        if not len(at[0]):
+            continue
+        found, hidden = target.of(shown[rows][at].astype(np.int64) - 1, origins[at], rays[at])
+        vectors[rows][at], occluded[rows][at] = found, hidden
+    return Flow(vectors, occluded, scene, settings)
+
+
+def _scene_of(frame: Frame, to: View) -> Scene:
+    if isinstance(to, Camera):
+        return replace(frame.scene, camera=to)
+    if not isinstance(to, (Frame, Scene)):
+        raise value_error("flow", "to", "a Frame, a Scene or a Camera", to)
+    return to if isinstance(to, Scene) else to.scene
+
+
+def _check_faces(scene: Scene, other: Scene) -> None:
+    """Raise InputError unless the faces of both scenes are the same, mesh by mesh."""
+    if len(scene.meshes) != len(other.meshes):
+        raise value_error("flow", "to", f"{len(scene.meshes)} meshes, as in the frame's scene", len(other.meshes))
+    for number, (mesh, moved) in enumerate(zip(scene.meshes, other.meshes, strict=True), 1):
+        counts, found = ((len(each.faces), len(np.asarray(each.instances))) for each in (mesh, moved))
+        if counts != found:
+            expected = f"{counts[0]} faces and {counts[1]} instances of mesh {number}, as in the frame's scene"
+            raise value_error("flow", "to", expected, found)
+        if mesh.faces is not moved.faces and not np.array_equal(mesh.faces, moved.faces):
+            expected = f"the faces of mesh {number} as in the frame's scene, which may move but not change"
+            raise value_error("flow", "to", expected, "others")
+
+
+def _bands(frame: Frame) -> Iterator[tuple[slice, tuple[Floats, Floats]]]:
+    """Yield rows of the image, and directions and origins of the rays of their samples nearest the center."""
+    count, columns = frame["id"].shape
+    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SUBPIXEL_BITS)).tolist()
+    step = max(1, _BAND // columns)
+    for start in range(0, count, step):
+        rows = slice(start, start + step)
+        yield rows, pixel_rays(frame.scene.camera, (right, up), rows)
+
+
+class _Target:
+    """The other image: where points of faces are in it, and whether it shows them. start: the scene in which the points are
+    seen."""
+
+    def __init__(self, start: Scene, scene: Scene, settings: Settings, device: Device | str | None) -> None:
+        self._camera, self._start_camera = scene.camera, start.camera
+        verts, self._faces = triangles(scene)
+        self._verts = verts
+        low, high = bounding_box(scene)
+        self._origin = low + 0.5 * (high - low)
+        self._start_verts = verts if start.meshes is scene.meshes else triangles(start)[0]
+        self._near = settings.near or near_plane(scene)
+        self._shown = ~_culled(scene, settings, verts, self._faces)
+        nearer = (verts - scene.camera.eye) @ camera_axes(scene.camera)[2] < self._near
+        casts = self._shown & ~nearer[self._faces].all(axis=1) & ~_see_through(scene, settings)
+        device = device if isinstance(device, Device) else shared_device(device, profiling=True)
+        self._hierarchy = Hierarchy(device, verts - self._origin, np.where(casts[:, None], self._faces, np.int32(0)))
+
+    def _eye(self) -> Floats:
+        """Return the homogeneous position of the eye, (4,): of a parallel projection the direction toward it."""
+        if self._camera.orthographic:
+            return np.append(-camera_axes(self._camera)[2], 0.0)
+        return np.append(self._camera.eye - self._origin, 1.0)
+
+    def of(self, face: Array, origins: Floats, rays: Floats) -> tuple[Floats, Bools]:
+        """Return the flow (K, 2) of the points where rays meet faces (K,), and which of them are not shown (K,)."""
+        index = self._faces[face]
+        weights = face_weights(origins, rays, self._start_verts[index])
+
+        def offsets(verts: Floats, center: Floats) -> Floats:
+            """Return the points' offsets from a center: far from the origin their coordinates would be less exact."""
+            found: Floats = np.einsum("kc,kcx->kx", weights, verts[index] - center)
+            return found
+
+        place, depth = in_image(self._camera, offsets(self._verts, self._camera.eye))
+        vectors = place - in_image(self._start_camera, offsets(self._start_verts, self._start_camera.eye))[0]
+        with np.errstate(invalid="ignore"):
+            ahead = (depth >= self._near) & (np.abs(vectors) <= np.finfo(np.float32).max).all(axis=1)
+            inside = ((place >= 0.0) & (place < self._camera.resolution)).all(axis=1)
+        asked = ahead & inside & self._shown[face]
+        points = offsets(self._verts, self._origin)
+        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), self._eye())
+        return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
+
+
+def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bools:
+    """Return the faces whose back the camera sees, where backs are not drawn, (F,)."""
+    found = np.zeros(len(faces), bool)
+    end = 0
+    for mesh, matrix in _placed(scene):
+        start, end = end, end + len(mesh.faces)
+        if mesh.material.sides == "both" and not settings.cull:
+            continue
+        a, b, c = np.moveaxis(verts[faces[start:end]], 1, 0)
+        toward = -camera_axes(scene.camera)[2] if scene.camera.orthographic else scene.camera.eye - a
+        volume = (np.cross(b - a, c - a) * toward).sum(axis=1)
+        found[start:end] = (volume > 0.0) if mirrors(matrix) else (volume < 0.0)
+    return found
+
+
+def _see_through(scene: Scene, settings: Settings) -> Bools:
+    """Return the faces through which layers look, (F,)."""
+    rows = [
+        (mesh.blends and mesh.material.opacity < settings.layer_alpha, len(mesh.faces)) for mesh, _ in _placed(scene)
+    ]
+    return np.repeat(np.array([clear for clear, _ in rows], bool), [count for _, count in rows])
+
+
+def _placed(scene: Scene) -> list[tuple[Mesh, Array]]:
+    return [(mesh, matrix) for mesh in scene.meshes for matrix in np.asarray(mesh.instances)]

@@ -1,0 +1,85 @@
+"""The pytest plugin `clshade`: its options, the fixture `image_regression`, the summary of what was renewed.
+
+pytest imports this module at the start of every run, so nothing that draws is imported before a test asks for an image.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from .options import OUT, REFERENCES, RENEWED, STATES, UPDATE
+
+if TYPE_CHECKING:
+    from .image_regression import ImageRegression
+
+_OTHER = "regressions"  # pytest-regressions, which also has a fixture `image_regression`
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("clshade", "regression tests of images")
+    group.addoption(
+        UPDATE,
+        action="store_true",
+        help="keep the images that the tests draw as their references: missing ones are created, different ones renewed",
+    )
+    group.addoption(
+        OUT,
+        metavar="DIR",
+        help="folder for the reference, result and difference of each image that differs (default: a temporary one)",
+    )
+    parser.addini(
+        REFERENCES,
+        f"whether {UPDATE} keeps an EXR of each image beside its hashes (default: true)",
+        type="bool",
+        default=True,
+    )
+
+
+class _ShortName:
+    @pytest.fixture
+    def image_regression(self, clshade_image_regression: ImageRegression) -> ImageRegression:
+        """Draw a scene and compare image and layers, bit for bit, with those of an earlier run."""
+        return clshade_image_regression
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not config.pluginmanager.has_plugin(_OTHER):
+        config.pluginmanager.register(_ShortName(), "clshade-image-regression")
+
+
+@pytest.fixture
+def clshade_image_regression(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> ImageRegression:
+    """`image_regression` under a name that no other plugin has."""
+    from .image_regression import ImageRegression
+
+    out = request.config.getoption(OUT)
+    return ImageRegression(
+        request.node,
+        update=request.config.getoption(UPDATE),
+        references=request.config.getini(REFERENCES),
+        out=None if out is None else Path(request.config.invocation_params.dir, out),
+        temporary=lambda name: tmp_path_factory.mktemp(name),
+    )
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    renewed: dict[tuple[str, str], tuple[str, str]] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            for name, value in getattr(report, "user_properties", ()):
+                if name == RENEWED:
+                    state, library, key, remark = value
+                    renewed[library, key] = state, remark
+    if not renewed:
+        return
+    terminalreporter.section("clshade images")
+    for (library, key), (state, remark) in sorted(renewed.items()):
+        if state != "unchanged":
+            terminalreporter.line(f"{state} {library}: {key}{remark and f' ({remark})'}")
+    states = [state for state, _ in renewed.values()]
+    terminalreporter.line(", ".join(f"{states.count(state)} {state}" for state in STATES if state in states))

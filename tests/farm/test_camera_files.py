@@ -1,0 +1,183 @@
+"""Files of cameras with K and pose: round trips, what OpenCV projects, stacks of matrices, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clshade.errors import InputError, OutputError
+from clshade.farm import orbit, parse_frames, read_cameras, stereo_cameras, write_cameras
+from clshade.scene.camera import Camera
+
+K = [[220.5, 0.0, 70.25], [0.0, 240.75, 41.5], [0.0, 0.0, 1.0]]
+POSE = [[0.0, 0.0, 1.0, 1.5], [0.0, 1.0, 0.0, -2.0], [-1.0, 0.0, 0.0, 0.25], [0.0, 0.0, 0.0, 1.0]]
+BASE = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.5), (140, 100))
+FLIP = {"opencv": np.diag([1.0, 1.0, 1.0, 1.0]), "opengl": np.diag([1.0, -1.0, -1.0, 1.0])}
+
+
+def read(folder: Path, value: object, base: Camera = BASE, **options) -> tuple[Camera, ...]:
+    path = folder / "cameras.json"
+    path.write_text(json.dumps(value))
+    return read_cameras(path, base, **options)
+
+
+def fields_of(camera: Camera) -> list:
+    return [np.asarray(value).tolist() for value in vars(camera).values()]
+
+
+@pytest.mark.parametrize("convention", FLIP)
+@pytest.mark.parametrize("center", [0.5, 0])
+def test_a_file_has_the_cameras_of_from_matrix(tmp_path, convention, center):
+    given = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
+    (found,) = read(tmp_path, [given])
+    expected = Camera.from_matrix(K, POSE, (140, 100), convention=convention, pixel_center=center)
+    assert fields_of(found) == fields_of(expected)
+    (short,) = read(tmp_path, [{**given, "pose": POSE[:3]}])
+    assert fields_of(short) == fields_of(expected)
+
+
+@pytest.mark.parametrize("convention", FLIP)
+@pytest.mark.parametrize("center", [0.5, 0])
+def test_opencv_projects_points_where_cameras_of_a_file_draw_them(tmp_path, convention, center):
+    """Written, read and written again: within 1/256 px of K and the pose that were given."""
+    cv2 = pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
+    from clshade.scene.camera_matrices import camera_matrices
+
+    given = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
+    cameras = read(tmp_path, [given])
+    for _ in range(2):
+        write_cameras(tmp_path / "again.json", cameras, convention=convention, pixel_center=center)
+        (camera,) = cameras = read_cameras(tmp_path / "again.json", BASE)
+    (listed,) = json.loads((tmp_path / "again.json").read_text())
+    np.testing.assert_allclose(listed["K"], K, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(listed["pose"], POSE, rtol=0, atol=1e-14)
+    pose = np.array(POSE) @ FLIP[convention]
+    points = np.random.default_rng(2).uniform((-1, -1, 2), (1, 1, 9), (50, 3)) @ pose[:3, :3].T + pose[:3, 3]
+    to_camera = np.linalg.inv(pose)
+    turn, _ = cv2.Rodrigues(to_camera[:3, :3])
+    pixels, _ = cv2.projectPoints(points, turn, to_camera[:3, 3], np.array(K), None)
+    drawn = np.column_stack([points, np.ones(50)]) @ camera_matrices(camera)[1]
+    drawn = drawn[:, :2] / drawn[:, 3:] * camera.resolution
+    assert np.abs(pixels[:, 0] + (0.5 - center) - drawn).max() < 1e-9
+
+
+def test_stacks_of_matrices(tmp_path):
+    poses = np.stack([POSE] * 3)
+    poses[:, 0, 3] = range(3)
+    stack = poses.tolist()
+    one = read(tmp_path, {"K": K, "pose": stack, "convention": "opengl"})
+    each = read(tmp_path, {"K": [K] * 3, "pose": stack, "convention": "opengl", "resolution": [140, 100]})
+    expected = Camera.from_matrices(K, stack, (140, 100), convention="opengl")
+    lens = read(tmp_path, {"pose": stack, "fov": 40})
+    for k in range(3):
+        assert fields_of(one[k]) == fields_of(each[k]) == fields_of(expected[k])
+        assert lens[k].eye.tolist() == [k, -2.0, 0.25]
+        assert lens[k].plane[0] == pytest.approx(2 * np.tan(np.radians(20)), rel=1e-15)
+
+
+def test_k_alone_and_a_pose_alone(tmp_path):
+    lens, placed = read(tmp_path, [{"K": K, "eye": [0, 1, 5]}, {"pose": POSE}])
+    assert lens.eye.tolist() == [0, 1, 5]
+    assert lens.up.tolist() == [0, 1, 0]
+    np.testing.assert_allclose(lens.to_matrix()[0], K, rtol=0, atol=1e-12)
+    assert (placed.focal, placed.plane) == (BASE.focal, BASE.plane)
+    np.testing.assert_allclose(placed.pose(), POSE, rtol=0, atol=1e-15)
+
+
+def test_k_at_another_resolution(tmp_path):
+    """Of the same proportions: K is scaled, pixels that are not square stay so. Without its own, K is in those pixels."""
+    given = {"K": K, "pose": POSE, "resolution": [140, 100]}
+    (half,) = read(tmp_path, [given], resolution=(70, 50))
+    np.testing.assert_allclose(half.to_matrix()[0][:2], np.array(K)[:2] / 2, rtol=1e-14)
+    del given["resolution"]
+    (own,) = read(tmp_path, [given], resolution=(70, 50))
+    np.testing.assert_allclose(own.to_matrix()[0], K, rtol=0, atol=1e-12)
+    assert own.resolution == (70, 50)
+    given["resolution"] = [140, 100]
+    message = "camera 1: --resolution: expected the proportions of 140x100, whose pixels K is in, found 70x70"
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, [given], resolution=(70, 70))
+
+
+def test_all_kinds_of_cameras_are_written(tmp_path):
+    turn = parse_frames("1..4")
+    cameras = [*orbit(BASE, turn.numbers, turn).values(), Camera(*fields_of(BASE)[:6], (0.25, 0.5), True)]
+    write_cameras(tmp_path / "c.json", cameras)
+    found = read_cameras(tmp_path / "c.json", Camera((9, 9, 9), (1, 2, 3), (0, 0, 1), 7.0, (3.0, 3.0)))
+    assert [camera.resolution for camera in found] == [(140, 100)] * 5
+    for camera, again in zip(cameras, found, strict=True):
+        np.testing.assert_allclose(again.pose(), camera.pose(), rtol=0, atol=1e-14)
+    assert fields_of(found[4]) == fields_of(cameras[4])
+    before = (tmp_path / "c.json").read_bytes()
+    with pytest.raises(InputError, match=r"^Camera\.pose: convention: .*did you mean 'opencv'"):
+        write_cameras(tmp_path / "c.json", cameras, convention="open_cv")
+    assert (tmp_path / "c.json").read_bytes() == before
+    with pytest.raises(OutputError, match="there is no folder"):
+        write_cameras(tmp_path / "none" / "c.json", cameras)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.json"]
+
+
+def test_cameras_of_two_eyes():
+    turn = parse_frames("1..1000000")
+    whole = orbit(BASE, turn.numbers, turn)
+    left, right = stereo_cameras(whole, 0.5, 4.0)
+    assert (len(left), len(right), 7 in left, 0 in right, next(iter(left))) == (1_000_000, 1_000_000, True, False, 1)
+    for eye, expected in zip((left[7], right[7]), whole[7].stereo(0.5, 4.0), strict=True):
+        assert fields_of(eye) == fields_of(expected)
+    with pytest.raises(KeyError):
+        left[0]
+
+
+SKEWED = [[220.5, 0.5, 70.25], *K[1:]]
+FLAT = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]
+REFUSED = [
+    ([{}, {"K": SKEWED}], ("camera 2: K: ", "found a skew of 0.5")),
+    ([{"k": K}], ("camera 1", "'k'", "did you mean 'K'?")),
+    ([{"intrinsics": K}], ("'intrinsics'", "did you mean 'K'?")),
+    ([{"c2w": POSE}], ("'c2w'", "did you mean 'pose'?")),
+    ([{"posse": POSE}], ("'posse'", "did you mean 'pose'?")),
+    ({"K": K, "poses": [POSE]}, ("cameras: ", "'poses'", "did you mean 'pose'?")),
+    ([{"pose": FLAT}], ("camera 1: pose: ", "found a singular matrix")),
+    ([{"pose": POSE[:2]}], ("camera 1: pose: ", "four or three rows of four numbers")),
+    ([{"pose": [1, 2, 3, 4]}], ("camera 1: pose: ", "rows of four numbers")),
+    ([{"K": [[1, 0, 0]] * 2}], ("camera 1: K: ", "three rows of three numbers")),
+    ([{"K": [["1", 0, 0], *K[1:]]}], ("camera 1: K: ", "three rows of three numbers")),
+    ([{"K": [[1e999, 0, 0], *K[1:]]}], ("JSON: ", "Infinity")),
+    ([{"K": K, "fov": 40}], ("camera 1: K: ", "either K or fov")),
+    ([{"K": K, "principal": [0.5, 0.5]}], ("camera 1: K: ", "either K or principal")),
+    ([{"pose": POSE, "eye": [0, 0, 1]}], ("camera 1: pose: ", "either pose or eye")),
+    ([{"convention": "opengl"}], ("camera 1: convention: expected pose beside it, found none",)),
+    ([{"pose": POSE, "pixel_center": 0}], ("camera 1: pixel_center: expected K beside it",)),
+    ([{"pose": POSE, "convention": "openGl"}], ("camera 1: convention: ", "did you mean 'opengl'?")),
+    ([{"pose": POSE, "convention": 3}], ("camera 1: convention: ", "opencv or opengl")),
+    ([{"K": K, "pixel_center": 0.25}], ("camera 1: pixel_center: expected 0.5 or 0, found 0.25",)),
+    ([{"K": K, "pixel_center": [0]}], ("camera 1: pixel_center: expected 0.5 or 0, found [0]",)),
+    ([{"K": K, "resolution": [140]}], ("camera 1: resolution: ",)),
+    ({"K": [K] * 3, "pose": [POSE] * 2}, ("pose: expected as many as of K, 3, found 2",)),
+    ({"K": K, "pose": [POSE, FLAT]}, ("camera 2: pose: ", "singular")),
+    ({"K": [K, POSE], "pose": [POSE] * 2}, ("camera 2: K: ", "three rows of three numbers")),
+    ({"K": K, "pose": POSE}, ("a list of cameras, ", "found an object without one")),
+    ({"K": [], "pose": []}, ("a list of cameras, ",)),
+]
+
+
+@pytest.mark.parametrize(("value", "parts"), REFUSED)
+def test_refused_files(tmp_path, value, parts):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, value)
+    message = str(caught.value)
+    assert message.startswith(f"{tmp_path}/cameras.json: ")
+    assert "\n" not in message
+    assert all(part in message for part in parts), message
+
+
+@pytest.mark.parametrize("name", ["K", "pose", "convention", "pixel_center", "eye"])
+def test_lists_nested_deeply_and_infinity(tmp_path, name):
+    for value in ("[" * 900 + "]" * 900, "[[1e999, 0, 0], [0, 1, 0], [0, 0, 1]]", "1e999"):
+        (tmp_path / "bad.json").write_text(f'[{{"{name}": {value}}}]')
+        with pytest.raises(InputError) as caught:
+            read_cameras(tmp_path / "bad.json", BASE)
+        assert f"/bad.json: camera 1: {name}: expected " in str(caught.value)

@@ -1,0 +1,437 @@
+"""Optical flow: closed forms, warping, what is hidden, and the float64 oracle."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from layer_scenes import mixed
+
+import clshade
+from clshade.cli.main import main
+from clshade.errors import InputError
+from clshade.farm import read_cameras
+from clshade.measure.check.flow_bounds import flow_errors
+from clshade.measure.fuzz.random_scenes import scene_of
+from clshade.pipeline.flow_vectors import Flow
+from clshade.pipeline.frame import Frame
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.camera import Camera
+from clshade.scene.geometry import camera_axes
+from clshade.scene.model import Material, Mesh, Scene
+from clshade.scene.seen_points import face_weights, in_image, pixel_rays, triangles
+
+HALF_ULP = 2.0**-24  # of float32, relative
+CAMERA = Camera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (0.75, 1.0), (64, 48))
+PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
+PLAIN = {"shader": "nolight", "layers": "id"}
+
+
+def square(size: float = 1.0, z: float = 0.0, **fields) -> Mesh:
+    """Return a square of two triangles about the z axis, facing it."""
+    verts = [(-size, -size, z), (size, -size, z), (size, size, z), (-size, size, z)]
+    return Mesh(verts, [[0, 1, 2], [0, 2, 3]], **fields)
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float], **fields) -> Mesh:
+    """Return a box; its faces are counter-clockwise from outside."""
+    verts = [[(low, high)[(corner >> axis) & 1][axis] for axis in range(3)] for corner in range(8)]
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    return Mesh(verts, [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], **fields)
+
+
+def at(*offset: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def centers(frame: Frame) -> np.ndarray:
+    """Return the pixels' centers (M, N, 2), to the right and down."""
+    rows, columns = frame.alpha.shape
+    return np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1)
+
+
+def draw(device, *meshes: Mesh, camera: Camera = CAMERA, **options) -> Frame:
+    return clshade.render(Scene(meshes, camera), device=device, **{**PLAIN, **options})
+
+
+def assert_oracles(frame: Frame, found: Flow) -> None:
+    where = np.divmod(np.arange(frame.alpha.size), frame.alpha.shape[1])
+    errors, wrong = flow_errors(found, frame.scene, frame.settings, frame["id"][where], where)
+    assert errors.max() <= 1.0
+    assert not wrong.any()
+
+
+# Closed forms
+
+
+def test_a_camera_that_moves_along_a_plane(opened):
+    """Distance 4, 64 px for a width of 1 at distance 1: 16 px for each unit to the side, the other way; y is down."""
+    frame = draw(opened, square())
+    moved = replace(CAMERA, eye=CAMERA.eye + (0.25, 0.125, 0), lookat=CAMERA.lookat + (0.25, 0.125, 0))
+    found = clshade.flow(frame, moved, device=opened)
+    shown = frame["id"] > 0
+    assert found.vectors.dtype == np.float32
+    assert np.abs(found.vectors[shown] - [-4.0, 2.0]).max() <= 4.0 * HALF_ULP
+    assert np.isnan(found.vectors[~shown]).all()
+    assert np.array_equal(found.occluded, ~shown)
+    assert_oracles(frame, found)
+
+
+def test_a_camera_that_comes_nearer(opened):
+    """To half the distance: places move away from the middle by as much as they are from it."""
+    frame = draw(opened, square(0.5))
+    found = clshade.flow(frame, replace(CAMERA, eye=(0, 0, 2.0)), device=opened)
+    shown = frame["id"] > 0
+    assert shown.sum() == 256
+    assert np.abs(found.vectors - (centers(frame) - (32, 24)))[shown].max() <= 8.0 * HALF_ULP
+    assert not found.occluded[shown].any()
+    assert_oracles(frame, found)
+
+
+def test_a_rotation_is_a_homography(opened):
+    """Of whatever distance: the same vectors for a plane far and near, K R K^-1."""
+    turned = replace(CAMERA, lookat=CAMERA.eye + (0.2, -0.1, -1.0), up=(0.1, 1.0, 0.0))
+    axes, other = camera_axes(CAMERA), camera_axes(turned)
+    for size, z in ((8.0, -4.0), (2.0, 2.0)):
+        frame = draw(opened, square(size, z))
+        assert (frame["id"] > 0).all()
+        directions = (centers(frame) - (32, 24)) / (64, -64)
+        rays = np.concatenate([directions, np.ones((48, 64, 1))], axis=-1) @ axes @ other.T
+        expected = rays[..., :2] / rays[..., 2:] * (64, -64) + (32, 24)
+        found = clshade.flow(frame, turned, device=opened)
+        assert np.abs(found.vectors - (expected - centers(frame))).max() <= 40.0 * HALF_ULP
+        inside = ((expected >= 0) & (expected < (64, 48))).all(axis=-1)
+        assert np.array_equal(found.occluded, ~inside)
+        assert 0.2 < inside.mean() < 0.9
+        assert_oracles(frame, found)
+
+
+def test_a_moved_instance(opened):
+    """One of two placements moves to the side and away from the camera, the other not at all."""
+    placed, gone = np.stack([at(-0.8, 0, 0), at(0.8, 0, 0)]), np.stack([at(-0.8, 0, 0), at(1.6, 0, -4.0)])
+    mesh = square(0.5, instances=placed)
+    frame = draw(opened, mesh, layers=("id", "instance_id"))
+    moved = replace(frame.scene, meshes=(replace(mesh, instances=gone),))
+    found = clshade.flow(frame, moved, device=opened)
+    still, other = frame["instance_id"] == 1, frame["instance_id"] == 2
+    assert (still.sum(), other.sum()) == (256, 256)
+    assert (found.vectors[still] == 0.0).all()
+    points = (centers(frame)[other] - (32, 24)) / 16  # in the plane of the square, y down
+    expected = 8.0 * (points + (0.8, 0.0)) - 16.0 * points  # twice as far away: 8 px for each unit
+    assert np.abs(found.vectors[other] - expected).max() <= 16.0 * HALF_ULP
+    assert not found.occluded[still | other].any()
+    assert_oracles(frame, found)
+
+
+def test_a_parallel_projection(opened):
+    frame = draw(opened, square(), camera=PARALLEL)
+    found = clshade.flow(frame, replace(PARALLEL, eye=(0.5, 0, 4.0), lookat=(0.5, 0, 0)), device=opened)
+    assert np.abs(found.vectors[frame["id"] > 0] - [-8.0, 0.0]).max() <= 8.0 * HALF_ULP
+    assert_oracles(frame, found)
+
+
+def test_nothing_moves(opened):
+    """Exactly 0, at slivers and clipped faces too, and with several samples."""
+    frame = clshade.render(mixed(), device=opened, samples=3, **PLAIN)
+    shown = frame["id"] > 0
+    found = clshade.flow(frame, frame, device=opened)
+    assert (found.vectors[shown] == 0.0).all()
+    # Squares of a pixel may show what is hidden at another place of it, by at most 1/256 px of snapping.
+    assert found.occluded[shown].mean() < 0.005
+    assert_oracles(frame, found)
+
+
+# What is hidden
+
+
+def test_what_a_box_hides(opened):
+    """A square behind another, which the camera's way to the side moves by twice as much: a strip is hidden, as wide."""
+    frame = draw(opened, square(3.0, -4.0), square(0.5, 2.0), layers=("id", "object_id"))
+    moved = replace(CAMERA, eye=(0.25, 0, 4.0), lookat=(0.25, 0, 0))
+    found = clshade.flow(frame, moved, device=opened)
+    front, behind = frame["object_id"] == 2, frame["object_id"] == 1
+    assert np.abs(found.vectors[front] - [-8.0, 0.0]).max() <= 8.0 * HALF_ULP
+    assert np.abs(found.vectors[behind] - [-2.0, 0.0]).max() <= 8.0 * HALF_ULP
+    x, y = np.moveaxis(centers(frame), -1, 0)
+    # In the other image the square before it has x from 8 to 40, y from 8 to 40; what is behind it moves by 2.
+    hidden = behind & (x - 2 > 8) & (x - 2 < 40) & (y > 8) & (y < 40)
+    assert np.array_equal(found.occluded, hidden | ~(front | behind))
+    assert hidden.any()
+    assert_oracles(frame, found)
+
+
+def boxes(device, **options) -> tuple[Frame, Frame]:
+    """Return two frames of boxes on a floor, of which one moves, as does the camera."""
+    floor = Mesh([(-5, -1, -9), (5, -1, -9), (5, -1, 9), (-5, -1, 9)], [[0, 2, 1], [0, 3, 2]])
+    block = box((-0.5, -1, -0.5), (0.5, 0.5, 0.5), instances=np.stack([at(-1, 0, 0), at(0.6, 0, 1)]))
+    moved = replace(block, instances=np.stack([at(-1, 0, 0), at(0.1, 0.2, 0.8)]))
+    first = replace(CAMERA, eye=(0.3, 0.8, 4.0))
+    second = replace(CAMERA, eye=(-0.6, 1.0, 3.6), resolution=(60, 52))
+    return draw(device, floor, block, camera=first, **options), draw(device, floor, moved, camera=second, **options)
+
+
+def test_warping(opened):
+    """Where it is not occluded, the other scene shows the same point of the same face at the pixel's place plus its vector;
+    where it is, another face is nearer there, or the place is outside."""
+    a, b = boxes(opened)
+    for start, end in ((a, b), (b, a)):
+        found = clshade.flow(start, end, device=opened)
+        shown = np.nonzero(start["id"])
+        face = start["id"][shown].astype(int) - 1
+        places = (centers(start) + found.vectors)[shown]
+        points, inner = points_of(start.scene, end.scene, face, centers(start)[shown])
+        seen, distance = first_hits(end.scene, places)
+        own = np.linalg.norm(points - end.scene.camera.eye, axis=1)
+        visible = ~found.occluded[shown]
+        # Places are float32: right to 1e-5 px, along the floor 1e-4 of the distance. On sides that may be beside the face.
+        same = (seen == face) & (np.abs(distance - own) <= 1e-4 * own)
+        assert same[visible & inner].all()
+        assert inner.mean() > 0.99
+        inside = ((places >= 0) & (places < end.scene.camera.resolution)).all(axis=1)
+        assert (~inside | (distance < own * (1 - 1e-4)))[~visible & inner].all()
+        assert 0.1 < visible.mean() < 0.95
+        assert (inside & ~visible).sum() > 30
+        assert_oracles(start, found)
+
+
+def points_of(scene: Scene, other: Scene, face: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (K, 3) of the other scene that faces show at places (K, 2) of this one, and which lie on no side."""
+    (verts, faces), moved = triangles(scene), triangles(other)[0]
+    rays, origins = rays_of(scene.camera, places)
+    weights = face_weights(origins, rays, verts[faces[face]])
+    return np.einsum("kc,kcx->kx", weights, moved[faces[face]]), weights.min(axis=1) > 1e-4
+
+
+def rays_of(camera: Camera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    columns, rows = camera.resolution
+    x, y = (places[:, 0] / columns - 0.5) * camera.plane[1], (0.5 - places[:, 1] / rows) * camera.plane[0]
+    rays = np.stack([x, y, np.full_like(x, camera.focal)], axis=1) @ camera_axes(camera)
+    return rays, np.broadcast_to(camera.eye, rays.shape)
+
+
+def first_hits(scene: Scene, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest face at places (K, 2) of an image and its distance, trying all faces."""
+    verts, faces = triangles(scene)
+    rays, origins = rays_of(scene.camera, places)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    nearest, distance = np.full(len(rays), -1), np.full(len(rays), np.inf)
+    for number, (a, b, c) in enumerate(verts[faces]):
+        normal = np.cross(b - a, c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = ((a - origins) @ normal) / (rays @ normal)
+            points = origins + t[:, None] * rays
+        sides = [np.cross(q - p, points - p) @ normal for p, q in ((a, b), (b, c), (c, a))]
+        hit = np.all([side >= -1e-9 for side in sides], axis=0) & (t > 0) & (t < distance)
+        nearest[hit], distance[hit] = number, t[hit]
+    return nearest, distance
+
+
+def test_forward_and_backward_agree(opened):
+    """The backward flow at the place where a vector ends leads back, where both are seen and near each other."""
+    a, b = boxes(opened)
+    forward, backward = clshade.flow(a, b, device=opened), clshade.flow(b, a, device=opened)
+    rows, columns = np.nonzero(~forward.occluded)
+    ends = (centers(a) + forward.vectors)[rows, columns]
+    x, y = np.floor(ends).astype(int).T
+    same = (b["id"][y, x] == a["id"][rows, columns]) & ~backward.occluded[y, x]
+    round_trip = (forward.vectors[rows, columns] + backward.vectors[y, x])[same]
+    assert same.mean() > 0.9
+    assert np.abs(round_trip).max() < 1.0  # half a pixel apart, where vectors change slowly
+
+
+def test_a_side_that_is_not_drawn_is_occluded(opened):
+    """From behind, a square of which only the front is drawn; one of both sides is seen."""
+    behind = replace(CAMERA, eye=(0, 0, -4.0))
+    for sides in ("both", "front"):
+        frame = draw(opened, square(material=Material(sides=sides)))
+        found = clshade.flow(frame, behind, device=opened)
+        shown = frame["id"] > 0
+        assert found.occluded[shown].all() == (sides == "front")
+        assert np.abs(found.vectors - (2 * ((32, 24) - centers(frame)) * (1, 0)))[shown].max() <= 64 * HALF_ULP
+        assert_oracles(frame, found)
+
+
+def test_a_square_that_is_not_drawn_hides_nothing(opened):
+    """One whose back is culled, one through which layers look, and one nearer than the near plane."""
+    far = square(2.0, -4.0)
+    away = draw(opened, far, square(0.5, 9.0))
+    for near, options in (
+        (
+            square(
+                0.5, 2.0, instances=[np.diag([-1.0, 1.0, -1.0, 1.0]) @ at(0, 0, -4.0)], material=Material(sides="front")
+            ),
+            {},
+        ),
+        (square(0.5, 2.0, material=Material(blend=True, opacity=0.25)), {}),
+        (square(0.5, 3.5), {"near": 1.0}),
+    ):
+        moved = draw(opened, far, near, **options)
+        assert set(np.unique(moved["id"])) <= {0, 1, 2}
+        found = clshade.flow(away, moved, device=opened)
+        assert not found.occluded[away["id"] > 0].any()
+        assert_oracles(away, found)
+
+
+def test_what_is_behind_the_other_camera_has_no_vector(opened):
+    frame = draw(opened, square(0.5), square(0.5, -6.0, instances=[at(2, 0, 0)]), layers=("id", "object_id"))
+    found = clshade.flow(frame, replace(CAMERA, eye=(0, 0, -1.0), lookat=(0, 0, -5.0)), device=opened)
+    front = frame["object_id"] == 1
+    assert np.isnan(found.vectors[front]).all()
+    assert found.occluded[front].all()
+    assert np.isfinite(found.vectors[frame["object_id"] == 2]).all()
+    assert_oracles(frame, found)
+
+
+@pytest.mark.long
+def test_a_scene_of_everything_is_the_oracles(opened):
+    """Clipped faces, mirrored placements, a parallel projection, several samples."""
+    camera = mixed().camera
+    moved = replace(camera, eye=(0.5, 0.3, 2.5), resolution=(50, 40))
+    for start, end in ((camera, moved), (replace(camera, plane=(3.0, 4.0), orthographic=True), moved)):
+        frame = clshade.render(replace(mixed(), camera=start), device=opened, samples=4, layers="id")
+        assert_oracles(frame, clshade.flow(frame, end, device=opened))
+
+
+@pytest.mark.long
+def test_random_scenes_are_the_oracles(opened):
+    """Of all sizes and places, with clipped faces and mirrored placements; the camera moves, and in half of them the
+    meshes."""
+    rng = np.random.default_rng(1)
+    shown = hidden = 0
+    for number in range(20):
+        scene = scene_of(number).scene
+        meshes = [
+            Mesh(m.verts, m.faces, material=Material(sides=m.material.sides), instances=m.instances)
+            for m in scene.meshes
+        ]
+        start = replace(scene.camera, resolution=(32, 24))
+        frame = draw(opened, *meshes, camera=start, samples=(1, 4)[number % 2])
+        reach = np.linalg.norm(start.lookat - start.eye)
+        end = replace(
+            start,
+            eye=start.eye + 0.1 * reach * rng.normal(size=3),
+            lookat=start.lookat + 0.05 * reach * rng.normal(size=3),
+            resolution=(36, 28),
+        )
+        if number % 4 < 2:
+            moves = [at(*0.05 * reach * rng.normal(size=3)) for _ in meshes]
+            meshes = [replace(mesh, instances=move @ mesh.instances) for mesh, move in zip(meshes, moves, strict=True)]
+        found = clshade.flow(frame, replace(frame.scene, meshes=tuple(meshes), camera=end), device=opened)
+        assert_oracles(frame, found)
+        shown += (~found.occluded).sum()
+        hidden += found.occluded[frame["id"] > 0].sum()
+    assert min(shown, hidden) > 500
+
+
+# Checks, files and refusals
+
+
+def test_check_looks_at_flows(opened):
+    a, b = boxes(opened)
+    a.flows = {"flow": clshade.flow(a, b, device=opened)}
+    found = clshade.check(a, 500)
+    assert found.passed
+    assert 0.0 < found.flow <= 1.0
+    assert any("flow: " in line for line in found.lines())
+    vectors, occluded = a.flows["flow"].vectors.copy(), ~a.flows["flow"].occluded
+    vectors[np.isfinite(vectors)] += np.float32(1e-3)
+    for wrong in (replace(a.flows["flow"], vectors=vectors), replace(a.flows["flow"], occluded=occluded)):
+        a.flows["flow"] = wrong
+        found = clshade.check(a, 500)
+        assert not found.passed
+        assert found.flow > 1.0
+
+
+@pytest.mark.parametrize("layers", [("instance_id",), ("id", "instance_id")])
+def test_check_looks_at_instances(opened, layers):
+    frame, _ = boxes(opened, layers=layers)
+    assert clshade.check(frame, "all").passed
+    assert set(np.unique(frame["instance_id"])) == {0, 1, 2, 3}
+    row, column = np.argwhere(frame["instance_id"] == 2)[5]
+    frame["instance_id"][row, column] = 3
+    found = clshade.check(frame, "all")
+    assert (found.passed, found.wrong) == (False, 1)
+
+
+def test_files(opened, tmp_path):
+    """The EXR has both flows and their masks; a .flo file as its benchmark's readers expect."""
+    a, b = boxes(opened)
+    there, back = clshade.flow(a, b, device=opened), clshade.flow(a, replace(CAMERA, eye=(1, 1, 4)), device=opened)
+    a.flows = {"flow": there, "flow_back": back}
+    a.save(tmp_path / "a", half=True)
+    channels, _ = clshade.exr.read(tmp_path / "a.exr")
+    for name, flow in a.flows.items():
+        assert channels[f"{name}.X"].dtype == np.float32
+        np.testing.assert_array_equal(np.stack([channels[f"{name}.X"], channels[f"{name}.Y"]], axis=-1), flow.vectors)
+        assert np.array_equal(channels[f"{name}_occluded"], flow.occluded.astype(np.uint32))
+    there.save(tmp_path / "a.flo")
+    data = (tmp_path / "a.flo").read_bytes()
+    assert data[:4] == b"PIEH"
+    assert struct.unpack("<ii", data[4:12]) == (64, 48)
+    values = np.frombuffer(data, "<f4", offset=12).reshape(48, 64, 2)
+    known = np.isfinite(there.vectors)
+    assert np.array_equal(values[known], there.vectors[known])
+    assert (values[~known] > 1e9).all()
+    with pytest.raises(InputError, match=r"Flow.save: path: expected a file name ending in \.flo, found"):
+        there.save(tmp_path / "a.png")
+    a.flows["motion"] = there
+    with pytest.raises(InputError, match="Frame: flows: expected one of flow, flow_back, found 'motion'"):
+        a.save(tmp_path / "b")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "a.flo", "a.png"]
+
+
+def test_the_command_line_writes_flow(opened, tmp_path, capsys):
+    camera = {"eye": [0.5, 0, 4], "lookat": [0.5, 0, 0]}
+    (tmp_path / "c.json").write_text(json.dumps([camera, {**camera, "fov": 20}]))
+    (tmp_path / "many.json").write_text(json.dumps([camera] * 3))
+    command = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
+    assert main([*command, "--flow-to", str(tmp_path / "c.json"), "-o", str(tmp_path / "a")]) == 0
+    channels, _ = clshade.exr.read(tmp_path / "a.exr")
+    frame = clshade.render(clshade.builtin("icosphere"), device=opened, resolution=(40, 30), samples=4, **PLAIN)
+    for name, found in zip(("flow", "flow_back"), read_cameras(tmp_path / "c.json", frame.scene.camera), strict=True):
+        expected = clshade.flow(frame, found, device=opened)
+        np.testing.assert_array_equal(channels[f"{name}.X"], expected.vectors[..., 0])
+        np.testing.assert_array_equal(channels[f"{name}_occluded"] != 0, expected.occluded)
+    capsys.readouterr()
+    assert main([*command, "--flow-to", str(tmp_path / "many.json"), "-o", str(tmp_path / "b")]) == 2
+    assert "--flow-to: expected one camera or two in" in capsys.readouterr().err
+    assert not (tmp_path / "b.exr").exists()
+
+
+def test_refusals(opened):
+    frame = draw(opened, square())
+    scene = frame.scene
+    turned = replace(square(), faces=[[1, 2, 0], [0, 2, 3]])
+    for to, message in (
+        (5, "flow: to: expected a Frame, a Scene or a Camera, found 5"),
+        (replace(scene, meshes=()), "flow: to: expected 1 meshes, as in the frame's scene, found 0"),
+        (
+            replace(scene, meshes=(square(instances=[np.eye(4)] * 2),)),
+            r"flow: to: expected 2 faces and 1 instances of mesh 1, as in the frame's scene, found \(2, 2\)",
+        ),
+        (
+            replace(scene, meshes=(turned,)),
+            "flow: to: expected the faces of mesh 1 as in the frame's scene, which may move",
+        ),
+    ):
+        with pytest.raises(InputError, match=message):
+            clshade.flow(frame, to, device=opened)
+    with pytest.raises(InputError, match="flow: frame: expected a Frame, found 5"):
+        clshade.flow(5, CAMERA)
+    with pytest.raises(InputError, match="flow: frame: expected a frame with the layer id"):
+        clshade.flow(draw(opened, square(), layers="Z"), CAMERA, device=opened)
+
+
+def test_flow_takes_any_number_of_pixels_and_none(opened):
+    with Renderer(Scene((), CAMERA), device=opened, **PLAIN) as renderer:
+        found = clshade.flow(renderer.render(), CAMERA, device=opened)
+    assert found.occluded.all()
+    rays, _ = pixel_rays(CAMERA)
+    places, depths = in_image(CAMERA, rays.reshape(-1, 3))
+    assert np.allclose(places.reshape(48, 64, 2), np.stack(np.meshgrid(np.arange(64), np.arange(48)), -1) + 0.5)
+    assert np.allclose(depths, 1.0)

@@ -1,0 +1,213 @@
+"""Instances drawn from one copy of their mesh: the same bits as copies, in less memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from layer_scenes import mixed
+from mapped_scenes import mapped_scene, sheet
+
+import clshade
+from clshade import Camera, Material, Mesh, Scene
+from clshade.pipeline import buffers, instances, placements, scene_buffers
+from clshade.pipeline.camera_space import CameraSpace, Extent
+from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.model import Settings
+
+COUNTS = ("triangles", "vertices", "visible", "behind", "off_screen", "between_samples", "zero_area", "clipped")
+LAYERS = ("Z", "id", "object_id", "material_id", "instance_id", "N", "P", "albedo", "uv", "barycentrics")
+
+
+def matrices(count: int, rng: np.random.Generator, *, reach: float = 6.0, size: float = 0.6) -> np.ndarray:
+    """Return random placements, half of which mirror; the last one is the identity."""
+    found = np.tile(np.eye(4), (count, 1, 1))
+    found[:, :3, :3] = size * rng.normal(size=(count, 3, 3))
+    found[:, :3, 3] = rng.uniform(-reach, reach, (count, 3))
+    found[-1] = np.eye(4)
+    return found
+
+
+def crowd(count: int = 100) -> Scene:
+    """Return many instances of the meshes of `mixed`, some of which are behind the camera, beside the image, or cross the
+    near plane."""
+    rng = np.random.default_rng(1)
+    floor, nothing, dome, wedge, tile = mixed().meshes
+    many, some = replace(dome, instances=matrices(count, rng)), replace(wedge, instances=matrices(20, rng))
+    return replace(mixed(), meshes=(floor, nothing, many, some, tile))
+
+
+@pytest.fixture
+def draw(device, monkeypatch) -> Callable[..., list[Frame]]:
+    """Return a function that draws a scene from copies and from one copy of each mesh, the latter twice."""
+
+    def drawn(scene: Scene, **options: object) -> list[Frame]:
+        found = []
+        for least in (1 << 40, 0):
+            monkeypatch.setattr(instances, "LEAST_COPIES", least)
+            with Renderer(scene, device=device, **options) as renderer:
+                found.append(renderer.render())
+                if least == 0:
+                    found.append(renderer.render())
+            assert ("INSTANCES" in found[-1].stats["features"]) == (least == 0)
+        return found
+
+    needs_float64(device)
+    return drawn
+
+
+def assert_alike(frames: list[Frame]) -> None:
+    copies, *others = frames
+    for other in others:
+        assert same_bits(copies, other)
+        assert {name: other.stats[name] for name in COUNTS} == {name: copies.stats[name] for name in COUNTS}
+
+
+def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
+    """Textures, colors, two-sided faces, mirrored placements, meshes with a single instance, clipped faces.
+
+    Blocks of few vertices and room for few triangles at first; cameras that see much, nothing, little, and much again, one
+    by one and all in a row; last with device memory that is copied, as on a GPU.
+    """
+    needs_float64(device)
+    scene, eye = crowd(), np.array((0.3, 0.4, 3.0))
+    away, narrow = (replace(scene.camera, eye=eye + (0, 0, back), lookat=eye + (0, 0, 99)) for back in (90, 0))
+    cameras = [scene.camera, away, replace(narrow, focal=50.0), scene.camera]
+    options = {"device": device, "layers": LAYERS}
+    with Renderer(scene, **options) as renderer:
+        expected = [renderer.render(camera) for camera in cameras]
+    small = {"_LEAST_ROOM": 5, "_ROOM_A_PIXEL": 0, "_ROOM_A_PIXEL_OF_GPU": 0, "_BLOCK": 100, "_BLOCK_OF_GPU": 100}
+    for name, value in {"LEAST_COPIES": 0, **small}.items():
+        monkeypatch.setattr(instances, name, value)
+    for is_copied in (False, True):
+        if is_copied:
+            monkeypatch.setattr(buffers, "_coherent", lambda *_: False)
+        with Renderer(scene, **options) as renderer:
+            views = renderer.render_many(cameras)
+            found = [renderer.render(camera) for camera in cameras]
+        assert views.stats["triangles"] == scene.face_count
+        for k, (frame, other) in enumerate(zip(found, expected, strict=True)):
+            assert_alike([other, frame])
+            assert np.array_equal(views.rgba[k], other.rgba)
+            assert all(np.array_equal(views[name][k], other[name]) for name in LAYERS)
+    stats = found[0].stats
+    assert "INSTANCES" in stats["features"]
+    assert all(stats[name] > 0 for name in ("behind", "off_screen", "clipped", "between_samples"))
+    assert stats["visible"] > 100
+    assert found[1].stats["visible"] == 0
+    assert expected[0].stats["bytes"]["scene"] > 2 * stats["bytes"]["scene"]
+
+
+def test_other_scenes_keep_copies():
+    scene = crowd(300)
+
+    def of(least: int, given: Scene = scene, forced: tuple[str, ...] = (), **fields: object) -> bool:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(instances, "LEAST_COPIES", least)
+            return instances.draws_from_one_copy(given, Settings(**fields), forced)
+
+    many = (300 - 1) * 14 + (20 - 1) * 3
+    assert of(many)
+    assert not of(many + 1)
+    assert of(many, layers=LAYERS)
+    assert not any(of(many, **each) for each in ({"shadows": True}, {"ambient_occlusion": 1}))
+    assert not of(many, edges=clshade.Edges("all"))
+    assert not of(many, forced=("SHADOWS",))
+    assert not of(1, replace(scene, meshes=[replace(mesh, instances=None) for mesh in scene.meshes]))
+    assert scene_buffers.pack(scene, Settings(), has_fp64=False).instances is None
+
+
+def test_box_of_all_copies_is_exact():
+    """Found from few of them."""
+    for scene in (crowd(500), crowd(3)):
+        packed = scene_buffers.pack(scene, Settings())
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(instances, "LEAST_COPIES", 0)
+            found = scene_buffers.pack(scene, Settings())
+        assert packed.instances is None
+        assert np.array_equal(found.low, packed.low)
+        assert np.array_equal(found.high, packed.high)
+        assert len(found.positions) <= 2 * sum(len(mesh.verts) for mesh in scene.meshes)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_culled_instances_show_nothing(orthographic):
+    """Their faces lie all behind the eye, or all beside the image on one side."""
+    scene, rng = crowd(500), np.random.default_rng(3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(instances, "LEAST_COPIES", 0)
+        tables = scene_buffers.pack(scene, Settings()).instances
+    for _ in range(5):
+        eye, lookat = rng.uniform(-4, 4, (2, 3))
+        camera = Camera(eye, lookat, (0, 1, 0), 1.0, (1.0, 1.5), (48, 32), orthographic=orthographic)
+        space = CameraSpace.of(camera, Extent((-7.0,) * 3, (7.0,) * 3, 12.0), None)
+        behind, beside = instances.outside(tables, space)
+        assert not (behind & beside).any()
+        culled = inside = 0
+        meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
+        every = (mesh.verts @ m[:3, :3].T + m[:3, 3] for mesh in meshes for m in mesh.instances)
+        for k, points in enumerate(every):
+            x, y, z = space.points(points).T
+            depth = 1.0 if orthographic else z
+            u, v = x / (1.5 * depth) + 0.5, y / depth + 0.5
+            apart = max(-u.max(), u.min() - 1.0, -v.max(), v.min() - 1.0)
+            assert not behind[k] or (z < space.near).all()
+            assert not beside[k] or ((z >= space.near).all() and apart > 0.0)
+            culled += behind[k] | beside[k]
+            inside += (z < space.near).all() or ((z >= space.near).all() and apart > 1.0)
+        assert culled > 0.5 * inside > 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"visibility": "painter", "shader": "gouraud", "interpolation": "affine", "lighting_at": "centroid"},
+        {"precision": "float64", "samples": 3, "texture_at": "vertex"},
+        {"shader": "nolight", "texture_filter": "trilinear", "cull": True},
+    ],
+    ids=str,
+)
+def test_other_settings(draw, options):
+    scene = crowd()
+    twice = [replace(mesh, instances=np.repeat(mesh.instances, 2, axis=0)) for mesh in scene.meshes]
+    assert_alike(draw(replace(scene, meshes=twice), layers=LAYERS, **options))
+
+
+@pytest.mark.long
+def test_normal_maps_and_transparency(draw):
+    """Tangents, and transparent surfaces in their order, two of them at the same place."""
+    rng = np.random.default_rng(5)
+    glass = Material(ka=0.3, blend=True, opacity=0.4, two_sided=True)
+    panes = sheet(uvs=None, more_uvs=(), material=glass, instances=np.repeat(matrices(6, rng, reach=1.0), 2, axis=0))
+    frames = draw(mapped_scene(sheet(instances=matrices(12, rng, reach=1.5)), panes), shader="pbr", layers=LAYERS)
+    assert_alike(frames)
+    assert {"BLEND", "NORMAL_MAP", "MATERIALS"} <= set(frames[1].stats["features"])
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_instances_are_one_unrolled_mesh(device):
+    """Of 20 triangles each; shown with their own colors."""
+    needs_float64(device)
+    (ball,) = clshade.builtin("icosphere", level=0).meshes
+    rng = np.random.default_rng(6)
+    placed = matrices(100_000, rng, reach=20.0, size=0.1)
+    camera = Camera((0, 0, 60), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (64, 64))
+    options = {"device": device, "shader": "nolight", "layers": ("Z", "id", "P")}
+    colors = rng.uniform(size=ball.verts.shape)
+    many = replace(ball, colors=colors, instances=placed)
+    with Renderer(Scene([many], camera), **options) as renderer:
+        frame = renderer.render()
+    turned = np.stack([ball.faces, ball.faces[:, [0, 2, 1]]])[placements.mirroring(placed).astype(int)]
+    faces = turned + len(ball.verts) * np.arange(len(placed))[:, None, None]
+    verts = placements.placed_points(ball.verts, placed)
+    unrolled = Mesh(verts, faces.reshape(-1, 3), colors=np.tile(colors, (len(placed), 1)), material=ball.material)
+    with Renderer(Scene([unrolled], camera), **options) as renderer:
+        expected = renderer.render()
+    assert_alike([expected, frame])
+    assert "INSTANCES" in frame.stats["features"]
+    assert frame.stats["bytes"]["scene"] < expected.stats["bytes"]["scene"] / 3

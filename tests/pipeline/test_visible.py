@@ -1,0 +1,157 @@
+"""How much of each instance is seen: known shares, amodal masks, the oracle, and files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from layer_scenes import mixed
+
+import clshade
+from clshade import oracle
+from clshade.cli.main import main
+from clshade.errors import InputError
+from clshade.pipeline.effective_settings import effective_settings
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene, Texture
+
+# Of the plane z = 0 the image shows x from -2 to 2 and y from -1.5 to 1.5, 16 px for each unit.
+CAMERA = Camera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (0.75, 1.0), (64, 48))
+
+
+def at(x: float, y: float, z: float = 0.0) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def tiles(*placements: np.ndarray, **fields) -> Mesh:
+    """Return placements of a square of 1 x 1, which faces the camera."""
+    verts = [(-0.5, -0.5, 0), (0.5, -0.5, 0), (0.5, 0.5, 0), (-0.5, 0.5, 0)]
+    return Mesh(verts, [[0, 1, 2], [0, 2, 3]], instances=np.stack(placements), **fields)
+
+
+def columns(found: clshade.pipeline.visible.Visible, *names: str) -> list[list[float]]:
+    return [found.table[name].tolist() for name in names]
+
+
+def test_squares_of_which_one_covers_half_of_the_other(opened):
+    """The second is before the first in a parallel projection, half a unit to the side; the third is alone."""
+    camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
+    scene = Scene((tiles(at(-0.5, 0), at(0, 0, 1), name="tile"), tiles(at(1.5, 1))), camera)
+    found = clshade.visible(scene, masks=True, device=opened)
+    assert columns(found, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["tile", "tile", ""]]
+    assert columns(found, "pixels", "alone", "whole") == [[128, 256, 256], [256] * 3, [256] * 3]
+    assert columns(found, "visible", "inside") == [[0.5, 1.0, 1.0], [1.0] * 3]
+    expected = np.zeros((3, 48, 64), bool)
+    expected[0, 16:32, 16:32] = expected[1, 16:32, 24:40] = expected[2, 0:16, 48:64] = True
+    assert np.array_equal(found.masks, expected)
+
+
+def test_what_lies_outside_of_the_image(opened):
+    """Half, three quarters and all of a square are outside; what is beyond the margin does not count at all."""
+    scene = Scene((tiles(at(2, 0), at(-2, 1.5), at(0, 3), at(12.5, 0)),), CAMERA)
+    found = clshade.visible(scene, device=opened)
+    assert found.masks is None
+    assert columns(found, "pixels", "alone", "whole") == [[128, 64, 0, 0], [128, 64, 0, 0], [256, 256, 256, 0]]
+    np.testing.assert_array_equal(found.table["visible"], [1.0, 1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(found.table["inside"], [0.5, 0.25, 0.0, np.nan])
+    assert columns(clshade.visible(scene, margin=0, device=opened), "whole") == [[128, 64, 0, 0]]
+    assert columns(clshade.visible(scene, margin=3, device=opened), "whole") == [[256] * 4]
+
+
+def test_against_the_oracle(opened):
+    """All instances of a scene, clipped and mirrored ones too: each drawn alone, and with the others."""
+    _, settings = effective_settings(mixed(), layers=("instance_id",), shader="nolight")
+    radius_of_all = 1e-4 * 21.656407827707714  # half of the diagonal of floor and all, 18 x 1.9 x 39
+    settings = replace(settings, near=radius_of_all)
+    found = clshade.visible(mixed(), masks=True, device=opened, near=radius_of_all)
+    numbers = oracle.render_layers(mixed(), settings).instance_id
+    assert columns(found, "pixels") == [[int((numbers == number).sum()) for number in range(1, 8)]]
+    row = 0
+    for mesh in mixed().meshes:
+        for matrix in np.asarray(mesh.instances):
+            alone = oracle.render(replace(mixed(), meshes=(replace(mesh, instances=matrix[None]),)), settings).id > 0
+            assert np.array_equal(found.masks[row], alone)
+            row += 1
+    table = found.table
+    assert (table["pixels"] <= table["alone"]).all()
+    assert (table["alone"] <= table["whole"]).all()
+    assert (table["alone"][:1] < table["whole"][:1]).all()  # the floor
+    assert row == len(table) == 7
+
+
+@pytest.mark.long
+def test_holes_and_what_layers_look_through(opened):
+    """Alpha that fails its test covers nothing, and hides nothing; nor does what is below layer_alpha."""
+    half = Texture(np.float32([[[1, 1, 1, 1], [1, 1, 1, 0]]]), lookup="standard", filter="nearest", wrap="clamp")
+    holes = Material(texture=half, alpha_cutoff=0.5)
+    uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
+    behind = tiles(at(0, 0, -1))
+    found = clshade.visible(Scene((behind, tiles(at(0, 0), uvs=uvs, material=holes)), camera), device=opened)
+    assert columns(found, "pixels", "alone") == [[128, 128], [256, 128]]
+    glass = Scene((behind, tiles(at(0, 0), material=Material(blend=True, opacity=0.3))), camera)
+    assert columns(clshade.visible(glass, device=opened), "pixels", "alone") == [[256, 0], [256, 0]]
+    assert columns(clshade.visible(glass, device=opened, layer_alpha=0.25), "pixels") == [[0, 256]]
+
+
+def test_sides_that_are_not_drawn(opened):
+    turned = np.diag([-1.0, 1.0, -1.0, 1.0])
+    scene = Scene((tiles(np.eye(4), material=Material(sides="front")), tiles(at(0, 0, -1) @ turned)), CAMERA)
+    assert columns(clshade.visible(scene, device=opened), "alone") == [[256, 144]]
+    assert columns(clshade.visible(scene, device=opened, cull=True), "alone") == [[256, 0]]
+
+
+def test_files(opened, tmp_path):
+    names = ("left, \u00e4", "")
+    scene = Scene((tiles(at(-1, 0), at(2, 0), name="tile", instance_names=names), tiles(at(0, 9))), CAMERA)
+    found = clshade.visible(scene, device=opened)
+    found.save(tmp_path / "a.csv")
+    found.save(tmp_path / "a.json")
+    with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == ["left, \u00e4", "tile", ""]
+    assert (rows[1]["alone"], rows[1]["inside"], rows[2]["visible"]) == ("128", "0.5", "")
+    objects = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert objects[1] == {
+        **{"instance": 2, "object": 1, "name": "tile", "pixels": 128, "alone": 128, "whole": 256},
+        **{"visible": 1.0, "inside": 0.5},
+    }
+    assert objects[2]["visible"] is None
+    with pytest.raises(InputError, match=r"Visible.save: path: expected a file name ending in .csv or .json, found"):
+        found.save(tmp_path / "a.txt")
+
+
+def test_nothing_and_refusals(opened):
+    for meshes in ((), (Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)),)):
+        found = clshade.visible(Scene(meshes, CAMERA), masks=True, device=opened)
+        assert len(found.table) == len(found.masks) == len(meshes)
+        assert not found.table["whole"].any()
+    for options, message in (
+        ({"margin": 9}, "visible: margin: expected a whole number from 0 to 8, found 9"),
+        ({"masks": 1}, "visible: masks: expected True or False, found 1"),
+        ({"culls": True}, "culls: expected one of"),
+    ):
+        with pytest.raises(InputError, match=message):
+            clshade.visible(Scene((), CAMERA), device=opened, **options)
+
+
+def test_the_command_line_writes_the_table(opened, tmp_path, capsys):
+    command = ("render", "quads", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
+    for ending in ("csv", "json"):
+        assert main([*command, "--visible", ending, "-o", str(tmp_path / "a")]) == 0
+        assert f"a_visible.{ending}" in capsys.readouterr().out
+    expected = clshade.visible(clshade.builtin("quads"), device=opened, resolution=(40, 30))
+    rows = json.loads((tmp_path / "a_visible.json").read_text())
+    assert [row["pixels"] for row in rows] == expected.table["pixels"].tolist()
+    assert len((tmp_path / "a_visible.csv").read_text().splitlines()) == 1 + len(rows)
+    (tmp_path / "b_visible.csv").mkdir()
+    assert main([*command, "--visible", "csv", "-o", str(tmp_path / "b")]) == 2
+    assert "b_visible.csv: cannot be written" in capsys.readouterr().err
+    assert not (tmp_path / "b.exr").exists()
+    assert main([*command, "--visible", "csv", "--sheet", "-o", str(tmp_path / "c")]) == 2
+    assert "--visible: expected none with --sheet" in capsys.readouterr().err
