@@ -66,8 +66,8 @@ def test_planted_errors_are_found(tmp_path):
 
 @pytest.mark.parametrize("form", ["groups", "vectors"])
 def test_no_kernel_does_anything_undefined(tmp_path, form):
-    """Fourteen scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
-    empty frame, edges, shadows; the images are correct too."""
+    """Sixteen scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
+    empty frame, edges, shadows, instances; the images are correct too."""
     found, log = oclgrind(tmp_path, form)
     assert log.strip() == ""
     assert set(found["ran"]) == KERNELS - ({"setup_count", "fill_lists"} if form == "groups" else set())

@@ -20,7 +20,7 @@ from clshade import course, oracle
 from clshade.measure.check import oracle_bounds
 from clshade.measure.check.layer_bounds import assert_layers
 from clshade.measure.stability.cases import lit
-from clshade.pipeline import buffers, features, launches, programs, tile_lists
+from clshade.pipeline import buffers, features, instances, launches, programs, tile_lists
 from clshade.pipeline.hierarchy import build
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
@@ -98,6 +98,7 @@ def prepare() -> None:
     buffers.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
     # With the default sizes, so few triangles would fit in one chunk.
     tile_lists._LEAST_CHUNK, tile_lists._SCAN_RUN = 8, 2
+    instances.LEAST_COPIES, instances._BLOCK, instances._BLOCK_OF_GPU = 1, 40, 40
 
 
 def scenes() -> list[tuple[Scene, dict[str, Any]]]:
@@ -118,6 +119,10 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
     unlit = lit.scene_of(
         lit.blob(12, 3, material=matt, normals=np.eye(3), normal_faces=np.zeros((12, 3), int)), camera=camera
     )
+    places = np.tile(np.eye(4), (3, 1, 1))
+    places[1:, :3, 3] = (0.4, 0.2, -0.5), (9.0, 0.0, -0.5)  # the last is beside the image
+    places[1, 0, 0] = -0.7
+    many = replace(both, meshes=(replace(front, instances=places), behind, replace(around, instances=places[:2])))
     flat = replace(camera, orthographic=True, plane=(3.0, 4.0), principal=(0.4, 0.55))
     return [
         (both, {"shader": "phong"}),
@@ -131,6 +136,8 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
         (replace(both, camera=flat), {"shader": "phong", "visibility": "painter"}),
         (both, {"shader": "pbr"}),
         (lit.scene_of(camera=camera, meshes=()), {"shader": "phong"}),
+        (many, {"shader": "phong"}),
+        (many, {"shader": "gouraud", "visibility": "painter"}),
         (both, {"shader": "phong", "edges": Edges("all", width=2.5)}),
         (replace(plain, camera=flat), {"shader": "gouraud", "edges": Edges("all"), "samples": 4}),
         (
