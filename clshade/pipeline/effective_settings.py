@@ -12,7 +12,7 @@ from ..scene.builtin.studio import without_stand_ins
 from ..scene.edges import PAPER
 from ..scene.geometry import bounding_box, half_diagonal
 from ..scene.model import Scene, Settings
-from ..scene.settings import Preset, SettingsFields
+from ..scene.settings import Layer, Preset, SettingsFields
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -84,3 +84,19 @@ def _with_background(scene: Scene, settings: Settings) -> Scene:
     if settings.background != "scene":
         return replace(scene, background=settings.background)
     return replace(scene, background=PAPER) if settings.edges is not None and settings.edges.only else scene
+
+
+def numbers_alone(settings: Settings, layers: tuple[Layer, ...]) -> Settings:
+    """Return settings with which each sample shows the same triangle, unlit, and these layers of numbers."""
+    return replace(
+        settings,
+        shader="nolight",
+        layers=layers,
+        sample_shading=False,
+        shadows=False,
+        ambient_occlusion=0,
+        texture_filter="bilinear",
+        scalars=None,
+        edges=None,
+        background=None,
+    )

@@ -4,14 +4,14 @@ coordinates; all copies of each mesh, one after the other."""
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Reals
-from ..scene.geometry import vertex_normals
+from ..scene.geometry import row_blocks, vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
@@ -24,7 +24,6 @@ from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
 MOST_BEND, THINNEST = 0.25, 2.0**-20
-_BLOCK = 1 << 14  # rows
 _MOST_BITS, _LEAST_BITS = math.frexp(MOST_POSITION)[1] - 1, 60  # of scalars that are as large, as small as they are
 
 
@@ -35,16 +34,11 @@ def _fits_float32(values: Array) -> bool:
         return bool((values.astype(np.float32) == values).all())
 
 
-def _blocks(count: int) -> Iterator[slice]:
-    """Return slices that cover range(count), short enough that temporary arrays stay in the cache."""
-    return (slice(start, start + _BLOCK) for start in range(0, count, _BLOCK))
-
-
 def _bends(normals: Array, index: Array, verts: Array, faces: Array) -> Floats:
     """Return the sine of the largest angle between each unit normal (K, 3) and the faces that have it, at most MOST_BEND,
     (K,). index: (F, 3), the normals at the corners of faces. Faces that are too thin to have a normal do not count."""
     found = np.zeros(len(normals))
-    for block in _blocks(len(faces)):
+    for block in row_blocks(len(faces)):
         a, b, c = np.moveaxis(np.asarray(verts[faces[block]], np.float64), 1, 0)
         across = np.cross(b - a, c - a)
         size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
@@ -240,7 +234,7 @@ class Gatherer:
             white = mesh.colors is None or replaces_colors(mesh)
             own = np.broadcast_to(1.0, (len(each.verts), 3)) if white else each.own(np.asarray(mesh.colors))
             rows = np.full((len(own), 4), WHITE_POSITION, self._structs.real)
-            for block in _blocks(len(own)):
+            for block in row_blocks(len(own)):
                 rows[block, :3] = to_real(own[block] * mesh.material.color, self._structs.real)
             positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
             if positions is not None and positions.ndim == 1:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..images.cryptomatte import MOST_RANKS, RANKS, Matte, hashes, matte
 from ..scene.model import Scene, Settings
 from ..scene.settings import Layer
 from . import sample_pattern
+from .effective_settings import numbers_alone
 from .layer_buffers import first_instances, material_numbers
 from .renderer import Renderer
 
@@ -110,17 +110,7 @@ def _at_samples(
     scene: Scene, settings: Settings, layers: tuple[Layer, ...], device: Device | str | None
 ) -> Iterator[dict[Layer, Array]]:
     """Draw layers as each sample of the pixels sees them, nearest to the center first."""
-    alone = replace(
-        settings,
-        shader="nolight",
-        layers=layers,
-        sample_shading=False,
-        edges=None,
-        scalars=None,
-        shadows=False,
-        ambient_occlusion=0,
-    )
-    with closing(Renderer(scene, settings=alone, device=device)) as renderer:
+    with closing(Renderer(scene, settings=numbers_alone(settings, layers), device=device)) as renderer:
         for place in sample_pattern.positions(settings.samples):
             if settings.samples > 1:
                 renderer.place_samples(place[None])

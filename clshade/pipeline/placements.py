@@ -9,6 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats
+from ..scene.geometry import row_blocks
 from .shading_tables import Real
 
 _BLOCK = 1 << 14  # vectors at once: their temporary arrays stay in the cache
@@ -49,9 +50,8 @@ def _determinant(rows: Floats) -> Fraction:
 
 
 def _blocks(count: int, rows: int) -> Iterator[slice]:
-    """Yield slices of so many placements, each of so many vectors."""
-    step = max(1, _BLOCK // max(rows, 1))
-    return (slice(start, start + step) for start in range(0, count, step))
+    """Return slices of so many placements, each of so many vectors."""
+    return row_blocks(count, max(1, _BLOCK // max(rows, 1)))
 
 
 def _products(vectors: Floats, matrices: Floats) -> Floats:
@@ -143,8 +143,7 @@ def placed_normals(
     identities = plain(matrices)
     found = np.empty((len(matrices), len(normals), 3), real)
     if identities.any():
-        for start in range(0, len(normals), _BLOCK):
-            rows = slice(start, start + _BLOCK)
+        for rows in row_blocks(len(normals)):
             wide = np.asarray(normals[rows], np.float64)
             found[identities, rows] = wide if is_unit else unit(wide)
     moved = np.flatnonzero(~identities)

@@ -23,7 +23,7 @@ from ..scene.model import Material, Mesh, Scene, Settings
 from ..scene.seen_points import in_image
 from ..scene.settings import Preset, RenderOptions
 from .camera_space import near_plane
-from .effective_settings import effective_settings
+from .effective_settings import effective_settings, numbers_alone
 from .layer_buffers import first_instances
 from .opencl.device import Device
 from .renderer import Renderer
@@ -147,7 +147,8 @@ def visible(
     """
     many, beyond = flag("visible", "masks", masks), integer("visible", "margin", margin, 0, MOST_MARGIN)
     scene, settings = effective_settings(scene, preset, settings, **fields)
-    settings = _settings(scene, settings)
+    near = settings.near or near_plane(scene)
+    settings = replace(numbers_alone(settings, ("instance_id",)), samples=1, near=near)
     scene = replace(scene, meshes=tuple(map(_bare, scene.meshes)), lights=(), environment=None)
     count = _count(scene)
     with Renderer(scene, device=device, settings=settings) as renderer:
@@ -178,23 +179,6 @@ def visible(
 def _counted(numbers: Array, most: int) -> Integers:
     """Return how many pixels show each number, (most + 1,)."""
     return np.bincount(numbers.ravel(), minlength=most + 1)
-
-
-def _settings(scene: Scene, settings: Settings) -> Settings:
-    """Return the settings that show the same triangles of a scene, unlit, with one sample."""
-    return replace(
-        settings,
-        shader="nolight",
-        samples=1,
-        layers=("instance_id",),
-        near=settings.near or near_plane(scene),
-        shadows=False,
-        ambient_occlusion=0,
-        texture_filter="bilinear",
-        scalars=None,
-        edges=None,
-        background=None,
-    )
 
 
 def _bare(mesh: Mesh) -> Mesh:

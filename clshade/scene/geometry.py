@@ -49,7 +49,7 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
     verts, faces = np.asarray(verts), np.asarray(faces)
     if not len(faces):
         return np.zeros((len(verts), 3))
-    blocks, exponent = list(_blocks(len(faces))), _edge_exponent(verts, faces)
+    blocks, exponent = list(row_blocks(len(faces))), _edge_exponent(verts, faces)
     sums, areas = np.zeros((3, 3, len(verts))), np.zeros((3, len(blocks)))  # by axis and corner, and by axis and block
     for number, block in enumerate(blocks):
         index = faces[block].T.astype(np.intp, order="C")
@@ -71,7 +71,7 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
         sizes = sum(np.abs(_cross(edges, axis)) for axis in range(3))
         together = np.bincount(near.reshape(-1), np.repeat(sizes, 3), len(verts))
         normals[suspects & (largest <= _CANCELED * together)] = 0.0
-    for block in _blocks(len(normals)):
+    for block in row_blocks(len(normals)):
         normals[block] = _normalized(normals[block])
     return normals
 
@@ -86,7 +86,7 @@ def _cross(edges: Array, axis: int) -> Floats:
 
 def _edge_exponent(verts: Array, faces: Array) -> int:
     """Return the exponent, as of `_exponent`, of all `_edges`."""
-    largest = [np.abs(_edges(verts, faces[block])).max(initial=0.0) for block in _blocks(len(faces))]
+    largest = [np.abs(_edges(verts, faces[block])).max(initial=0.0) for block in row_blocks(len(faces))]
     return _exponent(np.array(largest))
 
 
@@ -97,7 +97,7 @@ def _edges(verts: Array, faces: Array, exponent: int = 0) -> Floats:
     return np.ldexp(edges, -exponent, out=edges)
 
 
-def _blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
+def row_blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
     """Return slices that cover range(count), short enough that temporary arrays stay in the cache."""
     return (slice(start, start + size) for start in range(0, count, size))
 
@@ -148,7 +148,7 @@ def _in_use(verts: Array, faces: Array) -> Array:
     ends = np.unique(_ends(verts))
     seen = np.zeros(len(ends), bool)
     corners = faces.reshape(-1)
-    for block in _blocks(len(corners)):
+    for block in row_blocks(len(corners)):
         for number in np.flatnonzero(~seen):
             seen[number] = (corners[block] == ends[number]).any()
         if seen.all():
@@ -180,7 +180,7 @@ def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
         ends = points[_ends(points)].astype(np.float64)
         return ends.min(axis=0) + 0.0, ends.max(axis=0) + 0.0
     lows, highs = [], []
-    for block in _blocks(len(points)):
+    for block in row_blocks(len(points)):
         with np.errstate(over="ignore", invalid="ignore"):
             placed = placements[:, :3, :3] @ points[block].T.astype(np.float64) + placements[:, :3, 3:]
         lows.append(placed.min(axis=(0, 2)))
@@ -197,7 +197,7 @@ def placed_blocks(mesh: Mesh) -> Iterator[Floats]:
     many = max(1, (1 << 14) // max(len(points), 1))  # placements at once
     for first in range(0, len(placements), many):
         some = placements[first : first + many]
-        for block in _blocks(len(points)):
+        for block in row_blocks(len(points)):
             columns = points[block].T.astype(np.float64)
             if len(some) > 1 or (some != np.eye(4)).any():
                 with np.errstate(over="ignore", invalid="ignore"):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..base.arrays import Array, Faces, Floats
 from ..base.components import connected_components
 from ..base.validation import number, value_error
-from .geometry import _blocks, _exponent, _normalized
+from .geometry import _exponent, _normalized, row_blocks
 
 
 def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[Floats, Faces]:
@@ -125,7 +125,7 @@ def against_normals(verts: Array, faces: Array, normals: Array, normal_faces: Ar
     """
     against = np.empty(len(faces), bool)
     with np.errstate(over="ignore", invalid="ignore"):  # NaN compares as not against
-        for block in _blocks(len(faces)):
+        for block in row_blocks(len(faces)):
             a, b, c = (verts[corner] for corner in faces[block].T)
             one, two, three = (normals[corner] for corner in normal_faces[block].T)
             against[block] = (np.cross(b - a, c - a) * (one + two + three)).sum(axis=1) < 0.0

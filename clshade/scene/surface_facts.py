@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.components import connected_components
-from .geometry import _blocks, _cross, _edge_exponent, _edges
+from .geometry import _cross, _edge_exponent, _edges, row_blocks
 from .model import Mesh, Scene
 from .normals import welded
 
@@ -70,7 +70,7 @@ def _placed(mesh: Mesh) -> Iterator[tuple[Array, Array]]:
 def _area(verts: Array, faces: Array) -> float:
     """Return the area of triangles, scaled by a power of two meanwhile so that squares neither overflow nor vanish."""
     exponent, total = _edge_exponent(verts, faces), 0.0
-    for block in _blocks(len(faces)):
+    for block in row_blocks(len(faces)):
         edges = _edges(verts, faces[block], exponent)
         squares = sum(np.square(_cross(edges, axis)) for axis in range(3))
         total += float(np.sqrt(squares).sum())

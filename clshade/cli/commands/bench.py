@@ -9,6 +9,20 @@ from ...measure.defaults import BENCH_FRAMES, BENCH_TURN, CREW_FRAMES, VIEWS
 from . import DONE, FAILED
 from .arguments import device_option, numbers, output_name
 
+# What benchmarks of their own do not take together.
+_OF_MODES = (
+    "shadows",
+    "views",
+    "instances",
+    "workers",
+    "scheduler",
+    "workloads",
+    "scaling",
+    "peers",
+    "turn",
+    "targets",
+)
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("workloads", nargs="*", metavar="WORKLOAD", help="these only (default: all)")
@@ -92,13 +106,20 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE if passed else FAILED
 
 
+def _check_alone(arguments: argparse.Namespace, *taken: str) -> None:
+    """Refuse options of `bench` beside a mode of its own. taken: the mode's option, and those that go with it."""
+    for name in _OF_MODES:
+        value = getattr(arguments, name)
+        if name not in taken and value is not None and value is not False and value != []:
+            mode = f"--{taken[0]}"
+            other = name if name == "workloads" else f"--{name}"
+            raise InputError(f"bench: expected either {mode} or {other}, found both")
+
+
 def _run_crews(arguments: argparse.Namespace) -> int:
     from ...measure.bench import workers
 
-    if arguments.workloads or arguments.scaling or arguments.targets or arguments.peers:
-        raise InputError(
-            "bench: expected either --workers and --scheduler, or workloads, --scaling, --targets and --peers, found both"
-        )
+    _check_alone(arguments, "workers", "scheduler")
     passed = workers.run(
         arguments.workers or (1,),
         scheduler=arguments.scheduler,
@@ -112,11 +133,7 @@ def _run_crews(arguments: argparse.Namespace) -> int:
 def _run_shadows(arguments: argparse.Namespace) -> int:
     from ...measure.bench import shadows
 
-    others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers
-    if any(others) or arguments.turn is not None or arguments.views is not None:
-        raise InputError(
-            "bench: expected either --shadows, or --workers, --scheduler, --scaling, --peers, --turn and --views, found both"
-        )
+    _check_alone(arguments, "shadows", "workloads", "targets")
     passed = shadows.run(
         arguments.device,
         names=arguments.workloads,
@@ -130,12 +147,7 @@ def _run_shadows(arguments: argparse.Namespace) -> int:
 def _run_views(arguments: argparse.Namespace) -> int:
     from ...measure.bench import views
 
-    others = arguments.workloads, arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers
-    if any(others) or arguments.turn is not None or arguments.targets:
-        raise InputError(
-            "bench: expected either --views, or workloads, --workers, --scheduler, --scaling, --peers, --turn and "
-            "--targets, found both"
-        )
+    _check_alone(arguments, "views")
     passed = views.run(
         arguments.views,
         device=arguments.device,
@@ -148,12 +160,7 @@ def _run_views(arguments: argparse.Namespace) -> int:
 def _run_instances(arguments: argparse.Namespace) -> int:
     from ...measure.bench import instances
 
-    others = arguments.workers, arguments.scheduler, arguments.scaling, arguments.peers, arguments.workloads
-    if any(others) or arguments.turn is not None or arguments.targets:
-        raise InputError(
-            "bench: expected either --instances, or workloads, --workers, --scheduler, --scaling, --peers, --turn and "
-            "--targets, found both"
-        )
+    _check_alone(arguments, "instances")
     passed = instances.run(
         arguments.instances,
         device=arguments.device,
