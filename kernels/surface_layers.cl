@@ -122,7 +122,7 @@ Shown show_block(const Inputs *in, ints owner, int2 at, global const int *mirror
 #if LAYER_AO
     ShadingInput input;
     see_receivers(&input, in, owner, at);
-    reals open = unoccluded_share(&input.receiver, input.facing, in, light_shift(at), owner >= 0);
+    reals open = unoccluded_share(&input.receiver, input.facing, in, light_shift(at, in->image), owner >= 0);
     shown.open = owner >= 0 ? open : (reals)(0.0f);
 #endif
     return shown;

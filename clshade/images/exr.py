@@ -238,12 +238,18 @@ class _Sink:
         return place
 
 
-def _compress(file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str) -> None:
-    """Write parts: name, header and channels of each; the name of a single one is left out."""
+def _compress(
+    file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str, tiled: bool
+) -> None:
+    """Write parts: name, header and channels of each; the name of a single one is left out. tiled: as one tile each."""
     import OpenEXR
 
     method = "NO" if compression == "none" else compression.upper()
-    form = {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    form: dict[str, Any] = {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    if tiled:
+        form |= {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+        rows, columns = next(iter(parts[0][2].values())).shape
+        form["tiles"].xSize, form["tiles"].ySize = columns, rows
     sink = _Sink(file)
     with _LOCK:
         # OpenEXR's threads exist only here: a child forked later would wait for them forever.
@@ -332,6 +338,7 @@ def encode(
     metadata: Mapping[str, Any] | None = None,
     window: Window | Literal["drawn", "covered"] | None = None,
     parts: Mapping[str, Part] | None = None,
+    tiled: bool = False,
 ) -> list[str]:
     """Encode a scanline EXR into an open file, see `write`.
 
@@ -345,6 +352,8 @@ def encode(
         Further parts by name: channels of the same size and metadata of each, without `window`,
         never as half. The compression may not be lossy then. The first part is named ``rgba``; its
         pixelAspectRatio is that of all.
+    tiled : bool, default False
+        Store the data window as a single tile, in place of scanlines.
 
     Returns
     -------
@@ -384,7 +393,7 @@ def encode(
         found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in own_planes.items()}
         shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
         further.append((name, _header({**own_metadata, **shared}, whole, whole), found))
-    _compress(file, [(FIRST, header, stored), *further], compression)
+    _compress(file, [(FIRST, header, stored), *further], compression, tiled)
     return warnings
 
 

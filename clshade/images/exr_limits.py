@@ -13,7 +13,7 @@ from ..base import host_memory
 from ..base.input_files import file_error
 
 MAGIC = b"\x76\x2f\x31\x01"
-_START = 8  # of the first header, after magic number and version
+START = 8  # of the first header, after magic number and version
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
 OUTSIDE = {
     "Z": "Zbackground",
@@ -54,10 +54,10 @@ def channel_bytes(data: bytes, parts: int) -> list[dict[str, int]]:
     data: a file whose headers OpenEXR has accepted: its module gives everything in a header but the channel types.
     """
     found: list[dict[str, int]] = []
-    at = _START
+    at = START
     for _ in range(parts):
         sizes: dict[str, int] = {}
-        for name, value, after in _attributes(data, at):
+        for name, value, after in attributes(data, at):
             at = after
             if name == b"channels":
                 sizes = _listed_channels(value)
@@ -72,7 +72,7 @@ def display_size(head: bytes) -> tuple[int, int] | None:
     head: the file's first bytes.
     """
     try:
-        for name, value, _ in _attributes(head, _START) if head.startswith(MAGIC) else ():
+        for name, value, _ in attributes(head, START) if head.startswith(MAGIC) else ():
             if name == b"displayWindow":
                 x0, y0, x1, y1 = struct.unpack("<4i", value)
                 return x1 - x0 + 1, y1 - y0 + 1
@@ -81,8 +81,10 @@ def display_size(head: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _attributes(data: bytes, at: int) -> Iterator[tuple[bytes, bytes, int]]:
-    """Yield name and value of each attribute of the header that begins there, and where the next one begins."""
+def attributes(data: bytes, at: int) -> Iterator[tuple[bytes, bytes, int]]:
+    """Yield name and value of each attribute of the header that begins there, and where the next one begins.
+
+    Raises IndexError or ValueError if the data end before."""
     while data[at]:
         name = data[at : data.index(b"\0", at)]
         at = data.index(b"\0", at + len(name) + 1) + 1  # the end of the attribute's type

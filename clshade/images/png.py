@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
+from collections.abc import Iterable
 from typing import BinaryIO
 
 import numpy as np
@@ -16,6 +19,7 @@ from ..errors import InputError
 _LEVEL = 1  # of zlib: the filters take most of the time, and higher levels gain little on renders
 _PAGE_LEVEL = 6  # of pictures in a page, which may be enlarged pixels, zlib's own default
 _MAX_BYTES = 1 << 31  # size of the largest file that is read
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 
 
@@ -42,6 +46,43 @@ def encode(file: BinaryIO, rgb8: np.ndarray, level: int = _LEVEL) -> None:
     Image.fromarray(np.ascontiguousarray(rgb8)).save(file, "PNG", compress_level=level)
 
 
+def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.ndarray]) -> None:
+    """Encode an image of any size as PNG into an open file, holding one band of it at a time: Pillow takes whole images.
+
+    bands: uint8 (K, columns, 3), or (K, columns, 4) with straight alpha, from the top, `rows` rows in all.
+    """
+
+    def chunk(kind: bytes, data: bytes) -> None:
+        check = zlib.crc32(data, zlib.crc32(kind))
+        file.write(len(data).to_bytes(4, "big") + kind + data + check.to_bytes(4, "big"))
+
+    packed = zlib.compressobj(_LEVEL)
+    above = None
+    for band in bands:
+        if above is None:
+            above = np.zeros((columns, band.shape[2]), np.uint8)
+            file.write(_SIGNATURE)
+            chunk(b"IHDR", struct.pack(">2I5B", columns, rows, 8, {3: 2, 4: 6}[band.shape[2]], 0, 0, 0))
+        for row in band:
+            data = packed.compress(_filtered(row, above))
+            above = row
+            if data:
+                chunk(b"IDAT", data)
+    chunk(b"IDAT", packed.flush())
+    chunk(b"IEND", b"")
+
+
+def _filtered(row: np.ndarray, above: np.ndarray) -> bytes:
+    """Return a row (N, K) as PNG stores it, with that of the filters Sub and Up whose differences are smaller, as the PNG
+    specification recommends. above: the row before it."""
+    left = row.copy()
+    left[1:] -= row[:-1]
+    choices = (left, row - above)  # filter types 1 and 2
+    sums = [int(np.abs(each.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for each in choices]
+    best = int(sums[1] < sums[0])
+    return bytes([best + 1]) + choices[best].tobytes()
+
+
 def as_uri(rgb8: np.ndarray) -> str:
     """Return an image as a URI that holds its PNG, for a page."""
     file = io.BytesIO()
@@ -56,7 +97,7 @@ def resolution(path: Path) -> tuple[int, int] | None:
             head = file.read(24)  # signature, the first chunk's length and name, columns, rows
     except OSError:
         return None
-    if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 24:
+    if not head.startswith(_SIGNATURE) or len(head) < 24:
         return None
     return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:], "big")
 

@@ -60,18 +60,18 @@ def write_rays(image: np.void, environment: Environment, space: CameraSpace, rea
     all three divided by the largest x or y in the image if that is above 1. Rays of an orthographic camera are all
     parallel. u - u0 is taken in whole 1/256 px, exactly, so that x and y are accurate relative to themselves.
     """
-    camera = space.camera
+    camera, raster = space.camera, space.raster
     steps = 1 << SUBPIXEL_BITS
-    pixels, principal = np.array(camera.resolution, np.float64), np.array(camera.principal)
+    pixels, principal = np.array(raster.resolution, np.float64), np.array(raster.principal)
     center = np.clip(principal * pixels * steps, -float(_MOST_CENTER), float(_MOST_CENTER))
     whole = np.rint(center)
     with np.errstate(over="ignore"):
-        pitch = np.minimum(np.array(camera.plane[::-1]) / (pixels * camera.focal), 1e150)
+        pitch = np.minimum(np.array(raster.plane[::-1]) / (pixels * camera.focal), 1e150)
         largest = (np.maximum(np.abs(principal), np.abs(1.0 - principal)) * pixels * pitch).max()
     scale = 1.0 / max(1.0, min(float(largest), 1e300))
     step = np.zeros(2) if camera.orthographic else pitch * scale / steps
     forward = 1.0 if camera.orthographic else max(scale, _NARROWEST)
-    image["ray_center"] = whole.astype(np.int32)
+    image["ray_center"] = whole.astype(np.int32) - steps * np.array(raster.first, np.int32)
     image["ray_step"] = to_real(step, real)
     image["ray_offset"] = to_real((whole - principal * pixels * steps) * step, real)
     image["ray_axes"] = to_real(environment.axes @ space.axes.T * (1.0, 1.0, forward), real).reshape(-1)

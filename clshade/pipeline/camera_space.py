@@ -12,8 +12,10 @@ from ..base.arrays import Array
 from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.geometry import bounding_box, camera_axes
+from ..scene.image_part import Raster, raster_of
 from ..scene.model import Scene
 from .shading_tables import scale_for
+from .struct_layout import SUBPIXEL_BITS
 
 
 class Extent(NamedTuple):
@@ -32,13 +34,15 @@ class CameraSpace(NamedTuple):
     """A camera with what is derived from it.
 
     axes: (3, 3) float64, rows are camera x, y, z in world space. near: distance of the near plane, scene units.
-    scale: the power of two that brings eye-relative positions to about 1.
+    scale: the power of two that brings eye-relative positions to about 1. raster: of the image that is drawn in whole or
+    in part.
     """
 
     camera: Camera
     axes: Array
     near: float
     scale: float
+    raster: Raster
 
     @classmethod
     def of(cls, camera: Camera, extent: Extent | None, near: float | None) -> CameraSpace:
@@ -53,16 +57,18 @@ class CameraSpace(NamedTuple):
         if not math.isfinite(farthest) or not math.isfinite(near):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         # A vertex 2^40 times as far away as the near plane must not push near ones out of float32's range.
-        return cls(camera, camera_axes(camera), near, scale_for(min(farthest, 2.0**40 * near)))
+        return cls(camera, camera_axes(camera), near, scale_for(min(farthest, 2.0**40 * near)), raster_of(camera))
 
     def write_view(self, view: np.void) -> None:
         """Fill a row of structs.View."""
-        camera = self.camera
-        view["eye"] = camera.eye
+        raster = self.raster
+        view["eye"] = self.camera.eye
         view["axes"] = self.axes.reshape(-1)
-        view["principal"], view["focal"] = camera.principal, camera.focal
-        view["plane_height"], view["plane_width"] = camera.plane
-        view["columns"], view["rows"] = camera.resolution
+        view["principal"], view["focal"] = raster.principal, self.camera.focal
+        view["plane_height"], view["plane_width"] = raster.plane
+        view["columns"], view["rows"] = raster.resolution
+        view["guarded"] = raster.region[0]
+        view["first"] = [place << SUBPIXEL_BITS for place in raster.first]
         view["near"], view["scale"] = self.near, self.scale
 
     def points(self, positions: Array) -> Array:

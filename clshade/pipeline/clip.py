@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.arrays import Array, Floats, Integers
+from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.camera import Camera
+from ..scene.image_part import Raster, raster_of
 from .struct_layout import GUARD_PIXELS, SUBPIXEL_BITS
 
 
@@ -25,24 +26,41 @@ class Pieces:
 
 
 def image_positions(points: Array, camera: Camera) -> Array:
-    """Return continuous image coordinates (..., 2) of camera-space points (..., 3) in front of the eye."""
-    height, width = camera.plane
-    columns, rows = camera.resolution
+    """Return continuous image coordinates (..., 2), of the whole image, of camera-space points (..., 3) in front of the
+    eye."""
+    raster = raster_of(camera)
+    (height, width), (columns, rows), principal = raster.plane, raster.resolution, raster.principal
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     if camera.orthographic:
-        u = (x / width + camera.principal[0]) * columns
-        v = (y / height + camera.principal[1]) * rows
+        u = (x / width + principal[0]) * columns
+        v = (y / height + principal[1]) * rows
     else:
-        u = ((camera.focal * x) / (z * width) + camera.principal[0]) * columns
-        v = ((camera.focal * y) / (z * height) + camera.principal[1]) * rows
+        u = ((camera.focal * x) / (z * width) + principal[0]) * columns
+        v = ((camera.focal * y) / (z * height) + principal[1]) * rows
     return np.stack([u, v], axis=-1)
 
 
-def snap(positions: Array) -> Integers:
-    """Round image coordinates to 1/256 px, int64, ties to even, clamped to the guard band."""
-    held = np.clip(positions, -GUARD_PIXELS, GUARD_PIXELS)
+def beyond_guard_band(points: Array, camera: Camera) -> Bools:
+    """Return whether camera-space points (..., 3) in front of the eye lie beyond the guard band, along each axis (..., 2)."""
+    corner = raster_of(camera).region[0]
+    beyond: Bools = np.abs(image_positions(points, camera) - corner) > GUARD_PIXELS
+    return beyond
+
+
+def snap(positions: Array, raster: Raster) -> Integers:
+    """Round image coordinates to 1/256 px from the drawn part's first pixel, int64, ties to even, clamped to the guard
+    band."""
+    corner = np.array(raster.region[0], np.float64)
+    held = np.clip(positions, corner - GUARD_PIXELS, corner + GUARD_PIXELS)
     snapped: Integers = np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
-    return snapped
+    return snapped - (np.array(raster.first, np.int64) << SUBPIXEL_BITS)
+
+
+def guarded_lens(raster: Raster, focal: float, axis: int) -> tuple[float, float]:
+    """Return slope and center of an axis: at x/z = t an image coordinate is slope t + center, from the corner of the region
+    that the guard band surrounds. focal: 1 in a parallel projection, where z counts as 1."""
+    size = raster.resolution[axis]
+    return focal * size / raster.plane[1 - axis], raster.principal[axis] * size - raster.region[0][axis]
 
 
 def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:
@@ -97,13 +115,13 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
     weights = np.broadcast_to(np.eye(3), (n, 3, 3))
     polygons, counts, made = _cut(np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near)
     polygons[..., 2] = np.where(made, near, polygons[..., 2])
+    raster = raster_of(camera)
     lengths = 1.0 if camera.orthographic else camera.focal
     for axis in (0, 1):
-        size = camera.resolution[axis]
-        slope, center = lengths * size / camera.plane[1 - axis], camera.principal[axis] * size
+        slope, center = guarded_lens(raster, lengths, axis)
         for side in (1.0, -1.0):
             with np.errstate(divide="ignore", invalid="ignore"):
-                beyond = np.abs(image_positions(polygons[..., :3], camera)) > GUARD_PIXELS
+                beyond = beyond_guard_band(polygons[..., :3], camera)
             used = np.arange(polygons.shape[1]) < counts[:, None]
             far = np.asarray((beyond.any(axis=2) & used).any(axis=1))
             if not far.any():

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..scene.camera import Camera
+from ..scene.image_part import raster_of
 from . import clip
 from .struct_layout import MOST_DEPTH, Structs
 
@@ -37,7 +38,7 @@ def piece_table(
     z_scaled = np.minimum(cut.points[..., 2] * scale, MOST_DEPTH)
     w = -z_scaled if camera.orthographic else 1.0 / z_scaled
     table["w"], table["w_low"] = w, w - w.astype(structs.real)
-    snapped = clip.snap(clip.image_positions(cut.points, camera))
+    snapped = clip.snap(clip.image_positions(cut.points, camera), raster_of(camera))
     table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
     table["face"] = faces[cut.source]
     weights = cut.weights.reshape(-1, 9)

@@ -16,6 +16,7 @@ from ..base.validation import known, value_error
 from ..errors import InputError
 from ..images.depth_png import SCALE
 from ..images.layer_words import LAYER_WORDS
+from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.settings import LAYER_REMARKS, LAYERS
 from . import frame_files
@@ -435,9 +436,13 @@ class Frame:
 
         def encode_exr(file: BinaryIO) -> list[str]:
             metadata = self.metadata(deterministic=deterministic)
-            window: Literal["covered", "drawn"] = "covered" if crop else "drawn"
+            window: Literal["covered", "drawn"] | None = "covered" if crop else "drawn"
+            tiled = isinstance(self.scene.camera, PartCamera)  # its pixels can then be joined with those of other parts
+            if tiled:
+                window = None
+            channels = self.channels()
             return exr.encode(
-                file, self.channels(), compression=compression, half=half, metadata=metadata, window=window
+                file, channels, compression=compression, half=half, metadata=metadata, window=window, tiled=tiled
             )
 
         encoders: dict[FileKind, frame_files.Encoder] = {

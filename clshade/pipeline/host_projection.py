@@ -10,13 +10,13 @@ from . import struct_layout
 _HALF_ULP = 1.5 * 2.0**52  # adding and subtracting it rounds to the nearest integer
 
 
-def _snap(pixels: Array) -> Array:
+def _snap(pixels: Array, view: Array, axis: int) -> Array:
     with np.errstate(invalid="ignore"):
-        inside = np.abs(pixels) <= struct_layout.GUARD_PIXELS
+        from_region = pixels - view["guarded"][axis]
+        inside = np.abs(from_region) <= struct_layout.GUARD_PIXELS
     snapped = (np.where(inside, pixels, 0.0) * (1 << struct_layout.SUBPIXEL_BITS) + _HALF_ULP) - _HALF_ULP
-    return np.where(
-        inside, snapped, np.where(pixels > 0.0, struct_layout.SNAP_LIMIT, -struct_layout.SNAP_LIMIT)
-    ).astype(np.int32)
+    limit = np.where(from_region > 0.0, struct_layout.SNAP_LIMIT, -struct_layout.SNAP_LIMIT)
+    return np.where(inside, snapped - view["first"][axis], limit).astype(np.int32)
 
 
 def project(positions: Array, view: Array, orthographic: bool, vertices: Array, relative: Array) -> None:
@@ -39,8 +39,8 @@ def project(positions: Array, view: Array, orthographic: bool, vertices: Array, 
             across = (view["focal"] * x) / (z * view["plane_width"])
             up = (view["focal"] * y) / (z * view["plane_height"])
             w = 1.0 / depth
-        vertices["x"][seen] = _snap((across + view["principal"][0]) * view["columns"])
-        vertices["y"][seen] = _snap((up + view["principal"][1]) * view["rows"])
+        vertices["x"][seen] = _snap((across + view["principal"][0]) * view["columns"], view, 0)
+        vertices["y"][seen] = _snap((up + view["principal"][1]) * view["rows"], view, 1)
     high = w.astype(np.float32)
     vertices["w"][seen], vertices["w_low"][seen] = high, (w - high).astype(np.float32)
     relative[:, :3] = np.clip(d * view["scale"], -struct_layout.MOST_LENGTH, struct_layout.MOST_LENGTH)

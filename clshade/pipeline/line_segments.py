@@ -36,8 +36,7 @@ def _cut_to_guard_band(points: Floats, space: CameraSpace) -> tuple[Floats, Inte
     camera, index = space.camera, np.arange(len(points))
     lengths = 1.0 if camera.orthographic else camera.focal
     for axis in (0, 1):
-        size = camera.resolution[axis]
-        slope, center = lengths * size / camera.plane[1 - axis], camera.principal[axis] * size
+        slope, center = clip.guarded_lens(space.raster, lengths, axis)
         for side in (1.0, -1.0):
             depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
             distance = (GUARD_PIXELS + side * center) * depth + side * slope * points[..., axis]
@@ -61,7 +60,7 @@ def _clipped(points: Floats, space: CameraSpace) -> tuple[Floats, Integers]:
     cut[..., 2] = np.where(made, space.near, cut[..., 2])
     points[crossing] = cut
     with np.errstate(over="ignore", invalid="ignore"):
-        beyond = np.abs(clip.image_positions(points, space.camera)) > GUARD_PIXELS
+        beyond = clip.beyond_guard_band(points, space.camera)
     far = np.flatnonzero(beyond.any(axis=(1, 2)))
     cut, left = _cut_to_guard_band(points[far], space)
     points[far[left]] = cut
@@ -96,7 +95,7 @@ def segments(
     if len(rest):
         points, left = _clipped(space.points(positions[ends[rest]]), space)
         index = np.concatenate([index, rest[left]])
-        xy = np.concatenate([xy, clip.snap(clip.image_positions(points, space.camera))])
+        xy = np.concatenate([xy, clip.snap(clip.image_positions(points, space.camera), space.raster)])
         w = np.concatenate([w, _scaled_w(points[..., 2], space)])
     size = np.array(space.camera.resolution) << SUBPIXEL_BITS
     reach = (width + 1) // 2

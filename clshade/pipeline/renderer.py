@@ -331,9 +331,10 @@ class Renderer:
 
     def _write_image(self, frame: Progress) -> None:
         columns, rows = resolution = frame.space.camera.resolution
+        first = frame.space.raster.first
         # Pixels below lines are written twice.
         streamed = frame.streams and columns % 4 == 0 and self.settings.edges is None
-        known = resolution, self._lists.room, streamed
+        known = resolution, first, self._lists.room, streamed
         with self._image.writing(waits=False) as table:
             image = table[0]
             image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, self._structs.real)
@@ -344,7 +345,7 @@ class Renderer:
             if self._tables.image_of == known:
                 return
             self._tables.image_of = None
-            image["columns"], image["rows"] = columns, rows
+            image["columns"], image["rows"], image["first"] = columns, rows, first
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
             places = sample_pattern.positions(self.settings.samples) if self._places is None else self._places
             image["samples"] = len(places)
@@ -364,7 +365,7 @@ class Renderer:
                 image["background"] = shading_tables.to_real(self.scene.background, self._structs.real)
             image["light_unit"] = self._light_table.unit
             image["layer_alpha"] = shading_tables.to_real(np.float64(self.settings.layer_alpha), self._structs.real)
-        self._tables.image_of = known  # the resolution, the room, whether it streams
+        self._tables.image_of = known  # the resolution, the part, the room, whether it streams
 
     def _project(self, frame: Progress) -> None:
         """Project the vertices."""

@@ -20,13 +20,13 @@ _FARTHEST = 2.0**90  # products of three coordinates stay within float32's range
 def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> None:
     """Fill a row of structs.ShadowView for a camera.
 
-    Rays are counted from the pixel at the image's center, by whole 1/256 px that float32 holds.
+    Rays are counted from the pixel at the whole image's center, by whole 1/256 px that float32 holds.
     """
-    camera, steps = space.camera, 1 << SUBPIXEL_BITS
+    camera, raster, steps = space.camera, space.raster, 1 << SUBPIXEL_BITS
     across, upward, forward = space.axes
-    columns, rows = camera.resolution
+    columns, rows = raster.resolution
     center = columns * steps // 2, rows * steps // 2
-    (height, width), principal = camera.plane, camera.principal
+    (height, width), principal = raster.plane, raster.principal
     start = (camera.eye - frame.origin) * frame.unit
     right, up = width / (columns * steps) * across, height / (rows * steps) * upward
     middle = (center[0] - principal[0] * columns * steps) * right + (center[1] - principal[1] * rows * steps) * up
@@ -39,7 +39,7 @@ def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> N
         along, right, up = along / largest, right / largest, up / largest
     for name, vector in (("start", start), ("along", along), ("right", right), ("up", up)):
         row[name], row[f"{name}_low"] = np.split(split(np.clip(vector, -_FARTHEST, _FARTHEST)), 2)
-    row["center"] = center
+    row["center"] = [middle - steps * first for middle, first in zip(center, raster.first, strict=True)]
 
 
 def shadow_lights(lights: tuple[Light, ...], frame: CasterFrame) -> Array:

@@ -16,7 +16,8 @@ from ..scene.metallic_roughness import LEAST_ROUGHNESS
 
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
-SNAP_LIMIT = (GUARD_PIXELS + 1) << SUBPIXEL_BITS  # means "beyond the guard band" in snapped positions
+# Means "beyond the guard band" in snapped positions, which within it are less than 49152 px from a part of an image.
+SNAP_LIMIT = 1 << 16 + SUBPIXEL_BITS
 TILE_SIZE = 16  # pixels per side
 FEW_PIXELS = 4  # boxes of up to so many are rasterized pixel by pixel, larger ones by blocks
 MOST_SAMPLES = 64  # per pixel
@@ -98,7 +99,9 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("double", "plane_width", 1, "W, scene units"),
         ("double", "plane_height", 1, "H, scene units"),
         ("double", "columns", 1, "N"),
-        ("double", "rows", 1, "M"),
+        ("double", "rows", 1, "M, as N of the whole image where a part of it is drawn"),
+        ("double", "guarded", 2, "lower left corner of the region that the guard band surrounds, column and row"),
+        ("double", "first", 2, "column and row of the drawn part's lower left pixel, in 1/256 px"),
         ("double", "near", 1, "scene units"),
         ("double", "scale", 1, "power of two that brings eye-relative positions to about 1"),
     ],
@@ -256,6 +259,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     "Image": [
         ("int", "columns", 1, "N"),
         ("int", "rows", 1, "M"),
+        ("int", "first", 2, "column and row of the lower left pixel in the whole image of which this is a part"),
         ("int", "tiles_x", 1, "tiles a row"),
         ("int", "tiles", 1, "tiles in all"),
         ("int", "lights", 1, "count"),

@@ -25,12 +25,12 @@ def _pair(owner: str, name: str, expected: str, value: Any) -> tuple[Any, Any]:
     return items[0], items[1]
 
 
-def checked_resolution(owner: str, value: Any) -> tuple[int, int]:
-    """Return columns and rows of an image, (N, M), 1 to MAX_RESOLUTION each. Raises InputError for anything else."""
+def checked_resolution(owner: str, value: Any, most: int = MAX_RESOLUTION) -> tuple[int, int]:
+    """Return columns and rows of an image, (N, M), 1 to `most` each. Raises InputError for anything else."""
     columns, rows = _pair(owner, "resolution", "two whole numbers (N, M)", value)
     return (
-        integer(owner, "resolution N", columns, 1, MAX_RESOLUTION),
-        integer(owner, "resolution M", rows, 1, MAX_RESOLUTION),
+        integer(owner, "resolution N", columns, 1, most),
+        integer(owner, "resolution M", rows, 1, most),
     )
 
 

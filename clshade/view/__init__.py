@@ -1,4 +1,4 @@
-"""What people look at: frames and scenes in a notebook, a page for images, a live view, sheets and films.
+"""What people look at: frames and scenes in a notebook, a page for images, a live view, sheets, films and posters.
 
 Public names are imported on first use, as those of `clshade` are.
 """
@@ -11,15 +11,19 @@ from typing import TYPE_CHECKING, Any
 _HOMES = {
     "Film": "clshade.view.film",
     "draw_film": "clshade.view.film",
+    "Poster": "clshade.view.poster",
+    "draw_poster": "clshade.view.poster",
     "Sheet": "clshade.view.sheet",
     "draw_sheet": "clshade.view.sheet",
 }
 
-__all__ = ["Film", "Sheet", "draw_film", "draw_sheet"]
+__all__ = ["Film", "Poster", "Sheet", "draw_film", "draw_poster", "draw_sheet"]
 
 if TYPE_CHECKING:
     from .film import Film as Film
     from .film import draw_film as draw_film
+    from .poster import Poster as Poster
+    from .poster import draw_poster as draw_poster
     from .sheet import Sheet as Sheet
     from .sheet import draw_sheet as draw_sheet
 

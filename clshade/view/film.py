@@ -34,7 +34,7 @@ from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
 from . import animation, video
 from .film_format import checked_depth, checked_rate, format_of
-from .film_frames import FrameFolder, digest_of
+from .frame_folder import FrameFolder, digest_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack

@@ -18,7 +18,7 @@ from clshade.farm import draw_frames
 from clshade.images import exr
 from clshade.scene.formats.load import load_animation
 from clshade.view.film import _source
-from clshade.view.film_frames import digest_of
+from clshade.view.frame_folder import digest_of
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 SMALL = ("--resolution", "48,32", "--preset", "course", "--deterministic", "--quiet")

@@ -15,7 +15,7 @@ from clshade.scene.formats.gltf_animations import Animation
 from clshade.scene.formats.load import load, load_animation
 from clshade.scene.geometry import bounding_box, camera_axes
 from clshade.scene.pose import POSED, Pose, pose_between
-from clshade.view.film_frames import digest_of
+from clshade.view.frame_folder import digest_of
 
 HALF = math.sqrt(0.5)
 SECONDS = np.float32([0, 2])

@@ -23,7 +23,7 @@ from clshade.images import png
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 from clshade.view import animation, video
-from clshade.view.film_frames import FrameFolder, digest_of
+from clshade.view.frame_folder import FrameFolder, digest_of
 
 PLANE = """ply
 format ascii 1.0
@@ -235,7 +235,7 @@ DIGEST = """
 from clshade.farm import orbit, parse_frames
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
-from clshade.view.film_frames import digest_of
+from clshade.view.frame_folder import digest_of
 scene, turn = builtin("teapot"), parse_frames("1..5")
 print(digest_of(scene, Settings(), orbit(scene.camera, turn.numbers, turn)))
 """

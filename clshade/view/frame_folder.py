@@ -1,4 +1,5 @@
-"""The folder in which a film's frames wait until it is whole: a run that was interrupted goes on from there."""
+"""The folder in which the frames of a film, or the tiles of a poster, wait until it is whole: a run that was interrupted
+goes on from there."""
 
 from __future__ import annotations
 
@@ -16,8 +17,6 @@ from ..base.atomic_files import folder_made, naming, shown, write_bytes, write_e
 from ..base.file_lock import lock_file
 from ..errors import InputError
 
-ENDING = ".frames"  # of the folder, after the film's name
-_RECORD = "film.json"  # which film the frames are of
 _LOCK = "lock"
 _FRAME = re.compile(r"\d{4,}\.(exr|png)")
 _TEMPORARY = re.compile(r"\.clshade-[0-9a-f]{16}\.tmp")
@@ -41,10 +40,14 @@ class _Digest:
 
 
 class FrameFolder:
-    """The folder beside a film, named after it. One process at a time uses it."""
+    """The folder beside a film or a poster, named after it. One process at a time uses it.
 
-    def __init__(self, film: str) -> None:
-        self.path = film + ENDING
+    whole, parts: what the file is, and what it is made of, which ends the folder's name.
+    """
+
+    def __init__(self, name: str, whole: str = "film", parts: str = "frames") -> None:
+        self.path = f"{name}.{parts}"
+        self._whole, self._parts = whole, parts
         self.pattern = os.path.join(self.path, "####.exr")
         self._lock: int | None = None
 
@@ -59,7 +62,7 @@ class FrameFolder:
 
         When the block ends without an error the frames are removed unless they are `kept`; the folder is removed in any
         case if it has no frames. Raises InputError if the folder has other files, OutputError if it cannot be written or
-        another process draws the film.
+        another process draws the same file.
         """
         if os.path.exists(self.path) and not os.path.isdir(self.path):
             raise write_error(self.path, "it is not a folder")
@@ -84,7 +87,7 @@ class FrameFolder:
         except OSError:
             return
         if self._lock is None:
-            raise write_error(self.path, "another process draws this film")
+            raise write_error(self.path, f"another process draws this {self._whole}")
 
     def _release(self) -> None:
         lock, self._lock = self._lock, None
@@ -97,18 +100,18 @@ class FrameFolder:
         names = [name for name in os.listdir(self.path) if name != _LOCK and not _TEMPORARY.fullmatch(name)]
         found = self._read()
         if names and found is None:
-            expected = "a folder with frames of this film, or none"
+            expected = f"a folder with {self._parts} of this {self._whole}, or none"
             raise InputError(f"{shown(self.path)}: expected {expected}, found other files")
         if found is None or found.get("digest") != record["digest"]:
             if any(map(_FRAME.fullmatch, names)):
-                console.progress(f"{shown(self.path)}: frames of another scene or other settings: drawn again")
+                console.progress(f"{shown(self.path)}: {self._parts} of another scene or other settings: drawn again")
             self._remove_frames()
         if found != record:
             write_bytes(self._record, json.dumps(record).encode() + b"\n")
 
     @property
     def _record(self) -> str:
-        return os.path.join(self.path, _RECORD)
+        return os.path.join(self.path, f"{self._whole}.json")  # what the frames are of
 
     def _read(self) -> dict[str, Any] | None:
         """Return what the record says, nothing if it is damaged, None if there is none."""

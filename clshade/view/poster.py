@@ -1,0 +1,264 @@
+"""Posters: images too large to be drawn at once, drawn in tiles as by `farm.draw_frames`, then joined."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from ..base import console
+from ..base.arrays import Bytes
+from ..base.atomic_files import shown
+from ..base.validation import integer, value_error
+from ..base.validation import path as checked_path
+from ..farm.frames import parse_pattern
+from ..farm.running import Run, draw_frames
+from ..images import exr, exr_tiles, png
+from ..pipeline import frame_files
+from ..pipeline.effective_settings import effective_settings
+from ..pipeline.frame_files import Encoder, FileKind, SavingOptions
+from ..scene.camera import Camera
+from ..scene.image_part import PartCamera, part_of, whole_camera
+from ..scene.model import Scene
+from ..scene.settings import FrameOptions
+from .frame_folder import FrameFolder, digest_of
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+TILE = 2048  # pixels a side
+LEAST_TILE, MOST_TILE = 16, 8192  # 8192: PoCL has a buffer for its pixels in float64, too
+_KINDS: tuple[FileKind, ...] = ("exr", "png")
+
+
+@dataclass(frozen=True)
+class Poster:
+    """The result of drawing a poster.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Its files.
+    run : Run
+        How its tiles were drawn.
+    resolution : tuple of int
+        Columns and rows.
+    tile : int
+        Pixels a side of a tile; those at the right and at the lower end may be smaller.
+    size : int
+        Bytes of the files.
+    join_seconds : float
+        Time to join the tiles, after they were drawn.
+    tiles : str or None
+        The folder of the tiles, if they are kept.
+    """
+
+    paths: tuple[str, ...]
+    run: Run
+    resolution: tuple[int, int]
+    tile: int
+    size: int
+    join_seconds: float
+    tiles: str | None
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures as a dict for JSON."""
+        poster = {name: getattr(self, name) for name in Poster.__dataclass_fields__ if name != "run"}
+        run = {name: value for name, value in self.run.stats().items() if name not in ("first", "last", "files")}
+        return {**run, "poster": poster}
+
+    def lines(self) -> list[str]:
+        """Return the result as lines for the terminal."""
+        columns, rows = self.resolution
+        count = self.run.drawn + self.run.skipped
+        there = f", {self.run.skipped:,} of them there already" if self.run.skipped else ""
+        return [
+            f"poster  {' and '.join(map(shown, self.paths))}, {columns}x{rows}, {self.size / 1e6:.1f} MB",
+            f"tiles   {count:,} of up to {self.tile}x{self.tile}{there}; drawn in {self.run.seconds:.1f} s, joined in "
+            f"{self.join_seconds:.1f} s",
+            *([f"        kept in {shown(self.tiles)}"] if self.tiles else []),
+        ]
+
+
+class _Tiles(Mapping[int, Camera]):
+    """The cameras of a poster's tiles, numbered from 0 row by row from the top; made when they are asked for."""
+
+    def __init__(self, whole: Camera, tile: int) -> None:
+        columns, rows = whole.resolution
+        self.whole, self.tile = whole, tile
+        self.across, self.down = -(-columns // tile), -(-rows // tile)
+
+    def __getitem__(self, number: int) -> PartCamera:
+        if not 0 <= number < len(self):
+            raise KeyError(number)
+        left, top = number % self.across * self.tile, number // self.across * self.tile
+        columns, rows = self.whole.resolution
+        return part_of(self.whole, left, top, min(self.tile, columns - left), min(self.tile, rows - top))
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(len(self)))
+
+    def __len__(self) -> int:
+        return self.across * self.down
+
+
+def draw_poster(
+    scene: Scene,
+    resolution: tuple[int, int],
+    path: str | os.PathLike[str],
+    *,
+    tile: int = TILE,
+    keep_tiles: bool = False,
+    saving: SavingOptions | None = None,
+    overwrite: bool = False,
+    workers: int = 1,
+    scheduler: str | None = None,
+    timeout: float = 10.0,
+    frame_timeout: float | None = None,
+    progress: bool = True,
+    device: str | None = None,
+    **settings: Unpack[FrameOptions],
+) -> Poster:
+    """Draw an image of any size in tiles, and join them to one tiled EXR and one PNG.
+
+    Every pixel has the bits that it has in an image drawn at once, whatever the tiles. An image of
+    more than 16384 pixels a side, which cannot be drawn at once, has those of its regions of 16384 pixels
+    a side from the top left.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene to draw.
+    resolution : (int, int)
+        (N, M), columns and rows, 1 to 131072 each. The image plane keeps its height, and pixels are
+        square.
+    path : str or path-like
+        File name; an extension .exr or .png is dropped.
+    tile : int, default 2048
+        Pixels a side of a tile, a power of two from 16 to 8192.
+    keep_tiles : bool, default False
+        Keep the tiles, EXR and PNG, in the folder ``<path>.tiles``. Otherwise it is removed when the
+        poster is whole.
+    saving : dict, optional
+        Keywords of `Frame.save`; `files` may be ``("exr",)`` or ``("png",)`` alone.
+    overwrite : bool, default False
+        Draw tiles that an earlier run left, as well.
+    workers, scheduler, timeout, frame_timeout, progress, device
+        See `clshade.farm.draw_frames`. Workers elsewhere have to see the folder of the tiles.
+    **settings
+        Keywords of `clshade.render`.
+
+    Returns
+    -------
+    Poster
+        Counts, times and file names.
+
+    Raises
+    ------
+    InputError
+        If an argument is refused.
+    DeviceError, OutputError, WorkerError
+        See `clshade.farm.draw_frames`. Files that were there stay, and so do tiles that were drawn: the
+        next call with the same arguments goes on from them.
+
+    Notes
+    -----
+    A process that draws needs, besides the scene, the memory of a frame of the size of a tile; joining
+    needs ``4 * N * tile`` bytes for the PNG, and none to speak of for the EXR, whose tiles are not decoded.
+    The disk holds tiles and poster at once.
+
+    Examples
+    --------
+    >>> import clshade
+    >>> scene = clshade.builtin("teapot")
+    >>> poster = clshade.view.draw_poster(scene, (1000, 600), "poster.exr", tile=256, progress=False)
+    >>> poster.run.drawn, poster.paths
+    (12, ('poster.exr', 'poster.png'))
+    """
+    name = checked_path("draw_poster", "path", path)
+    options: SavingOptions = {**saving} if saving else {}
+    files = tuple(frame_files.chosen_paths(name, options.get("files")))
+    others = [kind for kind in files if kind not in _KINDS]
+    if others:
+        raise value_error("draw_poster", "files", "exr, png or both", ",".join(others))
+    for refused in ("crop", "colorbar"):
+        if options.get(refused):
+            raise value_error("draw_poster", refused, "False: tiles are joined as they are", options[refused])  # type: ignore[literal-required]
+    integer("draw_poster", "tile", tile, LEAST_TILE, MOST_TILE)
+    if tile & (tile - 1):
+        raise value_error("draw_poster", "tile", "a power of two", tile)
+    tiles = _Tiles(whole_camera(scene.camera, resolution), tile)
+    settled = effective_settings(replace(scene, camera=tiles[0]), **settings)
+    paths = frame_files.chosen_paths(name, files)
+    folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
+    keep_tiles = keep_tiles or folder.kept
+    with folder.of(digest_of(*settled, tiles.whole, tile, {**options, "files": files}), keep_tiles):
+        frame_files.check_output(name, files=files)
+        run = draw_frames(
+            replace(scene, camera=tiles[0]),
+            tiles,
+            folder.pattern,
+            workers=workers,
+            scheduler=scheduler,
+            timeout=timeout,
+            frame_timeout=frame_timeout,
+            overwrite=overwrite,
+            progress=progress,
+            device=device,
+            saving={**options, "files": files},
+            **settings,
+        )
+        start = time.perf_counter()
+        if progress:
+            console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
+        joining = _Joining(tiles, folder.pattern, replace(settled[0], camera=tiles.whole), settled[1], options)
+        encoders: dict[FileKind, Encoder] = {"exr": joining.write_exr, "png": joining.write_png}
+        frame_files.write_files(paths, encoders)
+        seconds = time.perf_counter() - start
+    return Poster(
+        paths=tuple(map(os.fspath, paths.values())),
+        run=run,
+        resolution=tiles.whole.resolution,
+        tile=tile,
+        size=sum(os.path.getsize(each) for each in paths.values()),
+        join_seconds=seconds,
+        tiles=folder.path if keep_tiles else None,
+    )
+
+
+class _Joining:
+    """What joins the files of tiles. scene: with the camera of the whole."""
+
+    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Any, options: SavingOptions) -> None:
+        self._tiles, self._scene, self._settings, self._options = tiles, scene, settings, options
+        self._pattern = parse_pattern(pattern, len(tiles))
+
+    def _name(self, number: int, kind: FileKind) -> str:
+        return self._pattern.names(number, (kind,))[0]
+
+    def write_exr(self, file: BinaryIO) -> None:
+        tiles = self._tiles
+        channels, _ = exr.read(self._name(0, "exr"))
+        start = exr_tiles.header(
+            channels,
+            tiles.whole.resolution,
+            tiles.tile,
+            compression=self._options.get("compression", "zip"),
+            half=self._options.get("half", False),
+            metadata=frame_files.header(self._scene, self._settings, self._settings.layers),
+        )
+        names = (self._name(number, "exr") for number in tiles)
+        exr_tiles.join(file, start, names, tiles.across, tiles.down)
+
+    def write_png(self, file: BinaryIO) -> None:
+        columns, rows = self._tiles.whole.resolution
+        png.encode_bands(file, columns, rows, map(self._band, range(self._tiles.down)))
+
+    def _band(self, row: int) -> Bytes:
+        across = self._tiles.across
+        numbers = range(row * across, (row + 1) * across)
+        return np.concatenate([png.read(self._name(number, "png"), alpha=True) for number in numbers], axis=1)

@@ -1,0 +1,200 @@
+"""Parts of an image: the bits of that part of the whole, however it is cut, also where no whole image can be drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from layer_scenes import mixed
+
+import clshade
+from clshade import Camera, Mesh, Renderer, Scene
+from clshade.errors import InputError
+from clshade.scene.geometry import camera_axes
+from clshade.pipeline import struct_layout
+from clshade.pipeline.frame import Frame
+from clshade.scene.image_part import MAX_WHOLE, part_of, raster_of, whole_camera
+
+CASES = {
+    "the teapot": (clshade.builtin("teapot"), {"resolution": (80, 60)}),
+    "clipped, in painter's order": (mixed(), {"preset": "course", "shader": "gouraud"}),
+    "several samples": (mixed(), {"texture_filter": "trilinear", "samples": 5}),
+    "float64": (mixed(), {"precision": "float64", "samples": 3}),
+    "shadows, pbr": (clshade.builtin("teapot"), {"preset": "pbr", "shadows": True, "resolution": (80, 60)}),
+    "ambient occlusion": (
+        clshade.builtin("box_room"),
+        {"ambient_occlusion": 2, "layers": "AO", "resolution": (40, 30)},
+    ),
+    "edges": (clshade.builtin("icosphere", level=2), {"edges": "all", "samples": 4, "resolution": (40, 30)}),
+    "an environment": (
+        replace(clshade.builtin("icosphere", level=2), environment=clshade.studio()),
+        {"preset": "pbr", "background": "environment", "resolution": (50, 40)},
+    ),
+    "a light of some size": (
+        replace(
+            clshade.builtin("icosphere", level=2),
+            lights=(clshade.PointLight((3.0, 3.0, 3.0), (0.8, 0.8, 0.8), radius=1.0),),
+        ),
+        {"shadows": True, "light_samples": 4, "resolution": (50, 40)},
+    ),
+}
+LONG = tuple(case for case in CASES if case not in ("the teapot", "clipped, in painter's order", "a light of some size"))
+
+
+def differing(part: Frame, whole: Frame, left: int, top: int) -> list[str]:
+    """Return the arrays of a part that differ in a bit from those of the whole."""
+    columns, rows = part.scene.camera.resolution
+    cut = np.s_[top : top + rows, left : left + columns]
+    pairs = {"rgba": (part.rgba, whole.rgba), **{name: (part[name], whole[name]) for name in whole.layers}}
+    return [name for name, (a, b) in pairs.items() if a.tobytes() != np.ascontiguousarray(b[cut]).tobytes()]
+
+
+def parts(camera: Camera, across: int, up: int) -> list[tuple[int, int, Camera]]:
+    """Cut an image into parts of at most `across` by `up` pixels: left and top of each, and its camera."""
+    columns, rows = camera.resolution
+    return [
+        (left, top, part_of(camera, left, top, min(across, columns - left), min(up, rows - top)))
+        for top in range(0, rows, up)
+        for left in range(0, columns, across)
+    ]
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
+def test_parts_have_the_bits_of_the_whole(device, case):
+    """With every layer; cut across tiles and blocks."""
+    scene, options = CASES[case]
+    if options.get("precision") == "float64" or "edges" in options:
+        needs_float64(device)
+    with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:
+        camera = renderer.scene.camera
+        whole = renderer.render()
+        for across, up in ((17, 23), (32, 16)):
+            for left, top, part in parts(camera, across, up):
+                assert not differing(renderer.render(part), whole, left, top), (left, top)
+        assert not differing(renderer.render(), whole, 0, 0)
+
+
+def corners(count: int, reach: float) -> Scene:
+    """Triangles whose corners lie up to `reach` images away in all directions, most of them clipped."""
+    rng = np.random.default_rng(5)
+    verts = rng.uniform(-reach, reach, (3 * count, 3))
+    verts[:, 2] = rng.uniform(-1.0, 3.0, 3 * count)
+    camera = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (64, 48))
+    return Scene((Mesh(verts, np.arange(3 * count).reshape(-1, 3)),), camera)
+
+
+def test_clipped_triangles_have_the_same_pieces_in_all_parts(device):
+    scene = corners(40, 3000.0)
+    with Renderer(scene, device=device, shader="nolight", layers=("Z", "id")) as renderer:
+        whole = renderer.render()
+        assert whole.stats["clipped"] > 20
+        for left, top, part in parts(scene.camera, 20, 20):
+            assert not differing(renderer.render(part), whole, left, top), (left, top)
+
+
+def test_devices_without_float64_project_alike(device, monkeypatch):
+    from clshade.pipeline.opencl.device import Device
+
+    scene = clshade.builtin("icosphere", level=2, resolution=(50, 40))
+    part = part_of(scene.camera, 13, 9, 20, 17)
+    with Renderer(scene, device=device, layers=("Z", "id")) as renderer:
+        expected = renderer.render(part)
+    monkeypatch.setattr(Device, "has_fp64", False)
+    with Renderer(scene, device=device, layers=("Z", "id")) as renderer:
+        assert not differing(renderer.render(part), expected, 0, 0)
+
+
+WHOLE = (100_000, 60_000)  # far more than can be drawn at once
+
+
+def seen_at(place: tuple[float, float], camera: Camera) -> np.ndarray:
+    """Return the point at a depth of 1 that a place in the image, pixels from its top left, shows."""
+    columns, rows = camera.resolution
+    x = (place[0] / columns - camera.principal[0]) * camera.plane[1] / camera.focal
+    y = ((rows - place[1]) / rows - camera.principal[1]) * camera.plane[0] / camera.focal
+    return camera.eye + np.array([x, y, 1.0]) @ camera_axes(camera)
+
+
+@pytest.fixture(scope="module")
+def speckled() -> Scene:
+    """Small triangles about the corner where four regions of 16384 pixels meet, and one over all of the image."""
+    base = Camera.from_fov((0.0, 0.0, 0.0), (0.3, 0.1, -1.0), (0.0, 1.0, 0.0), 50.0)
+    whole = whole_camera(base, WHOLE)
+    rng = np.random.default_rng(1)
+    verts = [
+        seen_at((2 * 16384 + x, 16384 + y), whole) * depth
+        for x, y, depth in np.stack([*rng.uniform(-60, 60, (2, 300)), rng.uniform(0.9, 1.1, 300)], axis=1)
+    ]
+    verts += [20.0 * seen_at(at, whole) for at in ((-4e5, 9e4), (5e5, 9e4), (5e4, -9e5))]
+    return Scene((Mesh(np.array(verts), np.arange(len(verts)).reshape(-1, 3)),), whole.with_resolution((100, 60)))
+
+
+def part_near_the_corner(scene: Scene, left: int, top: int, columns: int, rows: int) -> Camera:
+    return part_of(whole_camera(scene.camera, WHOLE), 2 * 16384 + left, 16384 + top, columns, rows)
+
+
+def test_parts_of_larger_images_do_not_depend_on_how_they_are_cut(device, speckled):
+    with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
+        for left, top in ((-64, -64), (0, -64), (-64, 0), (0, 0)):
+            whole = renderer.render(part_near_the_corner(speckled, left, top, 64, 64))
+            assert len(np.unique(whole["id"])) > 30
+            for dx, dy, columns, rows in ((5, 7, 30, 41), (48, 0, 16, 64), (63, 63, 1, 1)):
+                part = renderer.render(part_near_the_corner(speckled, left + dx, top + dy, columns, rows))
+                assert not differing(part, whole, dx, dy)
+
+
+def test_parts_of_larger_images_are_the_oracles(device, speckled):
+    """Each by a camera of its own lens, which rounds positions otherwise by 1e-11 px: none of these crosses a step of
+    1/256 px. Across the seam a triangle has the same ids as if both sides had been drawn at once."""
+    with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
+        for left, top in ((-40, -40), (0, -40), (-40, 0), (0, 0)):
+            frame = renderer.render(part_near_the_corner(speckled, left, top, 40, 40))
+            assert clshade.check(frame, pixels="all").passed
+        own = part_near_the_corner(speckled, -60, -60, 60, 60)
+        lens = Camera(own.eye, own.lookat, own.up, own.focal, (2 * own.plane[0], 2 * own.plane[1]), (120, 120))
+        principal = tuple((p * 60 + shift) / 120 for p, shift in zip(own.principal, (0, 60), strict=True))
+        both = renderer.render(replace(lens, principal=principal))
+        for left, top in ((-60, -60), (0, -60), (-60, 0), (0, 0)):
+            part = renderer.render(part_near_the_corner(speckled, left, top, 60, 60))
+            cut = np.s_[top + 60 : top + 120, left + 60 : left + 120]
+            assert np.array_equal(part["id"], both["id"][cut])
+
+
+def test_positions_of_shifted_corners_fit_their_ranges():
+    """kernels/edge.clh: within the guard band, from any part of a region, below 2^24 and below what means beyond it."""
+    farthest = struct_layout.GUARD_PIXELS + 16384 << struct_layout.SUBPIXEL_BITS
+    assert farthest < struct_layout.SNAP_LIMIT == 1 << 24
+
+
+def test_the_raster_of_a_part():
+    camera = clshade.builtin("icosphere").camera
+    whole = whole_camera(camera, (40_000, 30_000))
+    raster = raster_of(part_of(whole, 33_000, 20_000, 100, 50))
+    assert raster.resolution == (40_000, 30_000)
+    assert raster.region == ((32_768, 0), (40_000 - 32_768, 30_000 - 16_384))
+    assert raster.first == (33_000, 30_000 - 20_050)
+    assert raster_of(camera).region == ((0, 0), camera.resolution)
+    assert part_of(whole, 0, 0, 10, 10).with_resolution((64, 48)).plane == camera.with_resolution((64, 48)).plane
+
+
+@pytest.mark.parametrize(
+    ("part", "field"),
+    [
+        ((-1, 0, 5, 5), "left"),
+        ((0, 0, 0, 5), "left"),
+        ((0, 2995, 5, 6), "top"),
+        ((16_380, 0, 5, 5), "left"),
+    ],
+)
+def test_parts_outside_the_image_or_across_regions_are_refused(part, field):
+    whole = whole_camera(clshade.builtin("icosphere").camera, (20_000, 3_000))
+    with pytest.raises(InputError, match=f"part_of: {field}: expected a part that ends within"):
+        part_of(whole, *part)
+
+
+@pytest.mark.parametrize("resolution", [(0, 5), (MAX_WHOLE + 1, 5), (5,), "large", (2.5, 3)])
+def test_sizes_of_the_whole_are_checked(resolution):
+    with pytest.raises(InputError, match="whole_camera: resolution"):
+        whole_camera(clshade.builtin("icosphere").camera, resolution)
