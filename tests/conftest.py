@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from browsers import SOFTWARE_GL, chromium
 from devices import working_devices
@@ -20,6 +21,9 @@ from clshade.pipeline.opencl.device import Device, open_device
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("POCL_AFFINITY", "0")  # pinned threads of several processes would get in each other's way
+
+hypothesis.settings.register_profile("unhurried", deadline=None)  # other processes take their time from an example
+hypothesis.settings.load_profile("unhurried")
 
 cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 

@@ -84,7 +84,14 @@ def test_a_misspelt_name_is_answered_with_the_nearest():
     assert (caught.value.name, caught.value.obj) == ("rendr", clshade)  # used for the hint of a traceback
 
 
-DRAWING = ("render", "turntable", "animate", "stability", "view")  # whose settings have the choices of scene.py
+DRAWING = (
+    "render",
+    "turntable",
+    "animate",
+    "poster",
+    "stability",
+    "view",
+)  # whose settings have the choices of scene.py
 
 
 @pytest.mark.parametrize(

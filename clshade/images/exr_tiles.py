@@ -44,7 +44,8 @@ def header(
     window = struct.pack("<4i", 0, 0, resolution[0] - 1, resolution[1] - 1)
     changed = {b"dataWindow": window, b"displayWindow": window, b"tiles": struct.pack("<2I", tile, tile) + b"\0"}
     written, end = bytearray(data), exr_limits.START
-    for name, value, end in exr_limits.attributes(data, end):
+    for name, value, after in exr_limits.attributes(data, exr_limits.START):
+        end = after
         if name in changed:
             assert len(value) == len(changed[name])
             written[end - len(value) : end] = changed[name]
@@ -85,7 +86,8 @@ def _chunk_size(one: BinaryIO, shared: dict[bytes, bytes], name: str) -> int:
         if not data.startswith(exr_limits.MAGIC):
             raise ValueError("something else")
         end = exr_limits.START
-        for key, value, end in exr_limits.attributes(data, end):
+        for key, value, after in exr_limits.attributes(data, exr_limits.START):
+            end = after
             if key in _SAME and value != shared[key]:
                 raise ValueError(f"other {key.decode()}")
         (offset,) = struct.unpack_from("<Q", data, end + 1)
@@ -95,6 +97,8 @@ def _chunk_size(one: BinaryIO, shared: dict[bytes, bytes], name: str) -> int:
         if rest != size:
             raise ValueError(f"{rest} bytes of its pixels")
         one.seek(offset + _CHUNK.size)
-    except (ValueError, IndexError, struct.error) as error:
+    except (IndexError, struct.error):
+        raise file_error(shown(name), "file", "a tile of this image", "a damaged one") from None
+    except ValueError as error:
         raise file_error(shown(name), "file", "a tile of this image", reason_of(error)) from None
     return size

@@ -80,7 +80,7 @@ def _filtered(row: np.ndarray, above: np.ndarray) -> bytes:
     choices = (left, row - above)  # filter types 1 and 2
     sums = [int(np.abs(each.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for each in choices]
     best = int(sums[1] < sums[0])
-    return bytes([best + 1]) + choices[best].tobytes()
+    return b"".join((bytes([best + 1]), choices[best].tobytes()))
 
 
 def as_uri(rgb8: np.ndarray) -> str:

@@ -41,7 +41,7 @@ def image_positions(points: Array, camera: Camera) -> Array:
 
 
 def beyond_guard_band(points: Array, camera: Camera) -> Bools:
-    """Return whether camera-space points (..., 3) in front of the eye lie beyond the guard band, along each axis (..., 2)."""
+    """Return whether camera-space points (..., 3) before the eye lie beyond the guard band, along each axis (..., 2)."""
     corner = raster_of(camera).region[0]
     beyond: Bools = np.abs(image_positions(points, camera) - corner) > GUARD_PIXELS
     return beyond

@@ -17,7 +17,7 @@ from ..scene.metallic_roughness import LEAST_ROUGHNESS
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
 # Means "beyond the guard band" in snapped positions, which within it are less than 49152 px from a part of an image.
-SNAP_LIMIT = 1 << 16 + SUBPIXEL_BITS
+SNAP_LIMIT = 50000 << SUBPIXEL_BITS
 TILE_SIZE = 16  # pixels per side
 FEW_PIXELS = 4  # boxes of up to so many are rasterized pixel by pixel, larger ones by blocks
 MOST_SAMPLES = 64  # per pixel

@@ -56,6 +56,8 @@ def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
     """Return the same view at a resolution (N, M) of up to 131072 pixels a side, more than can be drawn at once. Raises
     InputError."""
     columns, rows = checked_resolution("whole_camera", resolution, MAX_WHOLE)
+    if (columns, rows) == camera.resolution:
+        return camera
     whole = copy.copy(camera)
     height = camera.plane[0]
     set_fields(whole, plane=(height, height * columns / rows), resolution=(columns, rows))
@@ -87,7 +89,7 @@ def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> Part
     ends = []
     for name, start, count, size in zip(("left", "top"), (left, top), (columns, rows), whole.resolution, strict=True):
         region_end = min((start // MAX_RESOLUTION + 1) * MAX_RESOLUTION, size)
-        if not (0 <= start and 1 <= count and start + count <= region_end):
+        if start < 0 or count < 1 or start + count > region_end:
             expected = f"a part that ends within {region_end} of {size} pixels"
             raise value_error("part_of", name, expected, f"{count} from {start} on")
         ends.append(size - start - count)

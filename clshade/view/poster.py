@@ -108,7 +108,6 @@ class _Tiles(Mapping[int, Camera]):
 
 def draw_poster(
     scene: Scene,
-    resolution: tuple[int, int],
     path: str | os.PathLike[str],
     *,
     tile: int = TILE,
@@ -133,9 +132,6 @@ def draw_poster(
     ----------
     scene : Scene
         The scene to draw.
-    resolution : (int, int)
-        (N, M), columns and rows, 1 to 131072 each. The image plane keeps its height, and pixels are
-        square.
     path : str or path-like
         File name; an extension .exr or .png is dropped.
     tile : int, default 2048
@@ -150,7 +146,7 @@ def draw_poster(
     workers, scheduler, timeout, frame_timeout, progress, device
         See `clshade.farm.draw_frames`. Workers elsewhere have to see the folder of the tiles.
     **settings
-        Keywords of `clshade.render`.
+        Keywords of `clshade.render`; ``resolution=(N, M)``, columns and rows, may be up to 131072 each.
 
     Returns
     -------
@@ -175,7 +171,7 @@ def draw_poster(
     --------
     >>> import clshade
     >>> scene = clshade.builtin("teapot")
-    >>> poster = clshade.view.draw_poster(scene, (1000, 600), "poster.exr", tile=256, progress=False)
+    >>> poster = clshade.view.draw_poster(scene, "poster.exr", resolution=(1000, 600), tile=256, progress=False)
     >>> poster.run.drawn, poster.paths
     (12, ('poster.exr', 'poster.png'))
     """
@@ -187,11 +183,12 @@ def draw_poster(
         raise value_error("draw_poster", "files", "exr, png or both", ",".join(others))
     for refused in ("crop", "colorbar"):
         if options.get(refused):
-            raise value_error("draw_poster", refused, "False: tiles are joined as they are", options[refused])  # type: ignore[literal-required]
+            raise value_error("draw_poster", refused, "False: tiles are joined as they are", options[refused])
     integer("draw_poster", "tile", tile, LEAST_TILE, MOST_TILE)
     if tile & (tile - 1):
         raise value_error("draw_poster", "tile", "a power of two", tile)
-    tiles = _Tiles(whole_camera(scene.camera, resolution), tile)
+    resolution = settings.pop("resolution", None)
+    tiles = _Tiles(whole_camera(scene.camera, resolution or scene.camera.resolution), tile)
     settled = effective_settings(replace(scene, camera=tiles[0]), **settings)
     paths = frame_files.chosen_paths(name, files)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")

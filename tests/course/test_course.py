@@ -24,7 +24,7 @@ from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings
 
 pytestmark = pytest.mark.usefixtures("on_each_device")
-few = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 SCENE = builtin("course", level=4, resolution=(72, 64))
 LIGHTS = (*SCENE.lights, PointLight((3.0, -2.0, 4.0), (0.1, 0.2, 3.0)))

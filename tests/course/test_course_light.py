@@ -12,7 +12,7 @@ from clshade import course
 from clshade.oracle import texture
 
 pytestmark = pytest.mark.usefixtures("on_each_device")
-few = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 POSITIONS = np.array([[0.0, 0, 5], [-7, 0, 0], [0, 5, 0], [3, -2, 4]])
 INTENSITIES = np.array([[1.0, 1, 1], [1, 0, 0], [0.937, 0.753, 0.492], [0.1, 0.2, 3]])

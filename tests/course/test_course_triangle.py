@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from clshade import course
 
 pytestmark = pytest.mark.usefixtures("on_each_device")
-few = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+few = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 ROWS, COLUMNS = 37, 50
 X = np.random.default_rng(1).random((ROWS, COLUMNS, 3)) / 3.0  # not float32 values

@@ -12,9 +12,9 @@ from layer_scenes import mixed
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import InputError
-from clshade.scene.geometry import camera_axes
 from clshade.pipeline import struct_layout
 from clshade.pipeline.frame import Frame
+from clshade.scene.geometry import camera_axes
 from clshade.scene.image_part import MAX_WHOLE, part_of, raster_of, whole_camera
 
 CASES = {
@@ -40,7 +40,9 @@ CASES = {
         {"shadows": True, "light_samples": 4, "resolution": (50, 40)},
     ),
 }
-LONG = tuple(case for case in CASES if case not in ("the teapot", "clipped, in painter's order", "a light of some size"))
+LONG = tuple(
+    case for case in CASES if case not in ("the teapot", "clipped, in painter's order", "a light of some size")
+)
 
 
 def differing(part: Frame, whole: Frame, left: int, top: int) -> list[str]:
@@ -94,16 +96,14 @@ def test_clipped_triangles_have_the_same_pieces_in_all_parts(device):
             assert not differing(renderer.render(part), whole, left, top), (left, top)
 
 
-def test_devices_without_float64_project_alike(device, monkeypatch):
-    from clshade.pipeline.opencl.device import Device
-
+def test_devices_without_float64_project_alike(device):
     scene = clshade.builtin("icosphere", level=2, resolution=(50, 40))
     part = part_of(scene.camera, 13, 9, 20, 17)
-    with Renderer(scene, device=device, layers=("Z", "id")) as renderer:
-        expected = renderer.render(part)
-    monkeypatch.setattr(Device, "has_fp64", False)
-    with Renderer(scene, device=device, layers=("Z", "id")) as renderer:
-        assert not differing(renderer.render(part), expected, 0, 0)
+    one, other = (
+        Renderer(scene, device=each, layers=("Z", "id")) for each in (device, replace(device, has_fp64=False))
+    )
+    with one, other:
+        assert not differing(other.render(part), one.render(part), 0, 0)
 
 
 WHOLE = (100_000, 60_000)  # far more than can be drawn at once
@@ -139,7 +139,7 @@ def test_parts_of_larger_images_do_not_depend_on_how_they_are_cut(device, speckl
     with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
         for left, top in ((-64, -64), (0, -64), (-64, 0), (0, 0)):
             whole = renderer.render(part_near_the_corner(speckled, left, top, 64, 64))
-            assert len(np.unique(whole["id"])) > 30
+            assert len(np.unique(whole["id"])) > 15
             for dx, dy, columns, rows in ((5, 7, 30, 41), (48, 0, 16, 64), (63, 63, 1, 1)):
                 part = renderer.render(part_near_the_corner(speckled, left + dx, top + dy, columns, rows))
                 assert not differing(part, whole, dx, dy)
@@ -163,9 +163,9 @@ def test_parts_of_larger_images_are_the_oracles(device, speckled):
 
 
 def test_positions_of_shifted_corners_fit_their_ranges():
-    """kernels/edge.clh: within the guard band, from any part of a region, below 2^24 and below what means beyond it."""
+    """kernels/edge.clh: within the guard band, from any part of a region, less than what means beyond it, and than 2^24."""
     farthest = struct_layout.GUARD_PIXELS + 16384 << struct_layout.SUBPIXEL_BITS
-    assert farthest < struct_layout.SNAP_LIMIT == 1 << 24
+    assert farthest < struct_layout.SNAP_LIMIT < 1 << 24
 
 
 def test_the_raster_of_a_part():

@@ -32,7 +32,7 @@ def sort(depth: np.ndarray, face: np.ndarray, seed: int = 0) -> np.ndarray:
     return front_to_back(keys, lambda index: (depth[index], face[index]))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.sampled_from(DEPTHS), max_size=40), st.integers(0, 99))
 def test_nearest_first_then_the_later_face(values, seed):
     depth = np.array(values, np.float64)
@@ -40,7 +40,7 @@ def test_nearest_first_then_the_later_face(values, seed):
     assert sort(depth, face, seed).tolist() == np.lexsort((-face, depth)).tolist()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.tuples(st.sampled_from(NEAR_ONE), st.integers(0, 5)), max_size=30))
 def test_pieces_are_ordered_by_their_face(rows):
     """A clipped face's pieces have their own indices; for equal depths the face decides, not the index."""
@@ -96,7 +96,7 @@ def test_bits_of_the_index():
     assert [index_bits(n) for n in (0, 1, 2**24, 2**24 + 1, 2**25, 2**25 + 1, 2**29)] == [24, 24, 24, 25, 25, 26, 29]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.lists(st.sampled_from(DEPTHS), min_size=1, max_size=40),
     st.sampled_from([2**24 - 20, 2**24, 2**25 - 1, 2**28, 2**29 - 40]),

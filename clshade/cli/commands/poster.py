@@ -12,12 +12,11 @@ from .farm_options import worker_options
 from .saving_options import chosen_saving, saving_options
 from .scene_options import SAMPLES_HELP, camera_options, load_scene, picture_settings, scene_options, setting_options
 
+TILE = 2048  # view.poster.TILE, whose import loads NumPy
 _SHAPE = 8192  # pixels a side at most of the image for which a camera is chosen
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    from ...view.poster import TILE
-
     scene_options(parser)
     camera_options(parser)
     setting_options(parser, SAMPLES_HELP)
@@ -54,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments)
     poster = draw_poster(
         scene,
-        asked,
         arguments.output,
+        resolution=asked,
         tile=arguments.tile,
         keep_tiles=arguments.keep_tiles,
         saving=chosen_saving(arguments),

@@ -15,6 +15,7 @@ from ....errors import InputError
 from ....pipeline import struct_layout
 from ....pipeline.features import OPTIONAL
 from ....pipeline.frame import Frame, same_bits
+from ....scene.image_part import MAX_WHOLE, part_of, whole_camera
 from ....scene.model import Mesh
 from . import flat, lit
 from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
@@ -144,7 +145,8 @@ def near_plane(bench: Bench) -> Outcome:
 
 
 def image_sizes(bench: Bench) -> Outcome:
-    """Images from 1x1 to 16384 wide: the oracle's pixels, bit-identical to the same part of a larger image."""
+    """Images from 1x1 to 16384 wide: the oracle's pixels, bit-identical to the same part of a larger image. Parts of one of
+    131072: the oracle's pixels, however they are cut."""
     outcomes = []
     for resolution in ((1, 1), (1, 7), (17, 33), (333, 1), (16384, 2), (3, 16384)):
         camera = replace(lit.CAMERA, resolution=resolution)
@@ -161,7 +163,14 @@ def image_sizes(bench: Bench) -> Outcome:
         wrong = (part.rgba != whole.rgba[cut]).any(axis=-1) | (part["Z"] != whole["Z"][cut])
         wrong |= part["id"] != whole["id"][cut]
         outcomes.append(Outcome(int(wrong.sum()), pictures=(part.rgb, whole.rgb[cut])))
-    return worst(outcomes, "6 sizes, 5 crops")
+    poster = whole_camera(lit.CAMERA, (MAX_WHOLE, MAX_WHOLE))
+    for left, top in ((MAX_WHOLE // 2 - 40, MAX_WHOLE // 2 - 40), (MAX_WHOLE // 2, MAX_WHOLE // 2), (70_000, 61_000)):
+        frame = bench.draw(lit.scene_of(camera=part_of(poster, left, top, 40, 40)))
+        rest = bench.draw(lit.scene_of(camera=part_of(poster, left + 7, top + 9, 20, 31)))
+        cut = np.s_[9:40, 7:27]
+        wrong = (rest.rgba != frame.rgba[cut]).any(axis=-1) | (rest["id"] != frame["id"][cut])
+        outcomes += [against_oracle(frame), Outcome(int(wrong.sum()), pictures=(rest.rgb, frame.rgb[cut]))]
+    return worst(outcomes, "6 sizes, 5 crops, 3 parts of 131072 pixels a side")
 
 
 @contextlib.contextmanager
@@ -202,6 +211,6 @@ CASES = (
     Case("13", "far-coordinates", "past +-32768 px, 1e38, 1e100", "clipped, never wrapped", far_coordinates),
     Case("14", "not-finite", "NaN and infinite vertices", "refused, or dropped and counted", not_finite),
     Case("15", "near-plane", "behind, across, at the eye", "near-clipped, never mirrored", near_plane),
-    Case("16", "image-sizes", "1x1 to 16384 px a side", "the matching crop's pixels", image_sizes, True),
+    Case("16", "image-sizes", "1x1 to 131072 px a side", "the matching crop's pixels", image_sizes, True),
     Case("17", "tiles-and-lanes", "tile size, lanes, features", "same bits", tiles_and_lanes, True),
 )

@@ -1,0 +1,254 @@
+"""Posters: tiles joined to one EXR and one PNG, the same pixels as in an image drawn at once, read by others too."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from clusters import Cluster
+from command_line import assert_refused, run
+from devices import working_devices
+from PIL import Image
+
+import clshade
+from clshade import Camera, exr
+from clshade.cli.commands import poster as command
+from clshade.errors import InputError
+from clshade.images import exr_tiles, png
+from clshade.view import draw_poster, poster
+from clshade.view.frame_folder import FrameFolder
+
+needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
+SIZE = (150, 100)
+SCENE = clshade.builtin("icosphere", level=2)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def listing(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_command_has_the_default_of_the_function():
+    assert command.TILE == poster.TILE
+
+
+def draw(name: str = "p", **options):
+    return draw_poster(SCENE, name, resolution=SIZE, progress=False, **{"tile": 64, "layers": ("Z", "id"), **options})
+
+
+def assert_same_images(folder: Path, name: str, **options) -> None:
+    """As `clshade.render` draws them at once."""
+    frame = clshade.render(SCENE, resolution=SIZE, layers=("Z", "id"))
+    frame.save(folder / "whole", **options)
+    one, header = exr.read(folder / f"{name}.exr")
+    other, expected = exr.read(folder / "whole.exr")
+    assert list(one) == list(other)
+    assert all(one[channel].tobytes() == other[channel].tobytes() for channel in other)
+    assert header["worldToNDC"].tolist() == expected["worldToNDC"].tolist()
+    assert header["settings"] == expected["settings"]
+    if (folder / f"{name}.png").exists():
+        assert np.array_equal(png.read(folder / f"{name}.png", alpha=True), png.read(folder / "whole.png", alpha=True))
+
+
+@needs_device
+@pytest.mark.parametrize("options", [{}, {"half": True, "compression": "piz"}, {"compression": "none"}])
+def test_a_poster_has_the_pixels_of_an_image_drawn_at_once(folder, options):
+    poster = draw("p.exr", saving=options)
+    assert (poster.run.drawn, poster.resolution, poster.paths) == (6, SIZE, ("p.exr", "p.png"))
+    assert_same_images(folder, "p", **options)
+    assert listing(folder) == ["p.exr", "p.png", "whole.exr", "whole.png"]
+    assert poster.size == sum((folder / name).stat().st_size for name in poster.paths)
+
+
+@needs_device
+def test_others_read_it(folder):
+    oiio = pytest.importorskip("OpenImageIO")
+    draw()
+    image = oiio.ImageInput.open("p.exr")
+    spec = image.spec()
+    assert (spec.tile_width, spec.tile_height, spec.width, spec.height) == (64, 64, *SIZE)
+    channels, _ = exr.read("p.exr")
+    for number, name in enumerate(spec.channelnames):
+        kind = oiio.TypeDesc("uint" if name == "id" else "float")
+        assert np.array_equal(image.read_image(number, number + 1, kind)[..., 0], channels[name]), name
+    assert np.array_equal(np.asarray(Image.open("p.png")), png.read("p.png", alpha=True))
+
+
+@needs_device
+def test_one_with_a_transparent_background(folder):
+    draw(background=None, saving={"files": ("png",)})
+    frame = clshade.render(SCENE, resolution=SIZE, background=None)
+    assert listing(folder) == ["p.png"]
+    assert np.array_equal(png.read("p.png", alpha=True), frame.to_png8())
+
+
+@needs_device
+def test_a_run_that_was_stopped_goes_on(folder, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(exr_tiles, "join", stop)
+    with pytest.raises(KeyboardInterrupt):
+        draw()
+    assert listing(folder) == ["p.tiles"]
+    (folder / "p.tiles" / "0003.exr").unlink()
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    poster = draw()
+    assert (poster.run.drawn, poster.run.skipped) == (1, 5)
+    assert_same_images(folder, "p")
+
+
+@needs_device
+def test_tiles_that_are_kept_are_images(folder):
+    poster = draw(keep_tiles=True)
+    assert poster.tiles == "p.tiles"
+    channels, header = exr.read("p.tiles/0005.exr")
+    assert channels["R"].shape == (36, 22)
+    whole, _ = exr.read("p.exr")
+    assert np.array_equal(channels["id"], whole["id"][64:, 128:])
+    assert header["worldToNDC"].tolist() != exr.read("p.exr")[1]["worldToNDC"].tolist()  # of the tile
+    assert draw(tile=128).run.drawn == 2  # other tiles are drawn again
+
+
+@needs_device
+@pytest.mark.long
+def test_workers_and_a_cluster_draw_the_same(folder, tmp_path_factory):
+    draw(workers=2)
+    assert_same_images(folder, "p")
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        cluster.worker()
+        cluster.wait_for_workers(1)
+        assert draw("q", scheduler=cluster.address, timeout=60.0).run.workers == 1
+    finally:
+        cluster.close()
+    assert (folder / "p.exr").read_bytes() == (folder / "q.exr").read_bytes()
+    assert (folder / "p.png").read_bytes() == (folder / "q.png").read_bytes()
+
+
+@needs_device
+@pytest.mark.long
+def test_one_larger_than_can_be_drawn_at_once(folder):
+    """A tile of it has the ids that a camera of its own sees; the header says how large it is."""
+    oiio = pytest.importorskip("OpenImageIO")
+    poster = draw_poster(
+        SCENE, "p", resolution=(40_000, 300), tile=512, progress=False, layers="id", saving={"files": ("exr",)}
+    )
+    assert poster.run.drawn == 79
+    image = oiio.ImageInput.open("p.exr")
+    assert (image.spec().width, image.spec().height) == (40_000, 300)
+    left, columns = 19_900, 300
+    found = image.read_tiles(19_456, 20_480, 0, 300, 0, 1, 4, 5, oiio.TypeDesc("uint"))[
+        :, left - 19_456 : left - 19_456 + columns, 0
+    ]
+    view = SCENE.camera
+    height = view.plane[0]
+    lens = ((20_000 - left) / columns, 0.5)
+    own = Camera(view.eye, view.lookat, view.up, view.focal, (height, height), (columns, 300), lens)
+    frame = clshade.render(clshade.Scene(SCENE.meshes, own, SCENE.lights), layers="id")
+    assert len(np.unique(found)) > 50
+    assert np.array_equal(found, frame["id"])
+
+
+REFUSED = [
+    ({"tile": 100}, "tile: expected a power of two"),
+    ({"tile": 8}, "tile: expected a whole number from 16 to 8192"),
+    ({"saving": {"files": ("exr", "npz")}}, "files: expected exr, png or both"),
+    ({"saving": {"crop": True}}, "crop: expected False"),
+    ({"saving": {"colorbar": True}}, "colorbar: expected False"),
+    ({"workers": 0}, "workers"),
+]
+
+
+@pytest.mark.parametrize(("options", "expected"), REFUSED)
+def test_refused_arguments(folder, options, expected):
+    with pytest.raises(InputError, match=expected):
+        draw(**options)
+    assert listing(folder) == []
+
+
+@pytest.mark.parametrize("resolution", [(0, 5), (200_000, 5), (5,)])
+def test_refused_resolutions(folder, resolution):
+    with pytest.raises(InputError, match="resolution"):
+        draw_poster(SCENE, "p", resolution=resolution, progress=False)
+    assert listing(folder) == []
+
+
+@needs_device
+def test_the_command(folder, capsys):
+    code, out, err = run(capsys, "poster", "icosphere", "--resolution", "90x70", "--tile", "64", "-o", "p", "--json")
+    assert code == 0, err
+    figures = json.loads(out)
+    assert figures["poster"]["resolution"] == [90, 70]
+    assert figures["drawn"] == 4
+    code, out, _ = run(capsys, "poster", "icosphere", "--resolution", "90x70", "--tile", "64", "-o", "p", "--quiet")
+    assert (code, out) == (0, "")
+    assert listing(folder) == ["p.exr", "p.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        ((), ("--resolution", "found none")),
+        (("--resolution", "200000x5"), ("resolution N", "200000")),
+        (("--resolution", "90x70", "--tile", "48"), ("tile", "a power of two", "48")),
+        (("--resolution", "90x70", "--formats", "depth"), ("files", "exr, png or both", "depth")),
+    ],
+)
+def test_refused_command_lines(folder, capsys, arguments, parts):
+    assert_refused(run(capsys, "poster", "icosphere", "--quiet", *arguments), *parts)
+    assert listing(folder) == []
+
+
+def test_a_folder_of_something_else_is_refused(folder):
+    (folder / "p.tiles").mkdir()
+    (folder / "p.tiles" / "0001.exr").write_text("of somebody else")
+    with pytest.raises(InputError, match=r"p\.tiles: expected a folder with tiles of this poster, or none"):
+        draw()
+    with FrameFolder("q", "poster", "tiles").of("digest", kept=False):
+        assert listing(folder / "q.tiles") == ["lock", "poster.json"]
+
+
+def one_tile(value: float = 1.0, **options) -> bytes:
+    file = io.BytesIO()
+    exr.encode(file, {"R": np.full((3, 5), value, np.float32)}, tiled=True, **options)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("damaged", "found"),
+    [
+        (b"", "something else"),
+        (b"\x76\x2f\x31\x01\x02", "damaged"),
+        (one_tile()[:-1], "bytes of its pixels"),
+        (one_tile() + b"x", "bytes of its pixels"),
+        (one_tile(compression="piz"), "other compression"),
+        (one_tile(half=True), "other channels"),
+    ],
+)
+def test_files_that_are_no_tiles_of_it_are_refused(folder, damaged, found):
+    (folder / "0.exr").write_bytes(damaged)
+    start = exr_tiles.header({"R": np.zeros((1, 1), np.float32)}, (5, 3), 8, compression="zip", half=False, metadata={})
+    with pytest.raises(InputError, match=rf"0\.exr: file: expected a tile of this image.*{found}"):
+        exr_tiles.join(io.BytesIO(), start, ["0.exr"], 1, 1)
+
+
+@pytest.mark.parametrize("alpha", [False, True])
+def test_png_in_bands(alpha):
+    rng = np.random.default_rng(0)
+    image = np.cumsum(rng.integers(0, 3, (37, 29, 3 + alpha)), axis=0).astype(np.uint8)
+    image[20:] = rng.integers(0, 256, (17, 29, 3 + alpha))
+    file = io.BytesIO()
+    png.encode_bands(file, 29, 37, (image[first : first + 10] for first in range(0, 37, 10)))
+    assert np.array_equal(np.asarray(Image.open(file)), image)
+    assert struct.unpack(">2I", file.getvalue()[16:24]) == (29, 37)
