@@ -161,8 +161,16 @@ def test_another_alpha_is_noticed(opened):
         oracle_bounds.assert_frame(frame, expected, other, frame.settings)
 
 
-@pytest.mark.parametrize("name", CARDS)
-@pytest.mark.parametrize("options", [{}, {"shader": "gouraud"}, {"preset": "pbr"}, {"precision": "float64"}], ids=str)
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        *(({}, name) for name in CARDS),
+        *(({"shader": "gouraud"}, name) for name in ("both", "vertices")),
+        *(({"preset": "pbr"}, name) for name in ("both", "ball")),
+        *(({"precision": "float64"}, name) for name in ("both", "textured")),
+    ],
+    ids=str,
+)
 def test_frames_equal_the_oracle(opened, name, options):
     if options.get("precision") == "float64" and not opened.has_fp64:
         pytest.skip("the device has no float64")
