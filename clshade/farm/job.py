@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import ClshadeError, WorkerError
+from ..images.cryptomatte import MatteKind
 from ..pipeline.flow import flow
 from ..pipeline.flow_vectors import Flow, FlowName
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths, visible_path
+from ..pipeline.mattes import cryptomatte
 from ..pipeline.renderer import Renderer
 from ..pipeline.visible import visible
 from ..scene.camera import Camera
@@ -29,13 +31,14 @@ SMALL = (16, 16)  # pixels of an image drawn only to compile its kernels
 @dataclass(frozen=True, eq=False)
 class Job:
     """What all frames share. device: a name as for `open_device`. saving: arguments of `Frame.save`. visible: ending of
-    each frame's table of instances, None without one."""
+    each frame's table of instances, None without one. mattes: kinds of Cryptomatte layers in each EXR."""
 
     scene: Scene
     settings: Settings
     device: str | None
     saving: SavingOptions
     visible: str | None = None
+    mattes: Sequence[MatteKind] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +153,8 @@ class FrameWriter:
                     ready()
                 frame = renderer.render(task.camera)
             frame.flows = {beside.name: self._flow(frame, beside) for beside in task.beside}
+            if self._job.mattes:
+                frame.mattes = cryptomatte(frame, self._job.mattes, device=self._job.device)
             if self._job.visible is not None:
                 table = visible(frame.scene, settings=frame.settings, device=self._job.device)
                 table.save(visible_path(task.path, self._job.visible))

@@ -18,6 +18,7 @@ from ..base.atomic_files import folder_made, shown
 from ..base.validation import choice, flag, integer, known, number, value_error
 from ..errors import InputError
 from ..images.colorbar import bar_width
+from ..images.cryptomatte import MatteKind
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.flow_vectors import FlowName
 from ..pipeline.frame_files import (
@@ -30,6 +31,7 @@ from ..pipeline.frame_files import (
     chosen_paths,
     resolution_of,
 )
+from ..pipeline.mattes import check_mattes
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.pose import Pose
@@ -129,6 +131,7 @@ def draw_frames(
     saving: SavingOptions | None = None,
     flow: bool = False,
     visible: Literal["csv", "json"] | None = None,
+    mattes: Sequence[MatteKind] = (),
     **settings: Unpack[FrameOptions],
 ) -> Run:
     """Draw frames of a scene and write each as EXR and PNG, or other files, the same whoever draws them.
@@ -171,6 +174,8 @@ def draw_frames(
         `clshade.flow`. The first frame has no ``flow_back``, the last no ``flow``.
     visible : {"csv", "json"}, optional
         Write the table of `clshade.visible` beside each frame: ``out.0001_visible.csv``.
+    mattes : sequence of {"object", "material", "instance"}, optional
+        Write Cryptomatte layers of these kinds to the EXR of each frame, see `clshade.cryptomatte`.
     **settings
         Keywords of `clshade.render`; the resolution of a frame is that of its camera.
 
@@ -215,6 +220,8 @@ def draw_frames(
         settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
     numbers = sorted(cameras) if flow else []
+    if mattes:
+        check_mattes(mattes, files, chosen.get("compression", "zip"))
     if visible is not None:
         choice("draw_frames", "visible", visible, ("csv", "json"))
     left = list(cameras) if overwrite else _left(pattern, cameras, files)
@@ -241,7 +248,7 @@ def draw_frames(
             checked = ("tonemap", "exposure", "compression", "depth_scale")
             check: dict[str, Any] = {name: value for name, value in chosen.items() if name in checked}
             check_output(pattern.names(left[0])[0], files=files, **check)
-        job = Job(scene, settled, device, chosen, visible)
+        job = Job(scene, settled, device, chosen, visible, mattes)
         results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
         counts = _collect(results, bar, frame_timeout is not None)
     return Run(

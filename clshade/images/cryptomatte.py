@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
 from ..base.arrays import Array
 from ..base.input_files import file_error
 from ..base.validation import integer, text, value_error
+
+MatteKind: TypeAlias = Literal["object", "material", "instance"]
+MATTES: tuple[MatteKind, ...] = get_args(MatteKind)
 
 RANKS = 6  # things that a pixel lists, unless asked otherwise
 MOST_RANKS = 64

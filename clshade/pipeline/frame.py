@@ -27,6 +27,7 @@ from .image_check import Check
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+    from ..images.cryptomatte import Matte, MatteKind
     from ..images.exr import Compression
     from ..images.tonemap import Operator
 
@@ -49,6 +50,9 @@ class Frame:
     flows : dict of str to Flow
         Optical flow to other images that is written to the EXR: "flow" to the next, "flow_back" to the
         one before; empty at first, see `clshade.flow`.
+    mattes : dict of str to Matte
+        Cryptomatte layers that are written to the EXR, each as a part of its own; empty at first, see
+        `clshade.cryptomatte`.
     """
 
     def __init__(
@@ -63,6 +67,7 @@ class Frame:
         self.scene, self.settings = scene, settings
         self.check: Check | None = None
         self.flows: dict[FlowName, Flow] = {}
+        self.mattes: Mapping[MatteKind, Matte] = {}
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
 
@@ -440,9 +445,15 @@ class Frame:
             tiled = isinstance(self.scene.camera, PartCamera)  # its pixels can then be joined with those of other parts
             if tiled:
                 window = None
-            channels = self.channels()
             return exr.encode(
-                file, channels, compression=compression, half=half, metadata=metadata, window=window, tiled=tiled
+                file,
+                self.channels(),
+                compression=compression,
+                half=half,
+                metadata=metadata,
+                window=window,
+                parts={kind: (matte.channels, matte.metadata) for kind, matte in self.mattes.items()},
+                tiled=tiled,
             )
 
         encoders: dict[FileKind, frame_files.Encoder] = {

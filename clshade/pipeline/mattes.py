@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..base.arrays import Array
 from ..base.validation import integer, known, sequence, value_error
-from ..images.cryptomatte import MOST_RANKS, RANKS, Matte, hashes, matte
+from ..images.cryptomatte import MATTES, MOST_RANKS, RANKS, Matte, MatteKind, hashes, matte
+from ..images.exr import LOSSY
 from ..scene.model import Scene, Settings
 from ..scene.settings import Layer
 from . import sample_pattern
@@ -21,9 +22,6 @@ from .renderer import Renderer
 if TYPE_CHECKING:
     from .frame import Frame
     from .opencl.device import Device
-
-MatteKind: TypeAlias = Literal["object", "material", "instance"]
-MATTES: tuple[MatteKind, ...] = get_args(MatteKind)
 
 
 def _object_names(scene: Scene) -> dict[int, str]:
@@ -87,12 +85,8 @@ def cryptomatte(
     -----
     Shares are exact: numbers of samples over all. What blends counts as layers do, by `layer_alpha`.
     """
-    asked = None if isinstance(kinds, str) else sequence(kinds)
-    if not asked:
-        raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
-    known("cryptomatte", asked, MATTES)
+    asked = _checked_kinds(kinds)
     integer("cryptomatte", "ranks", ranks, 1, MOST_RANKS)
-    hashes(())  # before anything is drawn: raises without mmh3
     scene, settings = frame.scene, frame.settings
     layers = tuple(_LAYERS[kind][0] for kind in asked)
     numbers: dict[Layer, list[Array]] = {layer: [] for layer in layers}
@@ -104,6 +98,25 @@ def cryptomatte(
         for kind, (layer, label, names) in _LAYERS.items()
         if kind in asked
     }
+
+
+def _checked_kinds(kinds: Sequence[MatteKind]) -> tuple[MatteKind, ...]:
+    asked = None if isinstance(kinds, str) else sequence(kinds)
+    if not asked:
+        raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
+    known("cryptomatte", asked, MATTES)
+    hashes(())  # before anything is drawn: raises without mmh3
+    return tuple(asked)
+
+
+def check_mattes(kinds: Sequence[MatteKind], files: Container[str], compression: str) -> None:
+    """Raise InputError, before anything is drawn, for what `Frame.save` could not write with `frame.mattes` of these
+    kinds."""
+    _checked_kinds(kinds)
+    if "exr" not in files:
+        raise value_error("cryptomatte", "files", "exr among them, which holds it", files)
+    if compression in LOSSY:
+        raise value_error("cryptomatte", "compression", "a lossless one", compression)
 
 
 def _at_samples(

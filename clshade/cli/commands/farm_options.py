@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ...errors import InputError
 from . import DONE
 from .arguments import device_option, output_name, seconds
-from .saving_options import chosen_saving, saving_options
+from .saving_options import chosen_saving, matte_option, saving_options
 from .scene_options import picture_settings
 from .stereo_options import EYES, check_stereo, stereo_options
 
@@ -66,6 +66,7 @@ def output_options(parser: argparse.ArgumentParser) -> None:
         help="of frames: also how much of each instance is seen, and how much of it is in the image, beside each frame: "
         "out.0001_visible.csv and so on",
     )
+    matte_option(output)
     output.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -178,7 +179,7 @@ def _draw(
             raise InputError(f"--formats: expected none with a film, found {formats} and {output}")
         from ...view.film import draw_film
 
-        for name in ("flow", "visible"):
+        for name in ("flow", "visible", "cryptomatte"):
             if getattr(arguments, name):
                 expected = "frames as --output, such as out.####.exr"
                 raise InputError(f"--{name}: expected {expected}, found {arguments.output}")
@@ -190,7 +191,8 @@ def _draw(
         if value and not (name == "fps" and poses is not None):
             flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
             raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {output}")
-    return draw_frames(scene, cameras, output, flow=arguments.flow, visible=arguments.visible, **options)
+    own = {"flow": arguments.flow, "visible": arguments.visible, "mattes": arguments.cryptomatte or ()}
+    return draw_frames(scene, cameras, output, **own, **options)
 
 
 def _film_options(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
 from .flow_options import add_flows, flow_cameras, flow_option
-from .saving_options import chosen_saving, saving_options
+from .saving_options import chosen_saving, matte_option, saving_options
 from .scene_options import (
     SAMPLES_HELP,
     camera_options,
@@ -67,6 +67,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     saving_options(output)
     flow_option(output)
+    matte_option(output)
     save_scene_option(output)
     output.add_argument(
         "--visible",
@@ -174,14 +175,20 @@ def _draw(
         console.table(selected.table())
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
     cameras = flow_cameras(scene, arguments)
+    saving = chosen_saving(arguments)
+    if arguments.cryptomatte:
+        from ...pipeline.mattes import check_mattes, cryptomatte
+
+        check_mattes(arguments.cryptomatte, saving["files"] or (), arguments.compression)
     frame = renderer.render(scene, **options)
     add_flows(frame, cameras, arguments)
+    if arguments.cryptomatte:
+        frame.mattes = cryptomatte(frame, arguments.cryptomatte, device=arguments.device)
     if arguments.check is not None:
         from ...measure.check.check import check
 
         check(frame, arguments.check)
     warming.join()
-    saving = chosen_saving(arguments)
     for warning in frame.write(output, **saving):
         console.warning(warning)
     others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]

@@ -52,6 +52,21 @@ def saving_options(group: argparse._ArgumentGroup) -> list[str]:
     ]
 
 
+def matte_option(group: argparse._ArgumentGroup) -> None:
+    """Add the option for Cryptomatte layers."""
+    from ...images.cryptomatte import MATTES
+
+    group.add_argument(
+        "--cryptomatte",
+        type=names(MATTES),
+        nargs="?",
+        const=MATTES,
+        metavar="NAME,...",
+        help="also masks of each object, material and instance with the share of each pixel, as Cryptomatte layers in the "
+        "EXR; or of those named alone, such as object,material",
+    )
+
+
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
     """Return the keyword arguments of `Frame.save`."""
     from ...images.depth_png import SCALE

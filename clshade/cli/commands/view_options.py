@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...scene.model import Scene
 
 _NOT_WITH_SHEET: dict[str, Any] = {  # options and their defaults
-    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to")),
+    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to", "cryptomatte")),
     **dict.fromkeys(("explain", "explain_each", "half", "crop", "colorbar"), False),
     "compression": "zip",
     "crop_zoom": [],
