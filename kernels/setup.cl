@@ -123,9 +123,12 @@ INLINE fixeds faces_before(const Corners *t, fixeds asked, fixeds any_behind, fi
     COUNT(culled->behind, asked & all_behind);
     asked = asked & !all_behind;
     fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
+    fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
+#if LINES
+    beside = beside & !far;  // its pieces may hide what is seen of a line, somewhat beside the image too
+#endif
     COUNT(culled->off_screen, asked & beside);
     asked = asked & !beside;
-    fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
     *cut = asked & (any_behind | far);
     return asked & !*cut;
 }

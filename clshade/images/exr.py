@@ -340,7 +340,7 @@ def encode(
     parts: Mapping[str, Part] | None = None,
     tiled: bool = False,
 ) -> list[str]:
-    """Encode a scanline EXR into an open file, see `write`.
+    """Encode an EXR into an open file, see `write`.
 
     Parameters
     ----------

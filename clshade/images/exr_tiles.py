@@ -10,46 +10,79 @@ import io
 import shutil
 import struct
 from collections.abc import Iterable, Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array
 from ..base.atomic_files import shown
 from ..base.input_files import file_error, reason_of
 from . import exr, exr_limits
 
-_MAX_HEADER = 1 << 20  # bytes: names of many instances may be in it
+_READ = 1 << 16  # bytes of a file that are read at first; names of many instances make headers longer
 _CHUNK = struct.Struct("<5i")  # column and row of a tile, its levels, bytes of its pixels
-_SAME = (b"channels", b"compression")  # attributes that tiles share with the whole
+_SHARED = (b"channels", b"compression")  # attributes that a tile has in common with the whole
 
 
-def header(
-    channels: Mapping[str, Array],
-    resolution: tuple[int, int],
-    tile: int,
-    *,
-    compression: exr.Compression,
-    half: bool,
-    metadata: Mapping[str, Any],
-) -> bytes:
+class _Header(NamedTuple):
+    """version: the file's second word. values, raw: of each attribute, its value, and all that is stored of it. end: where
+    the header ends, with its null byte."""
+
+    version: int
+    values: dict[bytes, bytes]
+    raw: dict[bytes, bytes]
+    end: int
+
+
+def _parsed(data: bytes) -> _Header:
+    """Return the header at the beginning of a file. Raises IndexError or ValueError if it is not whole."""
+    begin, values, raw = exr_limits.START, {}, {}
+    for name, value, after in exr_limits.attributes(data, begin):
+        values[name], raw[name] = value, data[begin:after]
+        begin = after
+    return _Header(int.from_bytes(data[4:8], "little"), values, raw, begin + 1)
+
+
+def _read(file: BinaryIO, name: str) -> _Header:
+    """Return the header of an open file. Raises InputError, naming it, if it has none."""
+    size = _READ
+    while True:
+        file.seek(0)
+        data = file.read(size)
+        if not data.startswith(exr_limits.MAGIC):
+            raise file_error(shown(name), "file", "a tile of this image", "something else")
+        try:
+            return _parsed(data)
+        except (IndexError, ValueError):
+            if len(data) < size:
+                raise file_error(shown(name), "file", "a tile of this image", "a damaged one") from None
+        size *= 4
+
+
+def _opened(name: str) -> BinaryIO:
+    try:
+        return open(name, "rb")
+    except OSError as error:
+        raise file_error(shown(name), "file", "a tile of this image", reason_of(error)) from None
+
+
+def header(tile_name: str, resolution: tuple[int, int], tile: int, metadata: Mapping[str, Any]) -> bytes:
     """Return the header of a tiled file, up to the table of offsets.
 
-    channels: of any size, for names and types. resolution: (N, M) of the whole. tile: pixels a side.
+    tile_name: a file of one of the tiles, which has their channels and compression. resolution: (N, M) of the whole. tile:
+    pixels a side. metadata: as for `exr.write`. Raises InputError if the file cannot be read.
     """
-    first = {name: np.asarray(plane)[:1, :1] for name, plane in exr.flatten(channels).items()}
+    with _opened(tile_name) as one:
+        shared = _read(one, tile_name)
     file = io.BytesIO()
-    exr.encode(file, first, compression=compression, half=half, metadata=metadata, tiled=True)
-    data = file.getvalue()
+    exr.encode(file, np.zeros((1, 1, 3), np.float32), metadata=metadata, tiled=True)
+    own = _parsed(file.getvalue())
+    raw = {**own.raw, **{name: shared.raw[name] for name in _SHARED}}
     window = struct.pack("<4i", 0, 0, resolution[0] - 1, resolution[1] - 1)
-    changed = {b"dataWindow": window, b"displayWindow": window, b"tiles": struct.pack("<2I", tile, tile) + b"\0"}
-    written, end = bytearray(data), exr_limits.START
-    for name, value, after in exr_limits.attributes(data, exr_limits.START):
-        end = after
-        if name in changed:
-            assert len(value) == len(changed[name])
-            written[end - len(value) : end] = changed[name]
-    return bytes(written[: end + 1])
+    size = struct.pack("<2I", tile, tile) + own.values[b"tiles"][8:]
+    for name, value in ((b"dataWindow", window), (b"displayWindow", window), (b"tiles", size)):
+        raw[name] = raw[name][: -len(value)] + value
+    # A bit of the version tells of long names.
+    return exr_limits.MAGIC + (own.version | shared.version).to_bytes(4, "little") + b"".join(raw.values()) + b"\0"
 
 
 def join(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, down: int) -> None:
@@ -58,47 +91,37 @@ def join(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, down: 
     start: of `header`. tiles: names of `across` times `down` files of one tile each, row by row from the top, each with
     the channels and the compression of the header. Raises InputError for a file that is not one of them.
     """
-    shared = _attributes(start)
-    table = len(start)
+    shared = _parsed(start).values
     file.write(start)
     file.write(bytes(8 * across * down))
     offsets = np.zeros(across * down, np.uint64)
     for number, name in enumerate(tiles):
         offsets[number] = file.tell()
-        with open(name, "rb") as one:
-            size = _chunk_size(one, shared, name)
+        with _opened(name) as one:
+            size = _seek_pixels(one, shared, name)
             file.write(_CHUNK.pack(number % across, number // across, 0, 0, size))
             shutil.copyfileobj(one, file, 1 << 20)
     end = file.tell()
-    file.seek(table)
+    file.seek(len(start))
     file.write(offsets.tobytes())
     file.seek(end)
 
 
-def _attributes(data: bytes) -> dict[bytes, bytes]:
-    return {name: value for name, value, _ in exr_limits.attributes(data, exr_limits.START)}
-
-
-def _chunk_size(one: BinaryIO, shared: dict[bytes, bytes], name: str) -> int:
-    """Return the bytes of the only tile's pixels, with the file at their first. Raises InputError for another file."""
-    data = one.read(_MAX_HEADER)
-    try:
-        if not data.startswith(exr_limits.MAGIC):
-            raise ValueError("something else")
-        end = exr_limits.START
-        for key, value, after in exr_limits.attributes(data, exr_limits.START):
-            end = after
-            if key in _SAME and value != shared[key]:
-                raise ValueError(f"other {key.decode()}")
-        (offset,) = struct.unpack_from("<Q", data, end + 1)
+def _seek_pixels(one: BinaryIO, shared: dict[bytes, bytes], name: str) -> int:
+    """Go to the pixels of a file's only tile, which end with the file; return their bytes. Raises InputError for another
+    file."""
+    found = _read(one, name)
+    for key in _SHARED:
+        if found.values.get(key) != shared[key]:
+            raise file_error(shown(name), "file", "a tile of this image", f"one with other {key.decode()}")
+    one.seek(found.end)
+    table = one.read(8)
+    offset = int.from_bytes(table, "little")
+    one.seek(0, io.SEEK_END)
+    rest = one.tell() - offset - _CHUNK.size
+    if len(table) == 8 and rest >= 0:
         one.seek(offset)
         size: int = _CHUNK.unpack(one.read(_CHUNK.size))[4]
-        rest = one.seek(0, io.SEEK_END) - offset - _CHUNK.size
-        if rest != size:
-            raise ValueError(f"{rest} bytes of its pixels")
-        one.seek(offset + _CHUNK.size)
-    except (IndexError, struct.error):
-        raise file_error(shown(name), "file", "a tile of this image", "a damaged one") from None
-    except ValueError as error:
-        raise file_error(shown(name), "file", "a tile of this image", reason_of(error)) from None
-    return size
+        if size == rest:
+            return size
+    raise file_error(shown(name), "file", "a tile of this image", "one that does not end with its pixels")

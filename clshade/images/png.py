@@ -57,7 +57,7 @@ def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.nda
         file.write(len(data).to_bytes(4, "big") + kind + data + check.to_bytes(4, "big"))
 
     packed = zlib.compressobj(_LEVEL)
-    above = None
+    above, left = None, rows
     for band in bands:
         if above is None:
             above = np.zeros((columns, band.shape[2]), np.uint8)
@@ -68,6 +68,9 @@ def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.nda
             above = row
             if data:
                 chunk(b"IDAT", data)
+        above, left = above.copy(), left - len(band)  # not a view, which would keep the band
+        del band, row
+    assert left == 0
     chunk(b"IDAT", packed.flush())
     chunk(b"IEND", b"")
 

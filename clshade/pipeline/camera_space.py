@@ -67,7 +67,7 @@ class CameraSpace(NamedTuple):
         view["principal"], view["focal"] = raster.principal, self.camera.focal
         view["plane_height"], view["plane_width"] = raster.plane
         view["columns"], view["rows"] = raster.resolution
-        view["guarded"] = raster.region[0]
+        view["guarded"] = raster.corner
         view["first"] = [place << SUBPIXEL_BITS for place in raster.first]
         view["near"], view["scale"] = self.near, self.scale
 

@@ -42,7 +42,7 @@ def image_positions(points: Array, camera: Camera) -> Array:
 
 def beyond_guard_band(points: Array, camera: Camera) -> Bools:
     """Return whether camera-space points (..., 3) before the eye lie beyond the guard band, along each axis (..., 2)."""
-    corner = raster_of(camera).region[0]
+    corner = raster_of(camera).corner
     beyond: Bools = np.abs(image_positions(points, camera) - corner) > GUARD_PIXELS
     return beyond
 
@@ -50,7 +50,7 @@ def beyond_guard_band(points: Array, camera: Camera) -> Bools:
 def snap(positions: Array, raster: Raster) -> Integers:
     """Round image coordinates to 1/256 px from the drawn part's first pixel, int64, ties to even, clamped to the guard
     band."""
-    corner = np.array(raster.region[0], np.float64)
+    corner = np.array(raster.corner, np.float64)
     held = np.clip(positions, corner - GUARD_PIXELS, corner + GUARD_PIXELS)
     snapped: Integers = np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
     return snapped - (np.array(raster.first, np.int64) << SUBPIXEL_BITS)
@@ -60,7 +60,7 @@ def guarded_lens(raster: Raster, focal: float, axis: int) -> tuple[float, float]
     """Return slope and center of an axis: at x/z = t an image coordinate is slope t + center, from the corner of the region
     that the guard band surrounds. focal: 1 in a parallel projection, where z counts as 1."""
     size = raster.resolution[axis]
-    return focal * size / raster.plane[1 - axis], raster.principal[axis] * size - raster.region[0][axis]
+    return focal * size / raster.plane[1 - axis], raster.principal[axis] * size - raster.corner[axis]
 
 
 def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:

@@ -25,6 +25,7 @@ _GEOMETRY_FEATURES = {
     "DOUBLE",
     "SAMPLES",
     "DEPTH_TEST",
+    "LINES",
     "ORTHOGRAPHIC",
     "CULL",
     "SIDES",

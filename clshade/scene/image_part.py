@@ -18,15 +18,15 @@ MAX_WHOLE = 1 << 17  # pixels a side of an image drawn in parts: float32 holds p
 class Raster(NamedTuple):
     """The pixels of the image that a camera's image is, or is a part of.
 
-    plane, principal, resolution: as in `Camera`, of the whole. region: column and row of the lower left corner, columns
-    and rows of the region that contains the part: corners far outside of it are clipped. first: column and row of
-    the part's lower left pixel. Rows count from the bottom of the whole.
+    plane, principal, resolution: as in `Camera`, of the whole. corner: column and row of the lower left corner of the
+    region that contains the part: corners of triangles far outside of it are clipped. first: column and row of the
+    part's lower left pixel. Rows count from the bottom of the whole.
     """
 
     plane: tuple[float, float]
     principal: tuple[float, float]
     resolution: tuple[int, int]
-    region: tuple[tuple[int, int], tuple[int, int]]
+    corner: tuple[int, int]
     first: tuple[int, int]
 
 
@@ -46,6 +46,13 @@ class PartCamera(Camera):
     left: int = 0
     top: int = 0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.whole is None or (self.plane, self.principal) != _lens(
+            self.whole, self.left, self.top, self.resolution
+        ):
+            raise value_error("PartCamera", "plane, principal", "those of `part_of`", (self.plane, self.principal))
+
     def with_resolution(self, resolution: tuple[int, int]) -> Camera:
         """Return the view of the whole image at another resolution, see `Camera`."""
         assert self.whole is not None
@@ -56,6 +63,8 @@ def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
     """Return the same view at a resolution (N, M) of up to 131072 pixels a side, more than can be drawn at once. Raises
     InputError."""
     columns, rows = checked_resolution("whole_camera", resolution, MAX_WHOLE)
+    if isinstance(camera, PartCamera):
+        raise value_error("whole_camera", "camera", "one of a whole image", camera)
     if (columns, rows) == camera.resolution:
         return camera
     whole = copy.copy(camera)
@@ -86,36 +95,45 @@ def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> Part
     InputError
         If the part is not one of the whole.
     """
-    ends = []
     for name, start, count, size in zip(("left", "top"), (left, top), (columns, rows), whole.resolution, strict=True):
         region_end = min((start // MAX_RESOLUTION + 1) * MAX_RESOLUTION, size)
         if start < 0 or count < 1 or start + count > region_end:
             expected = f"a part that ends within {region_end} of {size} pixels"
             raise value_error("part_of", name, expected, f"{count} from {start} on")
-        ends.append(size - start - count)
-    (height, width), (all_columns, all_rows), (u, v) = whole.plane, whole.resolution, whole.principal
+    if isinstance(whole, PartCamera):
+        raise value_error("part_of", "whole", "the camera of a whole image", whole)
+    plane, principal = _lens(whole, left, top, (columns, rows))
     fields = {name: getattr(whole, name) for name in Camera.__dataclass_fields__}
-    fields |= {
-        "plane": (height * rows / all_rows, width * columns / all_columns),
-        "resolution": (columns, rows),
-        "principal": ((u * all_columns - left) / columns, (v * all_rows - ends[1]) / rows),
-    }
+    fields |= {"plane": plane, "resolution": (columns, rows), "principal": principal}
     return PartCamera(**fields, whole=whole, left=left, top=top)
+
+
+def _lens(
+    whole: Camera, left: int, top: int, resolution: tuple[int, int]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return plane and principal point of a part."""
+    (height, width), (all_columns, all_rows), (u, v) = whole.plane, whole.resolution, whole.principal
+    columns, rows = resolution
+    bottom = all_rows - top - rows
+    return (
+        (height * rows / all_rows, width * columns / all_columns),
+        ((u * all_columns - left) / columns, (v * all_rows - bottom) / rows),
+    )
 
 
 def raster_of(camera: Camera) -> Raster:
     """Return the pixels of the image that a camera's image is, or is a part of."""
     if not isinstance(camera, PartCamera):
-        return Raster(camera.plane, camera.principal, camera.resolution, ((0, 0), camera.resolution), (0, 0))
+        return Raster(camera.plane, camera.principal, camera.resolution, (0, 0), (0, 0))
     whole = camera.whole
     assert whole is not None
-    columns, rows = whole.resolution
-    region_left, region_top = (place - place % MAX_RESOLUTION for place in (camera.left, camera.top))
-    region_size = min(columns - region_left, MAX_RESOLUTION), min(rows - region_top, MAX_RESOLUTION)
+    rows = whole.resolution[1]
+    region_left = camera.left - camera.left % MAX_RESOLUTION
+    region_end = min(camera.top - camera.top % MAX_RESOLUTION + MAX_RESOLUTION, rows)
     return Raster(
         whole.plane,
         whole.principal,
         whole.resolution,
-        ((region_left, rows - region_top - region_size[1]), region_size),
+        (region_left, rows - region_end),
         (camera.left, rows - camera.top - camera.resolution[1]),
     )

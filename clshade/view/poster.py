@@ -12,18 +12,20 @@ import numpy as np
 
 from ..base import console
 from ..base.arrays import Bytes
-from ..base.atomic_files import shown
-from ..base.validation import integer, value_error
+from ..base.atomic_files import naming, replacing_all, shown
+from ..base.validation import integer, known, value_error
 from ..base.validation import path as checked_path
 from ..farm.frames import parse_pattern
+from ..farm.local import MOST_WORKERS
 from ..farm.running import Run, draw_frames
-from ..images import exr, exr_tiles, png
+from ..images import exr_tiles, png
+from ..images.exr import SUFFIXES
 from ..pipeline import frame_files
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame_files import Encoder, FileKind, SavingOptions
+from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
 from ..scene.camera import Camera
 from ..scene.image_part import PartCamera, part_of, whole_camera
-from ..scene.model import Scene
+from ..scene.model import Scene, Settings
 from ..scene.settings import FrameOptions
 from .frame_folder import FrameFolder, digest_of
 
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 TILE = 2048  # pixels a side
 LEAST_TILE, MOST_TILE = 16, 8192  # 8192: PoCL has a buffer for its pixels in float64, too
 _KINDS: tuple[FileKind, ...] = ("exr", "png")
+_FLAGS, _CHECKED = ("half", "crop", "deterministic", "colorbar"), ("tonemap", "exposure", "compression", "depth_scale")
 
 
 @dataclass(frozen=True)
@@ -138,7 +141,7 @@ def draw_poster(
         Pixels a side of a tile, a power of two from 16 to 8192.
     keep_tiles : bool, default False
         Keep the tiles, EXR and PNG, in the folder ``<path>.tiles``. Otherwise it is removed when the
-        poster is whole.
+        poster is whole, unless an earlier run was told to keep it.
     saving : dict, optional
         Keywords of `Frame.save`; `files` may be ``("exr",)`` or ``("png",)`` alone.
     overwrite : bool, default False
@@ -165,6 +168,7 @@ def draw_poster(
     -----
     A process that draws needs, besides the scene, the memory of a frame of the size of a tile; joining
     needs ``4 * N * tile`` bytes for the PNG, and none to speak of for the EXR, whose tiles are not decoded.
+    `clshade.exr.read` refuses images of more than 2^28 pixels; OpenImageIO reads them tile by tile.
     The disk holds tiles and poster at once.
 
     Examples
@@ -176,25 +180,33 @@ def draw_poster(
     (12, ('poster.exr', 'poster.png'))
     """
     name = checked_path("draw_poster", "path", path)
+    known("draw_poster: saving", saving or (), SAVING)
     options: SavingOptions = {**saving} if saving else {}
-    files = tuple(frame_files.chosen_paths(name, options.get("files")))
+    paths = frame_files.chosen_paths(name, options.get("files"))
+    files = tuple(paths)
     others = [kind for kind in files if kind not in _KINDS]
     if others:
         raise value_error("draw_poster", "files", "exr, png or both", ",".join(others))
     for refused in ("crop", "colorbar"):
         if options.get(refused):
             raise value_error("draw_poster", refused, "False: tiles are joined as they are", options[refused])
-    integer("draw_poster", "tile", tile, LEAST_TILE, MOST_TILE)
+    tile = integer("draw_poster", "tile", tile, LEAST_TILE, MOST_TILE)
     if tile & (tile - 1):
         raise value_error("draw_poster", "tile", "a power of two", tile)
     resolution = settings.pop("resolution", None)
-    tiles = _Tiles(whole_camera(scene.camera, resolution or scene.camera.resolution), tile)
-    settled = effective_settings(replace(scene, camera=tiles[0]), **settings)
-    paths = frame_files.chosen_paths(name, files)
+    scene, settled = effective_settings(scene, **settings)
+    tiles = _Tiles(whole_camera(scene.camera, scene.camera.resolution if resolution is None else resolution), tile)
+    whole = replace(scene, camera=tiles.whole)
+    # All that is refused is refused before tiles of an earlier run are removed.
+    frame_files.check_flags(settled, **{"colorbar": False, **{n: options[n] for n in _FLAGS if n in options}})  # type: ignore[literal-required]
+    checked: dict[str, Any] = {each: options[each] for each in _CHECKED if each in options}  # type: ignore[literal-required]
+    frame_files.check_output(name, files=files, **checked)
+    integer("draw_poster", "workers", workers, 1, MOST_WORKERS)
+    if "exr" in files and _tile_bytes(settled, tile) >= 1 << 31:
+        raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
     keep_tiles = keep_tiles or folder.kept
-    with folder.of(digest_of(*settled, tiles.whole, tile, {**options, "files": files}), keep_tiles):
-        frame_files.check_output(name, files=files)
+    with folder.of(digest_of(whole, settled, tile, {**options, "files": files}), keep_tiles):
         run = draw_frames(
             replace(scene, camera=tiles[0]),
             tiles,
@@ -212,9 +224,12 @@ def draw_poster(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
-        joining = _Joining(tiles, folder.pattern, replace(settled[0], camera=tiles.whole), settled[1], options)
-        encoders: dict[FileKind, Encoder] = {"exr": joining.write_exr, "png": joining.write_png}
-        frame_files.write_files(paths, encoders)
+        joining = _Joining(tiles, folder.pattern, whole, settled, options)
+        write = {"exr": joining.write_exr, "png": joining.write_png}
+        with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
+            for (kind, file_path), file in zip(paths.items(), opened, strict=True):
+                with naming(file_path):
+                    write[kind](file)
         seconds = time.perf_counter() - start
     return Poster(
         paths=tuple(map(os.fspath, paths.values())),
@@ -227,10 +242,22 @@ def draw_poster(
     )
 
 
+def _tile_bytes(settings: Settings, tile: int) -> int:
+    """Return how large a tile of the EXR is at most, before compression: a chunk's size is an int32."""
+    return (
+        tile
+        * tile
+        * sum(
+            4 * len("RGBA" if name in ("RGBA", "albedo") else SUFFIXES.get(name, "Z"))
+            for name in ("RGBA", *settings.layers)
+        )
+    )
+
+
 class _Joining:
     """What joins the files of tiles. scene: with the camera of the whole."""
 
-    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Any, options: SavingOptions) -> None:
+    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings, options: SavingOptions) -> None:
         self._tiles, self._scene, self._settings, self._options = tiles, scene, settings, options
         self._pattern = parse_pattern(pattern, len(tiles))
 
@@ -239,15 +266,8 @@ class _Joining:
 
     def write_exr(self, file: BinaryIO) -> None:
         tiles = self._tiles
-        channels, _ = exr.read(self._name(0, "exr"))
-        start = exr_tiles.header(
-            channels,
-            tiles.whole.resolution,
-            tiles.tile,
-            compression=self._options.get("compression", "zip"),
-            half=self._options.get("half", False),
-            metadata=frame_files.header(self._scene, self._settings, self._settings.layers),
-        )
+        metadata = frame_files.header(self._scene, self._settings, self._settings.layers)
+        start = exr_tiles.header(self._name(0, "exr"), tiles.whole.resolution, tiles.tile, metadata)
         names = (self._name(number, "exr") for number in tiles)
         exr_tiles.join(file, start, names, tiles.across, tiles.down)
 
@@ -257,5 +277,13 @@ class _Joining:
 
     def _band(self, row: int) -> Bytes:
         across = self._tiles.across
-        numbers = range(row * across, (row + 1) * across)
-        return np.concatenate([png.read(self._name(number, "png"), alpha=True) for number in numbers], axis=1)
+        band: Bytes | None = None
+        left = 0
+        for number in range(row * across, (row + 1) * across):
+            tile = png.read(self._name(number, "png"), alpha=True)
+            if band is None:
+                band = np.empty((len(tile), self._tiles.whole.resolution[0], tile.shape[2]), np.uint8)
+            band[:, left : left + tile.shape[1]] = tile
+            left += tile.shape[1]
+        assert band is not None
+        return band

@@ -173,9 +173,10 @@ def test_the_raster_of_a_part():
     whole = whole_camera(camera, (40_000, 30_000))
     raster = raster_of(part_of(whole, 33_000, 20_000, 100, 50))
     assert raster.resolution == (40_000, 30_000)
-    assert raster.region == ((32_768, 0), (40_000 - 32_768, 30_000 - 16_384))
+    assert raster.corner == (32_768, 0)
+    assert raster_of(part_of(whole, 33_000, 5, 100, 50)).corner == (32_768, 30_000 - 16_384)
     assert raster.first == (33_000, 30_000 - 20_050)
-    assert raster_of(camera).region == ((0, 0), camera.resolution)
+    assert raster_of(camera).corner == (0, 0)
     assert part_of(whole, 0, 0, 10, 10).with_resolution((64, 48)).plane == camera.with_resolution((64, 48)).plane
 
 
@@ -192,6 +193,36 @@ def test_parts_outside_the_image_or_across_regions_are_refused(part, field):
     whole = whole_camera(clshade.builtin("icosphere").camera, (20_000, 3_000))
     with pytest.raises(InputError, match=f"part_of: {field}: expected a part that ends within"):
         part_of(whole, *part)
+
+
+def test_a_part_has_the_lens_of_a_part():
+    part = part_of(clshade.builtin("icosphere").camera, 10, 20, 30, 40)
+    assert raster_of(replace(part, eye=(5, 5, 5))) == raster_of(part)
+    with pytest.raises(InputError, match="PartCamera: plane, principal: expected those of `part_of`"):
+        replace(part, principal=(0.5, 0.5))
+    with pytest.raises(InputError, match="part_of: whole: expected the camera of a whole image"):
+        part_of(part, 0, 0, 5, 5)
+    with pytest.raises(InputError, match="whole_camera: camera: expected one of a whole image"):
+        whole_camera(part, (64, 48))
+
+
+def test_lines_are_hidden_by_what_is_clipped_beside_a_part(device):
+    """A wall of two triangles, whose seam lies just outside the part and one corner 40,000 pixels away, hides an edge
+    near enough to the part to be drawn in it."""
+    needs_float64(device)
+    camera = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (48 / 64, 1.0), (64, 48))
+
+    def at(column: float, row: float, depth: float) -> tuple[float, float, float]:
+        return ((column / 64 - 0.5) * depth, (row / 48 - 0.5) * 48 / 64 * depth, 4 - depth)
+
+    wall = Mesh([at(31.7, -40, 3), at(31.7, 90, 3), at(-40_000, 20, 3), at(90, 20, 3)], [(0, 1, 2), (0, 3, 1)])
+    behind = Mesh([at(31, 5, 5), at(31, 40, 5), at(10, 20, 5)], [(0, 1, 2)])
+    edges = clshade.Edges(kinds=("silhouette",), width=4.0)
+    with Renderer(Scene((wall, behind), camera), device=device, shader="nolight", edges=edges, layers="id") as renderer:
+        whole = renderer.render()
+        for left in (30, 31, 32):
+            part = renderer.render(part_of(camera, left, 0, 64 - left, 48))
+            assert not differing(part, whole, left, 0), left
 
 
 @pytest.mark.parametrize("resolution", [(0, 5), (MAX_WHOLE + 1, 5), (5,), "large", (2.5, 3)])

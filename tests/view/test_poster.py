@@ -42,7 +42,8 @@ def test_the_command_has_the_default_of_the_function():
 
 
 def draw(name: str = "p", **options):
-    return draw_poster(SCENE, name, resolution=SIZE, progress=False, **{"tile": 64, "layers": ("Z", "id"), **options})
+    chosen = {"tile": 64, "layers": ("Z", "id"), "resolution": SIZE, **options}
+    return draw_poster(SCENE, name, progress=False, **chosen)
 
 
 def assert_same_images(folder: Path, name: str, **options) -> None:
@@ -167,14 +168,23 @@ REFUSED = [
     ({"saving": {"crop": True}}, "crop: expected False"),
     ({"saving": {"colorbar": True}}, "colorbar: expected False"),
     ({"workers": 0}, "workers"),
+    ({"saving": {"exposre": 1.0}}, "exposre"),
+    ({"saving": {"compression": "rar"}}, "compression"),
+    ({"saving": {"half": 1}}, "half"),
+    ({"tile": 8192, "layers": "all"}, r"less than 2\^31 bytes"),
+    ({"resolution": ()}, "resolution"),
 ]
 
 
 @pytest.mark.parametrize(("options", "expected"), REFUSED)
 def test_refused_arguments(folder, options, expected):
+    """Tiles of an earlier run stay."""
+    (folder / "p.tiles").mkdir()
+    (folder / "p.tiles" / "poster.json").write_text('{"digest": "of another poster", "kept": true}')
+    (folder / "p.tiles" / "0000.exr").write_text("a tile")
     with pytest.raises(InputError, match=expected):
         draw(**options)
-    assert listing(folder) == []
+    assert listing(folder / "p.tiles") == ["0000.exr", "poster.json"]
 
 
 @pytest.mark.parametrize("resolution", [(0, 5), (200_000, 5), (5,)])
@@ -230,17 +240,36 @@ def one_tile(value: float = 1.0, **options) -> bytes:
     [
         (b"", "something else"),
         (b"\x76\x2f\x31\x01\x02", "damaged"),
-        (one_tile()[:-1], "bytes of its pixels"),
-        (one_tile() + b"x", "bytes of its pixels"),
+        (one_tile()[:-1], "does not end with its pixels"),
+        (one_tile() + b"x", "does not end with its pixels"),
+        (one_tile()[:-200], "damaged|does not end"),
         (one_tile(compression="piz"), "other compression"),
         (one_tile(half=True), "other channels"),
     ],
 )
 def test_files_that_are_no_tiles_of_it_are_refused(folder, damaged, found):
     (folder / "0.exr").write_bytes(damaged)
-    start = exr_tiles.header({"R": np.zeros((1, 1), np.float32)}, (5, 3), 8, compression="zip", half=False, metadata={})
+    (folder / "whole.exr").write_bytes(one_tile())
+    start = exr_tiles.header("whole.exr", (5, 3), 8, {})
     with pytest.raises(InputError, match=rf"0\.exr: file: expected a tile of this image.*{found}"):
         exr_tiles.join(io.BytesIO(), start, ["0.exr"], 1, 1)
+
+
+def test_a_tile_that_is_gone_is_named(folder):
+    (folder / "whole.exr").write_bytes(one_tile())
+    start = exr_tiles.header("whole.exr", (5, 3), 8, {})
+    with pytest.raises(InputError, match=r"gone\.exr: file: expected a tile of this image"):
+        exr_tiles.join(io.BytesIO(), start, ["gone.exr"], 1, 1)
+
+
+def test_headers_may_be_long(folder):
+    (folder / "0.exr").write_bytes(one_tile(metadata={"objectNames": 300_000 * "x"}))
+    file = io.BytesIO()
+    exr_tiles.join(file, exr_tiles.header("0.exr", (5, 3), 8, {"objectNames": "y" * 70_000}), ["0.exr"], 1, 1)
+    (folder / "joined.exr").write_bytes(file.getvalue())
+    channels, header = exr.read("joined.exr")
+    assert (channels["R"] == 1.0).all()
+    assert header["objectNames"] == 70_000 * "y"
 
 
 @pytest.mark.parametrize("alpha", [False, True])

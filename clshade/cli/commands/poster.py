@@ -13,7 +13,6 @@ from .saving_options import chosen_saving, saving_options
 from .scene_options import SAMPLES_HELP, camera_options, load_scene, picture_settings, scene_options, setting_options
 
 TILE = 2048  # view.poster.TILE, whose import loads NumPy
-_SHAPE = 8192  # pixels a side at most of the image for which a camera is chosen
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ...scene.camera import checked_resolution
+    from ...scene.camera import MAX_RESOLUTION, checked_resolution
     from ...scene.image_part import MAX_WHOLE
     from ...view.poster import draw_poster
 
@@ -48,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         expected = f"columns and rows, up to {MAX_WHOLE} each, such as 32768x24576"
         raise InputError(f"--resolution: expected {expected}, found none")
     columns, rows = asked = checked_resolution("--resolution", arguments.resolution, MAX_WHOLE)
-    reduction = max(1.0, max(asked) / _SHAPE)
+    reduction = max(1.0, max(asked) / MAX_RESOLUTION)  # of the image for which a camera is chosen
     arguments.resolution = max(1, round(columns / reduction)), max(1, round(rows / reduction))
     scene = load_scene(arguments)
     poster = draw_poster(
