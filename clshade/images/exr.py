@@ -239,7 +239,7 @@ class _Sink:
 
 
 def _compress(
-    file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str, tiled: bool
+    file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str, tiled: bool = False
 ) -> None:
     """Write parts: name, header and channels of each; the name of a single one is left out. tiled: as one tile each."""
     import OpenEXR
