@@ -1,7 +1,11 @@
-// The build of the hierarchy of casters: keys, which the host sorts; leaves of LEAF_TRIANGLES in that order, and their
-// boxes; then the boxes of each level above. A node has NODE_CHILDREN children, whose numbers follow from its own.
+// The build of the hierarchy of casters: keys, which the host sorts; a better order of each run of them; leaves of
+// LEAF_TRIANGLES in that order, and their boxes; then the boxes of each level above. A node has NODE_CHILDREN children, whose
+// numbers follow from its own.
 #include "hierarchy.clh"
 #include "shadow_predicate.clh"
+
+#define AXIS_BITS (CURVE_BITS / 3)
+#define KEYS 16  // that a work-item makes: the compiler takes them together
 
 // Spreads 12 bits to every third.
 ulong spread(ulong v)
@@ -12,8 +16,29 @@ ulong spread(ulong v)
     return (v | v << 2) & 0x249249249249UL;
 }
 
+// Turns cells, of AXIS_BITS along each axis, into their places along Hilbert's curve, whose bits are those of the three numbers
+// in turn (J. Skilling, Programming the Hilbert curve, AIP Conference Proceedings 707, 2004): from the highest bit on, each
+// octant turns and mirrors what the lower bits say; what results is a Gray code.
+void follow_curve(uint place[3][KEYS])
+{
+    for (uint bit = 1u << (AXIS_BITS - 1); bit > 1; bit >>= 1)
+        for (int k = 0; k < 3; ++k)
+            for (int s = 0; s < KEYS; ++s) {
+                uint first = place[0][s], other = place[k][s], swapped = other & bit ? 0 : (first ^ other) & (bit - 1);
+                place[0][s] = first ^ (other & bit ? bit - 1 : swapped);
+                place[k][s] ^= k == 0 ? 0 : swapped;
+            }
+    for (int s = 0; s < KEYS; ++s) {
+        uint y = place[0][s] ^ place[1][s], z = y ^ place[2][s];
+        uint above = z >> 1;  // of each bit the parity of those above
+        for (int shift = 1; shift < AXIS_BITS; shift *= 2)
+            above ^= above >> shift;
+        place[0][s] ^= above, place[1][s] = y ^ above, place[2][s] = z ^ above;
+    }
+}
+
 // A face's key: its class of size, so that large triangles do not widen the boxes of small ones; its place along
-// Morton's curve, 12 bits an axis, less the lowest where the index needs them; its index. NO_CASTER if two of its corners are
+// Hilbert's curve, AXIS_BITS an axis, less the lowest where the index needs them; its index. NO_CASTER if two of its corners are
 // one vertex or one is not finite; others without area lie in every plane through them, so the predicate finds the light on
 // neither side.
 kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
@@ -22,26 +47,117 @@ kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
                            int index_bits,                // of the keys
                            int face_count)                // F
 {
-    int i = get_global_id(0);
-    if (i >= face_count)
+    int base = get_global_id(0) * KEYS;
+    if (base >= face_count)
         return;
-    int v[3] = {faces[3 * (size_t)i], faces[3 * (size_t)i + 1], faces[3 * (size_t)i + 2]};
-    global const float *a = vertices + VERTEX_ROW * (size_t)v[0], *b = vertices + VERTEX_ROW * (size_t)v[1];
-    global const float *c = vertices + VERTEX_ROW * (size_t)v[2];
-    const float cell = (float)(SHADOW_REACH) / 2048.0f;
-    float largest = 0.0f, sum = 0.0f;
-    ulong code = 0;
-    for (int k = 0; k < 3; ++k) {
-        float low = LEAST_OF_TWO(a[k], LEAST_OF_TWO(b[k], c[k])), high = MOST_OF_TWO(a[k], MOST_OF_TWO(b[k], c[k]));
-        float place = (0.5f * (low + high) + (float)(SHADOW_REACH)) / cell;
-        code |= spread((ulong)clamp((int)place, 0, 4095)) << k;
-        largest = MOST_OF_TWO(largest, high - low);
-        sum += (a[k] + b[k]) + c[k];
+    const float cell = (float)(SHADOW_REACH) / (1 << (AXIS_BITS - 1));
+    uint place[3][KEYS];
+    int size[KEYS];
+    for (int s = 0; s < KEYS; ++s) {
+        global const int *v = faces + 3 * (size_t)min(base + s, face_count - 1);
+        global const float *a = vertices + VERTEX_ROW * (size_t)v[0], *b = vertices + VERTEX_ROW * (size_t)v[1];
+        global const float *c = vertices + VERTEX_ROW * (size_t)v[2];
+        float largest = 0.0f, sum = 0.0f;
+        for (int k = 0; k < 3; ++k) {
+            float low = LEAST_OF_TWO(a[k], LEAST_OF_TWO(b[k], c[k])), high = MOST_OF_TWO(a[k], MOST_OF_TWO(b[k], c[k]));
+            float along = (0.5f * (low + high) + (float)(SHADOW_REACH)) / cell;
+            place[k][s] = (uint)clamp((int)along, 0, (1 << AXIS_BITS) - 1);
+            largest = MOST_OF_TWO(largest, high - low);
+            sum += (a[k] + b[k]) + c[k];
+        }
+        int drop = v[0] == v[1] || v[1] == v[2] || v[2] == v[0] || !(fabs(sum) <= FLT_MAX);
+        size[s] = drop ? -1 : (largest > (float)(SHADOW_REACH) / 8.0f) + (largest > (float)(SHADOW_REACH) / 2.0f);
     }
-    int drop = v[0] == v[1] || v[1] == v[2] || v[2] == v[0] || !(fabs(sum) <= FLT_MAX);
-    ulong size = largest > (float)(SHADOW_REACH) / 2.0f ? 2 : largest > (float)(SHADOW_REACH) / 8.0f ? 1 : 0;
-    ulong place_bits = (size << CURVE_BITS | code) << (64 - SIZE_BITS - CURVE_BITS);
-    keys[i] = drop ? NO_CASTER : (place_bits >> index_bits) << index_bits | (ulong)i;
+    follow_curve(place);
+    for (int s = 0; s < min(KEYS, face_count - base); ++s) {
+        ulong code = spread(place[0][s]) << 2 | spread(place[1][s]) << 1 | spread(place[2][s]);
+        ulong key = ((ulong)size[s] << CURVE_BITS | code) << (64 - SIZE_BITS - CURVE_BITS);
+        keys[base + s] = size[s] < 0 ? NO_CASTER : (key >> index_bits) << index_bits | (ulong)(base + s);
+    }
+}
+
+// A run of keys is reordered so that each half, quarter and so on, down to the leaves, is one along the axis along which it
+// extends farthest; for each triangle a row: three times its centroid, its face.
+#define BINS 64  // along an axis: what is in the middle one is halved as it comes
+
+typedef struct {
+    int first, count, side;  // of the rows; in which half of the room they are
+} Part;
+
+// Copies the `below` lowest rows of a part along its longest axis before the others.
+void halve(global const float *from, global float *to, int count, int below)
+{
+    float16 lows = (float16)(FLT_MAX), highs = -lows;
+    for (int i = 0; i < count / 4; ++i) {
+        float16 four = vload16(i, from);
+        lows = LEAST_OF_TWO(four, lows), highs = MOST_OF_TWO(four, highs);
+    }
+    float8 low8 = LEAST_OF_TWO(lows.lo, lows.hi), high8 = MOST_OF_TWO(highs.lo, highs.hi);
+    float4 low = LEAST_OF_TWO(low8.lo, low8.hi), high = MOST_OF_TWO(high8.lo, high8.hi);
+    for (int i = count / 4 * 4; i < count; ++i) {
+        float4 row = vload4(i, from);
+        low = LEAST_OF_TWO(row, low), high = MOST_OF_TWO(row, high);
+    }
+    float4 size = high - low;
+    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : size.y > size.z ? 1 : 2;
+    float start = axis == 0 ? low.x : axis == 1 ? low.y : low.z, extent = axis == 0 ? size.x : axis == 1 ? size.y : size.z;
+    float scale = extent > (float)(SHADOW_GRID) ? BINS / extent : 0.0f;
+    int many[4][BINS];  // neighbors are often in one bin: their counts do not wait for each other
+    for (int i = 0; i < BINS; ++i)
+        many[0][i] = many[1][i] = many[2][i] = many[3][i] = 0;
+    for (int i = 0; i < count; ++i)
+        ++many[i % 4][min((int)((from[4 * i + axis] - start) * scale), BINS - 1)];
+    for (int i = 0; i < BINS; ++i)
+        many[0][i] += (many[1][i] + many[2][i]) + many[3][i];
+    int middle = 0, rest = below;
+    while (many[0][middle] < rest)
+        rest -= many[0][middle++];
+    int next = 0, other = below;
+    for (int i = 0; i < count; ++i) {
+        int bin = min((int)((from[4 * i + axis] - start) * scale), BINS - 1), equal = bin == middle;
+        int before = (bin < middle) | (equal & (rest > 0));
+        rest -= equal;
+        vstore4(vload4(i, from), before ? next : other, to);
+        next += before, other += !before;
+    }
+}
+
+// A work-item does a run of HIERARCHY_RUN keys.
+kernel void hierarchy_runs(global const float *vertices, global const int *faces,
+                           global ulong *keys,   // sorted; of what is reordered only the faces stay
+                           global float *rows,   // room: two rows of four for each key of the launch
+                           int first, int index_bits,
+                           int count)            // of keys, from number `first` on
+{
+    int begin = get_global_id(0) * HIERARCHY_RUN, many = min(HIERARCHY_RUN, count - begin);
+    if (many <= LEAF_TRIANGLES)
+        return;
+    keys += first + begin;
+    rows += 8 * (size_t)begin;
+    for (int i = 0; i < many; ++i) {
+        int face = (int)(keys[i] & ((1UL << index_bits) - 1));
+        global const float4 *corners = (global const float4 *)vertices;
+        global const int *v = faces + 3 * (size_t)face;
+        float4 sum = (corners[2 * (size_t)v[0]] + corners[2 * (size_t)v[1]]) + corners[2 * (size_t)v[2]];
+        vstore4((float4)(sum.xyz, as_float(face)), i, rows);
+    }
+    Part left[16];  // more than halvings of a run
+    int parts = 1;
+    left[0].first = 0, left[0].count = many, left[0].side = 0;
+    while (parts > 0) {
+        Part part = left[--parts];
+        global float *from = rows + 4 * (part.side * many + part.first), *to = rows + 4 * ((1 - part.side) * many + part.first);
+        if (part.count <= LEAF_TRIANGLES) {
+            for (int i = 0; i < part.count; ++i)
+                keys[part.first + i] = (ulong)as_int(from[4 * i + 3]);
+            continue;
+        }
+        int whole = part.count > LEAF_TRIANGLES * NODE_CHILDREN ? LEAF_TRIANGLES * NODE_CHILDREN : LEAF_TRIANGLES;
+        int below = (part.count + 2 * whole - 1) / (2 * whole) * whole;  // full nodes, full leaves
+        halve(from, to, part.count, below);
+        left[parts].first = part.first, left[parts].count = below, left[parts++].side = 1 - part.side;
+        left[parts].first = part.first + below, left[parts].count = part.count - below, left[parts++].side = 1 - part.side;
+    }
 }
 
 void store_box(global float *node, int child, const float *low, const float *high)

@@ -91,6 +91,7 @@ TESTS = {
     "kernels/shadow_counts.clh": "shadow_counts",
     "kernels/shadow_packets.clh": "hierarchy shadow_fans",
     "kernels/shadow_fans.clh": "shadow_fans",
+    "kernels/single_rays.clh": "shadow_fans",
     "kernels/shadow_traversal.clh": "hierarchy shadow_fans",
     "kernels/shadow.cl": "kernel_shadow hierarchy",
     "kernels/shadow_receiver.clh": "shadows",

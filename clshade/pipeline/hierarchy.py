@@ -17,6 +17,7 @@ from .struct_layout import CURVE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_B
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
 _LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
+_TOGETHER = 1 << 20  # keys that are reordered at a time, which takes 32 bytes each
 _BLOCK = 1 << 14  # vertices whose temporary arrays stay in the cache
 _NO_CASTER = np.uint64(2**64 - 1)
 
@@ -92,8 +93,9 @@ def split(values: Floats) -> Floats32:
 class Hierarchy:
     """The triangles of a scene on a device, which cast shadows; valid until a vertex moves.
 
-    A tree of boxes over leaves of 16 triangles in the order of Morton's curve: each node has 16 children, whose numbers
-    follow from its own. Built on the device, but for the sort.
+    A tree of boxes over leaves of 16 triangles: each node has 16 children, whose numbers follow from its own. The
+    triangles are sorted along Hilbert's curve; then each run of HIERARCHY_RUN of them is halved along its longest axis, so
+    is each half, and so on down to the leaves. Built on the device, but for the sort.
 
     vertices: (V, 3) float64. faces: (F, 3), indices of vertices; those without area, and those with a corner that is not
     finite, cast no shadow (the tree leaves out the latter, and those with two equal indices). veils: (F,) bool, faces that
@@ -130,6 +132,10 @@ class Hierarchy:
             if sizes:
                 ends = (leaf, many, node, sizes[0] * _WIDTH)
                 sorted_keys = Buffer(device, tree)
+                rows = Buffer.empty(device, (2 * min(_TOGETHER, len(tree)), 4), np.float32)
+                for start in range(0, len(tree), _TOGETHER):
+                    together = min(_TOGETHER, len(tree) - start)
+                    stages.hierarchy_runs(self.vertices, self.faces, sorted_keys, rows, start, bits, together)
                 stages.hierarchy_leaves(self.vertices, self.faces, sorted_keys, self.leaves, self.nodes, ends, bits)
             for k in range(1, len(sizes)):
                 stages.hierarchy_level(self.nodes, int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)

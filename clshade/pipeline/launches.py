@@ -212,7 +212,13 @@ class Stages:
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
     def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, index_bits: int, count: int) -> cl.Event:
-        return self._per_item("hierarchy_keys", count, vertices, faces, keys, index_bits)
+        return self._per_item("hierarchy_keys", count, vertices, faces, keys, index_bits, each=16)
+
+    def hierarchy_runs(
+        self, vertices: Buffer, faces: Buffer, keys: Buffer, rows: Buffer, first: int, index_bits: int, count: int
+    ) -> cl.Event:
+        runs = -(-count // struct_layout.HIERARCHY_RUN)
+        return self._launch("hierarchy_runs", (runs,), (1,), vertices, faces, keys, rows, first, index_bits, count)
 
     def hierarchy_leaves(
         self,

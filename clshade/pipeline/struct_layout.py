@@ -43,7 +43,8 @@ OCCLUSION_W = (
     0.125  # w of the ends of rays of ambient occlusion, whose coordinates are below SHADOW_REACH / OCCLUSION_W
 )
 MOST_HIERARCHY_LEVELS = 7  # of nodes: 16^8 triangles
-CURVE_BITS = 36  # of a caster's place along Morton's curve, 12 an axis
+CURVE_BITS = 36  # of a caster's place along Hilbert's curve, 12 an axis
+HIERARCHY_RUN = 4096  # casters that are put in a better order than that curve's
 SIZE_BITS = 2  # of its class of size
 # What kernels count of shadow rays, see shadow_counts.py.
 SHADOW_COUNTS = (
@@ -61,6 +62,7 @@ CONSTANTS = {
     "MOST_SAMPLES": MOST_SAMPLES,
     "LINE_INSET": LINE_INSET,
     "CURVE_BITS": CURVE_BITS,
+    "HIERARCHY_RUN": HIERARCHY_RUN,
     "SIZE_BITS": SIZE_BITS,
     **LIGHT_SHIFTS,
     "MOST_LEVELS": MOST_LEVELS,

@@ -11,8 +11,9 @@ from kernel_stages import OTHER_LANES, mask
 from clshade.pipeline import hierarchy as hierarchy_module
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy, ShadowRays
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build_text
-from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
+from clshade.pipeline.struct_layout import HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
 ONE_BY_ONE = """
@@ -265,6 +266,48 @@ def test_tree(device, count):
         assert (children[len(boxes) :, 0] > children[len(boxes) :, 1]).all()
         boxes = np.stack([nodes[:, :, 0].min(axis=1), nodes[:, :, 1].max(axis=1)], axis=1)
     assert len(boxes) == 1
+
+
+def overlap(lower: Array, upper: Array) -> float:
+    """Return by how much two sets of points (K, 3) overlap along the axis where they do least, as a share of both."""
+    size = np.ptp(np.concatenate([lower, upper]), axis=0)
+    return float(((lower.max(axis=0) - upper.min(axis=0)) / size).min())
+
+
+@pytest.mark.parametrize("count", [17, 300, 4096, 9000])
+def test_runs_are_halved_down_to_the_leaves(device, monkeypatch, count):
+    """What each part puts first lies before the rest along some axis, but for what is within one of 64 steps. Parts begin with
+    whole leaves, and above 256 triangles with whole nodes."""
+    monkeypatch.setattr(hierarchy_module, "_TOGETHER", 4096)  # several launches
+    mesh = soup(count)
+    hierarchy = Hierarchy(device, *mesh)
+    centroids = mesh[0][mesh[1]].mean(axis=1)[leaves_of(hierarchy)[1].reshape(-1)[:count]]
+
+    def check(points: Array) -> None:
+        if len(points) > 16:
+            whole = 256 if len(points) > 256 else 16
+            first = -(-len(points) // (2 * whole)) * whole
+            assert overlap(points[:first], points[first:]) <= 1 / 64
+            check(points[:first])
+            check(points[first:])
+
+    for start in range(0, count, HIERARCHY_RUN):
+        check(centroids[start : start + HIERARCHY_RUN])
+
+
+def test_neighbors_along_the_curve(device, monkeypatch):
+    """Of triangles one per cell, in the order before that of runs, each lies in a cell next to that of the one before."""
+    monkeypatch.setattr(Stages, "hierarchy_runs", lambda *_: None)
+    cells = np.stack(np.meshgrid(*[np.arange(16)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    small = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.1]]) + 0.45
+    vertices = (cells[:, None] + small).reshape(-1, 3)
+    end = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]]) + 0.001  # the frame is as large as all cells
+    ends = np.concatenate([end, 16.0 - end])
+    mesh = np.concatenate([vertices, ends]), np.arange(len(vertices) + len(ends)).reshape(-1, 3)
+    faces = leaves_of(Hierarchy(device, *mesh))[1].reshape(-1)
+    along = cells[faces[(faces < len(cells)) & (np.arange(len(faces)) < len(mesh[1]))]]
+    assert len(along) == 4096
+    assert (np.abs(np.diff(along, axis=0)).sum(axis=1) == 1).all()
 
 
 @pytest.mark.parametrize("bits", [27, 29, 40])

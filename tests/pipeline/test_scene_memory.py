@@ -102,7 +102,7 @@ def test_the_most_faces_are_within_the_kernels_numbers():
     mantissa = 64 - depth_sort.index_bits(most) - 12
     assert mantissa > 22  # sorted to 2^-22 of a depth, as the kernels have it
     per_axis = (64 - struct_layout.SIZE_BITS - hierarchy._index_bits(most)) / 3
-    assert per_axis >= 10  # cells of Morton's curve, 2^10 along each axis
+    assert per_axis >= 10  # cells of Hilbert's curve, 2^10 along each axis
 
 
 def test_entries_of_tile_lists_that_the_kernels_do_not_count(device, monkeypatch):
