@@ -132,10 +132,10 @@ class Hierarchy:
             if sizes:
                 ends = (leaf, many, node, sizes[0] * _WIDTH)
                 sorted_keys = Buffer(device, tree)
-                rows = Buffer.empty(device, (2 * min(_TOGETHER, len(tree)), 4), np.float32)
+                room = Buffer.empty(device, (2 * min(_TOGETHER, len(tree)), 4), np.float32)
                 for start in range(0, len(tree), _TOGETHER):
                     together = min(_TOGETHER, len(tree) - start)
-                    stages.hierarchy_runs(self.vertices, self.faces, sorted_keys, rows, start, bits, together)
+                    stages.hierarchy_runs(self.vertices, self.faces, sorted_keys, room, start, bits, together)
                 stages.hierarchy_leaves(self.vertices, self.faces, sorted_keys, self.leaves, self.nodes, ends, bits)
             for k in range(1, len(sizes)):
                 stages.hierarchy_level(self.nodes, int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)

@@ -276,8 +276,8 @@ def overlap(lower: Array, upper: Array) -> float:
 
 @pytest.mark.parametrize("count", [17, 300, 4096, 9000])
 def test_runs_are_halved_down_to_the_leaves(device, monkeypatch, count):
-    """What each part puts first lies before the rest along some axis, but for what is within one of 64 steps. Parts begin with
-    whole leaves, and above 256 triangles with whole nodes."""
+    """What each part puts first lies before the rest along some axis, but for what is within one of 64 steps. Parts begin
+    with whole leaves, and above 256 triangles with whole nodes."""
     monkeypatch.setattr(hierarchy_module, "_TOGETHER", 4096)  # several launches
     mesh = soup(count)
     hierarchy = Hierarchy(device, *mesh)
