@@ -5,40 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..base.arrays import Array
-from .buffer_pool import Pool
 from .buffers import ALIGNMENT, Buffer, transfers, wait
 from .camera_space import CameraSpace
-from .features import Features
-from .frame_state import STREAMED_PIXELS, FrameTables, Progress
-from .layers import Layers
-from .opencl.device import Device
+from .frame_state import STREAMED_PIXELS, Progress
+from .scene_drawing import SceneDrawing
 
 _LEAST_ALIGNMENT = 16  # bytes, of memory to which kernels write four float32 at once
-
-
-class Source(Protocol):
-    """What draws the frames: a `Renderer`."""
-
-    device: Device
-    features: Features
-    _pool: Pool
-    _layers: Layers
-    _tables: FrameTables
-
-    def _enqueue(
-        self, tables: FrameTables, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None
-    ) -> None: ...
-
-    def _draw_again(
-        self, tables: FrameTables, frame: Progress, targets: Mapping[str, Buffer], owners: Buffer | None
-    ) -> None: ...
-
-    def _facts(self, frame: Progress, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]: ...
 
 
 class _Output:
@@ -48,14 +25,14 @@ class _Output:
     kernel_type: the type that they write.
     """
 
-    def __init__(self, source: Source, array: Array, kernel_type: np.dtype) -> None:
+    def __init__(self, drawing: SceneDrawing, array: Array, kernel_type: np.dtype) -> None:
         self.array = array.view(np.ndarray)
-        self._device = source.device
-        is_shared = source._tables.image.is_shared
+        self._device = drawing.device
+        is_shared = drawing.tables.image.is_shared
         least = ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
         self.is_direct = is_shared and array.dtype == kernel_type and _is_aligned(array, least)
         shape = array.shape[1:]
-        self._staged = () if self.is_direct else tuple(source._pool.take(shape, kernel_type) for _ in range(2))
+        self._staged = () if self.is_direct else tuple(drawing.pool.take(shape, kernel_type) for _ in range(2))
 
     def target(self, index: int) -> Buffer:
         """Return the buffer that the kernels write for a frame."""
@@ -83,16 +60,16 @@ class _Pending:
 class FrameQueue:
     """The drawing of many frames into arrays, (K, M, N, ...) by name: `rgba` and the layers.
 
-    The source may not draw anything else meanwhile. After `draw`: facts, a function for each frame, see
-    `Renderer._facts`; stage_ms, the times of the stages, of all frames together.
+    Nothing else may be drawn meanwhile. After `draw`: facts, a function for each frame, see
+    `SceneDrawing.facts_of`; stage_ms, the times of the stages, of all frames together.
     """
 
-    def __init__(self, source: Source, arrays: Mapping[str, Array]) -> None:
-        self._source, self._layers, self._device = source, source._layers, source.device
+    def __init__(self, drawing: SceneDrawing, arrays: Mapping[str, Array]) -> None:
+        self._drawing, self._layers, self._device = drawing, drawing.layers, drawing.device
         self.facts: list[Callable[[], dict[str, Any]]] = []
         self.stage_ms: Counter[str] = Counter()
         self._outputs = {
-            name: _Output(source, array, array.dtype if name == "rgba" else self._layers.kernel_type(name))
+            name: _Output(drawing, array, array.dtype if name == "rgba" else self._layers.kernel_type(name))
             for name, array in arrays.items()
         }
         image = self._outputs["rgba"]
@@ -101,8 +78,8 @@ class FrameQueue:
             _is_aligned(image.array, ALIGNMENT) or not image.is_direct
         )
         shape = image.array.shape[1:3]
-        self._owners = [source._pool.take(shape, np.int32) for _ in range(2) if source.features["OWNERS"]]
-        self._tables = source._tables, source._tables.twin()
+        self._owners = [drawing.pool.take(shape, np.int32) for _ in range(2) if drawing.features["OWNERS"]]
+        self._tables = drawing.tables, drawing.tables.twin()
         self._transfers = transfers(self._device)
 
     def draw(self, spaces: Sequence[CameraSpace]) -> None:
@@ -124,7 +101,7 @@ class FrameQueue:
         targets = {name: output.target(index) for name, output in self._outputs.items()}
         owners = self._owners[index % 2][0] if self._owners else None
         drawn = _Pending(index, Progress(space, self._streams), targets, owners)
-        self._source._enqueue(self._tables[index % 2], drawn.frame, targets, owners)
+        self._drawing.enqueue(self._tables[index % 2], drawn.frame, targets, owners)
         self._fetch(drawn)
         return drawn
 
@@ -146,7 +123,7 @@ class FrameQueue:
             counters = frame.counted.array[0].copy()
             frame.counters, frame.host_ms["sort"] = counters, 0.0
             if counters["to_clip"] or counters["entries"] > frame.room:
-                self._source._draw_again(self._tables[drawn.index % 2], frame, drawn.targets, drawn.owners)
+                self._drawing.draw_again(self._tables[drawn.index % 2], frame, drawn.targets, drawn.owners)
                 self._fetch(drawn)
                 wait(self._device, drawn.done)
         self._write_results(drawn)
@@ -158,7 +135,7 @@ class FrameQueue:
         self.stage_ms.update(frame.host_ms)
         sizes = {"image": drawn.targets["rgba"], "owners": drawn.owners}
         bytes_of = {name: 0 if buffer is None else buffer.array.nbytes for name, buffer in sizes.items()}
-        self.facts.append(self._source._facts(frame, bytes_of))
+        self.facts.append(self._drawing.facts_of(frame, bytes_of))
 
     def _write_results(self, drawn: _Pending) -> None:
         """Complete the layers, and copy what the kernels did not write to its place."""

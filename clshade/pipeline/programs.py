@@ -101,6 +101,11 @@ def waited() -> float:
     return getattr(_own, "waited", 0.0)
 
 
+def running_time() -> float:
+    """Return this thread's running time in seconds, without what `waited` returns."""
+    return time.perf_counter() - waited()
+
+
 @dataclass
 class FirstUse:
     """Timing of a block. ran: seconds of it that were not spent waiting for a compiler."""

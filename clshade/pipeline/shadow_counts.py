@@ -15,6 +15,7 @@ from .features import Features
 from .frame import Frame
 from .launches import Stages, scene_stages
 from .renderer import Renderer
+from .scene_drawing import SceneDrawing
 from .struct_layout import SHADOW_COUNTS
 
 # Why a ray is not traced; a ray with several reasons counts for the first.
@@ -68,27 +69,34 @@ class ShadowCounts:
         return {"possible": self.possible, **asdict(self)}
 
 
-class CountingRenderer(Renderer):
-    """A renderer of a scene with shadows or ambient occlusion whose kernels count the rays, which takes them longer. Its
-    images have the same bits."""
+class _CountingDrawing(SceneDrawing):
+    """A drawing whose kernels count rays."""
 
     def _build(self, lanes: int | None, layers: Features | None) -> Stages:
         return scene_stages(self.device, self.features, lanes, layers, counting=True)
 
     def _upload_casters(self, packed: scene_buffers.Packed) -> None:
         super()._upload_casters(packed)
-        self._counts = Buffer(self.device, np.zeros(2 * len(SHADOW_COUNTS), np.uint32))
-        self._shadow_tables["shadow_counts"] = self._counts
+        self.counts = Buffer(self.device, np.zeros(2 * len(SHADOW_COUNTS), np.uint32))
+        self._shadow_tables["shadow_counts"] = self.counts
 
     def _draw(self, *arguments: Any, **more: Any) -> None:
-        with self._counts.writing() as counts:  # tiles are drawn again if their lists lacked room
+        with self.counts.writing() as counts:  # tiles are drawn again if their lists lacked room
             counts[:] = 0
         super()._draw(*arguments, **more)
+
+
+class CountingRenderer(Renderer):
+    """A renderer of a scene with shadows or ambient occlusion whose kernels count the rays, which takes them longer. Its
+    images have the same bits."""
+
+    _drawing_type = _CountingDrawing
+    _drawing: _CountingDrawing
 
     def count(self) -> tuple[Frame, ShadowCounts]:
         """Draw a frame with the scene's camera, and return it with its counts."""
         frame = self.render()
-        halves = self._counts.to_host().astype(np.uint64).reshape(-1, 2)
+        halves = self._drawing.counts.to_host().astype(np.uint64).reshape(-1, 2)
         found = {
             name.lower(): int(low + (high << np.uint64(32)))
             for name, (low, high) in zip(SHADOW_COUNTS, halves, strict=True)

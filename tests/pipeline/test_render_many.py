@@ -351,12 +351,12 @@ def test_an_interrupt_between_two_lines_leaves_no_mixture_of_tables(device):
     """In `_use_tables`, whose tables change together."""
     with open_cloud(device) as renderer:
         expected = renderer.render(looking(-3.0))
-        twin, before = renderer._tables.twin(), renderer._tables
-        renderer._use_tables(twin)
-        assert renderer._inputs.image is renderer._image is twin.image
-        assert renderer._made.counters is twin.counters
+        twin, before = renderer._drawing.tables.twin(), renderer._drawing.tables
+        renderer._drawing._use_tables(twin)
+        assert renderer._drawing._inputs.image is renderer._drawing._image is twin.image
+        assert renderer._drawing._made.counters is twin.counters
         assert same_bits(renderer.render(looking(-3.0)), expected)
-        renderer._use_tables(before)
+        renderer._drawing._use_tables(before)
         assert same_bits(renderer.render(looking(-3.0)), expected)
 
 

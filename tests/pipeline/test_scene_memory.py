@@ -108,7 +108,7 @@ def test_the_most_faces_are_within_the_kernels_numbers():
 def test_entries_of_tile_lists_that_the_kernels_do_not_count(device, monkeypatch):
     with Renderer(SCENE, device=device, resolution=(64, 64)) as renderer:
         expected = renderer.render()
-        entries = renderer._lists.room
+        entries = renderer._drawing._lists.room
         monkeypatch.setattr(tile_lists, "_MOST_ENTRIES", entries)
         lists = TileLists(renderer.stages)
         lists.make_room(entries)

@@ -14,6 +14,7 @@ from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.scene_drawing import SceneDrawing
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -81,14 +82,14 @@ def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
     meshes = [square(z, color=(RED, GREEN, BLUE)[z % 3], opacity=0.3) for z in range(12)]
     given = scene(*meshes, square(12, color=RED, blend=False))
     expected = draw(device, given, visibility="painter")
-    write_ranks = Renderer._write_ranks
+    write_ranks = SceneDrawing._write_ranks
 
     def further(self, order):
         write_ranks(self, order)
         with self._inputs.ranks.writing() as ranks:
             ranks += first
 
-    monkeypatch.setattr(Renderer, "_write_ranks", further)
+    monkeypatch.setattr(SceneDrawing, "_write_ranks", further)
     assert same_bits(draw(device, given, visibility="painter"), expected)
 
 

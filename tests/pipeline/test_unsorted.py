@@ -11,9 +11,9 @@ import pytest
 
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
-from clshade.pipeline import renderer as renderer_module
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.features import SORTING_LANES
+from clshade.pipeline.frame_state import Progress
 
 
 def looking(size: int, back: float) -> Camera:
@@ -71,7 +71,7 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
     with Renderer(scene, device=device, resolution=(32, 32)) as renderer:
         expected = renderer.render(large).rgba.copy()
         renderer.render()
-        tiles, calls = renderer_module.Progress.tiles.fget, []
+        tiles, calls = Progress.tiles.fget, []
 
         def interrupted(self):
             calls.append(1)
@@ -80,7 +80,7 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
             return tiles(self)
 
         with monkeypatch.context() as patch:
-            patch.setattr(renderer_module.Progress, "tiles", property(interrupted))
+            patch.setattr(Progress, "tiles", property(interrupted))
             with pytest.raises(KeyboardInterrupt):
                 renderer.render(large)
         assert np.array_equal(renderer.render(large).rgba, expected)
@@ -90,7 +90,7 @@ def test_buffers_that_were_replaced_are_freed(device):
     scene = cloud()
     with Renderer(scene, device=device, shader="nolight") as renderer:
         renderer.render()
-        before = weakref.ref(renderer._made.triangles)
+        before = weakref.ref(renderer._drawing._made.triangles)
         renderer.render(looking(96, -0.5))  # pieces need more room
         gc.collect()
         assert before() is None
