@@ -18,7 +18,7 @@ ulong spread(ulong v)
 
 // Turns cells, of AXIS_BITS along each axis, into their places along Hilbert's curve, whose bits are those of the three numbers
 // in turn (J. Skilling, Programming the Hilbert curve, AIP Conference Proceedings 707, 2004): from the highest bit on, each
-// octant turns and mirrors what the lower bits say; what results is a Gray code.
+// octant turns and mirrors the curve within it, that is, the lower bits; what results is a Gray code.
 void follow_curve(uint place[3][KEYS])
 {
     for (uint bit = 1u << (AXIS_BITS - 1); bit > 1; bit >>= 1)
@@ -61,7 +61,8 @@ kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
         for (int k = 0; k < 3; ++k) {
             float low = LEAST_OF_TWO(a[k], LEAST_OF_TWO(b[k], c[k])), high = MOST_OF_TWO(a[k], MOST_OF_TWO(b[k], c[k]));
             float along = (0.5f * (low + high) + (float)(SHADOW_REACH)) / cell;
-            place[k][s] = (uint)clamp((int)along, 0, (1 << AXIS_BITS) - 1);
+            // NaN, of faces to be dropped, becomes 0.
+            place[k][s] = (uint)LEAST_OF_TWO(MOST_OF_TWO(along, 0.0f), (float)((1 << AXIS_BITS) - 1));
             largest = MOST_OF_TWO(largest, high - low);
             sum += (a[k] + b[k]) + c[k];
         }
@@ -84,7 +85,8 @@ typedef struct {
     int first, count, side;  // of the rows; in which half of the room they are
 } Part;
 
-// Copies the `below` lowest rows of a part along its longest axis before the others.
+// Copies the `below` lowest rows of a part along its longest axis before the others. What is computed of the faces in their
+// fourth column is not used.
 void halve(global const float *from, global float *to, int count, int below)
 {
     float16 lows = (float16)(FLT_MAX), highs = -lows;
@@ -141,7 +143,7 @@ kernel void hierarchy_runs(global const float *vertices, global const int *faces
         float4 sum = (corners[2 * (size_t)v[0]] + corners[2 * (size_t)v[1]]) + corners[2 * (size_t)v[2]];
         vstore4((float4)(sum.xyz, as_float(face)), i, rows);
     }
-    Part left[16];  // more than halvings of a run
+    Part left[16];  // parts that wait: at most one for each halving of a run, and one more
     int parts = 1;
     left[0].first = 0, left[0].count = many, left[0].side = 0;
     while (parts > 0) {

@@ -17,7 +17,7 @@ from .struct_layout import CURVE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_B
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
 _LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
-_TOGETHER = 1 << 20  # keys that are reordered at a time, which takes 32 bytes each
+_TOGETHER = 1 << 20  # keys that are reordered at a time, whole runs of them, which takes 32 bytes each
 _BLOCK = 1 << 14  # vertices whose temporary arrays stay in the cache
 _NO_CASTER = np.uint64(2**64 - 1)
 
@@ -106,7 +106,6 @@ class Hierarchy:
         self, device: Device, vertices: Floats, faces: Array, *, lanes: int | None = None, veils: Bools | None = None
     ) -> None:
         self._device, self._lanes = device, lanes
-        stages = hierarchy_stages(device)
         self.frame = CasterFrame.around(vertices)
         rows = np.zeros((len(vertices), 2, 4), np.float32)
         for start in range(0, len(vertices), _BLOCK):
@@ -114,34 +113,42 @@ class Hierarchy:
             rows[start : start + _BLOCK, :, :3] = self.frame.pairs(part).reshape(-1, 2, 3)
         self.vertices = Buffer(device, rows)
         self.faces = Buffer(device, np.ascontiguousarray(faces, np.int32))
-        keys = Buffer.empty(device, len(faces), np.uint64)
-        bits = _index_bits(len(faces))
-        stages.hierarchy_keys(self.vertices, self.faces, keys, bits, len(faces))
+        self._build(hierarchy_stages(device), veils)
+
+    def _build(self, stages: Stages, veils: Bools | None) -> None:
+        """Make the trees of opaque faces and of the others: leaves, nodes, the table of trees."""
+        device, count = self._device, len(self.faces.array)
+        keys = Buffer.empty(device, count, np.uint64)
+        bits = _index_bits(count)
+        stages.hierarchy_keys(self.vertices, self.faces, keys, bits, count)
         found = keys.to_host()
         parts = [found] if veils is None else [found[~veils], found[veils]]
         for part in parts:
             part.sort()
-        trees = [part[: np.searchsorted(part, _NO_CASTER)] for part in parts]
-        leaves, levels = [-(-len(tree) // _WIDTH) for tree in trees], [_level_sizes(len(tree)) for tree in trees]
+        trees = [Buffer(device, part[: np.searchsorted(part, _NO_CASTER)]) for part in parts]
+        counts = [len(tree.array) for tree in trees]
+        leaves, levels = [-(-many // _WIDTH) for many in counts], list(map(_level_sizes, counts))
         self.leaves = Buffer.empty(device, (sum(leaves), _LEAF_FLOATS), np.float32)
         self.nodes = Buffer.empty(device, (sum(map(sum, levels)), _NODE_FLOATS), np.float32)
+        room = Buffer.empty(device, (2 * min(_TOGETHER, max(counts)), 4), np.float32)
         table, leaf, node = np.zeros(2, SINGLE.Casters), 0, 0
-        for row, tree, many, sizes in zip(table, trees, leaves, levels, strict=False):
-            row["levels"], row["first_leaf"] = len(sizes), leaf
-            first = row["first_node"][: len(sizes)] = node + np.cumsum([0, *sizes])[:-1]
-            if sizes:
-                ends = (leaf, many, node, sizes[0] * _WIDTH)
-                sorted_keys = Buffer(device, tree)
-                room = Buffer.empty(device, (2 * min(_TOGETHER, len(tree)), 4), np.float32)
-                for start in range(0, len(tree), _TOGETHER):
-                    together = min(_TOGETHER, len(tree) - start)
-                    stages.hierarchy_runs(self.vertices, self.faces, sorted_keys, room, start, bits, together)
-                stages.hierarchy_leaves(self.vertices, self.faces, sorted_keys, self.leaves, self.nodes, ends, bits)
-            for k in range(1, len(sizes)):
-                stages.hierarchy_level(self.nodes, int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)
-            leaf, node = leaf + many, node + sum(sizes)
+        try:
+            for row, tree, many, sizes in zip(table, trees, leaves, levels, strict=False):
+                row["levels"], row["first_leaf"] = len(sizes), leaf
+                first = row["first_node"][: len(sizes)] = node + np.cumsum([0, *sizes])[:-1]
+                for start in range(0, len(tree.array), _TOGETHER):
+                    together = min(_TOGETHER, len(tree.array) - start)
+                    stages.hierarchy_runs(self.vertices, self.faces, tree, room, start, bits, together)
+                if sizes:
+                    ends = (leaf, many, node, sizes[0] * _WIDTH)
+                    stages.hierarchy_leaves(self.vertices, self.faces, tree, self.leaves, self.nodes, ends, bits)
+                for k in range(1, len(sizes)):
+                    ends = (int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)
+                    stages.hierarchy_level(self.nodes, *ends)
+                leaf, node = leaf + many, node + sum(sizes)
+        finally:
+            finish(device)  # kernels use what is freed on return
         self.casters = Buffer(device, table)
-        finish(device)
 
     @property
     def nbytes(self) -> int:

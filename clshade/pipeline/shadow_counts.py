@@ -39,10 +39,11 @@ class ShadowCounts:
     Gouraud's shading at corners of triangles. lights: of the scene. points: of all these together, one each but for
     those of finite size. skipped: rays not traced, by the names in `SKIPPED`. traced: the others. hidden: those of them
     that an opaque triangle stops. occlusion: rays of ambient occlusion. occluded: those of them that an opaque triangle
-    stops. packets: groups of rays of either kind that go through a hierarchy together. lit_packets, dark_packets: those
-    in which no ray is hidden, and each is. filtered: triangles that the filter tested, once for each packet. decided:
-    how often the exact predicate tested a triangle for a packet's rays, because the filter left some undecided or the
-    light is too near.
+    stops. packets: groups of rays of either kind that go through a hierarchy together, and rays of one point in
+    directions too different for that, each a packet by itself. lit_packets, dark_packets: those in which no ray is
+    hidden, and each is. filtered: triangles that the filter tested, once for each packet; of rays by themselves all 16 of
+    a leaf. decided: how often the exact predicate tested a triangle for a packet's rays, because the filter left some
+    undecided or the light is too near.
     """
 
     places: int
