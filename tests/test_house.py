@@ -187,6 +187,7 @@ def circles(modules: Modules) -> list[set[str]]:
     return found
 
 
+@pytest.mark.long
 def test_every_import_runs_down_the_chain():
     assert upwards(SOURCES) == []
 
@@ -225,6 +226,7 @@ FORBIDDEN = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_planted_import_is_seen(kind):
     for module, room, leaf in FORBIDDEN:

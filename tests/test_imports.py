@@ -44,6 +44,7 @@ def python(code: str) -> str:
     return done.stdout
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("module", MODULES)
 def test_a_module_is_an_attribute_after_the_plain_import(module):
     """In a new interpreter, where nothing else has imported it; no heavy module is imported with it."""

@@ -146,6 +146,7 @@ kernel void rows(global const int *index, global const float4 *table, global REA
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lanes", [4, 8, 16])
 def test_rows_are_gathered_whole(device, lanes):
     """All four components, in every lane."""
@@ -223,6 +224,7 @@ def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
     return high + low, low - ((high + low) - high)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("precision", "lanes"),
     [("float32", None), ("float32", 1), ("fast", None), ("float64", None)]
@@ -321,6 +323,7 @@ print(found[0] == found[1])
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lanes", [4, 16])
 def test_nothing_is_read_beyond_the_arrays(device, lanes):
     """An unreadable page follows each array: on a CPU that uses host memory in place, a read too far crashes."""

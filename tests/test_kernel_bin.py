@@ -49,6 +49,7 @@ def tiles_drawn(xy: np.ndarray, boxes: np.ndarray, order: np.ndarray, resolution
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("resolution", [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)])
 def test_lists_hold_what_is_drawn_and_keep_the_order(device, resolution):
     xy = triangles(1)
@@ -88,6 +89,7 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
     return met
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("count", [1, 2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
 def test_lists_of_several_samples(device, count):
     """Each triangle is listed in exactly the tiles of its hull that none of its edges excludes, which include all tiles

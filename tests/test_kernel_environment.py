@@ -54,6 +54,7 @@ def run(device, name: str, d: np.ndarray, levels: np.ndarray, lanes: int | None 
     return probe(name, *np.ascontiguousarray(d.T), levels.astype(np.int32), table, row, width=3)
 
 
+@pytest.mark.long
 def test_levels_in_any_direction(device):
     d = directions()
     levels = np.arange(len(d)) % 9

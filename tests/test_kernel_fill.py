@@ -59,6 +59,7 @@ def half_pixel_triangles() -> tuple[np.ndarray, tuple[int, int]]:
     return xy + 1024 * cell[:, None, :], (1372, 1372)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("depth_test", [0, 1])
 def test_every_triangle_of_the_half_pixel_grid(device, half_pixel_triangles, depth_test):
     xy, resolution = half_pixel_triangles
@@ -100,6 +101,7 @@ def test_the_widest_image(device, resolution):
         assert_same_coverage(device, xy, resolution)
 
 
+@pytest.mark.long
 def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
     """600 needles around a point, 1:1000 and thinner, in one image: each pixel inside belongs to a triangle."""
     angle = np.sort(np.random.default_rng(5).uniform(0, 2 * np.pi, 600))
@@ -145,6 +147,7 @@ def test_depth_owners(device):
         assert (found != owners_of(xy, z, RESOLUTION, "painter")).mean() > 0.01  # the two differ here
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("apart", [2.0**-18, 2.0**-21, 2.0**-24])
 @pytest.mark.parametrize("feature", ["", "ORTHOGRAPHIC", "DOUBLE", "SAMPLES"])
 def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
@@ -164,6 +167,7 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     assert np.array_equal(found, expected)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("feature", ["", "ORTHOGRAPHIC"])
 def test_what_float32_puts_behind_the_early_stop(device, feature):
     """One slanted plane covers a tile, drawn eight times, so that all its depths are known when the early-out test
@@ -227,6 +231,7 @@ def test_crossing_triangles_are_cut_along_their_line(device):
     assert {0, 1} == set(found[both].tolist())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 @pytest.mark.parametrize("depth_test", [0, 1])
 def test_lanes_do_not_change_an_owner(device, depth_test, lanes):

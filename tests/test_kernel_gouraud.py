@@ -45,6 +45,7 @@ def oracle_corners(inputs, ways) -> dict[str, np.ndarray]:
     return stage_oracle.gouraud_corners(inputs, centroid=bool(ways.get("CENTROID")), tinted=bool(ways.get("TINTED")))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
 def test_corners_equal_the_reflection_model(device, inputs, ways):
     """The bound of a color, as for a pixel of phong (clshade/measure/README.md, "Bounds, and where they come from");
@@ -66,6 +67,7 @@ def test_corners_equal_the_reflection_model(device, inputs, ways):
         assert oracle_bounds.assert_colors_within(rgb, frame, skip=skip) < 8.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
 def test_the_corners_light_is_interpolated(device, inputs, ways):
     """Given light, also with colors beyond 1: means by the oracle's weights, plus the constant ambient light."""
@@ -106,6 +108,7 @@ def test_a_constant_stays_exactly_constant(device, inputs):
     assert (rgba[owners >= 0, :3] == np.float32(0.1)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit(device, inputs, lanes):
     drawn = []

@@ -53,6 +53,7 @@ def ways(device, request):
     return lanes, Probe(device, ("#define PORTABLE_LANES\n" if portable else "") + TEXT, lanes=lanes)
 
 
+@pytest.mark.sampled
 def test_masks(ways):
     """Whether any lane of a mask is set, how many are, and a value in one of them."""
     lanes, probe = ways

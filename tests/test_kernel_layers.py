@@ -46,6 +46,7 @@ def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarr
     return ids.to_host(), depths.to_host()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("resolution", [(101, 67), (1, 1), (1, 7), (333, 1), (64, 48)])
 def test_ids_and_depths(device, resolution):
     """Depths within 4 ulp of the oracle's: edge functions are accurate to 2 units of 2^-24, each of the three terms is

@@ -73,6 +73,7 @@ def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
     return value, value >= math.exp(-1.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("n", [4.0, 20.0, 200.0, 1e4, 1e6, 1e9])
 def test_highlights_own_relative_error(device, n):
     """Inside the lobe at most 16 * sqrt(n) * 2^-24 (clshade/measure/README.md, "Bounds, and where they come from").
@@ -220,6 +221,7 @@ SHAPES = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("fields", "shape"), SHAPES, ids=[" ".join(fields) or "plain" for fields, _ in SHAPES])
 def test_shapes_at_random_points(device, fields, shape):
     """Within the bound of what arrives, which counts distance and cone (clshade/measure/README.md)."""

@@ -267,6 +267,7 @@ def test_many_triangles_hide_together(device, count):
     assert {9, 30} <= set(columns.tolist())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("items", [1, 8])
 def test_cells_and_work_groups_do_not_change_a_bit(device, items):
     xy = np.concatenate([triangles_around(), slivers(90)])

@@ -36,6 +36,7 @@ kernel void turn(global const REAL *nx, global const REAL *ny, global const REAL
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lanes", [None, *OTHER_LANES])
 def test_normals_are_turned_and_lose_few_digits(device, lanes):
     rng = np.random.default_rng(3)

@@ -96,6 +96,7 @@ def roots() -> np.ndarray:
     return np.concatenate([dense, spread, float32([2.0**-100, 2.0**126])])
 
 
+@pytest.mark.long
 def test_reciprocal_sqrt(probe):
     """Within 2 ulp. The third-order step leaves 5/16 e^3 of e = 2 * 1.76e-3: 0.2 of 2^-24. Its correction contains half
     of the rounding of x*y*y, and the sum is rounded once more, 1/2 ulp of at most 2 * 2^-24: together below 2 * 2^-24,
@@ -275,6 +276,7 @@ def test_modulo(probe, period):
 # Lanes
 
 
+@pytest.mark.long
 def test_lanes_do_not_change_a_bit(probes, operands):
     x, t = roots()[::7], shares()[::7]
     n = np.resize(float32([0, 1, 20, 1e3, 1e5, 1e9]), len(t))

@@ -49,6 +49,7 @@ def one(device, pbr, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), **opti
     return reflect(device, *vectors, (float32(light), np.ones(3, np.float32)), pbr, **options)[0].tolist()
 
 
+@pytest.mark.long
 def test_closed_forms(device):
     """Light and eye along the normal: the lobe is F0 / (4 alpha^2), the diffuse base what F0 leaves."""
     rough = MetallicRoughness(0.0, 1.0)
@@ -163,6 +164,7 @@ kernel void square_roots(global const REAL *x, global REAL *out)
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("double", [0, 1])
 def test_square_roots(device, double):
     """0 too: what L + V is where the light lies behind the point."""

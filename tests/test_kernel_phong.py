@@ -43,6 +43,7 @@ def inputs():
     return patches(RESOLUTION)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ways", [STANDARD, COURSE], ids=["standard", "course"])
 def test_pixels_equal_the_reflection_model(device, inputs, ways):
     """Within the bound for every exponent: 32 * sqrt(max(n, 1)) * 2^-24 * kappa of the light budget
@@ -69,6 +70,7 @@ def test_the_comparison_notices_another_exponent_and_a_moved_light(device, input
             oracle_bounds.assert_colors_within(rgba[..., :3], oracle_of(wrong, owners, STANDARD))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit(device, inputs, lanes):
     first, owners = draw(device, inputs, STANDARD)

@@ -53,6 +53,7 @@ def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("cull", [0, 1])
 def test_areas_boxes_and_culls(device, cull):
     """Triangles with a pixel are visible, culled ones are not; one whose box is a single pixel is visible only if it
@@ -90,6 +91,7 @@ def test_areas_boxes_and_culls(device, cull):
     assert np.array_equal(made["face"], visible)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("count", [2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
 def test_boxes_and_culls_of_several_samples(device, count):
     """The box is the union of all samples' boxes. Triangles with a pixel at any sample are visible; one whose box is a
@@ -250,6 +252,7 @@ def test_setup_pieces(device, first_face):
     assert np.array_equal(order, face_count + visible[np.argsort(z[visible, 1])])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ways", [{}, {"CULL": 1}, {"SAMPLES": 1}], ids=str)
 def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     """setup_count and fill_lists give the triangles of setup, in the order of faces, and list them in the same tiles."""

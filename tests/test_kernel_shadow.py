@@ -35,6 +35,7 @@ LIGHTS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
 @pytest.mark.parametrize("lanes", LANES)
 def test_triangles_that_cross(device, lanes, light):
@@ -43,6 +44,7 @@ def test_triangles_that_cross(device, lanes, light):
     assert {LIT, DARK} == set(expected) or np.all(expected == DARK)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
 @pytest.mark.parametrize("make", [box, sphere])
 def test_closed_meshes(device, make, light):
@@ -69,6 +71,7 @@ STIFF = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("mesh", "light"), STIFF.values(), ids=STIFF)
 def test_stiff_cases(device, mesh, light):
     compare(device, mesh, light)
@@ -87,6 +90,7 @@ def test_a_flat_mesh_casts_no_shadow_on_itself(device, turned, light):
         assert not hierarchy.shadowed(*points, np.array(light)).any()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("units", range(1, 11))
 def test_receivers_off_their_plane(device, units):
     """To either side: by as much as rounding may move them, on a flat mesh, they are as if they were on it."""
@@ -152,6 +156,7 @@ def exactly(high: Array, low: Array) -> Array:
     return np.array([int(float(x) * 2.0**149) + int(float(y) * 2.0**149) for x, y in zip(high, low, strict=True)])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["sum", "difference", "product"])
 def test_pair_arithmetic(device, name):
     """Errors as pair_vectors.clh derives them, and normalized results."""

@@ -98,6 +98,7 @@ def run_python(block: Block, namespace: dict[str, Any]) -> int:
     return checked
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", PYTHON, ids=at_line)
 def test_python(opened, folder, namespaces, monkeypatch, block):
     monkeypatch.chdir(folder)
@@ -143,6 +144,7 @@ def case(words: list[str]) -> Any:
 SHELL = [case(words) for block in BLOCKS if block.language == "sh" for words in commands(block)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", SHELL)
 def test_command(opened, folder, words):
     assert Path(words[0]).name == "python"
@@ -177,6 +179,7 @@ def options_of(command: str) -> set[str]:
     return set(re.findall(r"--[a-z][a-z-]*", done.stdout))
 
 
+@pytest.mark.long
 def test_every_option_exists():
     scripts = [str(path) for path in sorted((ROOT / "demos").glob("demo*.py"))]
     known = set().union(*(options_of(f"-m clshade {name}") for name in COMMANDS), *map(options_of, scripts))

@@ -98,6 +98,7 @@ def assert_ends_soon(process: subprocess.Popen[str]) -> None:
     assert time.perf_counter() - sent < 15.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "hook", [BUILDING, WRITING, WAITING, FAILING, UNHEARD], ids=["building", "writing", "waiting", "failing", "unheard"]
 )
@@ -107,6 +108,7 @@ def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, ho
     assert sorted(os.listdir(folder)) == sorted(OUTPUTS)
 
 
+@pytest.mark.long
 def test_clearing_up_that_hangs_is_cut_short(opened, folder, tmp_path):
     assert_ends_soon(start(folder, tmp_path / "cache", CLEARING))
     assert_kept(folder)
@@ -122,6 +124,7 @@ def test_an_interrupt_removes_a_cache_of_its_own(opened, folder, tmp_path):
     assert not list((tmp_path / "cache" / "clshade").glob("once-*"))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_killed_while_writing(opened, folder, tmp_path, number):
     """A temporary file may stay: the next process to write there an hour later removes it."""

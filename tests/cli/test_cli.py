@@ -42,6 +42,7 @@ def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
     assert png.read(tmp_path / f"{stem}.png").shape == (24, 32, 3)
 
 
+@pytest.mark.long
 @needs_device
 def test_render_as_a_process_in_a_folder(tmp_path):
     """The default of -o: `out.exr` and `out.png` in the current folder."""
@@ -76,6 +77,7 @@ def test_options_reach_the_scene():
     assert (now.ka.tolist(), now.kd.tolist(), now.ks.tolist()) == (was.ka.tolist(), [0, 0, 0], was.ks.tolist())
 
 
+@pytest.mark.long
 @needs_device
 def test_a_file_is_rendered(tmp_path, capsys):
     mesh = scene_files.write(tmp_path / "one.obj", scene_files.TRIANGLE + "f 1 2 3\n")
@@ -262,6 +264,7 @@ def interrupted(code: str, cwd: Path) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "module", ["argparse", "clshade.errors", "clshade.cli.main", "clshade.scene.model", "numpy", "_signal"]
 )
@@ -290,6 +293,7 @@ if {module!r} == "_signal":  # not imported any more: between the imports and th
 # Standard output
 
 
+@pytest.mark.sampled
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("inspect", "a.exr"), ("render", *SMALL[1:])])
 def test_a_full_disk_behind_standard_output(tmp_path, arguments):
@@ -348,6 +352,7 @@ def test_help_and_version(capsys):
         assert option in help_text
 
 
+@pytest.mark.long
 def test_devices(capsys):
     code, out, err = run(capsys, "devices")
     assert err == []
@@ -356,6 +361,7 @@ def test_devices(capsys):
     assert "works" in out or "install" in out
 
 
+@pytest.mark.long
 def test_inspect(tmp_path, capsys):
     image = np.random.default_rng(1).uniform(0, 2, (12, 16, 3)).astype(np.float32)
     exr.write(tmp_path / "a.exr", image)
@@ -383,6 +389,7 @@ def test_inspect_refuses(tmp_path, capsys):
     assert listing(tmp_path) == ["bad.exr"]
 
 
+@pytest.mark.long
 def test_devices_as_json(capsys):
     code, out, err = run(capsys, "devices", "--json")
     assert (code == 0, err) == (bool(working_devices()), [])

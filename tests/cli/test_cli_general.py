@@ -31,6 +31,7 @@ def scenes(tmp_path):
 # Several scenes
 
 
+@pytest.mark.long
 @needs_device
 def test_several_scenes_go_to_a_folder(tmp_path, capsys, scenes):
     code, out, err = run(capsys, "render", scenes[0], scenes[2], "quads", *SIZE, "-o", tmp_path / "new")

@@ -103,6 +103,7 @@ def test_refused_options(tmp_path, capsys, monkeypatch, options, parts):
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.long
 @needs_device
 def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
     document = triangle(material=0)
@@ -198,6 +199,7 @@ def test_refused_options_of_scalars(tmp_path, capsys, options, message):
     assert {item.name for item in tmp_path.iterdir()} == {"a.ply"}
 
 
+@pytest.mark.long
 @needs_device
 def test_scalars_are_rendered(tmp_path, capsys):
     path = write(tmp_path / "a.ply", DATA)

@@ -39,6 +39,7 @@ def test_refused_options(capsys, tmp_path, options, expected):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 @needs_device
 def test_only_files_with_edges_name_them(capsys, tmp_path):
     for name, options in (("plain", ()), ("lined", ("--edges", "all"))):

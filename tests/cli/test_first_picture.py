@@ -89,6 +89,7 @@ def test_factors_of_lights_that_the_environment_replaces_are_refused(own):
         scene_of(own, "--light-intensity", "2")
 
 
+@pytest.mark.long
 @needs_device
 def test_samples(tmp_path, square, capsys):
     """Four for pictures but those of the course; as many as are asked for."""

@@ -99,6 +99,7 @@ def test_frames_of_such_names(monkeypatch, capsys, name, form):
     assert_harmless(re.sub(r"\r.*", "", capsys.readouterr().err))  # except the bar, which reports another size
 
 
+@pytest.mark.sampled
 def test_looking_into_such_names(monkeypatch, capsys, name):
     """Files and layers with such names."""
     layer = name if "\udce9" not in name else "R"

@@ -12,6 +12,7 @@ from clshade.scene.geometry import bounding_box, half_diagonal
 SMALL = ("render", "icosphere", "--resolution", "40,30", "--samples", "1")
 
 
+@pytest.mark.long
 @needs_device
 def test_it_darkens_and_stands_in_the_header(capsys, tmp_path):
     found = {}

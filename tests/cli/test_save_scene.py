@@ -12,6 +12,7 @@ import clshade
 from clshade import exr
 
 
+@pytest.mark.long
 @needs_device
 def test_the_scene_draws_the_same_picture(capsys, tmp_path):
     saved = tmp_path / "scene.json"
@@ -31,6 +32,7 @@ def test_the_scene_draws_the_same_picture(capsys, tmp_path):
         assert np.array_equal(channel.view(np.uint32), second[name].view(np.uint32)), name
 
 
+@pytest.mark.long
 @needs_device
 def test_a_scene_for_other_programs(capsys, tmp_path):
     saved = tmp_path / "scene.GLB"

@@ -25,6 +25,7 @@ def drawn(capsys, tmp_path, *options: str):
     return channels["G"], header["settings"], out
 
 
+@pytest.mark.long
 @needs_device
 def test_shadows_darken_and_stand_in_the_header(capsys, tmp_path):
     plain, without, _ = drawn(capsys, tmp_path)

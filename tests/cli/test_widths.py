@@ -6,6 +6,7 @@ import io
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from command_line import needs_device, run
 from hypothesis import given
 from hypothesis import strategies as st
@@ -152,6 +153,7 @@ def test_devices(monkeypatch, capsys):
         assert_fits(run(capsys, "devices", "--verbose")[1])
 
 
+@pytest.mark.long
 @needs_device
 def test_render(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -58,6 +58,7 @@ def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray,
     assert (frame["id"] > 0).mean() > least
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 @pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.long), 20, 200, 1e4])
 def test_render_object_is_the_oracles(device, shader, n):
@@ -66,6 +67,7 @@ def test_render_object_is_the_oracles(device, shader, n):
     assert_like_the_oracle(device, scene, shader, course.render_object(**arguments))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("count", range(5))
 def test_any_number_of_lights(shader, count):
@@ -75,6 +77,7 @@ def test_any_number_of_lights(shader, count):
     oracle_bounds.assert_colors_within(image[::-1].astype(np.float32), expected)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", SHADERS)
 def test_render_object_map_is_the_oracles(device, shader):
     texture = SCENE.meshes[0].material.texture
@@ -82,6 +85,7 @@ def test_render_object_map_is_the_oracles(device, shader):
     assert_like_the_oracle(device, SCENE, shader, course.render_object_map(**arguments))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("n", [1, 20, 200, 1e4])
 def test_cat(device, data_folder, n):
     """The course's own scene, with its vertex colors, and with its texels at the corners."""
@@ -96,6 +100,7 @@ def test_cat(device, data_folder, n):
 # Closed forms
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 def test_a_facing_quad_under_a_far_light(shader):
     """N.L = 1 everywhere: ka*Ia + Ip*kd over the background, on exactly its pixels."""
@@ -141,6 +146,7 @@ def test_the_nearer_triangle_and_of_equals_the_later():
         assert image[7, 8].argmax() == seen
 
 
+@pytest.mark.long
 def test_nothing_to_draw():
     for changes in (
         {"faces": np.zeros((3, 0), int)},
@@ -169,6 +175,7 @@ def figures(scene: Scene, shader: str) -> list[np.ndarray]:
     return images
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.long), 20])
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 def test_a_lights_color_shows_in_its_figure(shader, n):
@@ -193,6 +200,7 @@ def test_the_terms_add_up(shader):
 # Properties
 
 
+@pytest.mark.long
 @few
 @given(factor=st.floats(1e-3, 1e3), shader=st.sampled_from(["gouraud", "phong"]))
 def test_linear_in_the_intensity(factor, shader):

@@ -65,6 +65,7 @@ def test_integer_textures_are_divided_by_their_maximum():
     assert textured_quad(TEXELS.astype(np.float64)).max() > 200.0
 
 
+@pytest.mark.long
 def test_a_texture_replaces_the_color_and_lies_as_it_should():
     """Gouraud under a far light: ka*Ia + Ip*kd*texel at the corners, whose texels are those of the image."""
     texture_map = np.zeros((5, 7, 3))

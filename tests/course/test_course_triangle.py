@@ -49,6 +49,7 @@ def assert_drawn(found, expected) -> None:
     assert (error <= off).all(), (error / np.where(off > 0.0, off, 1.0)).max()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("count", range(5))
 def test_one_triangle(shader, count):
@@ -59,12 +60,14 @@ def test_one_triangle(shader, count):
     assert (before == X).all()
 
 
+@pytest.mark.long
 def test_a_glaring_corner_costs_the_others_no_digits():
     """Opposite a corner of 1e6, the bound is relative to the pixel's own color."""
     glaring = np.array([[1e6, 0.1, 0.5], [0.2, 1e6, 0.4], [0.3, 0.3, 1e6]])
     assert_drawn(draw("phong", verts_c=glaring), expect("phong", verts_c=glaring))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("n", [1, 200, 1e4])
 def test_exponents(shader, n):
@@ -114,6 +117,7 @@ def weights_of(verts_p: np.ndarray) -> np.ndarray:
     return weights
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("far", [1e5, 1e9, 1e38, 1e300])
 @pytest.mark.parametrize("shader", SHADERS)
 def test_corners_far_away(shader, far):
@@ -184,6 +188,7 @@ def test_lengths_of_normals():
         assert (draw("gouraud", verts_n=NORMALS * factor) == draw("gouraud")).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shader", [pytest.param("gouraud", marks=pytest.mark.long), "phong"])
 def test_zero_normals_and_left_out_components(shader):
     drawn = expect(shader)[2]

@@ -138,6 +138,7 @@ def test_the_sheets_show_every_figure(drawn, name, panels):
             assert np.array_equal(shown, sheet.reduced(png.read(path)))
 
 
+@pytest.mark.long
 def test_without_files_the_built_in_scene_is_drawn(tmp_path):
     done = run("demotmap.py", tmp_path, "--resolution", "48,40")
     assert done.returncode == 0, done.stderr
@@ -147,6 +148,7 @@ def test_without_files_the_built_in_scene_is_drawn(tmp_path):
     assert (figure[19] != 1.0).any(axis=2).mean() > 0.05
 
 
+@pytest.mark.long
 def test_outside_of_a_checkout(tmp_path, saved_course):
     """Copied elsewhere, a demo uses the installed clshade (here: the one on the path)."""
     (tmp_path / "demo.py").write_text((DEMOS / "demo.py").read_text())
@@ -157,6 +159,7 @@ def test_outside_of_a_checkout(tmp_path, saved_course):
     assert len(list((tmp_path / "made").glob("*.png"))) == 17
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("script", ["demo.py", "demotmap.py"])
 def test_help(script, tmp_path):
     done = run(script, tmp_path, "--help")
@@ -165,6 +168,7 @@ def test_help(script, tmp_path):
         assert option in done.stdout
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("script", "words", "part"),
     [
@@ -186,6 +190,7 @@ def test_bad_input_is_one_line(saved_course, script, words, part):
     assert lines[0].startswith(f"{script}: ")
 
 
+@pytest.mark.long
 def test_a_sheet_that_cannot_be_written_is_one_line(saved_course, tmp_path):
     (tmp_path / "demotmap.png").mkdir()
     done = run("demotmap.py", saved_course, "--out", str(tmp_path))
@@ -229,6 +234,7 @@ def test_the_terminator_without_its_softening_and_with_it(opened, tmp_path):
     assert (hard[230:] == 0).mean() > 0.1
 
 
+@pytest.mark.long
 def test_views_as_tensors(opened, tmp_path):
     """Of the libraries that are installed none copies."""
     done = run("tensors.py", tmp_path, "--views", "5", "--out", "new")
@@ -241,6 +247,7 @@ def test_views_as_tensors(opened, tmp_path):
     assert [line.split(": ")[1] in ("not installed", "shares the memory of rgba, Z, id") for line in told] == 3 * [True]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("script", ["gallery.py", "gltf_gallery.py", "shadow_terminator.py", "tensors.py"])
 def test_a_gallery_where_it_cannot_be_written(tmp_path, script):
     (tmp_path / "file").write_text("")

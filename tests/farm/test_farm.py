@@ -234,6 +234,7 @@ def test_the_readme_s_cameras(tmp_path):
 # Commands
 
 
+@pytest.mark.long
 @needs_device
 def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -337,6 +338,7 @@ def test_the_limit_of_a_frame_s_time_is_handed_on(capsys, monkeypatch):
     assert [options["frame_timeout"] for _, options in calls] == [None, 2.5]
 
 
+@pytest.mark.long
 @needs_device
 def test_a_frame_is_what_render_draws(tmp_path, capsys):
     """An eighth of a turn, and the first camera of a file, bit for bit."""
@@ -449,6 +451,7 @@ def test_flow_to_the_frames_beside(tmp_path, capsys):
         draw_frames(scene, {1: scene.camera}, str(tmp_path / "b#.exr"), flow=True, saving={"files": ["png"]})
 
 
+@pytest.mark.long
 @needs_device
 def test_tables_of_instances_beside_the_frames(tmp_path):
     scene = builtin("icosphere", resolution=(32, 24))

@@ -45,6 +45,7 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
         cluster.close()
 
 
+@pytest.mark.long
 def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
     """All frames are written, with the same files as by one process."""
     workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
@@ -125,6 +126,7 @@ def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATI
     return list(cluster_module.draw_on_cluster(given, listed, address, timeout))
 
 
+@pytest.mark.long
 def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, capsys, monkeypatch):
     with pytest.raises(InputError, match=r"expected workers within 5 s .*`dask worker tcp://.*found none$"):
         draw_all(cluster.address, job(), tasks(tmp_path), 5.0)
@@ -158,6 +160,7 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
         draw_all(cluster.address, job(), tasks(tmp_path, 2), 5.0)
 
 
+@pytest.mark.long
 def test_the_last_worker_and_then_the_scheduler_are_lost(tmp_path, cluster):
     for lost, text in (("worker", "no worker is left"), ("scheduler", "gone|no worker is left")):
         worker = cluster.worker()
@@ -191,6 +194,7 @@ def test_addresses_that_are_none(tmp_path, capsys, monkeypatch, address):
     assert "expected an address such as tcp://host:8786" in refused(capsys, address)[0]
 
 
+@pytest.mark.long
 def test_a_scheduler_that_cannot_be_reached(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with socket.socket() as nobody:

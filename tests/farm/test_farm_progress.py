@@ -85,6 +85,7 @@ def test_rates_are_in_frames_a_second():
     assert not any("frames/s" in line for line in Run(0, 90, 0, 0.0, 0.0, 0, 0, "a", "b").lines())
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -103,6 +104,7 @@ def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
     assert f"3/3 frames, {rate_text(found['frames_per_second'])}\n" in err
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 def test_no_other_command_s_bar_goes_to_a_log(capsys):
     assert main(["fuzz", "--scenes", "2", "--files", "2"]) == 0

@@ -76,6 +76,7 @@ def wait_until(condition: Callable[[], object], seconds: float = 180.0) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 def test_two_workers_one_of_which_is_killed(tmp_path, expected):
     found, killed = [], 0
     for each in draw_locally(job(), tasks(tmp_path), 2):
@@ -99,6 +100,7 @@ class Deadly:
         return os._exit, (7,)
 
 
+@pytest.mark.long
 def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
     good, *_ = tasks(tmp_path)
     bad = Task(2, Deadly(), tmp_path / "002")  # type: ignore[arg-type]
@@ -114,6 +116,7 @@ def written(folder: Path) -> dict[str, bytes]:
     return {name: data for name, data in contents(folder).items() if not name.startswith(".clshade-")}
 
 
+@pytest.mark.long
 def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, monkeypatch):
     monkeypatch.setattr(waiting, "SILENT", 0.5)
     found: list[DrawnFrame | Lost | Silent] = []
@@ -140,6 +143,7 @@ def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, 
     assert written(tmp_path) == expected
 
 
+@pytest.mark.long
 def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
     found: list[DrawnFrame | Lost | Silent] = []
     for each in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
@@ -157,6 +161,7 @@ def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
     assert not children()
 
 
+@pytest.mark.long
 def test_a_frame_in_which_workers_hang_is_given_up(tmp_path):
     bad = hanging(tasks(tmp_path, 2)[1])
     found: list[DrawnFrame | Lost | Silent] = []
@@ -185,6 +190,7 @@ def test_starting_does_not_count(tmp_path, monkeypatch):
     assert other.begin.call_args[0][0] is task
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("away", [0.0, 60.0])
 def test_time_in_which_this_process_was_stopped_does_not_count(tmp_path, monkeypatch, away):
     monkeypatch.setattr(waiting, "SILENT", 0.05)  # less than a worker takes to start
@@ -227,6 +233,7 @@ def draw_all(given: Job, listed: Iterable[Task]) -> None:
         pass
 
 
+@pytest.mark.long
 def test_errors_of_workers_name_the_frame(tmp_path):
     first, *_ = tasks(tmp_path)
     away = Task(3, first.camera, tmp_path / "none" / "003")
@@ -240,6 +247,7 @@ def test_errors_of_workers_name_the_frame(tmp_path):
     assert not children()
 
 
+@pytest.mark.long
 def test_leaving_early_ends_the_workers(tmp_path):
     results = draw_locally(job(), tasks(tmp_path), 2)
     next(results)
@@ -279,6 +287,7 @@ def under_way(folder: Path) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.sampled
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, number):
@@ -325,6 +334,7 @@ def blocked(pid: int) -> int:
     return int(status.split("SigBlk:")[1].split()[0], 16)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 def test_interrupts_wait_until_workers_have_started(tmp_path):
     """Otherwise an interrupt of the whole group, as by a terminal, prints a traceback of each worker's imports."""
@@ -336,6 +346,7 @@ def test_interrupts_wait_until_workers_have_started(tmp_path):
     assert (process.returncode, err) == (130, "clshade: interrupted\n")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 def test_a_run_says_that_a_worker_was_killed(tmp_path):
     process = start(tmp_path, "--frames", f"1..{5 * COUNT}")
@@ -351,6 +362,7 @@ def test_a_run_says_that_a_worker_was_killed(tmp_path):
     assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 5 * COUNT
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path):
     process = start(tmp_path, silent=0.5)

@@ -52,6 +52,7 @@ def same(one: str, other: str) -> None:
         np.testing.assert_array_equal(first[channel], second[channel])
 
 
+@pytest.mark.long
 @needs_device
 def test_flow_of_what_moves(folder, capsys):
     """The bar bends on from frame to frame; the flow to the one before leads the other way."""
@@ -68,6 +69,7 @@ def test_flow_of_what_moves(folder, capsys):
     assert ((there * back).sum(axis=-1) < 0.0)[moved].all()
 
 
+@pytest.mark.long
 @needs_device
 def test_frames_are_what_render_draws_at_their_times(folder, capsys):
     # Lights of a scene without any depend on its size, which is that of all frames.
@@ -119,6 +121,7 @@ def test_a_film_tells_poses_by_their_source(folder, capsys, monkeypatch):
     assert len({each for (each,) in plain}) == 3  # the first pose changes nothing in either
 
 
+@pytest.mark.long
 @needs_device
 def test_options_of_the_scene_hold_in_every_frame(folder, capsys):
     """The ground is below all frames; lights are those that were chosen."""
@@ -142,6 +145,7 @@ def test_options_of_the_scene_hold_in_every_frame(folder, capsys):
     assert (moved[0] != moved[1]).any()
 
 
+@pytest.mark.long
 @needs_device
 def test_several_processes_draw_the_same(folder, capsys):
     command = ("animate", "bar.glb", "--animation", "Bend", "--count", "3", *SMALL)

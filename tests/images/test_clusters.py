@@ -163,6 +163,7 @@ def test_a_figure_of_many_layers_has_few_crops():
     assert sum(map(len, found.values())) == compare_windows.MOST_CROPS
 
 
+@pytest.mark.long
 def test_the_picture_is_written(files, capsys):
     assert main(["compare", "b.exr", "a.exr", "-o", "d.png"]) == 0
     height = len(png.read("d.png"))  # of two layers, each with a crop of 3 inches, and their titles

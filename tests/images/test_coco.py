@@ -100,6 +100,7 @@ def test_pycocotools_reads_the_data_set(tmp_path, capsys):
     assert np.array_equal(found.annToMask(tail).astype(bool), INSTANCES == 7)
 
 
+@pytest.mark.long
 @needs_device
 def test_of_a_rendered_image(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -275,6 +275,7 @@ def test_what_both_images_have_is_compared(capsys):
     assert found["layers"]["N"]["maximum"] == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("partial")
 def test_a_regression_test_never_passes_without_a_layer(capsys):
     """Whichever image lacks it, unless the layers are named or there is no threshold."""
@@ -319,6 +320,7 @@ def test_pngs(tmp_path, capsys, monkeypatch):
 # The figure
 
 
+@pytest.mark.long
 def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
     code, _, err = run(capsys, "c.exr", "a.exr", "-o", "d.png")
     assert (code, err) == (0, ["clshade: wrote d.png"])
@@ -346,6 +348,7 @@ def test_a_color_means_the_same_in_both_images():
     assert np.abs(shown[0][128, 128] - shown[1][128, 128]).max() > 50
 
 
+@pytest.mark.long
 def test_of_many_layers_those_that_differ_are_shown(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(compare_figure.MOST + 10)}

@@ -114,6 +114,7 @@ def test_files_that_are_no_exr(tmp_path, capfd):
     assert "regular file" in bad(tmp_path / "pipe.exr", capfd)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("compression", exr.COMPRESSIONS)
 def test_truncated_files(path, capfd, compression):
     exr.write(path, noise((40, 9, 3)), compression=compression)
@@ -264,6 +265,7 @@ print(peak())
     assert float(done.stdout) < 300.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("names", [("R", "G", "B"), ("A",), ("x.Y",), ("Z", "N.X"), ("id",)])
 @pytest.mark.parametrize("compression", exr.COMPRESSIONS)
 def test_the_densest_files_are_read(path, compression, names):

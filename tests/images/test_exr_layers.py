@@ -54,6 +54,7 @@ def expected_plane(frame: Frame, channel: str) -> np.ndarray:
     return plane if plane.dtype == np.uint32 else plane.astype(np.float32)
 
 
+@pytest.mark.long
 def test_openexr_reads_the_layers(frame, window, tmp_path):
     import OpenEXR
 
@@ -136,6 +137,7 @@ def test_a_cropped_file_reads_as_the_whole_one(frame, window, tmp_path, half):
     assert (tmp_path / "True.exr").stat().st_size < (tmp_path / "False.exr").stat().st_size
 
 
+@pytest.mark.long
 def test_the_header_names_objects_and_materials(opened, tmp_path):
     named = replace(wedge(), name="Keil \u00e4", material=replace(wedge().material, name="T\u00f6n"))
     scene = Scene((dome(), replace(named, name=""), named), CAMERA)
@@ -161,6 +163,7 @@ def test_the_header_names_instances(opened, tmp_path):
     assert "instanceNames" not in exr.read(tmp_path / "a.exr")[1]
 
 
+@pytest.mark.long
 def test_what_is_not_cropped(opened, tmp_path):
     """A background that is not black is kept; a file with nothing in it keeps one pixel."""
     scene = Scene((wedge(),), CAMERA, background=(0.0, 0.1, 0.0))
@@ -176,6 +179,7 @@ def test_what_is_not_cropped(opened, tmp_path):
     assert np.isposinf(found["Z"]).all()
 
 
+@pytest.mark.long
 def test_values_beyond_half_are_warned_of(opened, tmp_path):
     frame = clshade.render(Scene((wedge(),), CAMERA), device=opened, layers=("P", "uv"))
     frame["uv"][3, 4] = 7e4, -7e4
@@ -194,6 +198,7 @@ def test_values_beyond_half_are_warned_of(opened, tmp_path):
         assert frame.save(tmp_path / "a") == []
 
 
+@pytest.mark.long
 def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
     from clshade.cli.main import main
 
@@ -211,6 +216,7 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
     assert "object_id" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_scene_is_read_back_as_it_was_drawn(opened, tmp_path):
     """Position, depth and camera of the file are consistent: the third coordinate of P times worldToCamera is Z."""
     clshade.render(mixed(), device=opened, layers=("Z", "P", "id")).save(tmp_path / "a")

@@ -23,6 +23,7 @@ def drawn():
     return figure
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", figures.FORMATS)
 def test_the_same_figure_gives_the_same_bytes(kind, tmp_path):
     for name in "ab":

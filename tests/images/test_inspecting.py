@@ -253,6 +253,7 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
     figure.savefig(tmp_path / "a.png")
 
 
+@pytest.mark.long
 def test_a_thousand_layers(tmp_path):
     """No more than fit into the figure; the number of omitted ones is reported."""
     channels = {f"L{k:04}": np.zeros((2, 200), np.float32) for k in range(1000)}

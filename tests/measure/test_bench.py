@@ -79,6 +79,7 @@ def test_a_scene_too_large_for_the_device_is_reported(opened):
     assert any(result.failed in line for line in tables.lines(made_up(result)))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
 def test_peaks(opened, changes):
     found = device_peaks.peaks(replace(opened, **changes))
@@ -90,6 +91,7 @@ def test_peaks(opened, changes):
     assert device_peaks.best(*several) == (2.0, 5.0, 6.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_process_of_its_own_tells_its_memory(opened):
     drawn = children.draw_apart("gouraud-pixels-fixed", opened.index, 1)
     assert drawn.resolution == (16, 16)

@@ -29,6 +29,7 @@ def opened_peer(name, scene):
 # Peers
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["llvmpipe", "numpy"])
 @pytest.mark.parametrize("make", SMALL.values(), ids=SMALL)
 def test_peers_draw_the_same_picture(opened, name, make):
@@ -42,6 +43,7 @@ def test_peers_draw_the_same_picture(opened, name, make):
     peer.close()
 
 
+@pytest.mark.long
 def test_the_textured_peer(opened):
     scene = thing(96, level=3, textured=True)
     peer = opened_peer("llvmpipe", scene)

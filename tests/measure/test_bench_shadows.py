@@ -227,6 +227,7 @@ def measured(opened, monkeypatch, ours=(), theirs=()):
     )
 
 
+@pytest.mark.long
 def test_answers_are_compared(opened, monkeypatch):
     found = measured(opened, monkeypatch)
     assert [each.many for each in found.lights] == [1, 16, 16]
@@ -239,6 +240,7 @@ def test_answers_are_compared(opened, monkeypatch):
     assert found.passed
 
 
+@pytest.mark.long
 def test_wrong_answers_are_found(opened, monkeypatch):
     found = measured(opened, monkeypatch, theirs=range(100, 160))
     assert found.passed
@@ -248,18 +250,21 @@ def test_wrong_answers_are_found(opened, monkeypatch):
     assert found.lights[0].answers == Answers(2, 2, 0, 2, 0, shadows.AGREED, 0)
 
 
+@pytest.mark.long
 def test_rays_that_both_answer_wrongly_are_found(opened, monkeypatch):
     found = measured(opened, monkeypatch, ours=range(300), theirs=range(300))
     assert not found.passed
     assert 0 < found.lights[0].answers.both_wrong < shadows.AGREED
 
 
+@pytest.mark.long
 def test_no_more_rays_are_decided_than_allowed(opened, monkeypatch):
     monkeypatch.setattr(shadows, "DISPUTED", 10)
     decided = measured(opened, monkeypatch, theirs=range(100)).lights[0].answers
     assert (decided.differ, decided.checked, decided.theirs_wrong) == (100, 10, 10)
 
 
+@pytest.mark.long
 def test_without_embree(opened, monkeypatch):
     def missing(verts, faces):
         raise MissingPeer("embree: not here")
@@ -271,6 +276,7 @@ def test_without_embree(opened, monkeypatch):
     assert found.passed
 
 
+@pytest.mark.long
 def test_embree_agrees_but_for_proven_errors(opened):
     pytest.importorskip("embreex")
     scene = knot(2000, (96, 72))
@@ -285,6 +291,7 @@ def test_embree_agrees_but_for_proven_errors(opened):
         assert 0.02 < np.mean(dark) < 0.5
 
 
+@pytest.mark.long
 def test_our_kernel_answers_exactly(opened, monkeypatch):
     monkeypatch.setattr(shadows, "BUILDS", 1)
     workload = ShadowWorkload("knot", "", lambda: knot(600, (48, 36)), 2.0)

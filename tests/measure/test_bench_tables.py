@@ -160,6 +160,7 @@ def small_workloads(monkeypatch):
     monkeypatch.setattr(bench, "NAMES", (*(each.name for each in made), starting.NAME))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("small_workloads")
 def test_the_command_writes_all(opened, capsys, tmp_path):
     command = ("bench", "object", "knot", "--device", opened.index, "--frames", "2", "--peers", "numpy")
@@ -179,6 +180,7 @@ def test_the_command_writes_all(opened, capsys, tmp_path):
     assert opened.title in (tmp_path / "b.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("small_workloads")
 def test_what_fails_late_loses_nothing(opened, monkeypatch):
     def fail(*_):
@@ -193,6 +195,7 @@ def test_what_fails_late_loses_nothing(opened, monkeypatch):
     assert set(found.failed) <= set(tables.lines(found))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("small_workloads")
 def test_the_command_line(opened, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)

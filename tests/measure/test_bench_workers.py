@@ -17,6 +17,7 @@ from clshade.measure.bench import workers
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 
 
+@pytest.mark.long
 @needs_device
 def test_two_processes_against_one(tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "RESOLUTION", (32, 24))

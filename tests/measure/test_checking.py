@@ -293,6 +293,7 @@ def cut_out(orthographic: bool) -> Scene:
     return Scene((mesh,), camera, scenes.teapot(3).lights)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("orthographic", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_textures_alpha_tests_and_projections(device, orthographic):
     frame = clshade.render(cut_out(orthographic), device=device, layers=LAYERS)

@@ -232,6 +232,7 @@ def test_the_summary_names_causes_that_add_to_the_error(gathered):
 # Comparisons
 
 
+@pytest.mark.long
 def test_a_triangle_that_painters_order_shows_wrongly(opened, monkeypatch):
     """A long triangle leans away: its mean depth is less than that of a small one, which is nearer where both are."""
     long = [[-3.0, -1.0, 8.0], [-3.0, 1.0, 8.0], [3.0, 0.0, -4.0]]

@@ -51,6 +51,7 @@ def decomposed(studied, device, settings):
 # Models
 
 
+@pytest.mark.long
 def test_model_errors_hold_no_aliasing(device):
     """They are differences of images with the same samples: 0 for the same model, whatever its samples, and all of the
     difference between two flat colors."""
@@ -71,6 +72,7 @@ def test_model_errors_hold_no_aliasing(device):
     assert np.array_equal(models.difference(gouraud), expected[0] - expected[1])
 
 
+@pytest.mark.long
 def test_a_model_takes_the_named_fields_only(studied):
     course = Settings.from_preset("course")
     *_, models = studied
@@ -84,6 +86,7 @@ def test_a_model_takes_the_named_fields_only(studied):
 # The parts
 
 
+@pytest.mark.long
 def test_the_parts_add_up(device, studied):
     """From the image of a finer shape to the PNG; each part's share of both totals."""
     scene, converged, models = studied
@@ -105,6 +108,7 @@ def test_the_parts_add_up(device, studied):
     assert errors["light at the centroid"] > errors["painter's order"] == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "cause"),
     [

@@ -183,6 +183,7 @@ def test_every_feature_is_left_out():
     assert {name for names in LEFT_OUT_AT_CORNERS for name in names} == OF_CORNERS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("shader", "names"),
     long_but_first([*(("phong", names) for names in LEFT_OUT), *(("gouraud", names) for names in LEFT_OUT_AT_CORNERS)]),
@@ -244,6 +245,7 @@ def test_features_that_are_not_needed_change_no_bit(device, names, shader, neede
     assert lean.alpha.mean() > 0.2
 
 
+@pytest.mark.long
 def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
     """Forced on white triangles, anything not white is visible: this is how the tests above can fail."""
     lean = draw(device, plain_scene(), shader="nolight")
@@ -254,6 +256,7 @@ def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
     assert (grey.rgb[covered] == 0.5).all()
 
 
+@pytest.mark.long
 def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
     """Ten normals and one texture coordinate, each with indices, in a mesh of 90 vertices that is lit and textured only
     because these features are forced."""
@@ -322,6 +325,7 @@ def test_images_that_differ_are_a_failure(device, monkeypatch):
     assert "FAILED" in "\n".join(found.lines())
 
 
+@pytest.mark.long
 def test_where_all_that_phong_has_is_needed_that_of_pbr_is_left_out(device):
     options = {"layers": ("Z",), "texture_filter": "trilinear", "visibility": "painter", "scalars": "data"}
     options |= {"shadows": True, "ambient_occlusion": 2}
@@ -349,6 +353,7 @@ def test_work_that_the_view_and_the_settings_do_without(device):
     assert unneeded["tiles"] == "12 of 12 hold no triangle"
 
 
+@pytest.mark.long
 def test_what_the_course_preset_does_without(device):
     frame = draw(device, plain_scene(), preset="course", shader="nolight")
     found = feature_savings._unneeded(frame)
@@ -420,6 +425,7 @@ def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatc
 # The command line
 
 
+@pytest.mark.long
 @needs_device
 def test_explain_is_printed_after_the_summary(tmp_path, capsys):
     code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")

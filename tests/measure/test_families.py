@@ -55,6 +55,7 @@ def of(found, measured):
     return {each.name: each for each in replace(found, measured=tuple(measured)).families}
 
 
+@pytest.mark.long
 def test_the_slope_of_sampling_is_of_errors_that_the_reference_is_good_enough_for(found):
     known = found.reference.error
     errors = {1: 64.0 * known, 4: 16.0 * known, 16: 4.0 * known, 64: 0.9 * known}
@@ -99,6 +100,7 @@ def under_a_panel() -> Scene:
     return Scene(meshes, camera, (panel,))
 
 
+@pytest.mark.long
 def test_errors_of_light_points_fall_as_theory_says(device):
     """Edges of the square, which the camera does not see, cut the light; measured: the power -0.93."""
     scene = under_a_panel()
@@ -111,6 +113,7 @@ def test_errors_of_light_points_fall_as_theory_says(device):
     assert RayCountErrors(dark, device).error(frame, "light_samples") is None
 
 
+@pytest.mark.long
 def test_errors_of_occlusion_rays_fall_as_theory_says(device):
     """Of a floor below a square, both seen from the side: measured: the power -0.72."""
     camera = Camera((0.0, 0.6, 3.0), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (24, 24))

@@ -33,6 +33,7 @@ def listed(failures):
 # Scenes
 
 
+@pytest.mark.long
 def test_scenes(device):
     assert listed(fuzz.scene_failures(device, range(SCENES))) == ""
 
@@ -94,6 +95,7 @@ def test_a_number_is_a_scene():
     assert kind_of(0, 3) == kind_of(0, 3 + KINDS) != kind_of(0, 4)
 
 
+@pytest.mark.long
 def test_scenes_are_of_all_sorts():
     kinds = [kind_of(0, block) for block in range(KINDS)]
     for name in (
@@ -139,6 +141,7 @@ def test_scenes_are_of_all_sorts():
     assert {0.0, 1.0, 1e9} <= exponents
 
 
+@pytest.mark.long
 def test_even_numbers_are_stiffer():
     """Each extreme occurs, and none in scenes with odd numbers, which stay unchanged."""
     drawn = [scene_of(number) for number in range(0, 600, 2)]
@@ -166,6 +169,7 @@ def test_even_numbers_are_stiffer():
     assert max(max(camera.principal) for camera in odd) < 1.31
 
 
+@pytest.mark.long
 def test_a_block_shares_its_program():
     """Or two: a rare scene may need fewer features, for example if all colors of a mesh are white."""
     masks, bright = 0, set()
@@ -265,6 +269,7 @@ def test_bits_of_layers_are_compared(opened):
     assert fuzz.different_bits(frame, frame) == ""
 
 
+@pytest.mark.long
 def test_what_is_excepted_is_counted(opened):
     """Two coplanar squares, seen from the front: either may own a pixel."""
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
@@ -351,6 +356,7 @@ def test_every_sample_is_valid(tmp_path):
         assert scene.face_count > 0
 
 
+@pytest.mark.long
 def test_files():
     assert listed(fuzz.file_failures(range(200))) == ""
 
@@ -361,6 +367,7 @@ def test_many_files():
     assert listed(fuzz.file_failures(range(MANY))) == ""
 
 
+@pytest.mark.long
 def test_damage_is_done_and_refused(monkeypatch):
     """Damaged files differ from the samples, and most but not all of them are refused."""
     every, refused = samples(), 0
@@ -420,6 +427,7 @@ def test_what_is_slow_large_or_hangs_is_found(monkeypatch):
     assert "took more than 0.05 s" in file_mutations.problem(3)
 
 
+@pytest.mark.long
 def test_pickles_that_take_long_are_found(monkeypatch):
     """With an interpreter that hashes any key in the file, as Python's own does: 2^22 steps and more."""
 

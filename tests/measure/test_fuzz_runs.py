@@ -14,6 +14,7 @@ from clshade.measure.fuzz import campaign, file_mutations, fuzz
 from clshade.measure.fuzz.fuzz import Tally
 
 
+@pytest.mark.long
 def test_run_and_exit_codes(monkeypatch, capsys, opened):
     arguments = ["fuzz", "--scenes", "3", "--files", "5", "--device", opened.index]
     assert main(arguments) == 0

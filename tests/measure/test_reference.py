@@ -36,6 +36,7 @@ def area(scene: Scene) -> float:
     return abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay)) / 2.0
 
 
+@pytest.mark.long
 def test_the_reference_approaches_the_covered_area(device):
     scene = triangle()
     found = reference(scene, base_settings(scene), device)
@@ -46,6 +47,7 @@ def test_the_reference_approaches_the_covered_area(device):
     assert 0.0 < found.error < 0.02
 
 
+@pytest.mark.long
 def test_more_samples_are_nearer_to_the_reference(device):
     """Low-discrepancy points give an edge pixel's coverage to about samples^-0.75: 1/23 from 1 to 64."""
     scene = triangle()

@@ -235,6 +235,7 @@ def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
     assert figure.size(np.full((3, 4, 3), [0.0, 0.25, -0.5])) == pytest.approx(np.full((3, 4), 0.5))
 
 
+@pytest.mark.long
 def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
     monkeypatch.setattr(figure, "DPI", 60)
     several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
@@ -250,6 +251,7 @@ def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
     assert png.read(tmp_path / "a.png").std() > 20.0
 
 
+@pytest.mark.long
 def test_the_figure_of_one_way(found, recwarn):
     """Drawn once, with the reference's error, and none of its arithmetic."""
     (one,) = made_up(found, [(2.0, found.reference.error)]).measured

@@ -40,6 +40,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(short_study, "FRAMES", 2)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_render_obeys(device, capsys, tmp_path):
     """The image is written with the settings chosen for the limit."""
@@ -283,6 +284,7 @@ def test_the_windows_are_the_image(device, name):
     assert np.array_equal(same.chances, windows.chances)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("thin")
 def test_the_estimate_is_unbiased(monkeypatch):
     """Over many seeds the mean squared error is that of the image; a large mesh has few windows."""

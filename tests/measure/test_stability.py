@@ -56,6 +56,7 @@ def cases() -> list:
     return [pytest.param(case, id=name, marks=[pytest.mark.long] * case.slow) for name, case in CASES.items()]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", cases())
 def test_every_case_passes(device, case, tmp_path):
     outcome = case.run(Bench(device, tmp_path, triangles=TRIANGLES))
@@ -63,6 +64,7 @@ def test_every_case_passes(device, case, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", cases())
 def test_every_case_can_fail(device, case, tmp_path):
     """An image wrong in one pixel, light off by a quarter, a texel by 1e-5, a file by 1: found by the cases
@@ -120,6 +122,7 @@ def test_the_worst_of_several():
     assert bench_module.worst([wrong, off, wrong]).wrong == 6
 
 
+@pytest.mark.long
 def test_naive_forms_are_worse(device, tmp_path):
     """The baselines of the figure are as described: wrong where float32 is, correct elsewhere."""
     bench = Bench(device, tmp_path)

@@ -116,6 +116,7 @@ PLANTED = {
 LONG = (large_exponent, exponent_below_one, far_texture)  # they need programs of their own
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "plant",
     [pytest.param(plant, marks=pytest.mark.long) if plant in LONG else plant for plant in PLANTED],
@@ -165,6 +166,7 @@ def calm_frame(device):
     return render(scene, settings=replace(STANDARD, layers=("Z", "id")), device=device)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shader", ["phong", "gouraud"])
 @pytest.mark.parametrize("precision", ["float32", "fast", "float64"])
 def test_the_factors_make_the_bound(calm_frame, shader, precision):
@@ -206,6 +208,7 @@ def test_the_maps_are_those_of_the_oracle(device):
     assert known[-1] == pytest.approx(found.worst[0].kappa)
 
 
+@pytest.mark.long
 def test_a_light_exactly_at_a_visible_point(device):
     """There kappa and what is expected are infinite; it is the worst pixel, and the light's doing."""
     mesh = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]], material=CALM)
@@ -332,6 +335,7 @@ def test_float64_gains_digits(device):
 # Files and figures
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("coarse_figures")
 def test_files(device, tmp_path):
     text = io.StringIO()
@@ -394,6 +398,7 @@ def test_the_command(capsys, tmp_path):
     assert json.loads((tmp_path / "o" / "stability.json").read_text())["settings"]["precision"] == "float32"
 
 
+@pytest.mark.long
 @needs_device
 @pytest.mark.usefixtures("coarse_figures")
 def test_nothing_visible(capsys, tmp_path):
@@ -406,6 +411,7 @@ def test_nothing_visible(capsys, tmp_path):
     assert (tmp_path / "stability.png").stat().st_size > 1000
 
 
+@pytest.mark.long
 @needs_device
 @pytest.mark.usefixtures("coarse_figures")
 def test_an_image_of_one_pixel(capsys, tmp_path):
@@ -414,6 +420,7 @@ def test_an_image_of_one_pixel(capsys, tmp_path):
     assert len(json.loads((tmp_path / "stability.json").read_text())["worst"]) == 1
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_figures")
 def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch, device):
     spoiled(monkeypatch, 3, 3, 1.0)

@@ -70,6 +70,7 @@ def assert_equals_oracle(frame: Frame) -> Any:
 # Closed forms
 
 
+@pytest.mark.long
 def test_an_open_plane_is_open(device):
     """Neighbors in a plane do not hide its light: not at any number of rays, whose reciprocals are rounded."""
     for rays in (1, 3, 49):
@@ -199,6 +200,7 @@ CASES = {
 EVERY_DAY = ("phong", "gouraud", "environment", "glass")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in CASES]
 )
@@ -233,6 +235,7 @@ def test_an_error_is_noticed(device):
 # Bits
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", [1, 4, 8])
 def test_lanes_do_not_change_a_bit(device, lanes):
     scene = glass(in_an_environment(scene_of()))
@@ -251,6 +254,7 @@ def test_without_it_nothing_changes(device):
     assert same_bits(plain, forced)
 
 
+@pytest.mark.long
 def test_lights_cast_shadows_only_if_they_are_asked_for(device):
     """Rays need what casts shadows; without them lights arrive everywhere, even if the feature of shadows is forced on."""
     dark = replace(scene_of(), ambient=0.0)

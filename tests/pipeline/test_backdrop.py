@@ -105,6 +105,7 @@ def test_a_mirror_shows_what_the_background_shows_in_the_reflected_direction(up)
 # Frames
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("drawn", "options"),
     [

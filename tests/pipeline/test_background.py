@@ -47,6 +47,7 @@ def test_straight_alpha():
     }
 
 
+@pytest.mark.sampled
 @needs_device
 @pytest.mark.parametrize("samples", [1, 4])
 def test_images_over_nothing_and_over_a_color(samples, tmp_path):
@@ -87,6 +88,7 @@ def test_the_command_line(tmp_path, capsys):
         assert f"argument {option}: expected a name such as white, #rrggbb (sRGB), or three linear" in lines[0]
 
 
+@pytest.mark.long
 @needs_device
 def test_sheets_stand_on_white_and_films_keep_alpha_where_they_can(tmp_path, capsys):
     sheet = draw_sheet(SMALL, ("front",), background=None, **UNLIT)
@@ -103,6 +105,7 @@ def test_sheets_stand_on_white_and_films_keep_alpha_where_they_can(tmp_path, cap
         assert alpha == 0 or corner[:3] == (0, 0, 0)
 
 
+@pytest.mark.long
 @needs_device
 def test_the_colorbar_beside_an_image_over_nothing(tmp_path):
     scene = replace(SMALL, meshes=[replace(mesh, scalars={"h": mesh.verts[:, 1]}) for mesh in SMALL.meshes])

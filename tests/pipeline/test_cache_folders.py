@@ -144,6 +144,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize(
     ("call", "at"), [("list", ""), ("list", "0:0"), ("list", "1:0"), ("open", ""), ("open", "0:0")]

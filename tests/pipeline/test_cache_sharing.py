@@ -116,6 +116,7 @@ sys.stdin.readline()
 """
 
 
+@pytest.mark.long
 def test_processes_that_run_at_once(tmp_path, opened):
     """The second process draws without compiling what the first, which still runs, has compiled."""
     if not opened.keeps_programs:

@@ -57,6 +57,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
 # Time
 
 
+@pytest.mark.long
 def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[tuple[str, bool]], opened: Device) -> None:
     start = time.perf_counter()
     with Renderer(SCENE, device=opened, resolution=(32, 24)) as renderer:
@@ -72,6 +73,7 @@ def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[tuple[str, bool
     assert "build" not in first["times_ms"]
 
 
+@pytest.mark.long
 def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], opened: Device) -> None:
     """A camera among the triangles needs a kernel that the previous frame did not."""
     scene = clshade.builtin("torus_knot")
@@ -87,6 +89,7 @@ def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], op
     assert again["build_ms"] == 0.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize(("stored", "compiled"), [(False, True), (True, True), (True, False)])
 @pytest.mark.parametrize("level", [console.NORMAL, console.QUIET])
@@ -134,6 +137,7 @@ def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> No
 # Marks
 
 
+@pytest.mark.long
 def test_the_mark_is_there_at_each_first_use_alone(calls: list[tuple[str, bool]], opened: Device) -> None:
     if environment.prepare().lock is None:
         pytest.skip("a folder that nobody finds again has no mark")
@@ -148,6 +152,7 @@ def test_the_mark_is_there_at_each_first_use_alone(calls: list[tuple[str, bool]]
     assert len(calls) > len(used)
 
 
+@pytest.mark.long
 def test_a_kernel_for_wide_grids_is_another(calls: list[tuple[str, bool]], opened: Device) -> None:
     features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
     stages = Stages(opened, programs.build(opened, features, ("layers.cl",)))

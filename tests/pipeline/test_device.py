@@ -112,6 +112,7 @@ def test_open_device_runs_a_kernel(opened: device.Device) -> None:
     assert event.profile.end >= event.profile.start > 0
 
 
+@pytest.mark.long
 def test_pyopencl_keeps_no_caches_of_its_own(opened: device.Device, tmp_path: Path) -> None:
     """They are shared with other programs, and a damaged one would end every run. The user can turn them on."""
     code = f"""
@@ -175,6 +176,7 @@ def test_faults(code: str, fault: str, fresh_cache: Path, monkeypatch: pytest.Mo
     assert probe.recall(POCL) is False
 
 
+@pytest.mark.long
 def test_real_probe_finds_that_the_device_works(opened: device.Device, fresh_cache: Path) -> None:
     calls: list[str] = []
     first = device.open_device(opened.index, meanwhile=lambda d: calls.append(d.index))
@@ -278,6 +280,7 @@ def test_failing_meanwhile(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -
         device.open_device("", meanwhile=fail)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not PYPI_POCL, reason="this is not PyPI's PoCL")
 def test_pocl_without_a_linker(homeless: tuple[Path, str]) -> None:
     # Neither the verdict nor a compiled kernel in the cache may hide that the linker is gone.
@@ -328,6 +331,7 @@ def test_no_advice_names_a_package_that_is_not_published() -> None:
         assert "clshade[" not in path.read_text(), path
 
 
+@pytest.mark.long
 def test_list_and_format_devices(opened: device.Device, fresh_cache: Path) -> None:
     infos = device.list_devices()
     working = [info for info in infos if info.works]

@@ -256,6 +256,7 @@ def test_a_side_that_is_not_drawn_is_occluded(opened):
         assert_oracles(frame, found)
 
 
+@pytest.mark.long
 def test_a_square_that_is_not_drawn_hides_nothing(opened):
     """One whose back is culled, one through which layers look, and one nearer than the near plane."""
     far = square(2.0, -4.0)

@@ -81,6 +81,7 @@ def test_world_positions_are_aligned_too(device):
         assert all(renderer.render()["P"].ctypes.data % 64 == 0 for _ in range(3))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["rgba", *LAYERS])
 def test_memory_that_a_capsule_holds_is_not_recycled(renderer, name):
     """Once the frame is gone, a consumer of DLPack is all that refers to it; when that goes too, the next frame takes it."""

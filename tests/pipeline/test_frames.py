@@ -76,6 +76,7 @@ def combinations() -> list[Any]:
     return [pytest.param(*case, marks=[] if case in EVERY_DAY else pytest.mark.long) for case in here]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "preset", "shader"), combinations())
 def test_built_in_scenes_equal_the_oracle(device, name, preset, shader):
     """Measured: at most 3 of the 32 bounds allowed (clshade/measure/README.md, "Bounds, and where they come from")."""
@@ -95,12 +96,14 @@ def with_exponent(scene: Scene, n: float) -> Scene:
 GOURAUD_LONG = ["phong", pytest.param("gouraud", marks=pytest.mark.long)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shader", GOURAUD_LONG)
 def test_exponents(device, shader):
     for n in EXPONENTS:
         assert_equals_oracle(draw(device, with_exponent(scene_of("course"), n), shader=shader))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shader", GOURAUD_LONG)
 def test_the_course_file(device, data_folder, shader):
     """The course's own scene, with every exponent."""
@@ -150,6 +153,7 @@ def assert_background(frame: Frame) -> None:
     assert (frame["Z"] == np.inf).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("resolution", [(61, 61), (1, 1), (1, 7), (17, 33), (333, 1), (16384, 2)])
 def test_odd_sizes(device, preset, resolution):
@@ -179,6 +183,7 @@ def test_a_crop_is_that_part_of_the_whole(device, preset):
         assert np.array_equal(frame["Z"], whole["Z"][cut])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("preset", PRESETS)
 def test_offset_and_scale(device, preset):
     """The whole scene at +1e6 (its vertices on a grid exact in float64 there) and at scales from 1e-20 to 1e20: the
@@ -256,6 +261,7 @@ def test_a_floor_to_the_horizon(device, preset):
     assert_equals_oracle(frame)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_clipped_surfaces_that_float32_hardly_tells_apart(device, orthographic):
     """Two floors through the near plane, or two walls beyond the guard band, that intersect at an angle of 2^-25: the
@@ -286,6 +292,7 @@ def test_a_triangle_far_larger_than_the_screen(device, preset, far):
     assert_equals_oracle(frame)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
     """A triangle out to 1e20, 1e36, 1e100 among the others: its coverage is the oracle's, and no digit is lost beside
@@ -304,6 +311,7 @@ def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
 # Light and background
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", COURSE_LONG)
 def test_without_lights_and_background(device, preset):
     """Only ambient light is left; in the background rgb and alpha are 0. A black light counts as none."""
@@ -321,6 +329,7 @@ CAMERAS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("camera", "shader"),
     [
@@ -386,6 +395,7 @@ def test_lanes_change_no_bit(device, lanes):
     assert same_bits(frame, draw(device, scene, shader="phong", lanes=16))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [8, pytest.param(32, marks=pytest.mark.long)])
 def test_the_tile_size_changes_no_bit(device, monkeypatch, size):
     """This also shows that no kernel hard-codes the host's number."""

@@ -108,6 +108,7 @@ def lights_for(mesh: Mesh) -> list[Array]:
     return [np.array(light) for light in lights]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 def test_the_same_as_one_by_one(device, mesh):
     hierarchy = Hierarchy(device, *mesh)
@@ -133,6 +134,7 @@ def test_points_on_borders_are_dark_where_their_faces_are(device, name):
         assert (on_border != on_face).mean() < 0.02  # light along a surface: P is rounded
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distance", [1e-8, 1e-9, 1e-10, 1e-11])
 def test_lights_next_to_receivers(device, distance):
     """A triangle halfway to a light that is at the receivers as far as float32 tells, with any number of lanes."""

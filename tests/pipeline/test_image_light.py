@@ -103,6 +103,7 @@ def test_the_same_bits_with_any_number_of_lanes_and_all_features(device):
     assert len({digest(frame) for frame in (*frames, draw(device, scene))}) == 1
 
 
+@pytest.mark.long
 def test_left_out_without_an_environment_at_no_difference(device):
     lamp = {"lights": PointLight((2, 3, 4)), "ambient": 0.1}
     plain, black = ball(0.4, 0.5, None, **lamp), ball(0.4, 0.5, Environment(np.zeros((1, 1, 3))), **lamp)
@@ -113,6 +114,7 @@ def test_left_out_without_an_environment_at_no_difference(device):
     assert ignored(other, Settings()) == ("the environment, which only shader pbr shows",)
 
 
+@pytest.mark.long
 def test_an_environment_alone_needs_no_shadows(device):
     """The preset has them; without lights neither kernels nor bits know of that."""
     scene = ball(0.4, 0.5, Environment(IMAGE))
@@ -123,6 +125,7 @@ def test_an_environment_alone_needs_no_shadows(device):
     assert len({digest(frame) for frame in frames}) == 1
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("roughness", [0.0, 0.2, 0.5, 1.0])
 def test_a_white_furnace_loses_what_single_scattering_loses(device, roughness):
     frame = draw(device, ball(roughness, 1.0, WHITE, color=1.0), layers=("Z", "id", "N", "P"))

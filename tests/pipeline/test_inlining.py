@@ -77,6 +77,7 @@ def test_no_kernel_of_any_kind_calls_a_builtin_function(tmp_path: Path, opened: 
     assert not any(calls.values()), calls
 
 
+@pytest.mark.long
 def test_calls_are_found(tmp_path: Path, opened: Device) -> None:
     """A function for a CPU without fma inlines none of the library's, which is compiled for this one."""
     assert any("_cl_fma" in name for name in compiled(CALLING, tmp_path, opened).get("calling", []))

@@ -67,6 +67,7 @@ def assert_alike(frames: list[Frame]) -> None:
         assert {name: other.stats[name] for name in COUNTS} == {name: copies.stats[name] for name in COUNTS}
 
 
+@pytest.mark.long
 def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
     """Textures, colors, two-sided faces, mirrored placements, meshes with a single instance, clipped faces.
 

@@ -82,6 +82,7 @@ PASS_OR_FAIL = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", PASS_OR_FAIL)
 def test_cells_pass_and_notice_wrong_settings(drawn, name):
     """In the file with wrong settings no cell passes: each is able to fail."""

@@ -58,6 +58,7 @@ def far(reach: float, count: int = 12) -> np.ndarray:
 SIZES = [((8, 4), 2.0**22), ((4, 1024), 2.0**15)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("wrap", ["repeat", "mirror", ("clamp", "repeat")], ids=str)
 @pytest.mark.parametrize(("shape", "reach"), SIZES, ids=["few-texels", "many"])
 def test_far_coordinates(device, shape, reach, wrap):

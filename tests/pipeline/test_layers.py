@@ -53,6 +53,7 @@ LONG = ("trilinear, several samples", "orthographic", "fast", "float64", "float6
 ALONE = ("Z", "id", "N", "uv", "material_id")  # each but the numbers needs a program
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
 def test_layers_are_the_oracles(device, case):
     scene, preset, options = CASES[case]
@@ -94,6 +95,7 @@ def test_the_scene_has_of_everything(device):
     assert not frame["uv"][frame["object_id"] == 4].any()
 
 
+@pytest.mark.long
 def test_normals_of_a_two_sided_material_are_turned_round(device):
     """Exactly where the mesh is seen from behind."""
     two, one = (
@@ -107,6 +109,7 @@ def test_normals_of_a_two_sided_material_are_turned_round(device):
     assert np.array_equal(two["id"], one["id"])
 
 
+@pytest.mark.long
 def test_a_square_in_closed_form(device):
     """A square of two triangles, seen obliquely: each layer is a function of the position on it."""
     square = Mesh(
@@ -152,6 +155,7 @@ def test_corners_and_weights_give_the_other_layers(device):
     assert np.abs(points - frame["P"][shown]).max() <= 2.0**-20
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("preset", "options"),
     [
@@ -166,6 +170,7 @@ def test_albedo_is_the_image_without_light(device, preset, options):
     assert np.array_equal(frame["albedo"].view("u4"), unlit.rgb.copy().view("u4"))
 
 
+@pytest.mark.long
 def test_positions_far_from_the_origin(device):
     """Float64: a scene moved by 2^30 has the same image; float32 values are 64 apart there."""
     needs_float64(device)
@@ -188,6 +193,7 @@ def test_positions_far_from_the_origin(device):
 # Only requested layers
 
 
+@pytest.mark.long
 def test_the_image_does_not_depend_on_the_layers(device):
     """Neither its bits nor its program."""
     scene = mixed()
@@ -203,6 +209,7 @@ def test_the_image_does_not_depend_on_the_layers(device):
     assert not {"surface_layers", "layer_object_id"} & set(fewer.stats["times_ms"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [name if name in ALONE else pytest.param(name, marks=pytest.mark.long) for name in LAYERS]
 )
@@ -226,6 +233,7 @@ def test_programs_know_which_layers_are_asked_for(device):
 DETAILED = {"precision": "float64", "texture_filter": "trilinear"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("lanes", "options"),
     [
@@ -259,6 +267,7 @@ def test_each_frame_has_its_own_arrays(device):
     assert (second["N"] != first["N"]).any()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("meshes", [(), (Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)),)])
 def test_a_scene_of_nothing(device, meshes):
     frame = draw(device, Scene(meshes, CAMERA))

@@ -41,6 +41,7 @@ def single(probe, name: str, count: int, dtype: type = np.int32) -> list:
     return probe(name, np.zeros(64, np.float32), dtype=dtype)[:count].tolist()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("kind", "name"), EACH)
 def test_sizes_and_offsets(probes, kind, name):
     dtype = STRUCTS[kind][name]

@@ -43,6 +43,7 @@ GLARING = [[1e6, 0.1, 0.5], [0.2, 1e6, 0.4], [0.3, 0.3, 1e6]]
 MIXED = [[-1e6, 0.5, 1e4], [0.5, 1e6, -3.0], [0.7, -1e6, 0.1]]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("colors", [GLARING, MIXED], ids=["positive", "of both signs"])
 @pytest.mark.parametrize(
     "options",
@@ -80,6 +81,7 @@ def test_glaring_corners_of_many_small_triangles(device):
     assert found.passed, found.lines()
 
 
+@pytest.mark.long
 def test_glaring_texels_at_the_corners(device):
     image = np.ones((2, 2, 3))
     image[0, 0] = 1e6
@@ -135,6 +137,7 @@ def grazed(n: float = 0.0, height: float = 1e-7, *, orthographic: bool = False) 
     return Scene((mesh,), camera, (PointLight(at + height * normal, (1, 1, 1)),), np.full(3, 0.5))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("shader", "n", "orthographic"),
     [("phong", 0.0, False), ("phong", 0.3, True), ("phong", 20.0, False), ("gouraud", 0.0, False)],

@@ -27,6 +27,7 @@ LIGHTS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "options",
     [
@@ -125,6 +126,7 @@ def test_a_light_far_away(device, light):
     assert bounds_of(frame) < 3.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit(device, lanes):
     scene = lit_by(*LIGHTS.values())

@@ -32,6 +32,7 @@ LIGHTS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "options",
     [
@@ -131,6 +132,7 @@ def test_a_small_or_distant_sphere_is_a_point(device):
     assert np.abs(small.rgb - draw(device, lit_by(replace(LIGHTS["sphere"], radius=0.0))).rgb).max() < 5e-6
 
 
+@pytest.mark.long
 def test_a_rectangle_shines_from_its_front_only(device):
     light = RectangleLight(
         (0.3, -0.2, 1.5), (0.5, 0.1, 0.0), (-0.1, 0.4, 0.0)
@@ -152,12 +154,14 @@ def test_the_unit_of_length_does_not_matter(device, scale):
     assert np.array_equal(draw(device, scene).rgb, draw(device, other).rgb)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit(device, lanes):
     scene = lit_by(*LIGHTS.values())
     assert same_bits(draw(device, scene), draw(device, scene, lanes=lanes))
 
 
+@pytest.mark.long
 def test_points_leave_it_out_and_have_the_same_bits_with_it(device):
     point = replace(LIGHTS["sphere"], radius=0.0)
     scene = lit_by(point, PointLight((-3.0, 1.0, 1e6), (0.5, 1.0, 2.0)))
@@ -198,6 +202,7 @@ def test_the_shifts_are_those_of_the_constants():
     assert shifts[2].tolist() == ((5 * column + 7 * row + [2**24 * 3 // 4, 2**24 // 4]) % 2**24).tolist()
 
 
+@pytest.mark.long
 def test_neighbors_complement_each_other(device):
     """Of a half-covered light, the mean over 4 x 4 pixels is nearer to the truth than pixels with as many points in all
     placed at random would be."""
@@ -220,6 +225,7 @@ def roofed(light, material: Material = GLOSSY) -> Scene:
     return replace(scene, meshes=(*scene.meshes, replace(roof, material=material)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "options",
     [
@@ -255,6 +261,7 @@ def lit_part(x: np.ndarray) -> np.ndarray:
     return (weights * (line > -x[:, None])).sum(axis=1) / weights.sum(axis=1)
 
 
+@pytest.mark.long
 def test_a_penumbra_in_closed_form(device):
     """Below the edge of a half-plane at half the height of a rectangle, the lit part of the light grows linearly from one
     end of the penumbra, as wide as the light, to the other. One of 256 points may lie on the wrong side of the edge; the
@@ -298,6 +305,7 @@ def light_rows_are_directional(scene: Scene) -> bool:
     return bool(row["w"] == 0.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("radius", [1e17, 1e20, 1e40])
 @pytest.mark.parametrize("shadows", [False, True])
 def test_a_sphere_far_larger_than_the_scene_turns_its_disc_toward_each_point(device, radius, shadows):
@@ -312,6 +320,7 @@ def test_a_sphere_far_larger_than_the_scene_turns_its_disc_toward_each_point(dev
     assert bounds_of(draw(device, attenuated, shadows=shadows, light_samples=4)) < 3.0
 
 
+@pytest.mark.long
 def test_a_tiny_sphere_casts_the_shadow_of_a_point(device):
     point = draw(device, roofed(PointLight((0.31, -0.23, 2.0))), shadows=True)
     sphere = draw(device, roofed(PointLight((0.31, -0.23, 2.0), radius=1e-6)), shadows=True, light_samples=2)

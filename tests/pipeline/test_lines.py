@@ -39,6 +39,7 @@ def flat_scene(verts, faces, resolution=(32, 32)):
     return replace(scene_of(Mesh(np.array(verts, float) * [-1, 1, 1], np.array(faces))), camera=camera)
 
 
+@pytest.mark.long
 def test_lines_have_their_width(device):
     """Lines 3 px wide along pixel borders cover three rows or columns; the rule is closed, so centers at 1.5 count."""
     scene = flat_scene([[8.5, 8.5, 5], [24.5, 8.5, 5], [24.5, 24.5, 5], [8.5, 24.5, 5]], [[0, 1, 2], [0, 2, 3]])
@@ -66,6 +67,7 @@ def test_a_fin_is_drawn_in_its_own_color(device):
     assert (frame.rgb == [1, 0, 0]).all(axis=-1).sum() > 5
 
 
+@pytest.mark.long
 def test_edges_in_a_surface_are_not_stippled(device):
     """A cube stands on a floor: its bottom edges lie in the plane of the floor's triangles, at the same depth but for the
     snapping of all corners."""
@@ -85,6 +87,7 @@ def test_nothing_shows_through(device):
     assert not render(scene, device=device, edges=Edges("feature", only=True)).alpha.any()
 
 
+@pytest.mark.long
 def test_layers_and_other_pixels_stay_as_they_are(device):
     scene = scene_of(cube(), floor())
     plain = render(scene, device=device, layers=("Z", "id"))
@@ -96,6 +99,7 @@ def test_layers_and_other_pixels_stay_as_they_are(device):
     assert np.array_equal(plain.rgba[~line], lined.rgba[~line])
 
 
+@pytest.mark.long
 def test_near_plane_and_edges_behind(device):
     """The eye stands within the floor's extent, above it: its edges cross the near plane."""
     scene = scene_of(cube(), floor(-0.2), eye=(1.8, 0.9, 2.2))
@@ -116,6 +120,7 @@ def test_a_scene_without_faces(device):
     assert not render(scene, device=device, edges=ONLY).alpha.any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("samples", [1, pytest.param(5, marks=pytest.mark.long)])
 def test_the_bits_do_not_depend_on_lanes(device, samples):
     scene = scene_of(cube(), floor())
@@ -135,6 +140,7 @@ def test_far_away_and_end_on(device):
         assert passes(render(scene, device=device, edges="all", layers=("Z", "id")))
 
 
+@pytest.mark.long
 def test_culled_faces_neither_hide_nor_have_lines(device):
     scene = scene_of(floor(), eye=(0.5, -3.0, 4.0))
     assert not render(scene, device=device, edges=ONLY, cull=True).alpha.any()

@@ -41,6 +41,7 @@ def test_frames_are_the_oracles(device, case):
     assert np.isfinite(frame["scalar"]).any()
 
 
+@pytest.mark.long
 def test_neither_changes_the_other(device):
     """The layer is that of the frame without lines, and off the lines so is the image; from every camera."""
     needs_float64(device)

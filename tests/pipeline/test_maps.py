@@ -143,6 +143,7 @@ def nearest(image: np.ndarray, **fields: Any) -> Texture:
 TURNS = [(mirrored, quarter) for mirrored in (False, True) for quarter in range(4)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mirrored", "quarter"), TURNS)
 @pytest.mark.parametrize("placement", [(1, 1, 1), (-1, 1, 1), (1, -1, 1), (-1, -1, 1), (1, 1, -1)], ids=str)
 def test_the_normals_shown_are_those_that_were_baked(device, mirrored, quarter, placement):
@@ -167,6 +168,7 @@ def test_the_normals_shown_are_those_that_were_baked(device, mirrored, quarter, 
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
+@pytest.mark.long
 def test_occlusion_dims_the_ambient_light_alone(device):
     image = noise(4, 4)
     plain, occluded = (
@@ -185,6 +187,7 @@ def test_occlusion_dims_the_ambient_light_alone(device):
     assert "OCCLUSION_MAP" in lit[1].stats["left_out"]
 
 
+@pytest.mark.long
 def test_emission_is_added_and_looked_up_at_its_own_coordinates(device):
     """As the Khronos tests EmissiveStrengthTest and MultiUVTest: the second set turns the image upside down."""
     image = noise(4, 4)
@@ -217,6 +220,7 @@ def test_a_flat_map_and_maps_forced_on_change_no_bit(device):
         assert same_bits(frames[1], renderer.render())
 
 
+@pytest.mark.long
 def test_other_shaders_show_no_maps(device):
     with_all, without = (mapped_scene(sheet(material=Material(pbr=pbr))) for pbr in (mapped(), None))
     assert same_bits(*(clshade.render(scene, device=device) for scene in (with_all, without)))

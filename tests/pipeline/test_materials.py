@@ -72,6 +72,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("preset", "shader", "name"),
     [
@@ -87,6 +88,7 @@ def test_frames_match_the_oracle(device, name, preset, shader):
     assert_frame(frame, oracle.render(scene, settings), scene, settings)
 
 
+@pytest.mark.long
 def test_front_only_leaves_out_what_is_seen_from_behind(device):
     quad = Mesh(
         [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], material=Material(sides="front")
@@ -97,6 +99,7 @@ def test_front_only_leaves_out_what_is_seen_from_behind(device):
             assert (renderer.render().alpha == covered).all()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("alpha", [0.5, 0.3, 1.0])
 def test_alpha_at_the_cutoff_is_seen(device, alpha):
     """Only alphas below the cutoff are discarded: a cutoff one float32 above the texture's alpha leaves nothing."""
@@ -110,6 +113,7 @@ def test_alpha_at_the_cutoff_is_seen(device, alpha):
             assert (renderer.render().alpha == covered).all()
 
 
+@pytest.mark.long
 def test_two_sided_light_is_the_same_from_both_sides(device):
     quad = Mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 

@@ -41,6 +41,7 @@ def square(name, low, high, z, **material):
 CAMERA = Camera((4, 3, 5), (4, 3, 0), (0, 1, 0), 1.0, (6.0, 8.0), (8, 6), orthographic=True)
 
 
+@pytest.mark.long
 def test_shares_of_squares(device):
     """Edges through the middle of pixels: of 16 samples 8 lie on either side."""
     scene = Scene((square("far", (0, 0), (6.5, 6), 0), square("near", (2.5, 1), (5, 4), 1)), CAMERA)
@@ -54,6 +55,7 @@ def test_shares_of_squares(device):
     assert np.array_equal(found.channels["CryptoObject00.G"][2, :3], [1.0, 1.0, 0.5])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("samples", [1, 5])
 def test_they_are_the_oracles(device, samples):
     frame = clshade.render(mixed(), device=device, samples=samples, shader="nolight")
@@ -83,12 +85,14 @@ def test_they_are_the_oracles(device, samples):
     assert np.allclose(together, share(found["object"], names_of[dome]), atol=1e-6)
 
 
+@pytest.mark.long
 def test_an_empty_scene(device):
     found = clshade.cryptomatte(clshade.render(Scene((), CAMERA), device=device, samples=4), device=device)
     assert manifest(found["object"]) == {}
     assert not any(plane.any() for plane in found["object"].channels.values())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("change", "part"),
     [

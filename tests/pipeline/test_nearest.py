@@ -51,6 +51,7 @@ def assert_equals_oracle(scene: Scene, device, gate_fraction: float = 0.01, **op
     assert len(np.unique(frame.rgb)) > 100
 
 
+@pytest.mark.long
 def test_texels_are_squares(device):
     image = noise(4, 3)
     frame = clshade.render(square(image, pixels=36), shader="nolight", device=device)
@@ -60,6 +61,7 @@ def test_texels_are_squares(device):
 EVERY_DAY = ("float32",)  # others need further programs
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize(
     "precision", [pytest.param(name, marks=() if name in EVERY_DAY else pytest.mark.long) for name in PRECISIONS]
@@ -81,6 +83,7 @@ def test_other_settings_agree_with_the_oracle(device, options):
     assert_equals_oracle(tilted("mirror"), device, **options)
 
 
+@pytest.mark.long
 def test_alpha_is_that_of_the_nearest_texel(device):
     image = noise(4, 4, 4)
     image[..., 3] = np.arange(16).reshape(4, 4) % 3 / 2
@@ -125,6 +128,7 @@ kernel void texels(global const REAL *high, global const REAL *low, global const
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("lanes", [None, *OTHER_LANES])
 def test_the_kernel_finds_the_texel(device, lanes):
     rng = np.random.default_rng(2)
@@ -153,6 +157,7 @@ def test_other_filters_are_refused(fields, words):
         Texture(np.ones((2, 2, 3)), **{"filter": "nearest", **fields})
 
 
+@pytest.mark.long
 def test_at_vertices_it_is_not_shown_and_said():
     scene = square(noise(2, 2))
     frame = clshade.render(scene, texture_at="vertex", shader="nolight", resolution=(4, 4))

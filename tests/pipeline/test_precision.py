@@ -110,6 +110,7 @@ PAIRS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "precision", "shader"), PAIRS)
 def test_built_in_scenes(device, name, precision, shader):
     scene = clshade.builtin(name)
@@ -126,6 +127,7 @@ def test_built_in_scenes(device, name, precision, shader):
     assert not np.array_equal(frame.rgb, alone.rgb)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_weighted_samples(device, precision):
     """Found by the fuzzer: luminance had float32's coefficients in float64 too."""
@@ -135,6 +137,7 @@ def test_weighted_samples(device, precision):
     oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
     """Cut along different diagonals, so that the depths of a pixel differ only by rounding."""
@@ -152,6 +155,7 @@ def lit(n: float) -> Scene:
     return Scene((mesh,), CAMERA.with_resolution(RESOLUTION), LIGHTS)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("n", [1.0, 20.0, 200.0, 1e4])
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_exponents(device, precision, n):
@@ -169,6 +173,7 @@ def test_float64_does_not_pass_for_float32(device):
         oracle_bounds.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", [1, pytest.param(8, marks=pytest.mark.long)])
 @pytest.mark.parametrize("precision", ["float64"])
 def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
@@ -177,6 +182,7 @@ def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
     assert frames[0].rgba.tobytes() == frames[1].rgba.tobytes()
 
 
+@pytest.mark.long
 def test_large_texture_coordinates_in_float64(device):
     """Found by the fuzzer: coordinates of some thousands hold fewer digits of a texel, which float64's bound includes;
     double-single, with 48 bits, still exceeds it."""
@@ -194,6 +200,7 @@ def test_large_texture_coordinates_in_float64(device):
     assert off.max() > 10.0 * allowed * 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic):
     """Found by the fuzzer: the corners of clipped pieces get means of the coordinates, which are rounded even if all
@@ -209,6 +216,7 @@ def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic)
     assert 1.0 < found < oracle_bounds.allowed(scene, frame.settings)
 
 
+@pytest.mark.long
 def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
     """Found by the fuzzer: if depths are small, or differ little, along a clipped edge, barycentric coordinates amplify
     the rounding of positions."""
@@ -234,6 +242,7 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
     assert 1e3 < worst < 1e6
 
 
+@pytest.mark.long
 def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
     scene = clshade.builtin("course")
     camera = replace(scene.camera.with_resolution(RESOLUTION), eye=scene.camera.eye * 0.3 + scene.camera.lookat * 0.7)

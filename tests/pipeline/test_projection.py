@@ -13,6 +13,7 @@ import clshade
 from clshade.pipeline import host_projection, struct_layout
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("camera", cameras(), ids=CAMERAS)
 def test_the_host_projects_as_the_kernel_does(device, camera, dtype):
@@ -28,6 +29,7 @@ def test_the_host_projects_as_the_kernel_does(device, camera, dtype):
     assert relative.tobytes() == made.relative.to_host().tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", ["standard", "course"])
 def test_frames_without_float64_have_the_same_bits(device, preset):
     scene = clshade.builtin("course")

@@ -78,6 +78,7 @@ CASES = {
 LONG = ("several samples", "float64", "shadows, pbr", "edges")  # they need programs of their own
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
 def test_frames_are_those_drawn_one_by_one(device, case):
     """With every layer, from near enough to clip faces and from afar."""
@@ -221,6 +222,7 @@ def test_no_camera_at_all(device):
         assert renderer.render_many(iter([looking(-4.0)])).rgb.shape == (1, SIZE, SIZE, 3)
 
 
+@pytest.mark.long
 def test_a_scene_without_triangles(device):
     with Renderer(Scene((), looking(-4.0), background=(1, 2, 3)), device=device, layers=("Z",)) as renderer:
         frames = renderer.render_many([looking(-4.0)] * 3)

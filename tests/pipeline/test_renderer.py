@@ -96,6 +96,7 @@ def test_threads_share_a_renderer_and_a_device(device):
     assert not wrong
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("stage", ["project", "setup", "setup_count", "bin_fill", "fill_lists", "phong"])
 def test_an_error_on_the_way_leaves_the_renderer_usable(device, monkeypatch, stage):
     visibility = "depth" if stage in ("setup_count", "fill_lists") else "painter"
@@ -159,6 +160,7 @@ print((draw(150) - before) / before)
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc/self/status")
 def test_memory_does_not_grow_with_the_number_of_renderers(device):
     environment = {**os.environ, "CLSHADE_DEVICE": device.index}
@@ -208,6 +210,7 @@ def test_memory_that_is_held_is_not_given_away(device):
             assert take().ctypes.data == place
 
 
+@pytest.mark.long
 def test_a_frames_arrays_stay_as_they_are(device):
     """Also those that no device sees, such as positions in the world."""
     scene = clshade.builtin("quads", resolution=(40, 30))

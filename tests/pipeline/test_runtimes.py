@@ -26,6 +26,7 @@ def test_no_home(homeless: tuple[Path, str]) -> None:
     assert folders == f"{home} {home}/clshade/slot-0/pocl"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["others can write", "group can write", "link", "file", "another user's"])
 def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path, kind: str) -> None:
     """Anyone who can write to it could plant code. The replacement folders do not accumulate."""

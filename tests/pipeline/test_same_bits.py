@@ -50,6 +50,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", GOLDEN, ids="-".join)
 def test_golden_images(device, key):
     frame = draw(device, *key)
@@ -57,6 +58,7 @@ def test_golden_images(device, key):
     assert digest(frame) == GOLDEN[key]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", VARIANTS, ids=str)
 def test_golden_variants(device, key):
     name, field, value = key
@@ -67,6 +69,7 @@ def test_golden_variants(device, key):
     assert digest(frame) == VARIANTS[key]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", SPHERES)
 def test_golden_glb(device, tmp_path, preset):
     """The scene's own preset is pbr; an explicit one takes its place. Lit by lights: an environment's tables are made by
@@ -78,6 +81,7 @@ def test_golden_glb(device, tmp_path, preset):
     assert digest(frame) == SPHERES[preset]
 
 
+@pytest.mark.long
 def test_golden_glb_with_shadows(device, tmp_path):
     scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
     with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION) as renderer:
@@ -153,6 +157,7 @@ OTHER_LANES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "options", "lanes", "background"),
     [(*EVERY_DAY, 1, BACKGROUND)]
@@ -192,6 +197,7 @@ assert digest(draw(device, *key)) == GOLDEN[key]
 """
 
 
+@pytest.mark.long
 def test_one_thread_gives_the_same_bits(device):
     if "portable computing" not in device.platform.lower():
         pytest.skip("only PoCL lets its number of threads be chosen")
@@ -201,6 +207,7 @@ def test_one_thread_gives_the_same_bits(device):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("error")
 def test_programs_from_the_cache_give_the_same_bits(device, tmp_path, monkeypatch):
     """And neither building nor loading them prints anything."""

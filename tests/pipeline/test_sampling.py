@@ -120,6 +120,7 @@ def exact_coverage(points: np.ndarray, faces: list) -> np.ndarray:
     return found
 
 
+@pytest.mark.long
 def test_64_samples_have_a_twelfth_of_the_error_of_one(device):
     """On a star, whose coverage is known from areas. The error falls as S^-0.7: for an edge a lattice of S points has
     an error of about S^-3/4, random points one of S^-1/2."""
@@ -169,6 +170,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "options"), CASES, ids=str)
 def test_frames(device, name, options):
     if options.get("precision") == "float64":
@@ -182,6 +184,7 @@ def test_frames(device, name, options):
     assert partly.any() or name == "teapot"  # its table fills the image
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("samples", [2, 64])
 def test_triangles_smaller_than_a_pixel(device, samples):
     """Thousands that cover at most one sample."""
@@ -195,6 +198,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
     assert frame.stats["between_samples"] > 0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("resolution", [(1, 1), (1, 37), (300, 2), (17, 33)])
 def test_odd_sizes(device, resolution):
     scene = Scene((blob(),), CAMERA.with_resolution(resolution), LIGHTS)
@@ -227,6 +231,7 @@ def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):
     assert np.allclose(frame["Z"][same & owned], alone["Z"][same & owned], rtol=1e-4)
 
 
+@pytest.mark.long
 def test_light_is_never_extrapolated(device):
     """Colors from 0.25 to 0.75 at the corners of slivers: a pixel is within that range."""
     points, faces = star(40)
@@ -242,6 +247,7 @@ def test_light_is_never_extrapolated(device):
 # The resolve
 
 
+@pytest.mark.long
 def test_over_a_background_and_over_nothing(device):
     points, faces = star()
     red = flat(points, faces, material=Material(color=(1.0, 0.5, 0.25)))
@@ -253,6 +259,7 @@ def test_over_a_background_and_over_nothing(device):
     assert np.array_equal(over.alpha, nothing.alpha)
 
 
+@pytest.mark.long
 def test_weighted_keeps_bright_samples_from_standing_out(device):
     """A surface of radiance 1000 beside black: half a pixel gives 500, weighted 1000 * w / (w + 1), w = 1/1001."""
     points = [[-1, -1], [30.5, -1], [30.5, HEIGHT + 1], [-1, HEIGHT + 1]]
@@ -275,6 +282,7 @@ def test_weighted_over_nothing_is_premultiplied(device):
         assert np.allclose(frame.rgb, color * frame.alpha[..., None], rtol=1e-5)
 
 
+@pytest.mark.long
 def test_pixels_with_a_saturated_sample_are_counted(device):
     """Two lights beyond float32 on one half of a pixel: its mean is not the largest float32, but it is counted."""
     points, faces = star()
@@ -287,6 +295,7 @@ def test_pixels_with_a_saturated_sample_are_counted(device):
         assert frame.stats["saturated"] == np.count_nonzero(frame.alpha)
 
 
+@pytest.mark.long
 def test_the_brightest_colors_stay_finite(device):
     most = float(np.finfo(np.float32).max)
     points, faces = star()

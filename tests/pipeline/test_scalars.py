@@ -53,6 +53,7 @@ def drawn(device, scene: Scene, *, preset: str = "standard", lanes: int | None =
         return renderer.render()
 
 
+@pytest.mark.long
 def test_a_step_is_sharp_within_a_triangle(device):
     """Two colors of a map meet where the scalar crosses its middle: the number is interpolated, never the color."""
     scene = Scene(square([-1.0, 1.0, 1.0, -1.0]), FRONT)
@@ -64,6 +65,7 @@ def test_a_step_is_sharp_within_a_triangle(device):
     assert np.array_equal(np.isnan(frame["scalar"]), ~covered)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", ["standard", "course"])
 def test_an_unlit_png_shows_the_maps_colors(device, preset):
     values = np.array([0.25, 3.0])
@@ -90,6 +92,7 @@ CASES = {
 LONG = ("affine at corners", "corners, samples", "float64", "near", "fast")  # each builds a program of its own
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
 def test_frames_are_the_oracles(device, case):
     fields, options = CASES[case]
@@ -120,6 +123,7 @@ def test_another_color_of_the_map_is_noticed(device):
     assert not clshade.check(frame, "all").passed
 
 
+@pytest.mark.long
 def test_a_color_of_the_map_is_lit_as_any_other(device):
     """A map of one color, and the same mesh in that color: the same bits."""
     white, red = wave(), replace(wave(), scalars=None, colors=np.tile([1.0, 0.0, 0.0], (81, 1)))
@@ -132,6 +136,7 @@ def test_a_color_of_the_map_is_lit_as_any_other(device):
     assert np.array_equal(mapped.rgba.view("u4"), again.rgba.view("u4"))
 
 
+@pytest.mark.long
 def test_scalars_that_are_not_shown_change_nothing(device):
     scene = Scene((wave(), floor()), ASIDE, LIGHT)
     bare = replace(scene, meshes=tuple(replace(mesh, scalars=None) for mesh in scene.meshes))
@@ -142,6 +147,7 @@ def test_scalars_that_are_not_shown_change_nothing(device):
     assert first.stats["bytes"] == second.stats["bytes"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long)])
 def test_lanes_do_not_change_a_bit(device, lanes):
     scene = Scene((wave(), floor()), ASIDE, LIGHT)
@@ -195,6 +201,7 @@ def test_a_map_without_width_separates_what_is_below_and_above(device):
     assert (same.rgb[8:-8, 8:-8] == np.float32([0, 1, 0])).all()
 
 
+@pytest.mark.long
 def test_the_layer_in_a_file(opened, tmp_path):
     frame = drawn(opened, Scene((wave(), floor()), ASIDE, LIGHT), layers=("Z", "scalar"))
     for crop in (False, True):
@@ -210,6 +217,7 @@ def test_the_layer_in_a_file(opened, tmp_path):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [(48, 36), (3, 2), (40, 300)])
 def test_a_color_bar_leaves_the_image_as_it_is(opened, tmp_path, size):
     from PIL import Image
@@ -225,6 +233,7 @@ def test_a_color_bar_leaves_the_image_as_it_is(opened, tmp_path, size):
     assert np.array_equal(exr.read(tmp_path / "bar.exr")[0]["R"], frame.rgb[..., 0])
 
 
+@pytest.mark.long
 def test_refusals(opened):
     scene = Scene((wave(), floor()), ASIDE)
     with pytest.raises(

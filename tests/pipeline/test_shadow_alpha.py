@@ -81,6 +81,7 @@ def outside(place: np.ndarray, edge: float = 1.0) -> np.ndarray:
     return (np.abs(place) > edge + 0.01).any(axis=1)
 
 
+@pytest.mark.long
 def test_one_card_halves_a_light_and_two_quarter_it(opened):
     for cards, expected in (((half(),), 0.5), ((half(), half(2.0)), 0.25), ((half(), half(2.0), half(4.0)), 0.125)):
         share, place = shares(opened, *cards)
@@ -95,6 +96,7 @@ def test_an_opaque_card_before_or_behind_hides_it(opened):
     assert (share[outside(place)] == 1.0).all()
 
 
+@pytest.mark.long
 def test_a_masked_card_casts_its_hole(opened):
     share, place = shares(opened, card(alpha_cutoff=0.5, texture=holed(), uvs=UVS))
     assert inside(place, 0.4).sum() > 5
@@ -104,6 +106,7 @@ def test_a_masked_card_casts_its_hole(opened):
     assert (share[rim] == 0.0).all()
 
 
+@pytest.mark.long
 def test_a_card_that_blends_casts_its_alpha_where_it_passes_the_test(opened):
     share, place = shares(opened, card(blend=True, opacity=0.75, alpha_cutoff=0.5, texture=holed(), uvs=UVS))
     hole = inside(place, 0.4)
@@ -113,6 +116,7 @@ def test_a_card_that_blends_casts_its_alpha_where_it_passes_the_test(opened):
     np.testing.assert_allclose(share[rim], 0.25, rtol=1e-5)
 
 
+@pytest.mark.long
 def test_alpha_of_vertices_is_that_where_the_light_crosses(opened):
     share, place = shares(opened, card(blend=True, alphas=np.array([0.0, 1.0, 1.0, 0.0])))
     within = inside(place)
@@ -137,6 +141,7 @@ def test_any_order_gives_the_same_bits(opened):
         assert (frame.rgb[both] == first.rgb[both]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_the_same_bits_with_any_number_of_lanes(opened, lanes):
     cards = half(), card(2.0, alpha_cutoff=0.5, texture=holed(), uvs=UVS)
@@ -161,6 +166,7 @@ def test_another_alpha_is_noticed(opened):
         oracle_bounds.assert_frame(frame, expected, other, frame.settings)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("options", "name"),
     [
@@ -189,6 +195,7 @@ SIZED: dict[str, Light] = {
 PENUMBRA = 0.5 * 3.0 / 10.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SIZED)
 def test_a_card_halves_each_point_of_a_light_of_finite_size(opened, name):
     share, place = shares(opened, half(), light=SIZED[name], light_samples=4)
@@ -198,6 +205,7 @@ def test_a_card_halves_each_point_of_a_light_of_finite_size(opened, name):
     assert ((share > 0.51) & (share < 0.99)).sum() > 10  # some points of the light shine past the card
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "options",
     [{}, *(pytest.param(each, marks=pytest.mark.long) for each in ({"shader": "gouraud"}, {"preset": "pbr"}))],

@@ -82,6 +82,7 @@ OF_LIGHTS: dict[str, tuple[tuple[Light, ...], dict[str, int]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", OF_LIGHTS)
 def test_every_ray_is_skipped_for_a_reason_or_traced(device, name):
     lights, expected = OF_LIGHTS[name]
@@ -136,6 +137,7 @@ def test_sums_with_other_kernels(device, options, places):
     assert counts.traced > counts.hidden > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shadows", [False, True])
 def test_rays_of_ambient_occlusion(device, shadows):
     """A wide roof stops them all where they may be as long as it is high, none where they may not."""

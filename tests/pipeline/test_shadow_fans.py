@@ -127,6 +127,7 @@ def ends_for(mesh: Mesh, points: Array, receivers: Array, seed: int) -> dict[str
     }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("offset", [0.0, 1e3, 1e9])
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 def test_the_same_as_one_by_one(device, mesh, offset):
@@ -163,6 +164,7 @@ def test_directions(device, mesh):
         assert 0.0 < compare(device, hierarchy, points, receivers, ends, directional=True).mean() < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_fans_of_any_number_of_lanes(device, lanes):
     for mesh in MESHES.values():

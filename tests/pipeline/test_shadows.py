@@ -105,6 +105,7 @@ CASES = {
 EVERY_DAY = ("phong", "gouraud", "sun")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in CASES]
 )
@@ -148,6 +149,7 @@ def test_shadows_that_are_not_asked_for_change_no_bit(device):
     assert same_bits(plain, draw(device, scene, shadows=False, forced={"SHADOWS"}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("changes", "options", "reason"),
     [
@@ -172,6 +174,7 @@ def test_a_camera_that_moves_sees_the_same_shadow(device):
             oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
 
 
+@pytest.mark.long
 def test_the_hierarchy_counts_as_memory_of_the_scene(device):
     scene = scene_of()
     with Renderer(scene, device=device, shader="phong", shadows=True) as renderer:

@@ -36,6 +36,7 @@ def bits(frame: Frame) -> np.ndarray:
     return frame.rgba.view(np.uint32).copy()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("precision", "options"),
     [
@@ -61,6 +62,7 @@ def test_the_choice_depends_on_triangle_and_tile_alone(device, precision, option
         assert np.array_equal(bits(renderer.render()), expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("forced", ["VERTEX_COLORS", pytest.param("MATERIALS", marks=pytest.mark.long)])
 def test_unlit_textures_use_them_too(device, forced):
     scene = patches(75.0)
@@ -69,6 +71,7 @@ def test_unlit_textures_use_them_too(device, forced):
         assert np.array_equal(bits(renderer.render()), bits(plain))
 
 
+@pytest.mark.long
 def test_coefficients_just_below_a_power_of_two_keep_their_digits(device):
     """A coordinate of -1 at a tile's corner: the plane's first coefficient is next to -2^23 units, and its values beyond."""
     size, rng = 512, np.random.default_rng(3)
@@ -88,6 +91,7 @@ def test_coefficients_just_below_a_power_of_two_keep_their_digits(device):
     assert clshade.check(clshade.render(scene, device=device), pixels=size * size).bounds < 2.0
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("side", [1.3, 5.0, 17.0, 40.0])
 def test_small_and_large_triangles_are_within_the_bound(device, side):
     frame = clshade.render(patches(side, size=128), device=device)

@@ -139,6 +139,7 @@ def test_layers_show_what_is_opaque_enough(device, layer_alpha, face):
     assert (alone["id"][MIDDLE], alone["Z"][MIDDLE], alone.alpha[MIDDLE]) == (0, np.inf, 0.25)
 
 
+@pytest.mark.long
 def test_transparency_does_not_change_what_is_opaque(device):
     """A scene with a transparent mesh elsewhere; and blending with an alpha of 1."""
     wall, far = square(0, color=(0.3, 0.5, 0.7), blend=False), square(50, size=0.1, opacity=0.5)

@@ -85,6 +85,7 @@ def details(device: Device, slopes: np.ndarray, precision: str = "float32", lane
     return probe("detail", *columns, table, width=2, dtype=kind)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_level_of_detail(device, precision):
     rng = np.random.default_rng(1)
@@ -152,6 +153,7 @@ TEXTURES = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(("size", "wrap"), TEXTURES, ids=str)
 def test_sizes_and_wraps(device, size, wrap, precision):
@@ -164,6 +166,7 @@ def test_sizes_and_wraps(device, size, wrap, precision):
     assert 0.02 < changed.mean() < 0.95
 
 
+@pytest.mark.long
 def test_a_single_texel_needs_no_levels(device):
     frame = draw(device, cards(noise(1, 1)))
     assert "MIPMAPS" not in frame.stats["features"]
@@ -173,6 +176,7 @@ def test_a_single_texel_needs_no_levels(device):
 PARALLEL = replace(lit.CAMERA, orthographic=True, plane=(4.0, 5.0), principal=(0.4, 0.55))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "options",
     [
@@ -215,6 +219,7 @@ def test_a_texture_coordinate_beyond_all_texels(device, value):
     assert same_bits(frame, draw(device, replace(scene, meshes=(replace(scene.meshes[0], uvs=uvs),))))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
 def test_huge_texture_coordinates_that_are_equal(device, wrap):
     """They are not interpolated: one color, that of a corner of the texture."""
@@ -229,6 +234,7 @@ def test_huge_texture_coordinates_that_are_equal(device, wrap):
         assert color == pytest.approx(around.mean(axis=(0, 1)), rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "precision", ["float32", *(pytest.param(name, marks=pytest.mark.long) for name in ("fast", "float64"))]
 )
@@ -241,6 +247,7 @@ def test_clipped_pieces(device, precision):
     assert_equals_oracle(frame)
 
 
+@pytest.mark.long
 def test_long_thin_triangles(device):
     """Strips with aspect ratios up to 6000 and an undistorted texture: in their slopes all but one part in 6000
     cancels.
@@ -275,6 +282,7 @@ def test_bright_texels_between_dark_ones(device):
         assert (frame.rgb == 0).any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_change_no_bit(device, lanes):
     scene = cards(noise(37, 53))
@@ -298,6 +306,7 @@ def aligned(image: np.ndarray, repeats: float = 1.0) -> Scene:
     return Scene((Mesh(CORNERS, QUAD, uvs=repeats * UNIT, material=Material(texture=Texture(image))),), ABOVE)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
 def test_a_power_of_two_texels_a_pixel_gives_that_level(device, level):
     """Bit for bit, with the level's texels at the pixels' centers."""
@@ -319,6 +328,7 @@ def test_the_larger_of_the_two_directions_decides(device):
     )  # error of the kernels' mean of four, as in test_kernel_bilerp
 
 
+@pytest.mark.long
 def test_between_two_levels_the_share_is_the_logarithm(device):
     """3 texels per pixel of a checkerboard, whose levels all average to 1 from the first on."""
     image = np.zeros((48, 48, 3), np.float32)
@@ -389,6 +399,7 @@ def supersampled(scene: Scene, side: int) -> np.ndarray:
     return found
 
 
+@pytest.mark.long
 def test_a_grazing_checker_goes_to_its_mean(device):
     """At the horizon, where a pixel spans the whole texture, the color is exactly the mean. Everywhere, against 4096
     samples per pixel, the error is less than half of the bilinear one, which aliases."""
@@ -420,6 +431,7 @@ def test_it_needs_lookups_at_pixels():
     assert Settings.from_preset("course", texture_filter="trilinear", texture_at="pixel").texture_filter == "trilinear"
 
 
+@pytest.mark.long
 def test_course_lookups_stay_bilinear(device):
     scene = cards(noise(37, 53))
     course = Material(texture=Texture(noise(37, 53), lookup="course"))
@@ -438,6 +450,7 @@ def test_course_lookups_stay_bilinear(device):
     assert_equals_oracle(both)
 
 
+@pytest.mark.long
 def test_the_alpha_test_does_not_depend_on_the_filter(device):
     image = np.random.default_rng(8).uniform(0, 1, (33, 20, 4)).astype(np.float32)
     scene = cards(image)

@@ -29,6 +29,7 @@ def cloud(count: int = 4000) -> Scene:
     return Scene((Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)),), looking(96, -4.0))
 
 
+@pytest.mark.long
 def test_sorted_or_not_clipped_or_not_the_bits_are_the_same(device):
     """One renderer that draws with and without faces to clip, against one that always sorts."""
     scene, backs = cloud(), (-4.0, -0.5, -0.5, -4.0, -3.9, -0.4)
@@ -65,6 +66,7 @@ def test_triangles_too_far_for_buckets_are_drawn_in_the_right_order(device):
     assert (frame["id"] == 3).all()
 
 
+@pytest.mark.long
 def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkeypatch):
     scene = clshade.builtin("quads")
     large = scene.camera.with_resolution((200, 200))
@@ -96,6 +98,7 @@ def test_buffers_that_were_replaced_are_freed(device):
         assert before() is None
 
 
+@pytest.mark.long
 def test_other_lanes_than_the_devices_own_sort(device):
     scene = replace(clshade.builtin("quads"), camera=clshade.builtin("quads").camera.with_resolution((32, 32)))
     expected = clshade.render(scene, device=device).rgba

@@ -38,6 +38,7 @@ def columns(found: clshade.pipeline.visible.Visible, *names: str) -> list[list[f
     return [found.table[name].tolist() for name in names]
 
 
+@pytest.mark.long
 def test_squares_of_which_one_covers_half_of_the_other(opened):
     """The second is before the first in a parallel projection, half a unit to the side; the third is alone."""
     camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
@@ -51,6 +52,7 @@ def test_squares_of_which_one_covers_half_of_the_other(opened):
     assert np.array_equal(found.masks, expected)
 
 
+@pytest.mark.long
 def test_what_lies_outside_of_the_image(opened):
     """Half, three quarters and all of a square are outside; what is beyond the margin does not count at all."""
     scene = Scene((tiles(at(2, 0), at(-2, 1.5), at(0, 3), at(12.5, 0)),), CAMERA)
@@ -99,6 +101,7 @@ def test_holes_and_what_layers_look_through(opened):
     assert columns(clshade.visible(glass, device=opened, layer_alpha=0.25), "pixels") == [[0, 256]]
 
 
+@pytest.mark.long
 def test_sides_that_are_not_drawn(opened):
     turned = np.diag([-1.0, 1.0, -1.0, 1.0])
     scene = Scene((tiles(np.eye(4), material=Material(sides="front")), tiles(at(0, 0, -1) @ turned)), CAMERA)
@@ -140,6 +143,7 @@ def test_nothing_and_refusals(opened):
             clshade.visible(Scene((), CAMERA), device=opened, **options)
 
 
+@pytest.mark.long
 def test_the_command_line_writes_the_table(opened, tmp_path, capsys):
     command = ("render", "quads", "--resolution", "40,30", "--device", opened.index, "--shader", "nolight")
     for ending in ("csv", "json"):

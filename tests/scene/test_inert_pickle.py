@@ -230,6 +230,7 @@ def seconds(path: str) -> float:
     return best
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", WORST)
 def test_bad_cases_take_no_time(tmp_path, name):
     """A hundred kilobytes within the time of a megabyte: some costs are independent of the size."""

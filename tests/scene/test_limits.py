@@ -137,6 +137,7 @@ def test_headers_of_course_files(tmp_path):
         refusal(path, part)
 
 
+@pytest.mark.long
 def test_depth_and_parts_of_a_course_files_lists():
     def value(found, size=1 << 24):
         return safe_pickle.Content({"n": found}, "a.npy", size).value("n")

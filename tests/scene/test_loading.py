@@ -141,6 +141,7 @@ def test_unused_vertices_do_not_move_the_camera(tmp_path):
     assert np.array_equal(one.camera.eye, two.camera.eye)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["obj", "ply", "stl", "glb"])
 def test_nothing_of_the_file_is_kept_beside_the_meshes(tmp_path, kind):
     """A scene keeps only its arrays alive: no bytes of the file, no second copy of the vertices."""

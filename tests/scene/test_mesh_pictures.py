@@ -71,6 +71,7 @@ def ply_square(tmp_path, form: str) -> str:
     return write(tmp_path / "a.ply", ply(form, head, [*rows, ("i4i", [4, 0, 1, 3, 2])]))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", ["obj", "ply", "binary ply", "glb", "own texture"])
 def test_the_picture_is_upright_and_decoded(tmp_path, device, kind):
     if kind == "obj":
@@ -87,6 +88,7 @@ def test_the_picture_is_upright_and_decoded(tmp_path, device, kind):
     np.testing.assert_allclose(texels(image), LINEAR, atol=NEAR)
 
 
+@pytest.mark.long
 def test_vertex_colors_multiply_texels(tmp_path, device):
     path = obj_square(tmp_path, UVS, "map_Kd p.png\n", colors=" 0.5 0.25 1")
     np.testing.assert_allclose(texels(drawn(path, device)), LINEAR * [0.5, 0.25, 1], atol=NEAR)
@@ -119,6 +121,7 @@ def test_texture_transforms(tmp_path, device):
     np.testing.assert_allclose(texels(drawn(path, device)), expected, atol=NEAR)
 
 
+@pytest.mark.long
 def test_alpha_masks_leave_holes(tmp_path, device):
     alpha = np.full((4, 4, 1), 255, np.uint8)
     alpha[1, 2] = 0
@@ -130,6 +133,7 @@ def test_alpha_masks_leave_holes(tmp_path, device):
     assert (image[:, :, 3] == 1)[~hole].all()  # alpha goes from 0 to 1 between texel centers
 
 
+@pytest.mark.long
 def test_face_colors_and_materials(tmp_path, device):
     """Two triangles: of two colors in a PLY file, of two materials with a texture each in an OBJ file."""
     head = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 2\n"
@@ -149,6 +153,7 @@ def test_face_colors_and_materials(tmp_path, device):
     np.testing.assert_allclose([image[lower][:3], image[upper][:3]], [one, two], atol=1e-6)
 
 
+@pytest.mark.long
 def test_instances_and_nodes(tmp_path, device):
     """One small square, placed twice under a parent that moves both."""
     document = Gltf()

@@ -224,6 +224,7 @@ def random_text(rng: np.random.Generator) -> str:
     return "\n".join([*lines, *(f"{k} 1 2 3" for k in ("v", "vt", "vn")), "f 1 1 1", ""])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("chunk", [1, 7, 100, 1 << 20])
 def test_against_the_obvious_parser(monkeypatch, chunk):
     monkeypatch.setattr(text_tokens, "CHUNK", chunk)

@@ -264,6 +264,7 @@ SCENES: dict[str, Callable[[Any], Scene]] = {
 }
 
 
+@pytest.mark.long
 @needs_device
 @pytest.mark.parametrize("name", SCENES)
 def test_it_renders_the_same_bits(tmp_path, name):
@@ -323,6 +324,7 @@ def saved(tmp_path):
 MESH = ("scene", "meshes", 0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("keys", "value", "message"),
     [

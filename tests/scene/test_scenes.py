@@ -101,6 +101,7 @@ def test_bad_options_are_refused_by_name(name, options, told):
 # The torus knot
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("triangles", [18, 96, 1000, 12345, 100_000])
 @pytest.mark.parametrize(("p", "q"), [(2, 3), (3, 2), (1, 1), (5, 8)])
 def test_knot_is_a_closed_torus(triangles, p, q):

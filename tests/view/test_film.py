@@ -241,6 +241,7 @@ print(digest_of(scene, Settings(), orbit(scene.camera, turn.numbers, turn)))
 """
 
 
+@pytest.mark.long
 def test_a_digest_is_the_same_in_every_process():
     done = subprocess.run([sys.executable, "-c", DIGEST], cwd=ROOT, capture_output=True, text=True, timeout=60)
     scene, turn = builtin("teapot"), parse_frames("1..5")
@@ -304,6 +305,7 @@ def test_a_folder_that_vanished_hides_no_error(tmp_path):
         fail()
 
 
+@pytest.mark.long
 @needs_device
 def test_a_color_bar_widens_the_film(folder, capsys):
     (folder / "plane.ply").write_text(PLANE)

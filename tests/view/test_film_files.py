@@ -123,6 +123,7 @@ def test_ten_bits_come_from_floats():
     assert (np.diff(codes) >= 1).all()
 
 
+@pytest.mark.sampled
 @needs_av
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_frames_of_short_films_have_times(count):

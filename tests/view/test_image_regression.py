@@ -69,6 +69,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 # The example project
 
 
+@pytest.mark.long
 @needs_device
 def test_a_project_is_kept_passes_fails_and_is_renewed(project, pytester, run):
     folder = pytester.path
@@ -134,6 +135,7 @@ def kept(project, run):
     run("--clshade-update", passed=1)
 
 
+@pytest.mark.long
 def test_a_single_bit_is_noticed(kept, pytester, run):
     pytester.makepyfile(
         test_pot=f"""
@@ -149,6 +151,7 @@ def test_a_single_bit_is_noticed(kept, pytester, run):
     assert "RGB:" not in out
 
 
+@pytest.mark.long
 def test_references_that_are_not_there_or_of_other_hashes(kept, project, pytester, run):
     project(DRAWN, f"{DRAWN}, background='white'", ONE)
     path = pytester.path / "test_pot_images" / "test_pot.exr"

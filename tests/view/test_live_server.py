@@ -154,6 +154,7 @@ def test_it_listens_on_loopback_alone():
         assert listening.getsockname()[0] == "127.0.0.1"
 
 
+@pytest.mark.long
 def test_two_clients_have_cameras_of_their_own_and_a_lost_one_leaves_nothing():
     async def check() -> None:
         async with serving(*SMALL, "--samples", "4") as server:
@@ -193,6 +194,7 @@ async def _until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.01)
 
 
+@pytest.mark.long
 def test_pictures_wait_for_a_client_that_does_not_show_them():
     async def check() -> None:
         async with serving() as server, client(server) as slow:
@@ -251,6 +253,7 @@ def test_nonsense_is_answered_with_an_error_and_harms_nobody():
     in_loop(check)()
 
 
+@pytest.mark.long
 def test_a_client_that_reads_nothing_holds_up_nobody(monkeypatch):
     async def check() -> None:
         async with serving() as server, client(server) as one:
@@ -297,6 +300,7 @@ def test_an_unforeseen_error_is_said_and_ends_nothing(monkeypatch, capsys):
     assert "ZeroDivisionError: of a device" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_file_that_changes_is_announced_and_read_again_on_request(tmp_path):
     path = Path(write(tmp_path / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
 
@@ -351,6 +355,7 @@ def view_process(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=cwd, env=environment, **pipes)
 
 
+@pytest.mark.long
 def test_an_interrupt_ends_the_view(tmp_path):
     process = view_process(*SMALL, "--stats", cwd=tmp_path)
     assert process.stdout is not None

@@ -133,6 +133,7 @@ def test_the_elevation_stays_short_of_the_poles():
         next_drawing(session)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "message",
     [
@@ -305,6 +306,7 @@ def test_statistics_keep_no_session():
     assert not stats._latest
 
 
+@pytest.mark.long
 def test_renderers_stay_few():
     session, _ = session_of(*SMALL)
     for k in range(10):

@@ -113,6 +113,7 @@ def shown(shared):
     assert shared.evaluate("typeof hacked") == "undefined"
 
 
+@pytest.mark.long
 def test_tone_maps_are_those_of_the_library(shown):
     """Within one code, which float32 may miss at a step."""
     settings = [{"operator": o, "exposure": e, "marking": False} for o in OPERATORS for e in (0.0, -3.5, 4.0)]
@@ -122,6 +123,7 @@ def test_tone_maps_are_those_of_the_library(shown):
         assert (off > 0).mean() < 0.02, each
 
 
+@pytest.mark.long
 def test_special_values_are_marked(shown):
     assert pixels(shown)[0, 0].tolist() == [255, 176, 0]  # infinite before negative
     assert (pixels(shown)[0, 1:] == tonemap(ramp())[0, 1:]).mean() > 0.98
@@ -154,6 +156,7 @@ def test_the_histogram_counts_every_pixel(shown):
     assert sum(found[0]) == ROWS * COLUMNS - 1  # the first pixel's luminance is infinite
 
 
+@pytest.mark.long
 def test_the_probe_shows_the_values_of_the_file(shown, files):
     channels = exr.read(files / "a.exr")[0]
     shown.evaluate("viewer.pin({ x: 17, y: 5 })")
@@ -183,6 +186,7 @@ def test_layers_are_chosen_and_drawn_by_their_kind(shown):
     assert until(shown, "viewer.component === 2 && viewer.drawn.kind === KIND.quantity")
 
 
+@pytest.mark.long
 def test_names_appear_as_text(shown):
     assert shown.title() == HOSTILE
     assert shown.text_content("#panel h1") == HOSTILE

@@ -44,6 +44,7 @@ def views(sheet):
     return {each["name"]: each for each in sheet.facts["views"]}
 
 
+@pytest.mark.long
 def test_a_box_of_known_size_spans_the_right_number_of_pixels(sheet):
     """In every parallel view, by the scale that the facts give; in the perspective one, at the focal distance."""
     found = views(sheet)
@@ -185,6 +186,7 @@ def test_refused_arguments():
 QUADS = ("render", "quads", "--resolution", "40,30", "--shader", "nolight", "--tonemap", "none")
 
 
+@pytest.mark.long
 def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *QUADS, "--sheet", "--views", "front,iso", "-o", "s.png")
@@ -201,6 +203,7 @@ def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
     assert listing(tmp_path / "new") == ["quads.json", "quads.png"]
 
 
+@pytest.mark.long
 def test_views_and_crops_are_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     crops = ("--crop-zoom", "3,4,10,8", "--crop-zoom", "20,10,5,5,3")
