@@ -62,7 +62,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     sampled = set()
     for item in items:
         name = item.nodeid.partition("[")[0]
-        if item.get_closest_marker("sampled") is not None:
+        if item.get_closest_marker("sampled") is not None and item.get_closest_marker("long") is None:
             if name in sampled:
                 item.add_marker("long")
             sampled.add(name)

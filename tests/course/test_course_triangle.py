@@ -189,7 +189,7 @@ def test_lengths_of_normals():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("shader", [pytest.param("gouraud", marks=pytest.mark.long), "phong"])
+@pytest.mark.parametrize("shader", ["gouraud", "phong"])
 def test_zero_normals_and_left_out_components(shader):
     drawn = expect(shader)[2]
     ambient = K_A * L_AMB

@@ -294,7 +294,7 @@ def cut_out(orthographic: bool) -> Scene:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("orthographic", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.parametrize("orthographic", [False, True])
 def test_textures_alpha_tests_and_projections(device, orthographic):
     frame = clshade.render(cut_out(orthographic), device=device, layers=LAYERS)
     assert 0.05 < frame.alpha.mean() < 0.95

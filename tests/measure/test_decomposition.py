@@ -113,7 +113,7 @@ def test_the_parts_add_up(device, studied):
     ("changes", "cause"),
     [
         ({"shader": "gouraud"}, "Gouraud shading"),
-        pytest.param({"interpolation": "affine"}, "affine interpolation", marks=pytest.mark.long),
+        ({"interpolation": "affine"}, "affine interpolation"),
         ({"samples": 16, "sample_shading": True}, SAMPLING),
         ({"precision": "fast"}, ARITHMETIC),
     ],

@@ -331,12 +331,7 @@ CAMERAS = {
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("camera", "shader"),
-    [
-        ("orthographic", "phong"),
-        pytest.param("perspective", "phong", marks=pytest.mark.long),
-        pytest.param("perspective", "gouraud", marks=pytest.mark.long),
-    ],
+    ("camera", "shader"), [("orthographic", "phong"), ("perspective", "phong"), ("perspective", "gouraud")]
 )
 def test_sides_alpha_and_light_on_both_sides(device, camera, shader):
     """Cards around the origin seen from both sides: culled, lit from behind, cut out by their texture's alpha,
@@ -396,7 +391,7 @@ def test_lanes_change_no_bit(device, lanes):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("size", [8, pytest.param(32, marks=pytest.mark.long)])
+@pytest.mark.parametrize("size", [8, 32])
 def test_the_tile_size_changes_no_bit(device, monkeypatch, size):
     """This also shows that no kernel hard-codes the host's number."""
     plain = draw(device, blob_scene())

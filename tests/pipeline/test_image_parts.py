@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import needs_float64
-from layer_scenes import mixed
+from layer_scenes import FRAME_CASES
 
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
@@ -18,16 +18,7 @@ from clshade.scene.geometry import camera_axes
 from clshade.scene.image_part import MAX_WHOLE, part_of, raster_of, whole_camera
 
 CASES = {
-    "the teapot": (clshade.builtin("teapot"), {"resolution": (80, 60)}),
-    "clipped, in painter's order": (mixed(), {"preset": "course", "shader": "gouraud"}),
-    "several samples": (mixed(), {"texture_filter": "trilinear", "samples": 5}),
-    "float64": (mixed(), {"precision": "float64", "samples": 3}),
-    "shadows, pbr": (clshade.builtin("teapot"), {"preset": "pbr", "shadows": True, "resolution": (80, 60)}),
-    "ambient occlusion": (
-        clshade.builtin("box_room"),
-        {"ambient_occlusion": 2, "layers": "AO", "resolution": (40, 30)},
-    ),
-    "edges": (clshade.builtin("icosphere", level=2), {"edges": "all", "samples": 4, "resolution": (40, 30)}),
+    **FRAME_CASES,
     "an environment": (
         replace(clshade.builtin("icosphere", level=2), environment=clshade.studio()),
         {"preset": "pbr", "background": "environment", "resolution": (50, 40)},

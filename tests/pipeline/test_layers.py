@@ -50,7 +50,6 @@ def draw(device, scene: Scene, preset: str = "standard", **options) -> Frame:
 
 # Most of them need three programs of their own.
 LONG = ("trilinear, several samples", "orthographic", "fast", "float64", "float64, course", "a room")
-ALONE = ("Z", "id", "N", "uv", "material_id")  # each but the numbers needs a program
 
 
 @pytest.mark.sampled
@@ -157,12 +156,7 @@ def test_corners_and_weights_give_the_other_layers(device):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("preset", "options"),
-    [
-        ("standard", {}),
-        ("course", {}),
-        pytest.param("standard", {"texture_filter": "trilinear"}, marks=pytest.mark.long),
-    ],
+    ("preset", "options"), [("standard", {}), ("course", {}), ("standard", {"texture_filter": "trilinear"})]
 )
 def test_albedo_is_the_image_without_light(device, preset, options):
     frame = draw(device, mixed(), preset, **options)
@@ -210,9 +204,7 @@ def test_the_image_does_not_depend_on_the_layers(device):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "name", [name if name in ALONE else pytest.param(name, marks=pytest.mark.long) for name in LAYERS]
-)
+@pytest.mark.parametrize("name", LAYERS)
 def test_each_layer_alone_has_the_same_bits(device, name):
     scene = Scene((dome(), wedge()), CAMERA, background=None)
     together, alone = draw(device, scene), draw(device, scene, layers=name)
@@ -234,16 +226,7 @@ DETAILED = {"precision": "float64", "texture_filter": "trilinear"}
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("lanes", "options"),
-    [
-        (1, {}),
-        pytest.param(8, {}, marks=pytest.mark.long),
-        pytest.param(1, DETAILED, marks=pytest.mark.long),
-        pytest.param(4, DETAILED, marks=pytest.mark.long),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("lanes", "options"), [(1, {}), (8, {}), (1, DETAILED), (4, DETAILED)], ids=str)
 def test_lanes_do_not_change_a_bit(device, lanes, options):
     if options:
         needs_float64(device)

@@ -227,15 +227,7 @@ def roofed(light, material: Material = GLOSSY) -> Scene:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        pytest.param({"shader": "gouraud"}, marks=pytest.mark.long),
-        pytest.param({"shader": "pbr"}, marks=pytest.mark.long),
-        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
-        pytest.param({"precision": "fast"}, marks=pytest.mark.long),
-    ],
-    ids=str,
+    "options", [{}, {"shader": "gouraud"}, {"shader": "pbr"}, {"precision": "float64"}, {"precision": "fast"}], ids=str
 )
 def test_shadows_against_the_oracle(device, options):
     if options.get("precision") == "float64":

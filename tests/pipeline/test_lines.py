@@ -121,7 +121,7 @@ def test_a_scene_without_faces(device):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("samples", [1, pytest.param(5, marks=pytest.mark.long)])
+@pytest.mark.parametrize("samples", [1, 5])
 def test_the_bits_do_not_depend_on_lanes(device, samples):
     scene = scene_of(cube(), floor())
     frames = []

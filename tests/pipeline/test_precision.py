@@ -174,7 +174,7 @@ def test_float64_does_not_pass_for_float32(device):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("lanes", [1, pytest.param(8, marks=pytest.mark.long)])
+@pytest.mark.parametrize("lanes", [1, 8])
 @pytest.mark.parametrize("precision", ["float64"])
 def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
     scene = replace(scenes.builtin("box_room"), name="room")

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import needs_float64
-from layer_scenes import mixed
+from layer_scenes import FRAME_CASES
 
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
@@ -63,26 +63,11 @@ def assert_same(views: Views, expected: list[Frame]) -> None:
         assert {name: frame.stats[name] for name in counts} == counts
 
 
-CASES = {
-    "the teapot": (clshade.builtin("teapot"), {"resolution": (80, 60)}),
-    "clipped, in painter's order": (mixed(), {"preset": "course", "shader": "gouraud"}),
-    "several samples": (mixed(), {"texture_filter": "trilinear", "samples": 5}),
-    "float64": (mixed(), {"precision": "float64", "samples": 3}),
-    "shadows, pbr": (clshade.builtin("teapot"), {"preset": "pbr", "shadows": True, "resolution": (80, 60)}),
-    "ambient occlusion": (
-        clshade.builtin("box_room"),
-        {"ambient_occlusion": 2, "layers": "AO", "resolution": (40, 30)},
-    ),
-    "edges": (clshade.builtin("icosphere", level=2), {"edges": "all", "samples": 4, "resolution": (40, 30)}),
-}
-LONG = ("several samples", "float64", "shadows, pbr", "edges")  # they need programs of their own
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
+@pytest.mark.parametrize("case", FRAME_CASES)
 def test_frames_are_those_drawn_one_by_one(device, case):
     """With every layer, from near enough to clip faces and from afar."""
-    scene, options = CASES[case]
+    scene, options = FRAME_CASES[case]
     if options.get("precision") == "float64" or "edges" in options:
         needs_float64(device)
     with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:

@@ -160,8 +160,7 @@ OTHER_LANES = [
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "options", "lanes", "background"),
-    [(*EVERY_DAY, 1, BACKGROUND)]
-    + [pytest.param(*case, marks=pytest.mark.long) for case in ((*EVERY_DAY, 1, None), *OTHER_LANES)],
+    [(*EVERY_DAY, 1, BACKGROUND)] + [(*case,) for case in ((*EVERY_DAY, 1, None), *OTHER_LANES)],
     ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, lanes, background):

@@ -148,7 +148,7 @@ def test_scalars_that_are_not_shown_change_nothing(device):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=pytest.mark.long), pytest.param(8, marks=pytest.mark.long)])
+@pytest.mark.parametrize("lanes", [1, 4, 8])
 def test_lanes_do_not_change_a_bit(device, lanes):
     scene = Scene((wave(), floor()), ASIDE, LIGHT)
     first, other = (

@@ -40,14 +40,14 @@ def bits(frame: Frame) -> np.ndarray:
 @pytest.mark.parametrize(
     ("precision", "options"),
     [
-        pytest.param("float32", {"lanes": 8}, marks=pytest.mark.long),
-        pytest.param("float32", {"lanes": 4}, marks=pytest.mark.long),
-        pytest.param("float32", {"lanes": 1}, marks=pytest.mark.long),
-        pytest.param("fast", {"lanes": 1}, marks=pytest.mark.long),
+        ("float32", {"lanes": 8}),
+        ("float32", {"lanes": 4}),
+        ("float32", {"lanes": 1}),
+        ("fast", {"lanes": 1}),
         ("float32", {"forced": {"MIPMAPS"}}),
-        pytest.param("fast", {"forced": {"MIPMAPS"}}, marks=pytest.mark.long),
-        pytest.param("float32", {"forced": {"MATERIALS"}}, marks=pytest.mark.long),
-        pytest.param("float32", {"forced": {"SORTED"}}, marks=pytest.mark.long),
+        ("fast", {"forced": {"MIPMAPS"}}),
+        ("float32", {"forced": {"MATERIALS"}}),
+        ("float32", {"forced": {"SORTED"}}),
     ],
     ids=str,
 )
@@ -63,7 +63,7 @@ def test_the_choice_depends_on_triangle_and_tile_alone(device, precision, option
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("forced", ["VERTEX_COLORS", pytest.param("MATERIALS", marks=pytest.mark.long)])
+@pytest.mark.parametrize("forced", ["VERTEX_COLORS", "MATERIALS"])
 def test_unlit_textures_use_them_too(device, forced):
     scene = patches(75.0)
     plain = clshade.render(scene, device=device, shader="nolight")

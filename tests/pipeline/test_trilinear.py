@@ -182,10 +182,10 @@ PARALLEL = replace(lit.CAMERA, orthographic=True, plane=(4.0, 5.0), principal=(0
     [
         {"interpolation": "affine"},
         {"camera": PARALLEL},
-        pytest.param({"shader": "phong"}, marks=pytest.mark.long),
-        pytest.param({"shader": "gouraud", "precision": "float64"}, marks=pytest.mark.long),
-        pytest.param({"camera": PARALLEL, "precision": "float64"}, marks=pytest.mark.long),
-        pytest.param({"interpolation": "affine", "precision": "float64"}, marks=pytest.mark.long),
+        {"shader": "phong"},
+        {"shader": "gouraud", "precision": "float64"},
+        {"camera": PARALLEL, "precision": "float64"},
+        {"interpolation": "affine", "precision": "float64"},
     ],
     ids=lambda options: "-".join(options),
 )
@@ -235,9 +235,7 @@ def test_huge_texture_coordinates_that_are_equal(device, wrap):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "precision", ["float32", *(pytest.param(name, marks=pytest.mark.long) for name in ("fast", "float64"))]
-)
+@pytest.mark.parametrize("precision", ["float32", *(name for name in ("fast", "float64"))])
 def test_clipped_pieces(device, precision):
     """The pieces have other corners than the face, but the same slopes."""
     repeats = 30.0 if precision == "fast" else 600.0  # fast keeps coordinates in float32

@@ -1,4 +1,4 @@
-"""A scene with every feature that layers show, for tests of layers."""
+"""A scene with every feature that layers show, and scenes that take all ways to a frame."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import clshade
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
 
@@ -64,3 +65,18 @@ def mixed(**fields: Any) -> Scene:
     meshes = (floor(), nothing, dome(), wedge(), tile)
     given: dict[str, Any] = {"camera": CAMERA, "lights": (PointLight((2, 3, 4)),), "background": None}
     return Scene(meshes, **{**given, **fields})
+
+
+# Scenes and options that take all ways to a frame.
+FRAME_CASES: dict[str, tuple[Scene, dict[str, Any]]] = {
+    "the teapot": (clshade.builtin("teapot"), {"resolution": (80, 60)}),
+    "clipped, in painter's order": (mixed(), {"preset": "course", "shader": "gouraud"}),
+    "several samples": (mixed(), {"texture_filter": "trilinear", "samples": 5}),
+    "float64": (mixed(), {"precision": "float64", "samples": 3}),
+    "shadows, pbr": (clshade.builtin("teapot"), {"preset": "pbr", "shadows": True, "resolution": (80, 60)}),
+    "ambient occlusion": (
+        clshade.builtin("box_room"),
+        {"ambient_occlusion": 2, "layers": "AO", "resolution": (40, 30)},
+    ),
+    "edges": (clshade.builtin("icosphere", level=2), {"edges": "all", "samples": 4, "resolution": (40, 30)}),
+}
