@@ -12,7 +12,7 @@ from typing import Any
 
 from ...base import console
 from ...errors import DeviceError
-from . import environment
+from . import environment, pocl_target
 from .inlining import inlined
 from .probe import (
     GET_INTEL,
@@ -147,6 +147,7 @@ def probe_child(index: str, name: str) -> None:
     import numpy as np
     import pyopencl as cl
 
+    pocl_target.set_target()
     p, d = (int(part) for part in index.split(":"))
     device = cl.get_platforms()[p].get_devices()[d]
     if device.name.strip() != name:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from ...base import console
 from ...errors import DeviceError
-from . import cache_slots
+from . import cache_slots, pocl_target
 from .cache_slots import Slot, unusable
 
 # Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
@@ -311,6 +311,7 @@ def starting() -> None:
         )
     if _started_in is None:
         _pin_threads()
+        pocl_target.set_target()
     _started_in = os.getpid()
 
 
