@@ -170,7 +170,7 @@ INLINE void put_group(global Entry *lists, global uint *cursors, const Group *gr
                       global const Image *image)
 {
 #if HAS_NEAR_TILES
-    const int last = TILE_SIZE - 1;
+    const fixeds last = (fixeds)(TILE_SIZE - 1);
     Boxes b = boxes_of(group);
     NearTiles near = near_tiles_of(group, &b, image);
     // In a box's first tile it begins within, and in those to the right and above at the tile's edge.

@@ -91,13 +91,13 @@ void halve(global const float *from, global float *to, int count, int below)
 {
     float16 lows = (float16)(FLT_MAX), highs = -lows;
     for (int i = 0; i < count / 4; ++i) {
-        float16 four = vload16(i, from);
+        float16 four = load16(from + 16 * i);
         lows = LEAST_OF_TWO(four, lows), highs = MOST_OF_TWO(four, highs);
     }
     float8 low8 = LEAST_OF_TWO(lows.lo, lows.hi), high8 = MOST_OF_TWO(highs.lo, highs.hi);
     float4 low = LEAST_OF_TWO(low8.lo, low8.hi), high = MOST_OF_TWO(high8.lo, high8.hi);
     for (int i = count / 4 * 4; i < count; ++i) {
-        float4 row = vload4(i, from);
+        float4 row = load4(from + 4 * i);
         low = LEAST_OF_TWO(row, low), high = MOST_OF_TWO(row, high);
     }
     float4 size = high - low;
@@ -119,7 +119,7 @@ void halve(global const float *from, global float *to, int count, int below)
         int bin = min((int)((from[4 * i + axis] - start) * scale), BINS - 1), equal = bin == middle;
         int before = (bin < middle) | (equal & (rest > 0));
         rest -= equal;
-        vstore4(vload4(i, from), before ? next : other, to);
+        store4(load4(from + 4 * i), to + 4 * (before ? next : other));
         next += before, other += !before;
     }
 }
@@ -141,7 +141,7 @@ kernel void hierarchy_runs(global const float *vertices, global const int *faces
         global const float4 *corners = (global const float4 *)vertices;
         global const int *v = faces + 3 * (size_t)face;
         float4 sum = (corners[2 * (size_t)v[0]] + corners[2 * (size_t)v[1]]) + corners[2 * (size_t)v[2]];
-        vstore4((float4)(sum.xyz, as_float(face)), i, rows);
+        store4((float4)(sum.xyz, as_float(face)), rows + 4 * i);
     }
     Part left[16];  // parts that wait: at most one for each halving of a run, and one more
     int parts = 1;

@@ -46,7 +46,7 @@ INLINE void gather_corners(Rows *rows, fixeds *behind, global const Vertex *vert
 {
     for (int k = 0; k < 3; ++k) {
 #if HAS_ROWS
-#define ROW(lane) vload4(0, (global const float *)&vertices[vertex[k][lane]].x)
+#define ROW(lane) load4((global const float *)&vertices[vertex[k][lane]].x)
         reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));  // x, y, w, w_low
 #undef ROW
         STORE_LANES(AS_INTS(corner.x), rows->x[k]);

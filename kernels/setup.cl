@@ -273,7 +273,7 @@ INLINE Corners corners_of_faces(global const int *faces, global const Vertex *ve
         int index[LANES];
         for (int lane = 0; lane < LANES; ++lane)
             index[lane] = faces[3 * face[lane] + k];
-#define ROW(lane) vload4(0, (global const float *)&vertices[index[lane]].x)
+#define ROW(lane) load4((global const float *)&vertices[index[lane]].x)
         reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));  // x, y, w, w_low
 #undef ROW
         t.x[k] = AS_INTS(corner.x);

@@ -21,7 +21,6 @@ from ..errors import ClshadeError, DeviceError
 from .features import Features
 from .opencl import cache_sharing, environment
 from .opencl.device import Device
-from .opencl.inlining import inlined
 from .struct_layout import header
 from .surface_inputs import macros
 
@@ -172,7 +171,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
     declared = header(double_reals=double, with_double=device.has_fp64) + macros()
-    source = inlined(f"#pragma OPENCL FP_CONTRACT OFF\n{declared}{flat}")
+    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declared}{flat}"
     options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_EXACT)

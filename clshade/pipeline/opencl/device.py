@@ -13,7 +13,6 @@ from typing import Any
 from ...base import console
 from ...errors import DeviceError
 from . import environment, pocl_target
-from .inlining import inlined
 from .probe import (
     GET_INTEL,
     RIGHT,
@@ -156,14 +155,14 @@ def probe_child(index: str, name: str) -> None:
     queue = cl.CommandQueue(context)
     program = cl.Program(
         context,
-        inlined("""
+        """
         __kernel void probe(__global const float *x, __global float *y) {
             size_t i = get_global_id(0);
             float sum = 0.0f;
             for (uint k = 0; k <= i; k++) sum = fma(x[k], 2.0f, sum);
             y[i] = sum;
         }
-        """),
+        """,
     ).build()
     x = np.arange(64, dtype=np.float32)
     flags = cl.mem_flags
@@ -311,11 +310,6 @@ def list_devices() -> list[DeviceInfo]:
         return found
     probes = [Probe(info) for info in found]
     problems = [probe.finish() for probe in probes]
-    for info, probe in zip(found, probes, strict=True):
-        if probe.called:
-            console.detail(f"{info}: {', '.join(probe.called)}: called, not inlined, which makes arithmetic slow")
-        elif is_runtime(info, "pocl"):
-            console.detail(f"{info}: built-in functions are inlined")
     return [replace(info, works=not problem, problem=problem) for info, problem in zip(found, problems, strict=True)]
 
 

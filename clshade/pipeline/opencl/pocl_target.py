@@ -40,7 +40,9 @@ _LEVELS = (
     (4, "avx512f avx512bw avx512cd avx512dq avx512vl"),
 )
 _FUNCTION = "pocl_get_llvm_cpu_name"
-FORCED = "CLSHADE_POCL_TARGET"  # environment variable: LLVM's name of another processor, to try out what is compiled for it
+FORCED = (
+    "CLSHADE_POCL_TARGET"  # environment variable: LLVM's name of another processor, to try out what is compiled for it
+)
 
 
 def level_of(flags: Collection[str]) -> int:

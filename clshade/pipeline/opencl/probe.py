@@ -20,7 +20,7 @@ from pathlib import Path
 
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
-from . import environment, inlining
+from . import environment
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
 VERDICT_VERSION = 2  # increment it when the probe changes
@@ -149,8 +149,6 @@ class Probe:
     """A probing process, started at once. It has a PoCL cache of its own: with kernels from an earlier run in it, a
     missing linker would go unnoticed. End it with `finish` or `abandon`; the end of this process does so too.
 
-    called: once finished, the built-in functions that PoCL's compiled kernel calls instead of inlining them.
-
     Raises DeviceError if it cannot be started.
     """
 
@@ -160,7 +158,7 @@ class Probe:
 
         self.info, self.owner = info, os.getpid()
         self.process: subprocess.Popen[str] | None = None
-        self.folder, self.called = "", list[str]()
+        self.folder = ""
         root = environment.cache_root()
         _sweep(root)
         _running.add(self)
@@ -201,7 +199,6 @@ class Probe:
             left = self.started + PROBE_SECONDS - time.monotonic()
             out, err = self.process.communicate(timeout=max(left, 0.0))
             fault = _fault(self.process.returncode, out, err)
-            self.called = [name for names in inlining.called_builtins(Path(self.folder)).values() for name in names]
         except TimeoutExpired:
             fault = f"had not finished a small kernel after {PROBE_SECONDS:g} s"
         finally:
