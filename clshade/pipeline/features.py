@@ -75,7 +75,6 @@ OPTIONAL = (
 )
 
 
-SORTING_LANES = 16  # with which the kernels need no depth sort: see at_lanes
 
 
 @dataclass(frozen=True)
@@ -529,8 +528,8 @@ def derive(
 
 def at_lanes(features: Features, own: int, chosen: int | None) -> Features:
     """Return the features for a device with its own number of lanes, and another one chosen for the pixels. Only with
-    SORTING_LANES do kernels set up faces in their order, and pixel stages order the lists of tiles themselves."""
-    return features if own == (chosen or own) == SORTING_LANES else features.including("SORTED")
+    vectors do kernels set up faces in their order, and pixel stages order the lists of tiles themselves."""
+    return features if min(own, chosen or own) > 1 else features.including("SORTED")
 
 
 def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:

@@ -35,7 +35,8 @@ class Device:
 
     device, context, queue: pyopencl's objects; the queue is in-order.
     version: the device's OpenCL version text. driver: its driver's version.
-    lanes: pixels that a work-item processes together: 16 on a CPU, 1 on a GPU and where the runtime vectorizes work-items.
+    lanes: pixels that a work-item processes together: as many as a CPU's vectors have float32 numbers, 1 on a GPU and
+        where the runtime vectorizes work-items.
     memory, max_allocation: bytes, in total and per buffer.
     setup_run: faces that a work-item of the setup kernel processes in sequence.
     keeps_programs: whether the runtime finds programs that it has built before by their source.
@@ -270,6 +271,30 @@ def _try_out(info: DeviceInfo, handle: Any, profiling: bool, meanwhile: Callable
     return device
 
 
+# Its kernel's name says how many float32 numbers the vectors of the processor have that the runtime compiles for.
+_WIDTH = """
+#if defined(__AVX512F__)
+kernel void lanes_16(void) {}
+#elif defined(__AVX__)
+kernel void lanes_8(void) {}
+#elif defined(__SSE2__) || defined(__ARM_NEON)
+kernel void lanes_4(void) {}
+#else
+kernel void lanes_of_device(void) {}
+#endif
+"""
+
+
+def _vector_width(context: Any, handle: Any) -> int:
+    """Return the number of lanes for a CPU: what its compiler's macros say, or else the device itself."""
+    import pyopencl as cl
+
+    name = cl.Program(context, _WIDTH).build().all_kernels()[0].function_name
+    if name != "lanes_of_device":
+        return int(name.removeprefix("lanes_"))
+    return handle.native_vector_width_float if handle.native_vector_width_float in (4, 8, 16) else 16
+
+
 def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
     import pyopencl as cl
 
@@ -290,7 +315,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         driver=info.driver,
         is_cpu=info.is_cpu,
         has_fp64=info.has_fp64,
-        lanes=16 if info.is_cpu and not is_runtime(info, "rusticl") else 1,  # Mesa vectorizes work-items itself
+        lanes=_vector_width(context, handle) if info.is_cpu and not is_runtime(info, "rusticl") else 1,  # Mesa does so itself
         compute_units=info.compute_units,
         memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,
