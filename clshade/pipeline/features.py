@@ -75,8 +75,6 @@ OPTIONAL = (
 )
 
 
-
-
 @dataclass(frozen=True)
 class Features:
     """The macros of one program, name -> 0 or 1, and the reason why each optional one that is 0 is left out."""

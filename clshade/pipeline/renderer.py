@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import copy
 import os
+import pickle
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +30,6 @@ from .frame import Frame
 from .frame_queue import FrameQueue
 from .frame_state import STREAMED_PIXELS, Progress
 from .instances import draws_from_one_copy
-from .launches import scene_stages
 from .many_views import Views, check_camera, check_cameras, result_arrays
 from .opencl.device import Device, shared_device
 from .programs import running_time
@@ -46,6 +48,21 @@ def _seen_by(scene: Scene, camera: Camera) -> Scene:
     seen = copy.copy(scene)
     set_fields(seen, camera=camera)
     return seen
+
+
+# Of the frame with which a device is tested: columns and rows, and most faces, with which it takes no time of its own.
+_TRIAL_SIZE, _TRIAL_FACES = (64, 48), 1 << 18
+
+
+def _trial(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes:
+    """Return pickled arguments of a renderer that needs the same programs for a small image; empty for a large scene, and
+    for one of the user's own types that cannot be pickled."""
+    if scene.face_count > _TRIAL_FACES:
+        return b""
+    seen = _seen_by(scene, replace(scene.camera, resolution=_TRIAL_SIZE))
+    with contextlib.suppress(Exception):
+        return pickle.dumps({"scene": seen, "settings": settings, "forced": forced})
+    return b""
 
 
 class Renderer:
@@ -124,14 +141,10 @@ class Renderer:
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = running_time()
 
-        def build_meanwhile(tried: Device) -> None:
-            if tried.has_fp64 or packed.instances is None:
-                scene_stages(tried, at_lanes(packed.features, tried.lanes, lanes), lanes, packed.layers.features)
-
         if not isinstance(device, (Device, str, type(None))):
             raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
-            device = shared_device(device, profiling=True, meanwhile=build_meanwhile)
+            device = shared_device(device, profiling=True, trial=partial(_trial, self.scene, self.settings, forced))
         self.device = device
         if packed.instances is not None and not device.has_fp64:
             scene_memory.check_host(self.scene)

@@ -18,7 +18,7 @@ from clshade.cli import commands
 from clshade.measure import timing
 from clshade.measure.report import feature_savings
 from clshade.pipeline import gather, programs
-from clshade.pipeline.features import CHOICES, OPTIONAL, SORTING_LANES, Features
+from clshade.pipeline.features import CHOICES, OPTIONAL, Features
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
@@ -191,7 +191,7 @@ def test_every_feature_is_left_out():
 )
 def test_where_all_but_some_are_needed_these_change_no_bit(device, names, shader):
     """They are off by default; with them forced, the image is the same."""
-    if "SORTED" in names and device.lanes != SORTING_LANES:
+    if "SORTED" in names and device.lanes == 1:
         assert "SORTED" in needed_by(draw_rich(device, *names, shader=shader))  # sorted whatever the scene
         return
     lean = draw_rich(device, *names, shader=shader)

@@ -126,11 +126,11 @@ from clshade.pipeline.opencl import device; from clshade.pipeline.opencl import 
 from clshade.pipeline.opencl.probe import DeviceInfo
 infos = [DeviceInfo(f"{k}:0", "Portable Computing Language", "CPU") for k in range(3)]
 device._enumerate = lambda name: [(info, None) for info in infos]
-device._connect = lambda *_: None
+device._connect, device.SLOW = lambda *_: None, 60.0
 probing.probe_command = lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
 start = probing.Probe.__init__
-def started(self, info):
-    start(self, info)
+def started(self, info, *more):
+    start(self, info, *more)
     print(self.process.pid, flush=True)
     if info.index == sys.argv[2]:
         signal.raise_signal(signal.SIGINT)

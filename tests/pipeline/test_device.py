@@ -96,7 +96,7 @@ def test_name_from_the_environment(opened: device.Device, monkeypatch: pytest.Mo
 def test_open_device_runs_a_kernel(opened: device.Device) -> None:
     import pyopencl as cl
 
-    assert opened.lanes == (16 if opened.is_cpu else 1)
+    assert opened.lanes in ((4, 8, 16) if opened.is_cpu else (1,))
     assert opened.compute_units >= 1
     assert opened.memory >= opened.max_allocation > 0
     assert opened.setup_run > 0
@@ -164,7 +164,7 @@ def test_a_device_that_aborts_gives_one_line(
         ("pass", "computes wrongly"),
         ("raise SystemExit('LogicError: clBuildProgram failed')", "fails at its first kernel (LogicError: clBuild"),
         ("raise SystemExit(7)", "(exit code 7)"),
-        ("import time; time.sleep(60)", "had not finished a small kernel after 0.3 s"),
+        ("import time; time.sleep(60)", "had not finished a small frame after 0.3 s"),
     ],
 )
 def test_faults(code: str, fault: str, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,15 +173,18 @@ def test_faults(code: str, fault: str, fresh_cache: Path, monkeypatch: pytest.Mo
     problem = probe.Probe(POCL).finish()
     assert problem.startswith(f"{POCL} ")
     assert fault in problem
-    assert probe.recall(POCL) is False
+    verdict = probe.recall(POCL)
+    assert verdict is not None
+    assert not verdict.works
 
 
 @pytest.mark.long
 def test_real_probe_finds_that_the_device_works(opened: device.Device, fresh_cache: Path) -> None:
-    calls: list[str] = []
-    first = device.open_device(opened.index, meanwhile=lambda d: calls.append(d.index))
-    assert calls == [opened.index]
+    calls: list[int] = []
+    first = device.open_device(opened.index, trial=lambda: calls.append(0) or b"")  # type: ignore[func-returns-value]
+    assert calls == [0]
     assert len(list((fresh_cache / "verdicts").iterdir())) == 1
+    assert first.lanes == opened.lanes
     assert not first.profiling
 
 
@@ -190,7 +193,7 @@ def test_verdict_is_remembered_until_the_system_changes(
 ) -> None:
     tried = probe_that(f"print('{probe.RIGHT}')", monkeypatch)
     device.open_device(opened.index)
-    device.open_device(opened.index, meanwhile=lambda _: pytest.fail("nothing is tried out here"))
+    device.open_device(opened.index, trial=lambda: pytest.fail("nothing is tried out here"))
     assert tried == [opened.index]
     monkeypatch.setenv("PATH", str(fresh_cache))  # no ld
     device.open_device(opened.index)
@@ -250,11 +253,9 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
 
     monkeypatch.setattr(probe, "probe_command", command)
     monkeypatch.setattr(device, "_enumerate", lambda name: [(info, info) for info in (INTEL, POCL)])
-    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling: info)
-    meanwhile: list[Any] = []
-    assert device.open_device("", meanwhile=meanwhile.append) == INTEL
+    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: info)
+    assert device.open_device("") == INTEL
     assert tried == ["0:0", "2:0"]
-    assert meanwhile == [POCL, INTEL]
     assert device.open_device("") == INTEL
     assert tried == ["0:0", "2:0"], "the broken one comes last, and a working one is not tried out again"
     with pytest.raises(DeviceError, match="crashes"):
@@ -265,19 +266,69 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
     assert tried[3:] == ["0:0"], "after a day it comes first again"
 
 
-def test_failing_meanwhile(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+# A device whose compiler fails with some numbers of lanes: at the first build, at the first launch, or it hangs.
+FAILING = """
+import os, sys, time
+lanes = int(sys.argv[-1]) or 16
+print("{lanes}%d" % lanes, flush=True)
+if lanes > {working}: {fault}
+print("{right}")
+"""
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        (
+            "sys.stderr.write('LLVM ERROR: Cannot select\\n'); sys.stderr.flush(); os.abort()",
+            "SIGABRT: LLVM ERROR: Can",
+        ),
+        ("sys.exit('RuntimeError: clBuildProgram failed')", "fails at its first kernel (RuntimeError: clBuild"),
+        ("time.sleep(60)", "had not finished a small frame after 0.5 s"),
+        ("print('clshade-probe-wrong'); sys.exit()", "computes wrongly"),
+    ],
+)
+@pytest.mark.parametrize("working", [8, 1, 0])
+def test_fewer_lanes_are_taken_where_more_fail(
+    fault: str, told: str, working: int, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    """Down to one; a line says which and why. The verdict keeps the number."""
+    monkeypatch.setattr(probe, "PROBE_SECONDS", 0.5 if "sleep" in fault else 30.0)
+    tried = probe_that(FAILING.format(lanes=probe._LANES, working=working, fault=fault, right=probe.RIGHT), monkeypatch)
     monkeypatch.setattr(device, "_enumerate", lambda name: [(POCL, None)])
-    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling: info)
+    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: lanes)
+    attempts = {8: 2, 1: 4, 0: 4}[working]
+    if working == 0:
+        with pytest.raises(DeviceError) as caught:
+            device.open_device("")
+        said = str(caught.value)
+    else:
+        assert device.open_device("") == working
+        *progress, said = capfd.readouterr().err.splitlines()
+        assert all("trying out" in line for line in progress)
+        assert f"with {working} instead of more lanes" in said
+        assert probe.recall(POCL) == (True, working)
+        assert device.open_device("") == working
+        assert capfd.readouterr().err == ""
+        (listed,) = device.list_devices()
+        assert (listed.works, listed.lanes) == (True, working)
+        assert listed.narrowed.removeprefix(f"{POCL} ") in device.format_devices([listed])
+    assert told in said
+    assert "\n" not in said
+    assert tried[:attempts] == ["0:0"] * attempts
 
-    def fail(_: object) -> None:
-        raise ValueError("from meanwhile")
 
-    probe_that("import os; os.abort()", monkeypatch)
-    with pytest.raises(DeviceError, match="crashes"):
-        device.open_device("", meanwhile=fail)
-    probe_that(f"print('{probe.RIGHT}')", monkeypatch)
-    with pytest.raises(ValueError, match="from meanwhile"):
-        device.open_device("", meanwhile=fail)
+@pytest.mark.long
+def test_what_a_test_compiled_is_not_compiled_again(opened: device.Device, tmp_path: Path) -> None:
+    """The trial draws the scene itself: its parent finds every program."""
+    code = f"""
+import clshade
+from clshade.pipeline import programs
+clshade.render(clshade.builtin("quads"), device={opened.index!r}, resolution=(32, 24))
+print(*(each.stored for each in programs.built()))
+"""
+    done = python(code, tmp_path)
+    assert done.stdout.split() == ["True", "True"], done.stderr
 
 
 @pytest.mark.long

@@ -20,7 +20,7 @@ from clshade import course, oracle
 from clshade.measure.check import oracle_bounds
 from clshade.measure.check.layer_bounds import assert_layers
 from clshade.measure.stability.cases import lit
-from clshade.pipeline import buffers, features, instances, launches, programs, tile_lists
+from clshade.pipeline import buffers, instances, launches, programs, tile_lists
 from clshade.pipeline.hierarchy import build
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
@@ -150,8 +150,7 @@ def scenes() -> list[tuple[Scene, dict[str, Any]]]:
 def draw(form: str) -> float:
     device = open_device("oclgrind")
     assert device.platform == "Oclgrind", device
-    # Oclgrind 21.10 aborts at a vector of 16 composed of four of 4. Kernels that 16 lanes alone choose run with 4 too.
-    features.SORTING_LANES = 4
+    # Oclgrind 21.10 aborts at a vector of 16 composed of four of 4.
     device = replace(device, lanes=4) if form == "vectors" else replace(device, is_cpu=False, setup_run=1, lanes=1)
     worst = 0.0
     for scene, options in scenes():

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ...base.file_lock import lock_file
+from ...errors import ClshadeError
 from .cache_slots import LOCK, MARK, UNFINISHED, Slot, read_seal
 
 _FOLDER = "pocl/"
@@ -41,6 +42,15 @@ def take_over(slot: Slot, name: str) -> bool:
             if other != slot.folder and _own(other) and not _died(other) and _copied(slot, other, name):
                 return True
     return False
+
+
+def take_all(slot: Slot, other: Path) -> None:
+    """Copy all programs of another slot, whose process has ended. A cache that cannot be written only costs time."""
+    with contextlib.suppress(OSError, ClshadeError):
+        for name in read_seal(other) or ():
+            if name.startswith("binaries/"):
+                _copied(slot, other, name)
+        slot.seal()
 
 
 def _own(folder: Path) -> bool:

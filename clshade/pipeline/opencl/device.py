@@ -7,25 +7,25 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from ...base import console
 from ...errors import DeviceError
-from . import environment, pocl_target
+from . import environment
 from .probe import (
     GET_INTEL,
-    RIGHT,
     RUNTIMES,
-    WRONG,
     DeviceInfo,
     Probe,
+    Verdict,
     can_probe,
     device_fault,
     install_advice,
     is_runtime,
     one_line,
     recall,
+    tried_out,
 )
 
 
@@ -136,62 +136,35 @@ def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
     return sorted(chosen, key=_rank)
 
 
-def probe_child(index: str, name: str) -> None:
-    """Build and run a kernel on the device, in the probing process, and print whether its result was right."""
-    try:
-        import resource
+def _handle_of(index: str, name: str) -> tuple[DeviceInfo, Any]:
+    """Return the device that another process found under this index. Raises RuntimeError if it is not there now."""
+    for info, handle in _enumerate(name):
+        if info.index == index and info.name == name:
+            return info, handle
+    raise RuntimeError(f"{name!r} is not found at {index}")
 
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected: no core file
-    except (ImportError, ValueError, OSError):
-        pass
-    import numpy as np
-    import pyopencl as cl
 
-    pocl_target.set_target()
-    p, d = (int(part) for part in index.split(":"))
-    device = cl.get_platforms()[p].get_devices()[d]
-    if device.name.strip() != name:
-        raise RuntimeError(f"found {device.name!r} in its place")
-    context = cl.Context([device])
-    queue = cl.CommandQueue(context)
-    program = cl.Program(
-        context,
-        """
-        __kernel void probe(__global const float *x, __global float *y) {
-            size_t i = get_global_id(0);
-            float sum = 0.0f;
-            for (uint k = 0; k <= i; k++) sum = fma(x[k], 2.0f, sum);
-            y[i] = sum;
-        }
-        """,
-    ).build()
-    x = np.arange(64, dtype=np.float32)
-    flags = cl.mem_flags
-    source = cl.Buffer(context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=x)
-    result = np.zeros_like(x)
-    target = cl.Buffer(context, flags.WRITE_ONLY, result.nbytes)
-    cl.Kernel(program, "probe")(queue, x.shape, (16,), source, target)
-    cl.enqueue_copy(queue, result, target)
-    print(RIGHT if (result == 2.0 * np.cumsum(x)).all() else WRONG, flush=True)
+def open_untested(index: str, name: str, lanes: int = 0) -> Device:
+    """Open a device, as the process that tests it does. lanes: 0 for its own number."""
+    return _connect(*_handle_of(index, name), False, lanes)
 
 
 # Opening
 
+SLOW = 0.5  # seconds of a test before a message
+
 
 def open_device(
-    name: str | None = None, *, profiling: bool = False, meanwhile: Callable[[Device], Any] | None = None
+    name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
 ) -> Device:
     """Open a device that works; of several that the name can mean, the first that does.
 
     name: `pocl`, `intel`, `nvidia`, `amd`, `rusticl`, any part of a platform's name or else of a device's, or "P:D"
         (indices of platform and device). None: the environment's CLSHADE_DEVICE, or else PoCL, Intel, any.
     profiling: whether the queue's events carry times.
-    meanwhile: called with the device while it is being tested, which happens the first time on a machine and takes a
-        second or two. It may build programs but not enqueue anything. It is called again with another device if the
-        first turns out broken, and not at all if no test is needed.
+    trial: returns what the device is tested with, the first time on a machine: see `probe.tried_out`.
 
-    Raises DeviceError, with one line that says what to install or change, if there is none. What `meanwhile` raises is
-    passed on, unless the device is broken.
+    Raises DeviceError, with one line that says what to install or change, if there is none.
     """
     name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     handles = dict(_enumerate(name))
@@ -206,15 +179,20 @@ def open_device(
         raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, handles))}{hint}")
     problems = {}
     verdicts = {info: recall(info) for info in chosen}
-    for info in sorted(chosen, key=lambda info: verdicts[info] is False):
+    for info in sorted(chosen, key=lambda info: _known_as_broken(verdicts[info])):
+        verdict = verdicts[info]
         try:
-            if verdicts[info] or not can_probe():
-                return _connect(info, handles[info], profiling)
-            return _try_out(info, handles[info], profiling, meanwhile)
+            if (verdict is not None and verdict.works) or not can_probe():
+                return _connect(info, handles[info], profiling, verdict.lanes if verdict is not None else 0)
+            return _try_out(info, handles[info], profiling, trial)
         except _Broken as error:
             problems[info] = str(error)
     others = f" ({len(problems) - 1} more broken: see `python -m clshade devices`)" if len(problems) > 1 else ""
     raise DeviceError(problems[chosen[0]] + others)
+
+
+def _known_as_broken(verdict: Verdict | None) -> bool:
+    return verdict is not None and not verdict.works
 
 
 _shared: dict[tuple[int, str, bool], Device] = {}
@@ -232,7 +210,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def shared_device(
-    name: str | None = None, *, profiling: bool = False, meanwhile: Callable[[Device], Any] | None = None
+    name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
 ) -> Device:
     """Open a device as `open_device` does, but once per process, so that programs built for it are found again."""
     asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
@@ -240,7 +218,7 @@ def shared_device(
     with _opening:
         if key not in _shared:
             start = time.perf_counter()
-            _shared[key] = device = open_device(asked, profiling=profiling, meanwhile=meanwhile)
+            _shared[key] = device = open_device(asked, profiling=profiling, trial=trial)
             console.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
         return _shared[key]
 
@@ -249,26 +227,20 @@ class _Broken(DeviceError):
     """A device that does not work; another one may."""
 
 
-def _try_out(info: DeviceInfo, handle: Any, profiling: bool, meanwhile: Callable[[Device], Any] | None) -> Device:
-    """Open the device while it is being tested."""
-    probe = Probe(info)
-    device, failure = None, None
+def _try_out(info: DeviceInfo, handle: Any, profiling: bool, trial: Callable[[], bytes] | None) -> Device:
+    """Open the device after a test; where its own number of lanes does not work, with fewer."""
+    say = threading.Timer(SLOW, console.progress, (f"trying out {info.platform}: {info.name} ...",))
+    say.daemon = True
+    say.start()
     try:
-        device = _connect(info, handle, profiling)
-        if meanwhile is not None:
-            meanwhile(device)
-    except Exception as error:
-        failure = error
-    except BaseException:
-        probe.abandon()
-        raise
-    problem = probe.finish()
-    if problem:
-        raise _Broken(problem)
-    if failure is not None:
-        raise failure
-    assert device is not None
-    return device
+        found = tried_out(info, trial() if trial is not None else b"")
+    finally:
+        say.cancel()
+    if not found.works:
+        raise _Broken(found.problem)
+    if found.narrowed:
+        console.warning(found.narrowed)
+    return _connect(info, handle, profiling, found.lanes)
 
 
 # Its kernel's name says how many float32 numbers the vectors of the processor have that the runtime compiles for.
@@ -285,17 +257,19 @@ kernel void lanes_of_device(void) {}
 """
 
 
-def _vector_width(context: Any, handle: Any) -> int:
-    """Return the number of lanes for a CPU: what its compiler's macros say, or else the device itself."""
+def _own_lanes(info: DeviceInfo, context: Any, handle: Any) -> int:
+    """Return the device's own number of lanes: for a CPU what its compiler's macros say, or else the device itself."""
     import pyopencl as cl
 
+    if not info.is_cpu or is_runtime(info, "rusticl"):  # Mesa vectorizes work-items itself
+        return 1
     name = cl.Program(context, _WIDTH).build().all_kernels()[0].function_name
     if name != "lanes_of_device":
         return int(name.removeprefix("lanes_"))
     return handle.native_vector_width_float if handle.native_vector_width_float in (4, 8, 16) else 16
 
 
-def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
+def _connect(info: DeviceInfo, handle: Any, profiling: bool, lanes: int = 0) -> Device:
     import pyopencl as cl
 
     try:
@@ -315,7 +289,7 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool) -> Device:
         driver=info.driver,
         is_cpu=info.is_cpu,
         has_fp64=info.has_fp64,
-        lanes=_vector_width(context, handle) if info.is_cpu and not is_runtime(info, "rusticl") else 1,  # Mesa does so itself
+        lanes=lanes or _own_lanes(info, context, handle),
         compute_units=info.compute_units,
         memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,
@@ -334,8 +308,7 @@ def list_devices() -> list[DeviceInfo]:
     if not can_probe():
         return found
     probes = [Probe(info) for info in found]
-    problems = [probe.finish() for probe in probes]
-    return [replace(info, works=not problem, problem=problem) for info, problem in zip(found, problems, strict=True)]
+    return [tried_out(info, started=probe) for info, probe in zip(found, probes, strict=True)]
 
 
 def format_devices(infos: Sequence[DeviceInfo]) -> str:
@@ -349,8 +322,14 @@ def format_devices(infos: Sequence[DeviceInfo]) -> str:
         fp64 = "float64" if info.has_fp64 else "no float64"
         lines.append(f"{info.index}  {info.platform}: {info.name}")
         lines.append(f"     {kind}, {units}, {info.memory / 2**30:.1f} GiB, {fp64}, driver {info.driver}")
-        state = "works" + (", the default" if info is default else "")
+        state = (
+            "works"
+            + (f" with {info.lanes} lanes" if info.lanes > 1 else "")
+            + (", the default" if info is default else "")
+        )
         lines.append(f"     {state if info.works else 'does not work: ' + info.problem.removeprefix(f'{info} ')}")
+        if info.narrowed:
+            lines.append(f"     {info.narrowed.removeprefix(f'{info} ')}")
     if not usable:
         lines.append(f"To get one: {install_advice()}.")
     else:

@@ -83,7 +83,7 @@ def _libraries() -> Iterator[str]:
             yield library
 
 
-def _replace_result(function: ctypes._CFuncPtr, name: str) -> None:
+def _replace_result(function: ctypes._NamedFuncPointer, name: str) -> None:
     """Overwrite a function of a loaded library so that it returns `name`, as a C string that its caller frees."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.strdup.restype = ctypes.c_void_p

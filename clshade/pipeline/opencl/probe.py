@@ -15,17 +15,20 @@ import re
 import shutil
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
-from . import environment
+from . import cache_sharing, environment
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
-VERDICT_VERSION = 2  # increment it when the probe changes
+VERDICT_VERSION = 3  # increment it when the probe changes
 BROKEN_SECONDS = 24 * 3600.0  # how long a device that was broken is tried after the others
 RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
+_LANES = "clshade-probe-lanes="  # before the number with which the frame is drawn, once a small kernel has run
+TRIAL = "trial"  # a file in the probe's folder: pickled arguments of Renderer
 
 # Words for runtimes, and substrings of their platforms' names.
 RUNTIMES = {
@@ -46,8 +49,10 @@ class DeviceInfo:
     index: "P:D", the platform's and the device's index.
     platform_version: the runtime's own version text.
     memory: bytes.
-    works: it ran a kernel and the result was right.
+    works: it drew a frame and the result was right.
     problem: why it does not work, one line with the remedy; "" if it works.
+    lanes: pixels that were processed together; 0 if that is not known.
+    narrowed: why they are fewer than the device's own number, one line with the remedy; "" if they are not.
     """
 
     index: str
@@ -61,6 +66,8 @@ class DeviceInfo:
     memory: int = 0
     works: bool = False
     problem: str = "not tried"
+    lanes: int = 0
+    narrowed: str = ""
 
     def __str__(self) -> str:
         return f"{self.index} {self.platform} ({self.name})"
@@ -109,15 +116,21 @@ def device_fault(info: DeviceInfo, fault: str) -> str:
 
 
 def probe_command(info: DeviceInfo) -> list[str]:
-    """Return the command line that runs `device.probe_child`, with the module search path of this process."""
+    """Return the command line that runs `trial_frame.main`, with the module search path of this process; to be followed by
+    a folder and the number of lanes."""
     path = [*sys.path, str(Path(__file__).resolve().parents[3])]
     code = (
         f"import sys; sys.path[:] = {path!r}\n"
-        "from clshade.pipeline.opencl.device import probe_child\n"
-        "try: probe_child(*sys.argv[1:])\n"
+        "from clshade.pipeline.trial_frame import main\n"
+        "try: main(*sys.argv[1:])\n"
         "except Exception as error: sys.exit(f'{type(error).__name__}: {error}')"
     )
     return [sys.executable, "-c", code, info.index, info.name]
+
+
+def tell_lanes(lanes: int) -> None:
+    """Tell the parent, in a probing process, with how many lanes the frame is drawn."""
+    print(f"{_LANES}{lanes}", flush=True)
 
 
 def can_probe() -> bool:
@@ -146,17 +159,20 @@ def _abandon_all() -> None:
 
 
 class Probe:
-    """A probing process, started at once. It has a PoCL cache of its own: with kernels from an earlier run in it, a
-    missing linker would go unnoticed. End it with `finish` or `abandon`; the end of this process does so too.
+    """A probing process, started at once. It has caches of its own: with kernels from an earlier run in them, a missing
+    linker would go unnoticed. End it with `finish` or `abandon`; the end of this process does so too.
+
+    lanes: pixels processed together in its frame, 0 for the device's own number; once finished, the number that was taken,
+    0 if it did not come so far. trial: arguments of Renderer, pickled, for the frame that it draws; empty: any frame.
 
     Raises DeviceError if it cannot be started.
     """
 
-    def __init__(self, info: DeviceInfo) -> None:
+    def __init__(self, info: DeviceInfo, lanes: int = 0, trial: bytes = b"") -> None:
         import subprocess
         import tempfile
 
-        self.info, self.owner = info, os.getpid()
+        self.info, self.lanes, self.owner = info, lanes, os.getpid()
         self.process: subprocess.Popen[str] | None = None
         self.folder = ""
         root = environment.cache_root()
@@ -165,9 +181,11 @@ class Probe:
         self.started = time.monotonic()
         try:
             self.folder = tempfile.mkdtemp(prefix="probe-", dir=root)
+            if trial:
+                Path(self.folder, TRIAL).write_bytes(trial)
             self.process = subprocess.Popen(
-                probe_command(info),
-                env={**os.environ, "POCL_CACHE_DIR": self.folder, "PYOPENCL_NO_CACHE": "1"},
+                [*probe_command(info), self.folder, str(lanes)],
+                env={**os.environ, "PYOPENCL_NO_CACHE": "1"},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -191,7 +209,8 @@ class Probe:
         _running.discard(self)
 
     def finish(self) -> str:
-        """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy."""
+        """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy. What the process
+        compiled comes into this one's cache."""
         from subprocess import TimeoutExpired
 
         assert self.process is not None
@@ -200,11 +219,18 @@ class Probe:
             out, err = self.process.communicate(timeout=max(left, 0.0))
             fault = _fault(self.process.returncode, out, err)
         except TimeoutExpired:
-            fault = f"had not finished a small kernel after {PROBE_SECONDS:g} s"
+            self.process.kill()
+            out, _ = self.process.communicate()
+            fault = f"had not finished a small frame after {PROBE_SECONDS:g} s"
+        else:
+            if not fault:
+                cache_sharing.take_all(environment.prepare(), Path(self.folder, "slot"))
         finally:
             self.abandon()
+        told = [word.removeprefix(_LANES) for word in out.split() if word.startswith(_LANES)]
+        self.lanes = int(told[0]) if told else 0
         problem = device_fault(self.info, fault) if fault else ""
-        remember(self.info, problem)
+        remember(self.info, problem, self.lanes)
         return problem
 
 
@@ -230,6 +256,27 @@ def _fault(code: int, out: str, err: str) -> str:
     return f"crashes at its first kernel ({name}{': ' + said if said else ''})"
 
 
+_NARROWER = {16: 8, 8: 4, 4: 1}  # number of lanes: the next one to try where a device fails
+
+
+def tried_out(info: DeviceInfo, trial: bytes = b"", *, started: Probe | None = None) -> DeviceInfo:
+    """Test the device, and where its own number of lanes does not work, with fewer; return what was found.
+
+    trial: arguments of Renderer, pickled, for the frame that is drawn; empty: any frame. started: the first test, if it is
+    under way.
+    """
+    first, probe = "", started or Probe(info, 0, trial)
+    while True:
+        problem = probe.finish()
+        first, lanes = first or problem, _NARROWER.get(probe.lanes, 0)
+        if not problem:
+            fewer = f"{first}; it works, but takes longer, with {probe.lanes} instead of more lanes" if first else ""
+            return replace(info, works=True, problem="", lanes=probe.lanes, narrowed=fewer)
+        if not lanes:
+            return replace(info, works=False, problem=first)
+        probe = Probe(info, lanes, trial)
+
+
 # Verdicts: one file per device and state of the system
 
 
@@ -241,8 +288,9 @@ def _verdict_file(info: DeviceInfo) -> Path:
     return environment.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
 
-def remember(info: DeviceInfo, problem: str) -> None:
-    """Store a verdict on disk; if that fails, the device is tested again next time."""
+def remember(info: DeviceInfo, problem: str, lanes: int = 0) -> None:
+    """Store a verdict on disk; if that fails, the device is tested again next time. lanes: with which it was tested, 0 if
+    that is not known."""
     file = _verdict_file(info)
     with contextlib.suppress(OSError, OutputError):
         if not file.parent.is_dir():
@@ -250,17 +298,25 @@ def remember(info: DeviceInfo, problem: str) -> None:
             file.parent.mkdir()
         if file.is_dir():
             shutil.rmtree(file)
-        atomic_files.write_bytes(file, json.dumps({"device": str(info), "problem": problem}).encode())
+        atomic_files.write_bytes(file, json.dumps({"device": str(info), "problem": problem, "lanes": lanes}).encode())
 
 
-def recall(info: DeviceInfo) -> bool | None:
-    """Return the remembered verdict, whether the device works; None if there is none. A device that did not work is
-    always tested again before it is refused; the verdict only determines the order."""
+class Verdict(NamedTuple):
+    """Whether the device works, and the number of lanes with which it was tested, 0 if that is not known."""
+
+    works: bool
+    lanes: int
+
+
+def recall(info: DeviceInfo) -> Verdict | None:
+    """Return the remembered verdict; None if there is none. A device that did not work is always tested again before it is
+    refused; the verdict only determines the order."""
     try:
         file = _verdict_file(info)
-        works: bool = json.loads(file.read_text())["problem"] == ""
-        if not works and file.stat().st_mtime < time.time() - BROKEN_SECONDS:
+        found = json.loads(file.read_text())
+        verdict = Verdict(found["problem"] == "", int(found["lanes"]))
+        if not verdict.works and file.stat().st_mtime < time.time() - BROKEN_SECONDS:
             return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    return works
+    return verdict

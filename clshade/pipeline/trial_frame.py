@@ -1,0 +1,85 @@
+"""What a device is tested with before it draws, in a process of its own (`opencl.probe`), so that a compiler that aborts
+takes no other along: a kernel of a few lines, then a small frame of the scene, whose compiled programs the parent takes
+over."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyopencl as cl
+
+from ..scene.camera import Camera
+from ..scene.model import Mesh, Scene
+from .buffers import Buffer
+from .features import CHOICES, OPTIONAL, Features
+from .opencl import environment
+from .opencl.device import Device, open_untested
+from .opencl.probe import RIGHT, TRIAL, WRONG, tell_lanes
+from .programs import build_text
+from .renderer import Renderer
+
+# (1 + 2^-12)^2 - (1 + 2^-11) is 2^-24 if it is rounded once, and 0 if the product is rounded too.
+FUSED = """
+#include "lanes.clh"
+ITEM_BY_ITEM
+kernel void fused_lanes(global const float *x, global float *y)
+{
+    reals a = LOAD_LANES(x), b = LOAD_LANES(x + LANES);
+    STORE_LANES(fma(a, a, -b), y);
+}
+"""
+SIZE = (48, 32)  # columns, rows
+
+
+def main(index: str, name: str, folder: str, lanes: str) -> None:
+    """Test the device with so many lanes, "0" for its own number, and print whether its results are right.
+
+    folder: for this process's caches; if TRIAL lies there, what it holds is drawn.
+    """
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected: no core file
+    environment.isolate_cache(Path(folder, "slot"))
+    device = open_untested(index, name, int(lanes))
+    tell_lanes(device.lanes)
+    right = _fuses(device) and _draws(device, Path(folder, TRIAL))
+    print(RIGHT if right else WRONG, flush=True)
+
+
+def _fuses(device: Device) -> bool:
+    program = build_text(device, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), FUSED)
+    x = np.repeat(np.array([1 + 2.0**-12, 1 + 2.0**-11], np.float32), device.lanes)
+    given, found = Buffer(device, x), Buffer(device, np.zeros(device.lanes, np.float32))
+    program["fused_lanes"].set_args(given.memory, found.memory)
+    cl.enqueue_nd_range_kernel(device.queue, program["fused_lanes"], (1,), (1,))
+    return bool((found.to_host() == np.float32(2.0**-24)).all())
+
+
+def _draws(device: Device, trial: Path) -> bool:
+    """Return whether a frame is right: of the parent's scene, if it can be drawn small, its numbers are finite; else of
+    a red rectangle and, before its left half in the image, a green one."""
+    with contextlib.suppress(Exception):
+        given = pickle.loads(trial.read_bytes())
+        with Renderer(**given, device=device) as renderer:
+            return bool(np.isfinite(renderer.render().rgba).all())
+    with Renderer(_rectangles(), device=device, shader="nolight", resolution=SIZE) as renderer:
+        frame = renderer.render()
+    half = SIZE[0] // 2
+    expected = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
+    expected[:, :half, 1] = expected[:, half:, 0] = 1.0
+    return bool((frame.alpha == 1.0).all()) and np.array_equal(frame.rgb, expected)
+
+
+def _rectangles() -> Scene:
+    corners = np.array([[-9, -9, 3], [9, -9, 3], [9, 9, 3], [-9, 9, 3]], float)
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    red = Mesh(corners, faces, colors=np.tile([1.0, 0.0, 0.0], (4, 1)))
+    nearer = np.array([[0, -9, 2], [9, -9, 2], [9, 9, 2], [0, 9, 2]], float)
+    green = replace(red, verts=nearer, colors=np.tile([0.0, 1.0, 0.0], (4, 1)))
+    camera = Camera(eye=(0, 0, 0), lookat=(0, 0, 1), up=(0, 1, 0), focal=1.0, plane=(2.0, 3.0), resolution=SIZE)
+    return Scene([red, green], camera)
