@@ -211,6 +211,9 @@ class Stages:
         items = 1 if self._programs[name].lanes > 1 else struct_layout.TILE_SIZE**2
         return self._launch(name, (tiles * items,), (items,), *arguments)
 
+    def fused_lanes(self, given: Buffer, found: Buffer) -> cl.Event:
+        return self._launch("fused_lanes", (1,), (1,), given, found)
+
     def hierarchy_keys(self, vertices: Buffer, faces: Buffer, keys: Buffer, index_bits: int, count: int) -> cl.Event:
         return self._per_item("hierarchy_keys", count, vertices, faces, keys, index_bits, each=16)
 

@@ -10,12 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyopencl as cl
 
 from ..scene.camera import Camera
 from ..scene.model import Mesh, Scene
 from .buffers import Buffer
 from .features import CHOICES, OPTIONAL, Features
+from .launches import Stages
 from .opencl import environment
 from .opencl.device import Device, open_untested
 from .opencl.probe import RIGHT, TRIAL, WRONG, tell_lanes
@@ -55,8 +55,7 @@ def _fuses(device: Device) -> bool:
     program = build_text(device, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), FUSED)
     x = np.repeat(np.array([1 + 2.0**-12, 1 + 2.0**-11], np.float32), device.lanes)
     given, found = Buffer(device, x), Buffer(device, np.zeros(device.lanes, np.float32))
-    program["fused_lanes"].set_args(given.memory, found.memory)
-    cl.enqueue_nd_range_kernel(device.queue, program["fused_lanes"], (1,), (1,))
+    Stages(device, program).fused_lanes(given, found)
     return bool((found.to_host() == np.float32(2.0**-24)).all())
 
 

@@ -132,4 +132,4 @@ def test_processes_that_run_at_once(tmp_path, opened):
         second = python(RENDER, tmp_path, CLSHADE_DEVICE=opened.index)
         first.communicate("\n")
     assert set(second.stdout.split()) == {"True"}, second.stderr
-    assert {path.name for path in tmp_path.glob("clshade/slot-1/pocl/**/*.so")} == compiled
+    assert {path.name for path in tmp_path.glob("clshade/slot-1/pocl/**/*.so")} == compiled - {"fused_lanes.so"}
