@@ -48,7 +48,6 @@ LIMITS = {"kernels": 1800.0, "clshade": 300.0}  # seconds per group of tests, by
 # The tests of each file, cheapest first: test_*.py anywhere under tests.
 TESTS = {
     "kernels/attributes.clh": "kernel_layers kernel_gouraud kernel_phong light_bounds frames",
-    "kernels/avx512.clh": "kernel_lanes kernel_numerics",
     "kernels/batch.clh": "kernel_phong light_bounds frames sampling",
     "kernels/bilerp.cl": "kernel_bilerp course_light",
     "kernels/bin.cl": "kernel_bin",
@@ -57,6 +56,7 @@ TESTS = {
     "kernels/fill.clh": "kernel_fill materials sampling",
     "kernels/fill_blocks.clh": "kernel_fill materials sampling",
     "kernels/gouraud.cl": "kernel_gouraud",
+    "kernels/operations.clh": "kernel_operations",
     "kernels/lanes.clh": "kernel_numerics kernel_light kernel_fill",
     "kernels/layers.cl": "kernel_layers",
     "kernels/layer_blocks.clh": "kernel_layers layers",
