@@ -30,6 +30,7 @@ from ...scene.edges import Edges
 from ...scene.lights import RectangleLight
 from ...scene.metallic_roughness import MetallicRoughness
 from ...scene.model import Material, Scene
+from ...scene.settings import Layer
 from ...scene.texture import Texture
 from . import bench
 from .workloads import WORKLOADS
@@ -37,22 +38,24 @@ from .workloads import WORKLOADS
 RESOLUTION = (161, 97)
 TIMED = ("object-512", "lights-8")  # of WORKLOADS
 PEER = "llvmpipe"
-_LAYERS = ("Z", "id")
+_LAYERS: tuple[Layer, ...] = ("Z", "id")
+_COMMON: dict[str, Any] = {"resolution": RESOLUTION, "layers": _LAYERS}
 
 
 def scenes() -> dict[str, tuple[Scene, dict[str, Any]]]:
     """Return scenes, by name, that need all kernels between them, each with the options of Renderer."""
     teapot, knot = builtin("teapot"), builtin("torus_knot", triangles=4000)
-    shadows = {"shadows": True, "ambient_occlusion": 5, "light_samples": 4, "samples": 4}
+    shadows = {"shadows": True, "ambient_occlusion": 5, "light_samples": 4}
     lamp = RectangleLight((2.0, 6.0, 4.0), (1.0, 0.0, 0.0), (0.0, 0.6, -0.8), (9.0, 9.0, 9.0))
     height = [replace(mesh, scalars={"height": mesh.verts[:, 1]}) for mesh in knot.meshes]
+    lines = {"scalars": "height", "edges": Edges(("feature", "silhouette")), "samples": 4, "precision": "float64"}
     return {
-        "phong": (teapot, {"preset": "standard", "texture_filter": "trilinear"}),
+        "phong": (teapot, {"texture_filter": "trilinear", "layers": (*_LAYERS, "N", "uv")}),
         "course": (teapot, {"preset": "course", "shader": "gouraud"}),
         "pbr": (_mapped(), {"preset": "pbr", "background": "environment"}),
-        "shadows": (replace(teapot, lights=(*teapot.lights, lamp)), {"preset": "standard", **shadows}),
-        "blend": (_transparent(), {"preset": "standard", "shadows": True}),
-        "lines": (replace(knot, meshes=height), {"scalars": "height", "edges": Edges(("feature", "silhouette"))}),
+        "shadows": (replace(teapot, lights=(*teapot.lights, lamp)), shadows),
+        "blend": (_transparent(), {"shadows": True, "precision": "fast"}),
+        "lines": (replace(knot, meshes=height), lines),
     }
 
 
@@ -88,7 +91,7 @@ def draw() -> dict[str, Any]:
     frame, and a digest of each image with its layers."""
     start, first, images = time.perf_counter(), 0.0, {}
     for name, (scene, options) in scenes().items():
-        with Renderer(scene, resolution=RESOLUTION, layers=_LAYERS, **options) as renderer:
+        with Renderer(scene, **{**_COMMON, **options}) as renderer:
             images[name] = _digest(renderer.render())
         first = first or time.perf_counter() - start
     return {**_facts(shared_device(profiling=True)), "first_s": first, "images": images}
@@ -112,7 +115,7 @@ def compile_alone() -> dict[str, Any]:
     info = next(info for info, _ in _enumerate("pocl"))
     device = open_untested(info.index, info.name)
     for scene, options in scenes().values():
-        chosen, settings = effective_settings(scene, None, None, resolution=RESOLUTION, layers=_LAYERS, **options)
+        chosen, settings = effective_settings(scene, **{**_COMMON, **options})
         packed = scene_buffers.pack(chosen, settings)
         scene_stages(device, at_lanes(packed.features, device.lanes, None), None, packed.layers.features)
     hierarchy_stages(device)
