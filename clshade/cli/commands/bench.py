@@ -14,6 +14,7 @@ _OF_MODES = (
     "shadows",
     "views",
     "instances",
+    "processors",
     "workers",
     "scheduler",
     "workloads",
@@ -72,6 +73,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="N,...",
         help="one mesh drawn so many times, from one copy and from as many copies: time and memory",
     )
+    parser.add_argument(
+        "--processors",
+        type=lambda text: tuple(name.strip() for name in text.split(",")),
+        nargs="?",
+        const=(),
+        metavar="MODEL,...",
+        help="kernels as PyPI's PoCL compiles them for other processors: images, calls of functions, times (default: all)",
+    )
     parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
 
@@ -89,6 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _run_views(arguments)
     if arguments.instances:
         return _run_instances(arguments)
+    if arguments.processors is not None:
+        return _run_processors(arguments)
     if arguments.workers or arguments.scheduler:
         return _run_crews(arguments)
     named = [name.strip() for name in (arguments.peers or "").split(",")]
@@ -164,6 +175,20 @@ def _run_instances(arguments: argparse.Namespace) -> int:
     passed = instances.run(
         arguments.instances,
         device=arguments.device,
+        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
+        out=arguments.out,
+    )
+    return DONE if passed else FAILED
+
+
+def _run_processors(arguments: argparse.Namespace) -> int:
+    from ...measure.bench import processors
+
+    _check_alone(arguments, "processors")
+    if arguments.device is not None:
+        raise InputError("bench: --processors: expected no --device, for all are PyPI's PoCL")
+    passed = processors.run(
+        arguments.processors,
         frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
         out=arguments.out,
     )

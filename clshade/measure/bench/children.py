@@ -18,16 +18,21 @@ class ChildError(ClshadeError):
     """Failure of a child process; the message is the last line of its output."""
 
 
-def run_module(*arguments: object, cwd: Path | None = None, **variables: str) -> str:
-    """Run `python -m ARGUMENTS` with this clshade and further environment variables; return its standard output."""
+def completed(*arguments: object, cwd: Path | None = None, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run `python -m ARGUMENTS` with this clshade and further environment variables; return its exit code and output."""
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-m", *map(str, arguments)],
         cwd=cwd,
         env={**os.environ, "PYTHONPATH": path, **variables},
         capture_output=True,
         text=True,
     )
+
+
+def run_module(*arguments: object, cwd: Path | None = None, **variables: str) -> str:
+    """Return the standard output of `completed`. Raises ChildError if the exit code is not 0."""
+    done = completed(*arguments, cwd=cwd, **variables)
     if done.returncode:
         said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
         raise ChildError(f"bench: python -m {arguments[0]}: {said[-1]}")

@@ -47,12 +47,12 @@ def scenes() -> dict[str, tuple[Scene, dict[str, Any]]]:
     teapot, knot = builtin("teapot"), builtin("torus_knot", triangles=4000)
     shadows = {"shadows": True, "ambient_occlusion": 5, "light_samples": 4}
     lamp = RectangleLight((2.0, 6.0, 4.0), (1.0, 0.0, 0.0), (0.0, 0.6, -0.8), (9.0, 9.0, 9.0))
-    height = [replace(mesh, scalars={"height": mesh.verts[:, 1]}) for mesh in knot.meshes]
+    height = tuple(replace(mesh, scalars={"height": mesh.verts[:, 1]}) for mesh in knot.meshes)
     lines = {"scalars": "height", "edges": Edges(("feature", "silhouette")), "samples": 4, "precision": "float64"}
     return {
         "phong": (teapot, {"texture_filter": "trilinear", "layers": (*_LAYERS, "N", "uv")}),
         "course": (teapot, {"preset": "course", "shader": "gouraud"}),
-        "pbr": (_mapped(), {"preset": "pbr", "background": "environment"}),
+        "pbr": (_mapped(), {"preset": "pbr", "background": "environment", "shadows": False}),
         "shadows": (replace(teapot, lights=(*teapot.lights, lamp)), shadows),
         "blend": (_transparent(), {"shadows": True, "precision": "fast"}),
         "lines": (replace(knot, meshes=height), lines),
@@ -74,7 +74,7 @@ def _mapped() -> Scene:
         emission_texture=Texture(emission, wrap="mirror"),
         metallic_roughness_texture=Texture(roughness, filter="nearest"),
     )
-    meshes = [replace(mesh, material=Material(pbr=maps)) for mesh in scene.meshes]
+    meshes = tuple(replace(mesh, material=Material(pbr=maps)) for mesh in scene.meshes)
     return replace(scene, meshes=meshes, environment=studio())
 
 
@@ -83,7 +83,7 @@ def _transparent() -> Scene:
     scene = builtin("quads", count=7)
     (mesh,) = scene.meshes
     alphas = np.random.default_rng(2).uniform(0.2, 0.9, len(mesh.verts))
-    return replace(scene, meshes=[replace(mesh, alphas=alphas, material=replace(mesh.material, blend=True))])
+    return replace(scene, meshes=(replace(mesh, alphas=alphas, material=replace(mesh.material, blend=True)),))
 
 
 def draw() -> dict[str, Any]:

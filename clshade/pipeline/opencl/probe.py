@@ -22,6 +22,7 @@ from typing import NamedTuple
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
 from . import cache_sharing, environment
+from .pocl_target import set_target
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
 VERDICT_VERSION = 3  # increment it when the probe changes
@@ -283,7 +284,7 @@ def tried_out(info: DeviceInfo, trial: bytes = b"", *, started: Probe | None = N
 def _verdict_file(info: DeviceInfo) -> Path:
     spec = importlib.util.find_spec("pyopencl")
     package = os.path.dirname(spec.origin) if spec is not None and spec.origin else ""
-    identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.driver, package]
+    identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.driver, package, set_target()]
     text = json.dumps([*identity, environment.fingerprint(package)])
     return environment.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
