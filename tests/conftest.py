@@ -76,6 +76,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("device", working_devices() or [None], indirect=True, scope="session")
 
 
+@pytest.hookimpl(tryfirst=True)  # before fixtures
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Build kernels without optimization, which takes half the time and gives the same bits, but as for users in tests whose
+    subject is the compiler."""
+    os.environ[programs.QUICK] = "" if item.get_closest_marker("optimized") is not None else "1"
+
+
 @pytest.fixture(scope="session", autouse=True)
 def patient() -> None:
     """Suppress the notice of slow compilers: whether they have to compile depends on earlier runs."""

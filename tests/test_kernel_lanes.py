@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from kernel_stages import LANES, Probe, bits
 
+pytestmark = pytest.mark.optimized
+
 TEXT = """
 #include "rows.clh"
 

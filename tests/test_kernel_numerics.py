@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from kernel_stages import LANES, NUMERICS_OF_ONE_BLOCK, Probe, bits, float32, split
 
+pytestmark = pytest.mark.optimized
+
 HALF_ULP = 2.0**-24  # largest relative rounding error of one operation
 LOWEST = 100  # powers below 2^-100 are 0
 

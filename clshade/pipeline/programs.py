@@ -26,6 +26,7 @@ from .surface_inputs import macros
 
 # Correctly rounded division and square root if the device offers them; every source turns contraction off by a pragma.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
+QUICK = "CLSHADE_QUICK_BUILD"  # environment variable: if set, kernels are not optimized; the bits are the same
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
 
 
@@ -175,7 +176,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_EXACT)
-    key = (device.context.int_ptr, features.values, source, lanes)
+    if os.environ.get(QUICK):
+        options.append("-cl-opt-disable")
+    key = (device.context.int_ptr, features.values, source, lanes, len(options))
     if key not in _built:
         start = time.perf_counter()
         path = _stored_at(device, source, options)

@@ -22,6 +22,8 @@ from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
+pytestmark = pytest.mark.optimized
+
 SHADOWED_TEAPOT = "e7f7478c1ac6482b"
 # (scene, field of the settings, value); otherwise the preset `standard`.
 VARIANTS = {

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from clshade.pipeline.programs import QUICK
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -16,6 +18,7 @@ def python(
     """Run Python code in a process with a minimal environment; `cache` becomes XDG_CACHE_HOME."""
     path = os.pathsep.join([str(ROOT), *filter(None, sys.path)])
     base = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
+    base[QUICK] = os.environ.get(QUICK, "")  # an empty one is left out
     environment = {name: value for name, value in {**base, **variables}.items() if value}
     return subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=timeout
