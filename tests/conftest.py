@@ -78,8 +78,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before fixtures
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Every day, build kernels without optimization, which takes half the time, twice the memory, and gives the same bits. With
-    long tests, and in tests whose subject is the compiler, they are built as for users."""
+    """Every day, build kernels without optimization, which takes half the time, twice the memory, and gives the same bits.
+    With long tests, and in tests whose subject is the compiler, they are built as for users."""
     quick = item.config.option.markexpr == "not long" and item.get_closest_marker("optimized") is None
     os.environ[programs.QUICK] = "1" if quick else ""
 

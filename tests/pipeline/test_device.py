@@ -252,7 +252,7 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
         return [sys.executable, "-S", "-c", code if info == INTEL else "import os; os.abort()"]
 
     monkeypatch.setattr(probe, "probe_command", command)
-    monkeypatch.setattr(device, "_enumerate", lambda name: [(info, info) for info in (INTEL, POCL)])
+    monkeypatch.setattr(device, "found_devices", lambda name: [(info, info) for info in (INTEL, POCL)])
     monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: info)
     assert device.open_device("") == INTEL
     assert tried == ["0:0", "2:0"]
@@ -295,7 +295,7 @@ def test_fewer_lanes_are_taken_where_more_fail(
     """Down to one; a line says which and why. The verdict keeps the number."""
     monkeypatch.setattr(probe, "PROBE_SECONDS", 0.5 if "sleep" in fault else 30.0)
     tried = probe_that(FAILING.format(lanes=probe._LANES, working=working, fault=fault, right=probe.RIGHT), monkeypatch)
-    monkeypatch.setattr(device, "_enumerate", lambda name: [(POCL, None)])
+    monkeypatch.setattr(device, "found_devices", lambda name: [(POCL, None)])
     monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: lanes)
     attempts = {8: 2, 1: 4, 0: 4}[working]
     if working == 0:

@@ -22,7 +22,7 @@ from ...pipeline.effective_settings import effective_settings
 from ...pipeline.features import at_lanes
 from ...pipeline.frame import Frame
 from ...pipeline.launches import hierarchy_stages, scene_stages
-from ...pipeline.opencl.device import Device, _enumerate, open_untested, shared_device
+from ...pipeline.opencl.device import Device, found_devices, open_untested, shared_device
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
 from ...scene.builtin.studio import studio
@@ -112,7 +112,7 @@ def _facts(device: Device) -> dict[str, Any]:
 
 def compile_alone() -> dict[str, Any]:
     """Compile all kernels of each scene's programs without launching any; return what `_facts` does."""
-    info = next(info for info, _ in _enumerate("pocl"))
+    info = next(info for info, _ in found_devices("pocl"))
     device = open_untested(info.index, info.name)
     for scene, options in scenes().values():
         chosen, settings = effective_settings(scene, **{**_COMMON, **options})

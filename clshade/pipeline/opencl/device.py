@@ -69,7 +69,7 @@ class Device:
 # Finding
 
 
-def _enumerate(name: str) -> list[tuple[DeviceInfo, Any]]:
+def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
     """Return every device found, with pyopencl's object, in the order of the ICD loader."""
     environment.prepare(name)
     try:
@@ -138,7 +138,7 @@ def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
 
 def _handle_of(index: str, name: str) -> tuple[DeviceInfo, Any]:
     """Return the device that another process found under this index. Raises RuntimeError if it is not there now."""
-    for info, handle in _enumerate(name):
+    for info, handle in found_devices(name):
         if info.index == index and info.name == name:
             return info, handle
     raise RuntimeError(f"{name!r} is not found at {index}")
@@ -167,7 +167,7 @@ def open_device(
     Raises DeviceError, with one line that says what to install or change, if there is none.
     """
     name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
-    handles = dict(_enumerate(name))
+    handles = dict(found_devices(name))
     if not handles:
         hint = (
             f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if environment.is_users("OCL_ICD_VENDORS") else ""
@@ -304,7 +304,7 @@ def list_devices() -> list[DeviceInfo]:
 
     Raises DeviceError if pyopencl cannot be imported.
     """
-    found = [info for info, _ in _enumerate("")]
+    found = [info for info, _ in found_devices("")]
     if not can_probe():
         return found
     probes = [Probe(info) for info in found]

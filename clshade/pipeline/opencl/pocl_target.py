@@ -17,7 +17,6 @@ import platform
 import sys
 from collections.abc import Collection, Iterator
 from functools import cache
-from pathlib import Path
 
 # Names in LLVM 14 of processors with the instructions of level 4 (AVX-512) and of level 3 (AVX2, FMA).
 _AVX512 = {
@@ -64,7 +63,8 @@ def target_for(name: str, flags: Collection[str]) -> str:
     return name
 
 
-def _processor_flags() -> set[str]:
+def processor_flags() -> set[str]:
+    """Return what Linux calls this processor's instructions; nothing where there is no /proc/cpuinfo of x86."""
     try:
         with open("/proc/cpuinfo") as file:
             return next((set(line.split(":", 1)[1].split()) for line in file if line.startswith("flags")), set())
@@ -73,14 +73,10 @@ def _processor_flags() -> set[str]:
 
 
 def _libraries() -> Iterator[str]:
-    """Yield the paths of the PoCL libraries that PyPI's pyopencl carries, and of those that OCL_ICD_VENDORS names."""
+    """Yield the paths of the PoCL libraries that PyPI's pyopencl carries."""
     spec = importlib.util.find_spec("pyopencl")
     if spec is not None and spec.origin:
         yield from glob.glob(os.path.join(os.path.dirname(spec.origin), ".libs", "libpocl*.so*"))
-    for file in sorted(Path(os.environ.get("OCL_ICD_VENDORS") or os.devnull).glob("*.icd")):
-        library = file.read_text(errors="replace").strip()
-        if os.path.isabs(library) and os.path.basename(library).startswith("libpocl"):
-            yield library
 
 
 def _replace_result(function: ctypes._NamedFuncPointer, name: str) -> None:
@@ -111,7 +107,7 @@ def set_target() -> str:
             function = getattr(ctypes.CDLL(path), _FUNCTION)
             function.restype = ctypes.c_char_p
             name = (function() or b"").decode(errors="replace")
-            target = os.environ.get(FORCED) or target_for(name, _processor_flags())
+            target = os.environ.get(FORCED) or target_for(name, processor_flags())
             if target != name:
                 _replace_result(function, target)
                 chosen = target
