@@ -47,16 +47,11 @@ _UNCHOSEN = (
 # OpenCL 1.2 has no atomic load, so a word in which other work-items set bits is read by an ordinary one, which Oclgrind
 # reports as a data race. An older value gives the same image: the kernel finds again what it does not know.
 _LOADED = (("uint known = own[from / 32];", "uint known = atomic_or(own + from / 32, 0u);"),)
-# It takes the ends of the private vectors in column_bits for uninitialized, of a mask whose 16 elements it takes for
+# It takes the ends of the halves of the vector in column_bits for uninitialized, of a mask whose 16 elements it takes for
 # initialized one by one. Without these vectors the reports vanish, and what is uninitialized in a mask is reported still.
 _HALVED = (
     (
-        """    column_ints bits = mask & (column_ints)(1) << COLUMN_INDEX;
-    int8 eight = bits.lo | bits.hi;
-    int4 four = eight.lo | eight.hi;
-    int2 two = four.lo | four.hi;
-    return (uint)(two.x | two.y);
-""",
+        "    return BITS_OF_16(mask);\n",
         "    return (uint)({});\n".format(" | ".join(f"(mask.s{k:x} & {1 << k})" for k in range(16))),
     ),
 )
