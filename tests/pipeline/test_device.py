@@ -231,6 +231,9 @@ def test_verdict_depends_on_the_driver(fresh_cache: Path) -> None:
     assert probe.recall(POCL)
     assert probe.recall(replace(POCL, driver="another")) is None
     assert probe.recall(replace(POCL, platform_version="another")) is None
+    assert probe.recall(replace(POCL, version="OpenCL 3.0 PoCL haswell")) is None, (
+        "two that compile for other processors"
+    )
 
 
 def test_recalling_is_fast(fresh_cache: Path) -> None:

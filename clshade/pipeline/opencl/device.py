@@ -97,6 +97,7 @@ def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
                 platform=runtime.name.strip(),
                 name=device.name.strip(),
                 platform_version=runtime.version.strip(),
+                version=device.version.strip(),
                 driver=device.driver_version.strip(),
                 is_cpu=bool(device.type & cl.device_type.CPU),
                 has_fp64="cl_khr_fp64" in device.extensions.split(),

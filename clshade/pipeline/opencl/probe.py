@@ -22,7 +22,6 @@ from typing import NamedTuple
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
 from . import cache_sharing, environment
-from .pocl_target import set_target
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
 VERDICT_VERSION = 3  # increment it when the probe changes
@@ -49,6 +48,7 @@ class DeviceInfo:
 
     index: "P:D", the platform's and the device's index.
     platform_version: the runtime's own version text.
+    version: the device's OpenCL version text; PoCL's ends with the processor that it compiles for.
     memory: bytes.
     works: it drew a frame and the result was right.
     problem: why it does not work, one line with the remedy; "" if it works.
@@ -60,6 +60,7 @@ class DeviceInfo:
     platform: str
     name: str
     platform_version: str = ""
+    version: str = ""
     driver: str = ""
     is_cpu: bool = True
     has_fp64: bool = True
@@ -284,7 +285,7 @@ def tried_out(info: DeviceInfo, trial: bytes = b"", *, started: Probe | None = N
 def _verdict_file(info: DeviceInfo) -> Path:
     spec = importlib.util.find_spec("pyopencl")
     package = os.path.dirname(spec.origin) if spec is not None and spec.origin else ""
-    identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.driver, package, set_target()]
+    identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.version, info.driver, package]
     text = json.dumps([*identity, environment.fingerprint(package)])
     return environment.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
