@@ -40,6 +40,7 @@ _HOMES = {
     "flow": "clshade.pipeline.flow",
     "visible": "clshade.pipeline.visible",
     "Views": "clshade.pipeline.many_views",
+    "with_look": "clshade.pipeline.look",
     "check": "clshade.measure.check.check",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from .measure.check.check import check as check
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
+    from .pipeline.look import with_look as with_look
     from .pipeline.many_views import Views as Views
     from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
@@ -121,6 +123,12 @@ def _trimesh_converter() -> Any:
     return scene_of
 
 
+def _camera_chooser() -> Any:
+    from .scene.framing import default_camera
+
+    return default_camera
+
+
 def _json_writer() -> Any:
     from .scene.formats.scene_json_writer import write_scene
 
@@ -128,4 +136,6 @@ def _json_writer() -> Any:
 
 
 display.install(_notebook)
-exchange.install(to_glb=_glb_writer, to_json=_json_writer, from_trimesh=_trimesh_converter)
+exchange.install(
+    to_glb=_glb_writer, to_json=_json_writer, from_trimesh=_trimesh_converter, default_camera=_camera_chooser
+)

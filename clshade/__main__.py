@@ -12,20 +12,16 @@ except KeyboardInterrupt:
     sys.exit(130)
 
 
-def entry() -> None:
-    code = interrupts.INTERRUPTED
-    try:
-        interrupts.leave_soon()
-        # NumPy's BLAS threads would busy-wait beside the kernels, and nothing here multiplies large matrices.
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        from .cli.main import main
+def _command() -> int:
+    # NumPy's BLAS threads would busy-wait beside the kernels, and nothing here multiplies large matrices.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from .cli.main import main
 
-        code = main()
-    except KeyboardInterrupt:
-        interrupts.tell()
-    if code == interrupts.INTERRUPTED:
-        interrupts.ignore()  # only cleanup is left
-    sys.exit(code)
+    return main()
+
+
+def entry() -> None:
+    interrupts.run(_command)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,12 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()  # the rest takes long to import
+
 from clshade.course import demo, figures  # noqa: E402
 
 if __name__ == "__main__":
-    sys.exit(demo.main(str(__doc__).splitlines()[0], figures.mapped(), "demotmap.png"))
+    interrupts.run(lambda: demo.main(str(__doc__).splitlines()[0], figures.mapped(), "demotmap.png"))

@@ -14,6 +14,11 @@ if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
 
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()  # the rest takes long to import
+
 import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
@@ -65,4 +70,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.run(main)

@@ -16,6 +16,11 @@ from pathlib import Path
 CHECKOUT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(CHECKOUT), str(CHECKOUT / "tests" / "support")]  # the scenes are the tests' own
 
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()  # the rest takes long to import
+
 import khronos_cards as cards  # noqa: E402
 import khronos_surfaces as surfaces  # noqa: E402
 
@@ -75,4 +80,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.run(main)

@@ -22,6 +22,11 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()  # the rest takes long to import
+
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
@@ -126,4 +131,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.run(main)

@@ -18,6 +18,11 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
     sys.path.insert(0, str(CHECKOUT))
 
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()  # the rest takes long to import
+
 import numpy as np  # noqa: E402
 
 import clshade  # noqa: E402
@@ -83,4 +88,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.run(main)

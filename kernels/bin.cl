@@ -221,7 +221,7 @@ kernel void bin_fill(global const uint *order,           // T, triangles, neares
     }
 }
 
-#if !SORTED && LANES > 1
+#if LANES > 1
 // The same in the order of set-up, for the triangles of each chunk of faces.
 ITEM_BY_ITEM
 kernel void fill_lists(global const Triangle *triangles,   // F + C

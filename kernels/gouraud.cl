@@ -2,7 +2,6 @@
 #include "tile.clh"
 
 #if !AT_PIXELS
-#if LIT
 // The light at the three corners of each visible triangle, without the `plain` ambient term. A work-item does LANES of
 // them.
 ITEM_BY_ITEM
@@ -13,77 +12,53 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 {
     Inputs inputs = SURFACE_ARGUMENTS;
     const Inputs *in = &inputs;
-    Lighting lighting = {in->lights, in->image->lights, in->materials, in->image->to_eye, 1.0f};
+    Lighting lighting = lighting_of(in);
+    lighting.unit = 1.0f;
     int first = get_global_id(0) * LANES;
     int taken[LANES], face[LANES];
     ShadingInput at;
     at.lit = (ints)(-1);
     COUNTING(at.lit = TO_INTS(LANE_INDEX < count - first);)  // no triangle twice
-#if AREA_LIGHTS
     at.shift = no_light_shift();  // faces that share a corner are as bright there
-#endif
-#if HAS_CASTERS
+    at.surface = lighting.surface;
+#if CASTERS
     integer shown[LANES];
-#endif
-#if SHADOWS
     Shadows casters = casters_of(in);
     lighting.casters = &casters;
-#endif
-#if MATERIALS
-    at.surface = surface_of(in->materials);
 #endif
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];
         face[lane] = in->triangles[taken[lane]].face;
-#if HAS_CASTERS
+#if CASTERS
         shown[lane] = taken[lane];
 #endif
-#if MATERIALS
-        put_surface(&at.surface, TO_INTS(LANE_INDEX == lane), material_of(in, face[lane]));
-#endif
+        if (NEEDS(in, MATERIALS))
+            put_surface(&at.surface, TO_INTS(LANE_INDEX == lane), material_of(in, face[lane]));
     }
     for (int k = 0; k < 3; ++k) {
-        real p[3][LANES], n[3][LANES], c[3][LANES], position[LANES];
-#if SHADOWS
-        real bend[LANES];
-#endif
+        real p[3][LANES], n[3][LANES], c[3][LANES], position[LANES], bend[LANES];
         for (int lane = 0; lane < LANES; ++lane) {
-#if CENTROID
-            real4 point = centroid_of(in, taken[lane], face[lane]);
-#else
-            real4 point = corner_point(in, taken[lane], face[lane], k);
-#endif
-#if DIFFUSE || SPECULAR
-            real4 normal = side_of(in, in->triangles + taken[lane]) * corner_normal(in, taken[lane], face[lane], k);
-#else
-            real4 normal = (real4)(0.0f);  // there are no normals
-#endif
-#if VERTEX_COLORS || CORNER_COLORS
-            real4 color = in->colors[color_index(in, face[lane], k)];
-#else
-            real4 color = (real4)(1.0f);
-#endif
+            real4 point = NEEDS(in, CENTROID) ? centroid_of(in, taken[lane], face[lane])
+                                                     : corner_point(in, taken[lane], face[lane], k);
+            real4 normal = (real4)(0.0f), color = (real4)(1.0f);
+            if (reflects(in))
+                normal = side_of(in, in->triangles + taken[lane]) * corner_normal(in, taken[lane], face[lane], k);
+            if (shows_colors(in))
+                color = in->colors[color_index(in, face[lane], k)];
             p[0][lane] = point.x, p[1][lane] = point.y, p[2][lane] = point.z;
-#if SHADOWS
             bend[lane] = fabs(normal.w);
-#endif
             n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
             c[0][lane] = color.x, c[1][lane] = color.y, c[2][lane] = color.z;
-            position[lane] = HAS_POSITIONS ? color.w : 0.0f;
+            position[lane] = shows_scalars(in) ? color.w : 0.0f;
         }
         at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
         at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
         at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
-#if HAS_CASTERS
-        see_corner_receivers(&at, in, shown, k);
-#endif
-#if AMBIENT_OCCLUSION
         at.open = (reals)(1.0f);
-#if TINTED
-        occlude(&at, in, &lighting, no_light_shift());  // as above
-#endif
-#endif
-#if SHADOWS
+#if CASTERS
+        see_corner_receivers(&at, in, shown, k);
+        if (NEEDS(in, AMBIENT_OCCLUSION) && NEEDS(in, TINTED))
+            occlude(&at, in, &lighting, no_light_shift());  // as above
         at.smooth = at.normal;
         at.bend = LOAD_LANES(bend);
 #endif
@@ -95,7 +70,6 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
             to_light[3 * taken[lane] + k] = (real4)(c[0][lane], c[1][lane], c[2][lane], position[lane]);
     }
 }
-#endif
 
 ITEM_BY_ITEM
 kernel void gouraud(SURFACE_PARAMETERS, TILE_PARAMETERS)

@@ -170,16 +170,14 @@ void store_box(global float *node, int child, const float *low, const float *hig
     }
 }
 
-// A work-item makes a leaf and its box in the lowest level.
+// A work-item makes a leaf and its box in the lowest level, or an empty box where there are no more leaves.
 kernel void hierarchy_leaves(global const float *vertices, global const int *faces,
                              global const ulong *keys,  // of count casters, sorted
                              global float *leaves,      // structs of LEAF_SIZE
                              global float *nodes,       // structs of NODE_SIZE
-                             int first_leaf, int leaf_count, int first_node, int slots, int index_bits, int count)
+                             int first_leaf, int leaf_count, int first_node, int index_bits, int count)
 {
     int i = get_global_id(0);
-    if (i >= slots)
-        return;
     float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
     if (i < leaf_count) {
         global float *leaf = leaves + (size_t)(first_leaf + i) * LEAF_SIZE;
@@ -200,12 +198,10 @@ kernel void hierarchy_leaves(global const float *vertices, global const int *fac
     store_box(nodes + (size_t)(first_node + i / NODE_CHILDREN) * NODE_SIZE, i % NODE_CHILDREN, low, high);
 }
 
-// A work-item makes the box of a node in the level above, which begins at node `above` where its own does at `first`.
-kernel void hierarchy_level(global float *nodes, int first, int above, int below_count, int slots)
+// A work-item likewise makes the box of a node in the level above, which begins at node `above` where its own does at `first`.
+kernel void hierarchy_level(global float *nodes, int first, int above, int below_count)
 {
     int i = get_global_id(0);
-    if (i >= slots)
-        return;
     float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
     if (i < below_count) {
         global const float *node = nodes + (size_t)(first + i) * NODE_SIZE;

@@ -127,7 +127,7 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
         }
         if (!any_lane(TO_INTS(asked)))
             continue;
-        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
+        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials, image), image, &culled);
         int visible[LANES], index[LANES], count = 0;
         STORE_LANES(seen, visible);
         for (int lane = 0; lane < LANES; ++lane)

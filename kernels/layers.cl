@@ -27,7 +27,7 @@ kernel void layer_number(global const int *owners,            // M x N, from the
 }
 
 // Of the lanes in `mine`; infinity in those without an owner.
-INLINE reals depths_in(global const Triangle *triangles, ints owner, int2 at)
+INLINE reals depths_in(global const Triangle *triangles, ints owner, int2 at, global const Image *image)
 {
     reals depths = (reals)(INFINITY);
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
@@ -35,7 +35,7 @@ INLINE reals depths_in(global const Triangle *triangles, ints owner, int2 at)
         mine = todo & (owner == index);
         global const Triangle *t = triangles + index;
         reals w = inverse_depths(t, edge_at(t, 0, at), edge_at(t, 1, at), edge_at(t, 2, at));
-        depths = mine ? (ORTHOGRAPHIC ? -w : 1.0f / w) : depths;
+        depths = mine ? (NEEDS(image, ORTHOGRAPHIC) ? -w : 1.0f / w) : depths;
     }
     return depths;
 }
@@ -64,6 +64,7 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
             continue;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
-        write_numbers(depths, depths_in(triangles, owner, sample_at(image, 0, column, row)) * image->unscale, &pixels);
+        reals scaled = depths_in(triangles, owner, sample_at(image, 0, column, row), image);
+        write_numbers(depths, scaled * image->unscale, &pixels);
     }
 }

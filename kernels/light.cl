@@ -8,6 +8,7 @@ kernel void light(global const real4 *points,        // K, relative to the eye, 
                   global const real4 *colors,        // K, linear RGB
                   global const Material *materials,   // 1
                   global const Light *lights,
+                  ulong needs,                       // as of Image
                   global real4 *lit,                 // K, linear RGB
                   real unit,                         // of the lights' intensities
                   int light_count, int count)         // K
@@ -25,16 +26,13 @@ kernel void light(global const real4 *points,        // K, relative to the eye, 
     at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
     at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
     at.lit = (ints)(-1);
-#if AREA_LIGHTS
     at.shift = no_light_shift();
-#endif
-    Surface surface = surface_of(materials);
-#if MATERIALS
-    at.surface = surface;
-#endif
-    Lighting lighting = {lights, light_count, materials, 0, unit};
+    Lighting lighting = {needs, lights, light_count, surface_of(materials), 0, unit};
+    at.surface = lighting.surface;
     shade(&at, &lighting, 1);
-    colors3 color = with_plain_ambient(at.color, &surface);
+    colors3 color = at.color;
+    if (NEEDS(&lighting, AMBIENT) && !NEEDS(&lighting, TINTED))
+        color = with_plain_ambient(color, &lighting.surface);
     STORE_LANES(color.r, c[0]);
     STORE_LANES(color.g, c[1]);
     STORE_LANES(color.b, c[2]);

@@ -35,7 +35,7 @@ INLINE double vertex_w(global const Vertex *v, global const View *view)
 {
     double depth = v->depth * view->scale;
     depth = depth < MOST_DEPTH ? depth : MOST_DEPTH;
-    return ORTHOGRAPHIC ? -depth : 1.0 / depth;
+    return NEEDS(view, ORTHOGRAPHIC) ? -depth : 1.0 / depth;
 }
 
 // Face `index`, or a clipped piece, without w. Returns 0 for faces that are drawn as pieces, or not at all.
@@ -60,11 +60,7 @@ INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
     }
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
     t->turn = area < 0 ? -1 : 1;
-#if SIDES && !CULL
-    int front_only = materials[face_materials[t->face]].front_only;
-#else
-    int front_only = CULL;
-#endif
+    int front_only = NEEDS(view, CULL) || (NEEDS(view, SIDES) && materials[face_materials[t->face]].front_only);
     return area != 0 && !(front_only && area < 0);
 }
 
@@ -193,8 +189,6 @@ INLINE int covers(const Line *l, int2 p, int width)
     // In between the distance is |across| / length. Both sides of the comparison have up to 102 bits.
     long cross_product = px * dy - py * dx;
     ulong across = 2 * (ulong)(cross_product < 0 ? -cross_product : cross_product);
-    if (across >> 40)
-        return 0;
     ulong ours = across * across, ours_high = mul_hi(across, across);
     ulong most = (ulong)width2 * (ulong)length2, most_high = mul_hi((ulong)width2, (ulong)length2);
     return ours_high < most_high || (ours_high == most_high && ours <= most);

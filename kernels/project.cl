@@ -3,23 +3,19 @@
 
 #if FP64
 
-#if DOUBLE_POSITIONS
-typedef double position_t;
-#else
-typedef float position_t;
-#endif
-
-kernel void project(global const position_t *positions,  // V x 3, world space
-                    global const View *view,             // 1
-                    global Vertex *vertices,             // V
-                    global real4 *relative,             // V, eye-relative, world axes, scaled
-                    int count)                           // V
+kernel void project(global const float *positions,    // V x 3, world space; float64 with DOUBLE_POSITIONS
+                    global const View *view,          // 1
+                    global Vertex *vertices,          // V
+                    global real4 *relative,           // V, eye-relative, world axes, scaled
+                    int count)                        // V
 {
     int i = get_global_id(0);
     if (i >= count)
         return;
-    global const position_t *position = positions + 3 * (size_t)i;
-    vector64 d = from_eye(position[0], position[1], position[2], view);
+    size_t first = 3 * (size_t)i;
+    global const double *wide = (global const double *)positions;
+    vector64 d = NEEDS(view, DOUBLE_POSITIONS) ? from_eye(wide[first], wide[first + 1], wide[first + 2], view)
+                                               : from_eye(positions[first], positions[first + 1], positions[first + 2], view);
     vertices[i] = projected(&d, view);
     relative[i] = relative_position(&d, view);
 }

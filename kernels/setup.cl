@@ -30,16 +30,17 @@ ulong sort_key(ulong order, int index, int index_bits)
 }
 
 // The mask of lanes whose back faces are culled.
-fixeds front_only_lanes(const int *face, global const int *face_materials, global const Material *materials)
+fixeds front_only_lanes(const int *face, global const int *face_materials, global const Material *materials,
+                        global const Image *image)
 {
-#if SIDES && !CULL
+    if (NEEDS(image, CULL))
+        return (fixeds)(-1);
+    if (!NEEDS(image, SIDES))
+        return (fixeds)(0);
     int front_only[LANES];
     for (int lane = 0; lane < LANES; ++lane)
         front_only[lane] = materials[face_materials[face[lane]]].front_only;
     return LOAD_LANES(front_only) != 0;
-#else
-    return (fixeds)(CULL) != 0;
-#endif
 }
 
 Culled nothing_culled()
@@ -124,9 +125,8 @@ INLINE fixeds faces_before(const Corners *t, fixeds asked, fixeds any_behind, fi
     asked = asked & !all_behind;
     fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
     fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
-#if LINES
-    beside = beside & !far;  // its pieces may hide what is seen of a line, somewhat beside the image too
-#endif
+    if (NEEDS(image, LINES))
+        beside = beside & !far;  // its pieces may hide what is seen of a line, somewhat beside the image too
     COUNT(culled->off_screen, asked & beside);
     asked = asked & !beside;
     *cut = asked & (any_behind | far);
@@ -194,7 +194,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
         list_to_clip(cut, face, to_clip, counters);
         if (!any_lane(TO_INTS(asked)))
             continue;
-        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
+        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials, image), image, &culled);
         write_triangles(&rows, &t, seen, face, face, WHOLE_FACE, triangles, bounds);
         int visible[LANES];
         STORE_LANES(seen, visible);
@@ -252,7 +252,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     }
     Corners t = corners_of(&rows);
     Culled culled = nothing_culled();
-    fixeds front_only = front_only_lanes(face, face_materials, materials);
+    fixeds front_only = front_only_lanes(face, face_materials, materials, image);
     fixeds seen = complete(&t, first + LANE_INDEX < count, front_only, image, &culled);
     write_triangles(&rows, &t, seen, index, face, first, triangles, bounds);
     int visible[LANES];
@@ -264,7 +264,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     add_culled(counters, &culled);
 }
 
-#if !SORTED && HAS_ROWS
+#if HAS_ROWS
 // The corners of faces, one in each lane; which of them lie behind the near plane.
 INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
 {
@@ -361,7 +361,7 @@ kernel void setup_count(global const int *faces,         // F x 3, vertices
         list_to_clip(cut, face, to_clip, counters);
         if (!any_lane(TO_INTS(asked)))
             continue;
-        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials), image, &culled);
+        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials, image), image, &culled);
         own_count += store_and_count(&t, seen, face, first + own_count, triangles, bounds, own, image);
     }
     made[chunk] = own_count;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,30 @@ LONGEST = (
     "base/test_interrupts.py",
     "test_readme.py",
 )
+
+
+# Compiling takes most of the tests' time: whoever needs another program does without one that was needed so far.
+MOST_PROGRAMS, MOST_EVERY_DAY = 350, 110
+_began = time.time()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    terminalreporter.write_line(f"{programs_needed()} different programs of OpenCL C")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Fail if more programs were needed than are allowed."""
+    most = MOST_EVERY_DAY if session.config.option.markexpr == "not long" else MOST_PROGRAMS
+    if "PYTEST_XDIST_WORKER" not in os.environ and programs_needed() > most and not exitstatus:
+        print(f"\nexpected at most {most} different programs of OpenCL C")
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def programs_needed() -> int:
+    """Return how many programs were built or loaded since the tests began, by all processes with this cache."""
+    stored = environment.cache_root().glob("slot-*/binaries/*")
+    return len({path.name for path in stored if path.stat().st_mtime >= _began})
 
 
 def pytest_configure(config: pytest.Config) -> None:

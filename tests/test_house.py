@@ -20,8 +20,8 @@ CHAIN = {
     "base": "",
     "images": "base",
     "scene": "base images",
-    "oracle": "base.arrays base.validation scene.camera scene.environment scene.geometry scene.image_light scene.model"
-    " scene.scalar_colors",
+    "oracle": "base.arrays base.validation scene.camera scene.environment scene.geometry scene.image_light scene.lights"
+    " scene.model scene.scalar_colors",
     "pipeline": "base images scene",
     "course": "base images scene pipeline",
     "farm": "base images scene pipeline",
@@ -72,8 +72,14 @@ def literal_tables(tree: ast.Module) -> dict[str, list[str]]:
     return found
 
 
+def package_in(text: ast.JoinedStr) -> str | None:
+    """Return the package whose module an f-string such as f"clshade.cli.commands.{name}" names, None for another one."""
+    match = re.fullmatch(r"f'clshade((?:\.\w+)*)\.{\w+}'", ast.unparse(text))
+    return match[1].lstrip(".") if match else None
+
+
 def by_name(tree: ast.Module) -> set[str]:
-    """Return modules imported by names in strings: a literal, or any of a table of literals.
+    """Return modules imported by names in strings: a literal, any of a table of literals, or any of a package.
 
     Raises ComputedImport for a name that is computed or relative, and for code run from strings.
     """
@@ -96,6 +102,8 @@ def by_name(tree: ast.Module) -> set[str]:
             flat = flat.value
         if isinstance(named, ast.Constant) and not named.value.startswith("."):
             found.add(named.value)
+        elif isinstance(named, ast.JoinedStr) and package_in(named) in PACKAGES - {""}:
+            found |= {f"clshade.{name}" for name in SOURCES if name.rpartition(".")[0] == package_in(named)}
         elif isinstance(flat, ast.Subscript) and isinstance(flat.value, ast.Name) and flat.value.id in tables:
             found |= {text for text in tables[flat.value.id] if re.fullmatch(r"clshade(\.\w+)*", text)}
         else:
@@ -236,10 +244,18 @@ def test_a_planted_import_is_seen(kind):
         assert found == [f"{module} -> .{room}.{leaf}"]
 
 
+def test_a_planted_import_of_any_module_of_a_package_is_seen():
+    planted = "from importlib import import_module\ndef f(k):\n    import_module(f'clshade.farm.{k}')\n"
+    found = upwards({"base.validation": planted})
+    assert found == sorted(f"base.validation -> .{name}" for name in SOURCES if name.startswith("farm."))
+
+
 @pytest.mark.parametrize(
     "planted",
     [
         "import_module(f'clshade.{x}')",
+        "import_module(f'clshade.none.{x}')",
+        "import_module(f'clshade.farm.{x}.{x}')",
         "import_module('.showing', __package__)",
         "importlib.import_module(name)",
         "import_module('clshade.' + name)",
@@ -327,13 +343,12 @@ def test_pyopencl_is_imported_by_few_modules_only():
 def test_every_command_is_a_module_of_its_own():
     from clshade.cli import main
 
-    assert {name: f"clshade.cli.commands.{name}" for name in main.COMMANDS} == main._MODULES
     commands = {name for name in SOURCES if name.startswith("cli.commands.")}
     shared = {
         f"cli.commands.{name}"
         for name in (
             *("arguments", "parser", "farm_options", "live_view", "saving_options", "scene_options"),
-            *("flow_options", "scene_outputs", "stereo_options", "view_options"),
+            *("flow_options", "help_options", "scene_outputs", "stereo_options", "view_options"),
         )
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared

@@ -90,6 +90,7 @@ DRAWING = (
     "turntable",
     "animate",
     "poster",
+    "report",
     "stability",
     "view",
 )  # whose settings have the choices of scene.py

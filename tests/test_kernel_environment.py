@@ -22,7 +22,9 @@ TEXT = """
         int first = get_global_id(0) * LANES;                                                                      \\
         reals3 d = {LOAD_LANES(x + first), LOAD_LANES(y + first), LOAD_LANES(z + first)};                          \\
         fixeds levels = LOAD_LANES(level + first);                                                                 \\
-        Lighting lighting = {0, 0, 0, 0, 1.0f, environment, radiance};                                             \\
+        Lighting lighting;                                                                                         \\
+        lighting.environment = environment;                                                                        \\
+        lighting.radiance = radiance;                                                                              \\
         float r[LANES], g[LANES], b[LANES];                                                                        \\
         expression;                                                                                                \\
         for (int lane = 0; lane < LANES; ++lane) {                                                                 \\

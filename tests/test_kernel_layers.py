@@ -41,7 +41,7 @@ def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarr
     image = image_of(device, owners.shape[::-1], unscale=unscale)
     ids = Buffer(device, np.full(owners.shape, 77, np.uint32))
     depths = Buffer(device, np.full(owners.shape, np.nan, np.float32))
-    stages.layer_id(own, table, ids, owners.size)
+    stages.layer_of_owners("layer_id", owners.size, own, table, ids)
     stages.layer_z(own, table, image, depths, int(image.array["tiles"][0]))
     return ids.to_host(), depths.to_host()
 

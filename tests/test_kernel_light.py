@@ -10,11 +10,13 @@ import pytest
 from kernel_stages import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
 
 from clshade.measure.check import oracle_bounds
-from clshade.oracle import OracleFrame, shade
+from clshade.measure.stability.cases.light import in_the_lobe, unit
+from clshade.oracle import OracleFrame, shade, terms
 from clshade.oracle.lights import POINT, Shape
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build
+from clshade.scene.material import TERMS
 
 HALF_ULP = 2.0**-24
 EYE = np.zeros(3)  # points and lights are relative to it
@@ -23,53 +25,35 @@ EYE = np.zeros(3)  # points and lights are relative to it
 def reflect(
     device, points, normals, lights, *, colors=None, lanes=None, material=None, shape=None, **features
 ) -> np.ndarray:
-    """Return the light (K, 3) at points with normals (K, 3) and colors (K, 3), by default white; kd = ks = n = 1 by
-    default.
+    """Return the light (K, 3) at points with normals (K, 3) and colors (K, 3), by default white; members of
+    material as of `material_rows`.
 
     lights: (positions (L, 3), intensities (L, 3)). shape: further members of all their struct_layout.SINGLE.Light rows.
     """
-    chosen = {"LIT": 1, "DIFFUSE": 1, "SPECULAR": 1, "POWER": 1, "LIGHT_SHAPES": int(shape is not None), **features}
+    needed = {"LIT": 1, "POWER": 1, **{term.feature: 1 for term in TERMS.values()}}
+    chosen = mask(**{**needed, "LIGHT_SHAPES": int(shape is not None), **features})
     rows = light_rows(*map(np.atleast_2d, lights))
     for name, value in (shape or {}).items():
         rows[name] = value
-    stages = Stages(device, build(device, mask(**chosen), ("light.cl",), lanes=lanes))
+    stages = Stages(device, build(device, chosen, ("light.cl",), lanes=lanes))
     colors = np.ones_like(points) if colors is None else colors
     inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
     inputs += [Buffer(device, material_rows(**(material or {}))), Buffer(device, rows)]
     found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    stages.light(*inputs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
+    stages.light(*inputs, chosen.needs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
     return found.to_host()[:, :3]
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 # Highlights
 
 
-def in_the_lobe(n: float, count: int = 4000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (K, 3), unit normals (K, 3) and a light's position, float32, with R.V throughout the lobe
-    (R.V)^n >= 1/e."""
-    rng = np.random.default_rng(int(n))
-    light = float32([0.7, -0.4, 0.9])
-    points = float32(unit(rng.normal(size=(count, 3))) * rng.uniform(1.0, 2.0, (count, 1)))
-    points = points[np.linalg.norm(points - light, axis=1) > 0.7]
-    towards_eye = unit(-points.astype(np.float64))
-    towards_light = unit(light.astype(np.float64) - points)
-    kept = (towards_eye * towards_light).sum(axis=1) > -0.8  # the light is well on the eye's side of the point
-    points, middle = points[kept], unit(towards_eye + towards_light)[kept]
-    # R.V = cos(2a) for a normal rotated by a from the bisector in the plane of both; (R.V)^n = e^-1 at n (2a)^2/2 = 1.
-    turned = rng.uniform(0.0, 1.0, (len(points), 1)) * math.sqrt(0.5 / n) * unit(rng.normal(size=points.shape))
-    return points, float32(unit(middle + turned)), light
+def directions(points, normals, light) -> terms.Directions:
+    return terms.Directions.at(*(a.astype(np.float64) for a in (points, normals, EYE, light)))
 
 
 def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
     """Return (R.V)^n in float64 and where it is inside the lobe, both (K,)."""
-    n_l, r_v, distance2 = shade.angles(
-        points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64)
-    )
-    value = np.where(n_l > 0.0, shade.highlight(r_v, distance2, np.float64(n)), 0.0)
+    value = terms.specular(directions(points, normals, light), np.float64(n))
     return value, value >= math.exp(-1.0)
 
 
@@ -109,7 +93,7 @@ def test_a_naive_power_would_not_pass(device):
     """(R.V)^n from R.V in float32: beyond n = 1e5 the bound above rejects it."""
     points, normals, light = in_the_lobe(1e6)
     expected, inside = exact_highlight(points, normals, light, 1e6)
-    _, r_v, _ = shade.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
+    r_v, _ = terms.mirrored(directions(points, normals, light))
     naive = float32(r_v).astype(np.float64) ** 1e6
     assert np.abs(naive / expected - 1.0)[inside].max() > 16.0 * math.sqrt(1e6) * HALF_ULP
 
@@ -132,27 +116,28 @@ def test_light_at_random_points(device, n):
     colors = float32(rng.uniform(0, 2, (count, 3)))
     positions = float32([[3.0, 0, 0], [-1, 4, 2], [0, 0, -3.5]])
     intensities = float32([[1, 0.5, 0.25], [0.3, 0.3, 2], [1, 1, -0.5]])
-    kd, ks = float32([0.8, 0.5, 0.2]), float32([0.3, 0.6, 0.9])
-    material = {"n": n, "kd": kd, "ks": ks}
+    k = dict(zip(TERMS, float32(rng.uniform(0.2, 0.9, (len(TERMS), 3))), strict=True))
+    material = {"n": n, **k}
     found = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
-    wide = [a.astype(np.float64) for a in (points, normals, colors, positions, intensities, kd, ks)]
-    p, m, c, l_pos, l_int, kd, ks = wide
+    p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
+    surface = terms.Surface(np.float64(n), k={name: each.astype(np.float64) for name, each in k.items()})
     around = np.abs(p).max(axis=1), np.ones(count)
+    steepness = shade.steepness(p, m, surface, EYE, l_pos)
     expected = OracleFrame(
-        rgb=(c * shade.reflected(p, m, EYE, kd, ks, np.float64(n), l_pos, l_int))[None],
+        rgb=(c * shade.reflected(p, m, EYE, surface, l_pos, l_int))[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
-        budget=shade.budget(c, np.zeros(3), kd, ks, l_int)[None],
-        conditions=shade.conditions(p, *around, EYE, l_pos)[None],
-        jump=(np.abs(c * ks) * shade.jumps(p, m, *around, np.float64(n), EYE, l_pos, l_int))[None],
+        budget=shade.budget(c, surface, l_int)[None],
+        conditions=shade.conditions(p, *around, EYE, l_pos, steepness=steepness)[None],
+        jump=(np.abs(c) * shade.jumps(p, m, *around, surface, EYE, l_pos, l_int))[None],
         exponent=np.full((1, count), n),
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),
     )
     steep = np.zeros((1, count), bool)
     if 0.0 < n < 1.0:
-        r_v = np.array([shade.angles(p, m, EYE, light)[1] for light in l_pos])
+        r_v = np.array([terms.mirrored(directions(p, m, light))[0] for light in l_pos])
         steep[0] = ((r_v > -0.001) & (r_v < 0.02)).any(axis=0)
     assert steep.mean() < 0.05
     assert oracle_bounds.assert_colors_within(found[None], expected, skip=steep) < 8.0
@@ -236,15 +221,16 @@ def test_shapes_at_random_points(device, fields, shape):
     p, m = points.astype(np.float64), normals.astype(np.float64)
     given = [np.atleast_2d(a.astype(np.float64)) for a in (light, intensity)]
     extent, one, n, white = np.abs(p).max(axis=1), np.ones(count), np.float64(20.0), np.ones(3)
+    surface = terms.Surface(n, k={"kd": white, "ks": white})
     most = shade.most_arriving(p, extent, EYE, *given, [shape])
     expected = OracleFrame(
-        rgb=shade.reflected(p, m, EYE, white, white, n, *given, [shape])[None],
+        rgb=shade.reflected(p, m, EYE, surface, *given, [shape])[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
-        budget=np.broadcast_to(shade.budget(white, 0.0 * white, white, white, most), (1, count, 3)),
+        budget=np.broadcast_to(shade.budget(white, surface, most), (1, count, 3)),
         conditions=shade.conditions(p, extent, one, EYE, given[0], shapes=[shape])[None],
-        jump=shade.jumps(p, m, extent, one, n, EYE, *given, shapes=[shape])[None],
+        jump=shade.jumps(p, m, extent, one, surface, EYE, *given, shapes=[shape])[None],
         exponent=np.full((1, count), n),
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from devices import needs_float64
-from kernel_stages import image_of, mask, samples_at, vertices_at
+from kernel_stages import image_of, mask, samples_at, split, vertices_at
 
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer
@@ -36,11 +36,23 @@ class Drawing:
     """Lines and the triangles that may hide them, in an image of COLUMNS x ROWS pixels.
 
     lines: rows of structs.Line. triangles: snapped corners (F, 3, 2), up to 1/256 px. z: depths (F, 3). edge_faces: what
-    `first_face` counts. bits: of the cells' size. ranks: (F,), for painter's order.
+    `first_face` counts. bits: of the cells' size. ranks: (F,), for painter's order. pieces: so many of the last triangles
+    are pieces of clipped faces.
     """
 
     def __init__(
-        self, device, lines, triangles=(), z=(), *, width=384, edge_faces=(), places=CENTER, bits=10, ranks=None
+        self,
+        device,
+        lines,
+        triangles=(),
+        z=(),
+        *,
+        width=384,
+        edge_faces=(),
+        places=CENTER,
+        bits=10,
+        ranks=None,
+        pieces=0,
     ) -> None:
         self.device, self.lines = device, lines
         self.stages = stages_of(device, int(ranks is None))
@@ -49,12 +61,16 @@ class Drawing:
         view = np.zeros(1, STRUCTS.View)
         view["scale"] = 1.0
         self.kept = vertices_at(device, xy.reshape(-1, 2), depths)
-        faces = np.arange(3 * len(xy), dtype=np.int32).reshape(-1, 3)
+        whole = len(xy) - pieces
+        faces = np.arange(3 * whole, dtype=np.int32).reshape(-1, 3)
+        clipped = np.zeros(pieces, STRUCTS.Piece)
+        clipped["x"], clipped["y"] = xy[whole:, :, 0], xy[whole:, :, 1]
+        clipped["w"], clipped["w_low"] = split(1.0 / depths[3 * whole :].reshape(-1, 3))
+        clipped["face"] = np.arange(whole, len(xy))
         rank = None if ranks is None else Buffer(device, np.asarray(ranks, np.int32))
-        pieces = Buffer.empty(device, 0, STRUCTS.Piece)
         face_buffer = Buffer(device, faces)
         self.hiding = Hiding(
-            face_buffer, self.kept.projected, pieces, None, None, rank, Buffer(device, view), len(faces)
+            face_buffer, self.kept.projected, Buffer(device, clipped), None, None, rank, Buffer(device, view), whole
         )
         reach, size = (width + 1) // 2, np.array([COLUMNS, ROWS]) << 8
         self.margin = -(-reach // (1 << bits))
@@ -146,7 +162,8 @@ def covered(ends, width: int, place=CENTER[0]) -> np.ndarray:
 
 @pytest.mark.parametrize("width", [1, 384, 2000])
 def test_samples_within_half_the_width(device, width):
-    ends = random_ends(24)
+    long = [[[5000, -600], [5001, 8_000_000]], [[8_000_000, 3000], [-8_000_000, 3001]]]
+    ends = np.concatenate([random_ends(24), long])
     found = Drawing(device, lines_at(ends), width=width).shown()
     expected = np.any([covered(each, width) for each in ends], axis=0)
     assert np.array_equal(found[..., 0] == 1, expected)
@@ -226,6 +243,26 @@ def test_a_triangle_that_leans_through_the_line_hides_where_it_is_nearer(device)
     found = columns_of(Drawing(device, lines_at(ACROSS), corners, 1.0 / w).shown())
     assert found.max() == 38
     assert found.min() in (19, 20)
+
+
+def test_triangles_hide_a_line_along_their_sides(device):
+    """Small ones side by side: at both ends of a part their edge functions are 0 but for rounding."""
+    step = np.array([224, 96])
+    at = 512 + np.arange(32)[:, None] * step
+    small = np.stack([at, at + step, at + [0, 300]], axis=1)[4:-4]
+    found = columns_of(Drawing(device, lines_at([[at[0], at[-1]]]), small, np.full((24, 3), NEAR)).shown())
+    left, right = at[4, 0] >> 8, at[-4, 0] >> 8
+    assert not ((found > left + 1) & (found < right - 1)).any()
+    assert found.min() < left < right < found.max()
+
+
+def test_pieces_of_clipped_faces_hide_as_faces_do(device):
+    """The second of two pieces is the wall, then the first; the faces before them lie elsewhere."""
+    aside = WALL - 60000
+    for xy in (np.concatenate([aside, aside, aside, WALL]), np.concatenate([aside, aside, WALL, aside])):
+        z = np.array([[2.0 * FAR], [2.0 * FAR], [NEAR], [NEAR]]) * np.ones((4, 3))
+        drawing = Drawing(device, lines_at(ACROSS), xy, z, pieces=2)
+        assert columns_of(drawing.shown()).tolist() == list(range(1, 10))
 
 
 def test_faces_of_the_edge_do_not_hide_it(device):

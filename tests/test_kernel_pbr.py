@@ -32,7 +32,7 @@ def reflect(device, points, normals, lights, pbr, *, colors=None, lanes=None) ->
     inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
     inputs += [Buffer(device, rows), Buffer(device, light_rows(*map(np.atleast_2d, lights)))]
     found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    stages.light(*inputs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
+    stages.light(*inputs, chosen.needs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
     return found.to_host()[:, :3]
 
 

@@ -11,8 +11,11 @@ from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
 from clshade.pipeline.depth_sort import front_to_back
+from clshade.pipeline.frame_state import FrameInFlight
+from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.sample_pattern import positions
 from clshade.pipeline.tile_lists import TileLists
+from clshade.pipeline.triangle_source import SceneFaces
 
 COLUMNS, ROWS = 61, 43
 LIMIT = struct_layout.SNAP_LIMIT
@@ -42,6 +45,10 @@ def separate(device, pipeline: Pipeline, xy: np.ndarray, z: np.ndarray, near: fl
 def aside(xy: np.ndarray) -> np.ndarray:
     """Return which triangles are entirely to one side of the image."""
     return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * 256).all(axis=1)).any(axis=1)
+
+
+def counters_of(device: Device) -> Buffer:
+    return Buffer(device, np.zeros(1, struct_layout.SINGLE.Counters))
 
 
 def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
@@ -229,15 +236,15 @@ def test_setup_pieces(device, first_face):
     xy, z = triangles(400)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
     face_count = first_face + 7
-    made = TriangleBuffers(device, face_count, len(xy))
+    made, counted = TriangleBuffers(device, face_count, len(xy)), counters_of(device)
     table = np.zeros(len(xy), struct_layout.SINGLE.Piece)
     table["x"], table["y"] = xy[..., 0], xy[..., 1]
     table["w"] = 1.0 / z
     table["key_depth"] = z[:, 1]
     table["face"] = first_face + np.arange(len(xy)) % 7
     pieces = Buffer(device, table)
-    pipeline.stages.setup_pieces(pieces, pipeline.image, made, face_count, len(xy))
-    counters = made.counters.to_host()[0]
+    pipeline.stages.setup_pieces(pieces, pipeline.image, made, counted, face_count, len(xy))
+    counters = counted.to_host()[0]
     expected = coverage.setup(xy, COLUMNS, ROWS)
     keys = made.keys.to_host(int(counters["visible"])).copy()
     order = front_to_back(keys, bits=made.index_bits).astype(np.int64)
@@ -265,11 +272,14 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     visible = np.sort(ordered.sort())
     expected = [np.sort(found) for found in ordered.bin()]
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, SORTED=0, **features)
-    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
     faces = Buffer(device, np.arange(len(xy) * 3, dtype=np.int32).reshape(-1, 3))
-    made, lists = TriangleBuffers(device, len(xy), 0, slack=16), TileLists(pipeline.stages)
-    lists.set_up(faces, vertices, made, pipeline.image, pipeline.tiles, {}, (None, None))
-    found = made.counters.to_host()[0].copy()
+    source = SceneFaces(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces, (None, None))
+    source.vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
+    made, lists = source.made, TileLists(pipeline.stages)
+    rgba = Buffer.empty(device, (ROWS, COLUMNS, 4), np.float32)
+    frame = FrameInFlight(pipeline.image, counters_of(device), rgba)
+    lists.set_up(source, frame)
+    found = frame.read_counters()
     assert found["entries"] > 2**60  # nothing is drawn: the host clips first
     for name in ("visible", "to_clip", "behind", "off_screen", "between_samples", "zero_area", "back_facing"):
         assert found[name] == counters[name], name
@@ -285,12 +295,12 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
         assert np.array_equal(both[0][name], both[1][name]), name
     bounds = made.bounds.to_host()[slots], ordered.made.bounds.to_host()[visible]
     assert np.array_equal(bounds[0], bounds[1])
-    with made.counters.writing() as table:
+    with frame.counted.writing() as table:
         table["entries"] = 0
     lists.make_room(int(lists.starts.to_host()[-1]))
     with pipeline.image.writing() as table:
         table["list_capacity"] = lists.room
-    lists.fill_unsorted(made, pipeline.image, {})
+    lists.fill_unsorted(made, frame)
     starts = lists.starts.to_host()
     entries = lists.entries.to_host()[: starts[-1]]
     listed = [np.sort(made.triangles.array["face"][each["index"]]) for each in np.split(entries, starts[1:-1])]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, slivers, soup, sphere
-from exact_shadows import DARK, EITHER, LIT, ExactShadows
-from kernel_stages import LANES, Probe
+from exact_shadows import DARK, EITHER, LIT, ExactShadows, cross, dot
+from kernel_stages import LANES, Probe, split
 
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
 from clshade.pipeline.struct_layout import RECEIVER_UNITS, SHADOW_GRID, SHADOW_REACH
@@ -197,3 +197,104 @@ def test_receivers_snap_to_the_grid(device):
     found = Probe(device, PAIRS)("snapped", high, low, high, low, width=2).astype(np.float64).sum(axis=1) / SHADOW_GRID
     assert np.array_equal(found, np.rint(found))
     assert np.abs(found - (high.astype(np.float64) + low) / SHADOW_GRID).max() <= 1.5
+
+
+# The bounds of determinants
+
+SIDES = """
+#include "shadow_predicate.clh"
+
+// Of one lane; `given` holds vectors of pairs.
+#define VECTOR(k) {{given[6 * (k)], given[6 * (k) + 3]}, \\
+                   {given[6 * (k) + 1], given[6 * (k) + 4]}, \\
+                   {given[6 * (k) + 2], given[6 * (k) + 5]}}
+
+kernel void light_sides(global const float *given, global float *out)
+{
+    given += 24 * get_global_id(0);
+    float_pair3 ab = VECTOR(0), ac = VECTOR(1), toward = VECTOR(2), q = VECTOR(3);
+    floats3 magnitude;
+    float_pair3 normal = fp3_cross(&ab, &ac, &magnitude);
+    out[get_global_id(0)] = light_side(&normal, &magnitude, &toward, 0.5f, &q);
+}
+
+kernel void heights(global const float *given, global float *out)
+{
+    given += 24 * get_global_id(0);
+    float_pair3 ab = VECTOR(0), ac = VECTOR(1), v = VECTOR(3);
+    ShadowRay ray = {.corners = {VECTOR(2)}, .side = 1.0f};
+    ray.normal = fp3_cross(&ab, &ac, &ray.magnitude);
+    int above = above_receiver(&ray, &v) != 0;
+    ray.side = -1.0f;
+    out[get_global_id(0)] = above - (above_receiver(&ray, &v) != 0);
+}
+
+kernel void centroid_sides(global const float *given, global float *out)
+{
+    given += 42 * get_global_id(0);
+    float_pair3 edge = VECTOR(0), toward = VECTOR(1), pa = VECTOR(2), a = VECTOR(3);
+    ShadowRay ray = {.corners = {VECTOR(4), VECTOR(5), VECTOR(6)}, .toward = toward};
+    out[get_global_id(0)] = centroid_side(&ray, 0.5f, &a, &pa, &edge);
+}
+"""
+
+
+def vectors(rng: np.random.Generator, count: int) -> Array:
+    """Return (K, count, 3) Python integers, in units of the grid: each axis of another size."""
+    size = np.exp2(rng.uniform(38.0, 44.0, (2000, 1, 3)))
+    return 2 * integers_of(rng.normal(size=(2000, count, 3)) * size)
+
+
+def integers_of(values: Array) -> Array:
+    return np.rint(values).astype(np.int64).astype(object)
+
+
+def beside_plane(rng: np.random.Generator, a: Array, b: Array, bound: int) -> Array:
+    """Return vectors (K, 3) whose product with the cross product of a and b is up to three of bound * 2^-48 of its terms."""
+    weights = rng.uniform(-1.0, 1.0, (2, len(a), 1))
+    inside = integers_of(weights[0] * a.astype(float) + weights[1] * b.astype(float)) // 2 * 2
+    normal, size = cross(a, b)
+    reach = dot((normal, size), inside)[1].astype(float) * bound * 2.0**-48 * rng.uniform(-3.0, 3.0, len(a))
+    axis = np.abs(normal.astype(float)).argmax(axis=1)
+    rows = np.arange(len(a))
+    inside[rows, axis] += 2 * integers_of(reach / normal[rows, axis].astype(float) / 2.0)
+    return inside
+
+
+def assert_sides(device, name: str, given: list[Array], value: Array, bound: Array) -> None:
+    """Check the signs of values in units of 2^-48: 0 of those within half their bounds, that of those beyond 3/2 of them."""
+    parts = split(np.concatenate(given, axis=1).astype(np.float64) * SHADOW_GRID)
+    pairs = np.concatenate([part.reshape(len(value), -1, 3) for part in parts], axis=2).reshape(len(value), -1)
+    found = Probe(device, SIDES, lanes=1)(name, np.ascontiguousarray(pairs))
+    share = np.abs(value.astype(float)) * 2.0**48 / bound.astype(float)
+    small, large = share < 0.5, share > 1.5
+    assert small.sum() > 100 < large.sum()
+    assert not found[small].any()
+    assert np.array_equal(found[large], np.sign(value[large].astype(float)))
+
+
+def test_signs_of_determinants_beside_their_bounds(device):
+    """A bound is that of the terms that are there: neither less nor more."""
+    rng = np.random.default_rng(12)
+    ab, ac, q = np.moveaxis(vectors(rng, 3), 1, 0)
+    x = beside_plane(rng, ab, ac, 25)
+    normal, size = cross(ab, ac)
+    toward = x + q // 2
+    bound = 25 * (size * (abs(toward) + abs(q) // 2)).sum(axis=1)
+    assert_sides(device, "light_sides", [ab, ac, toward, q], (normal * x).sum(axis=1), bound)
+    x = beside_plane(rng, ab, ac, 22)
+    value, magnitude = dot((normal, size), x)
+    assert_sides(device, "heights", [ab, ac, q, q + x], value, 22 * magnitude)
+
+
+def test_sides_of_centroids_beside_their_bounds(device):
+    rng = np.random.default_rng(13)
+    edge, pa, a, b, c = np.moveaxis(vectors(rng, 5), 1, 0)
+    light = vectors(rng, 1)[:, 0]
+    toward = light + pa // 2
+    x = beside_plane(rng, edge, light, 31)
+    corners = np.stack([a + b, a + c, a + x - b - c], axis=1)
+    normal, size = cross(edge, light)[0], cross(abs(edge), abs(toward) + abs(pa) // 2)[1]
+    bound = 31 * (size * (abs(b) + abs(c) + abs(x - b - c))).sum(axis=1)
+    given = [edge, toward, pa, a, *np.moveaxis(corners, 1, 0)]
+    assert_sides(device, "centroid_sides", given, -(normal * x).sum(axis=1), bound)

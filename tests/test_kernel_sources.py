@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from clshade.pipeline import struct_layout
+from clshade.pipeline.features import COMPILED, FEATURES, GROUPS
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = sorted((ROOT / "kernels").glob("*.cl*"))
@@ -44,29 +45,28 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
     assert 1 << struct_layout.SUBPIXEL_BITS not in found
 
 
-def guards_of(name: str) -> set[str]:
-    """Return the macros that a kernel file requires to be defined."""
-    guards = re.findall(r"^#if (!defined.*)\n#error", (ROOT / "kernels" / name).read_text(), re.MULTILINE)
-    return set(re.findall(r"defined\((\w+)\)", " ".join(guards)))
-
-
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
-def test_every_feature_that_a_kernel_tests_is_guarded(path):
-    """A macro in #if that neither features.clh nor the file itself requires would silently be 0 if misspelled."""
-    guarded = guards_of("features.clh") | guards_of(path.name)
-    own = {"FP64", "LANES"} | set(
+def test_every_macro_that_a_kernel_tests_is_defined(path):
+    """A macro in #if that nobody defines would silently be 0: a feature that is a condition at run time, or misspelled."""
+    known = {"FP64", "LANES", *COMPILED} | set(
         re.findall(r"^\s*#\s*define\s+(\w+)", "\n".join(each.read_text() for each in KERNELS), re.MULTILINE)
     )
     text = code_of(path.read_text())
     tested = set()
     for line in re.findall(r"^\s*#\s*(?:el)?if\s(.*)$", text, re.MULTILINE):
         tested |= set(re.findall(r"[A-Z_][A-Z0-9_]+", re.sub(r"defined\s*\(\w+\)|__has_builtin\(\w+\)", "", line)))
-    assert tested <= guarded | own, tested - guarded - own
+    assert tested <= known, tested - known
 
 
-def test_every_feature_is_guarded():
-    from clshade.pipeline.features import CHOICES, OPTIONAL
-    from clshade.pipeline.layer_buffers import MACROS
+def test_programs_differ_by_few_features():
+    """Each doubles the programs that a user may wait for."""
+    assert len(COMPILED) <= 10
+    assert len({feature.name for feature in FEATURES}) == len(FEATURES)
 
-    assert guards_of("features.clh") == {*CHOICES, *OPTIONAL}
-    assert guards_of("surface_layers.cl") == {*MACROS.values(), "MIRRORED"}
+
+def test_every_feature_is_read():
+    """But for those that follow from the tables that kernels read."""
+    text = "\n".join(code_of(path.read_text()) for path in KERNELS if path.name != "features.clh")
+    named = {*re.findall(r"NEEDS\([^,()]+, (\w+)\)", text), *COMPILED, *GROUPS["MAPS"]}  # by NEEDS_NTH
+    by_data = {"SHADOW_ALPHA", "NORMAL_INDICES", "UV_INDICES", "UV_SETS", "NEAREST", "BACKGROUND", "EMISSION"}
+    assert named == {feature.name for feature in FEATURES} - by_data

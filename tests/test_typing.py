@@ -10,6 +10,8 @@ from typing import get_args
 
 import pytest
 
+from clshade.base.declare import declared
+from clshade.images import layers
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.frame_files import SAVING, SavingOptions
 from clshade.scene import camera, lights, model, settings, texture
@@ -31,34 +33,24 @@ def test_the_keywords_of_save_are_those_of_write():
     assert list(SavingOptions.__annotations__) == named == list(SAVING)
 
 
-@pytest.mark.parametrize(
-    ("literal", "choices", "field"),
-    [
-        (settings.Shader, settings.SHADERS, "shader"),
-        (settings.Visibility, settings.VISIBILITIES, "visibility"),
-        (settings.LightingAt, settings.LIGHTING_AT, "lighting_at"),
-        (settings.Interpolation, settings.INTERPOLATIONS, "interpolation"),
-        (settings.TextureAt, settings.TEXTURE_AT, "texture_at"),
-        (settings.TextureFilter, settings.TEXTURE_FILTERS, "texture_filter"),
-        (settings.Ambient, settings.AMBIENTS, "ambient"),
-        (settings.Precision, settings.PRECISIONS, "precision"),
-        (settings.Resolve, settings.RESOLVES, "resolve"),
-    ],
-)
-def test_a_choice_has_the_same_values_for_type_checkers(literal, choices, field):
+CHOICES = {name: known.choices for name, known in declared(settings.Settings).items() if known.choices}
+
+
+@pytest.mark.parametrize("field", CHOICES)
+def test_a_choice_has_the_same_values_for_type_checkers(field):
     """Each value is accepted, and the annotations of the keyword and of the field both name the literal."""
-    assert get_args(literal) == choices
-    for value in choices:
+    for value in CHOICES[field]:
         assert getattr(settings.Settings(**{field: value}), field) == value
     annotation = settings.SettingsFields.__annotations__[field].__forward_arg__
-    assert getattr(settings, annotation) == literal
+    assert get_args(getattr(settings, annotation)) == CHOICES[field]
     assert settings.Settings.__dataclass_fields__[field].type == annotation
 
 
 @pytest.mark.parametrize(
     ("literal", "choices"),
     [
-        (settings.Layer, settings.LAYERS),
+        (settings.Shader, settings.SHADERS),
+        (settings.Precision, settings.PRECISIONS),
         (settings.Preset, settings.PRESETS),
         (model.Wrap, model.WRAPS),
         (model.Lookup, model.LOOKUPS),
@@ -69,6 +61,14 @@ def test_a_choice_has_the_same_values_for_type_checkers(literal, choices, field)
 )
 def test_other_choices_too(literal, choices):
     assert get_args(literal) == choices
+
+
+def test_layers_have_the_kinds_of_the_table():
+    by_kind = {"uint32": layers.NumberLayer, "float64": layers.PointLayer, "real": layers.RealLayer}
+    for kind, literal in by_kind.items():
+        assert set(get_args(literal)) == {name for name, row in layers.LAYER_TABLE.items() if row.kind == kind}
+    assert set(get_args(settings.Layer)) == set(layers.LAYERS)
+    assert len(layers.LAYER_WORDS) == sum(len(row.words) for row in layers.LAYER_TABLE.values())
 
 
 def test_operators_compressions_and_axes():
@@ -106,7 +106,7 @@ def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
 
 TYPED = {
     camera: {"Camera"},
-    lights: {"PointLight", "DirectionalLight", "SpotLight", "RectangleLight"},
+    lights: {kind.__name__ for kind in lights.LIGHTS},
     model: {"Mesh", "Scene"},
     texture: {"Texture"},
 }
@@ -199,7 +199,7 @@ def checked_by_mypy(folder: Path, text: str) -> list[str]:
 
 @pytest.mark.long
 def test_mypy_takes_right_calls_and_refuses_wrong_ones(tmp_path):
-    pytest.importorskip("mypy", reason="mypy is not installed: pip install clshade[lint]")
+    pytest.importorskip("mypy", reason="mypy is not installed: pip install -e '.[lint]'")
     lines = RIGHT.splitlines()
     errors = checked_by_mypy(tmp_path, "\n".join([*lines, *WRONG]) + "\n")
     by_line: dict[int, list[str]] = {}

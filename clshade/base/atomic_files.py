@@ -71,14 +71,16 @@ def _permissions(path: Path, target: str) -> int | None:
     if os.path.isdir(target) or os.fspath(path).endswith(os.sep):
         raise write_error(path, "it is a folder")
     try:
-        mode = os.stat(target).st_mode
+        found = os.stat(target)
+        if not stat.S_ISREG(found.st_mode):  # renaming over /dev/null would put a file in its place
+            raise write_error(path, "it is not a regular file")
+        if not os.access(target, os.W_OK):
+            if os.path.samestat(found, os.stat(target)):
+                raise write_error(path, os.strerror(errno.EACCES))
+            return _permissions(path, target)  # another process has replaced it meanwhile
     except FileNotFoundError:
         return None
-    if not stat.S_ISREG(mode):  # renaming over /dev/null would put a file in its place
-        raise write_error(path, "it is not a regular file")
-    if not os.access(target, os.W_OK):
-        raise write_error(path, os.strerror(errno.EACCES))
-    return stat.S_IMODE(mode)
+    return stat.S_IMODE(found.st_mode)
 
 
 def check(path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+TYPE_CHECKING = False  # `typing` is slow to import, and an interrupt of the command line meanwhile prints a traceback
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
 
 _notebook: Callable[[], Any] | None = None
 

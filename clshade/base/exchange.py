@@ -1,10 +1,12 @@
-"""Access to the converters of scenes for the scene's model, which may not import them: the package root installs them
-here."""
+"""Access to the converters of scenes, and to the choice of a camera, for the scene's model, which may not import them: the
+package root installs them here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+TYPE_CHECKING = False  # `typing` is slow to import, and an interrupt of the command line meanwhile prints a traceback
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
 
 _converters: dict[str, Callable[[], Any]] = {}
 

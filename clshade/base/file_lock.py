@@ -1,11 +1,44 @@
-"""A lock on a file, which ends with the process that holds it."""
+"""Locks on files and folders, which end with the process that holds them."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterator
 
 from .atomic_files import Path
+
+
+@contextlib.contextmanager
+def folder_locked(folder: Path) -> Iterator[bool]:
+    """Lock a folder for the block, among processes and threads that lock it too, and wait for those. Yield whether it is
+    locked: Windows and some file systems cannot."""
+    descriptor = _lock_folder(folder)
+    try:
+        yield descriptor is not None
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _lock_folder(folder: Path) -> int | None:
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+    except BaseException as error:  # also Ctrl-C while it waits
+        os.close(descriptor)
+        if isinstance(error, OSError):
+            return None
+        raise
+    return descriptor
 
 
 def lock_file(path: Path) -> int | None:

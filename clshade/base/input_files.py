@@ -14,11 +14,18 @@ from ..errors import InputError
 from .arrays import Array
 from .atomic_files import Path, shown
 
+LONGEST_FOUND = 160  # characters of what a message says was found, or of where
+
 
 def file_error(owner: str, field: str, expected: str, found: str) -> InputError:
-    """Build an InputError of one line, `owner: field: expected ..., found ...`, with unprintable characters escaped."""
-    text = f"{owner}: {field}: expected {expected}, found {found}"
+    """Build an InputError of one line, `owner: field: expected ..., found ...`, with unprintable characters escaped, and
+    field and found cut."""
+    text = f"{owner}: {_cut(field)}: expected {expected}, found {_cut(found)}"
     return InputError(text if text.isprintable() else text.encode("unicode_escape").decode("ascii"))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_FOUND else f"{text[:LONGEST_FOUND]}..."
 
 
 def quoted(text: str | bytes, most: int = 48) -> str:
@@ -62,6 +69,15 @@ def size_of(path: Path) -> int:
     if status.st_size == 0:
         raise file_error(owner, "file", "content", "an empty file")
     return status.st_size
+
+
+def stamp(path: Path) -> tuple[int, int, int] | None:
+    """Return what changes when the file is written or replaced: time, size and inode; None for a missing one."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
 
 
 def read_file(path: Path, most: int) -> bytes:

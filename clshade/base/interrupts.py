@@ -25,6 +25,7 @@ _told = threading.Lock()
 _stderr: int | None = None  # a copy of standard error: images/exr.py redirects the original at times
 _at_end: list[Callable[[], None]] = []
 _late = threading.Event()
+open_lines: set[object] = set()  # progress bars: the message begins on a line of its own
 
 
 def at_end(clear: Callable[[], None]) -> Callable[[], None]:
@@ -47,11 +48,28 @@ def tell() -> None:
     """Report the interrupt in one line on standard error; once per process."""
     if not _told.acquire(blocking=False):
         return
+    message = "\n" * bool(open_lines) + "clshade: interrupted\n"
     if _stderr is None:
-        print("clshade: interrupted", file=sys.stderr)
+        print(message, end="", file=sys.stderr)
         return
     with contextlib.suppress(OSError):
-        os.write(_stderr, b"clshade: interrupted\n")
+        os.write(_stderr, message.encode())
+
+
+def run(command: Callable[[], int]) -> NoReturn:
+    """Run a command as this process's: end it with the command's exit code, or one line and 130 after an interrupt.
+
+    A script that imports much before calls `leave_soon` first.
+    """
+    code = INTERRUPTED
+    try:
+        leave_soon()
+        code = command()
+    except KeyboardInterrupt:
+        tell()
+    if code == INTERRUPTED:
+        ignore()  # only cleanup is left
+    sys.exit(code)
 
 
 def leave_soon(*, quiet: bool = False) -> None:
@@ -60,6 +78,8 @@ def leave_soon(*, quiet: bool = False) -> None:
     For the main thread of a process that runs a command, before it starts others. quiet: another process reports it.
     """
     global _stderr
+    if signal.getsignal(signal.SIGINT) is _raise:
+        return
     if quiet:
         _told.acquire(blocking=False)
     with contextlib.suppress(OSError):
@@ -96,6 +116,8 @@ def _wait() -> NoReturn:
     _late.set()
     with contextlib.suppress(Exception):
         tell()
+        # The main thread may go on meanwhile, and fail where its files and processes are taken from it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
         sys.stdout.flush()
     for clear in reversed(_at_end):
         clear()

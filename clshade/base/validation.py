@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -107,21 +108,50 @@ def coefficient(owner: str, name: str, value: Any) -> Floats:
     return vector(owner, name, array if array.ndim else np.full(3, array.item()))
 
 
+def color_from_zero(owner: str, name: str, value: Any) -> Floats:
+    """Return a coefficient, none of whose channels may be below 0."""
+    color = coefficient(owner, name, value)
+    if (color < 0.0).any():
+        raise value_error(owner, name, "numbers from 0 on", color.tolist())
+    return color
+
+
+def limits_of(above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> str:
+    """Return the limits of a number in words, with a blank before them; nothing if there are none."""
+    if most < math.inf:
+        return f" above {above:g}, at most {most:g}" if above > -math.inf else f" from {least:g} to {most:g}"
+    return (f" above {above:g}" if above > -math.inf else "") + (f" of at least {least:g}" if least > -math.inf else "")
+
+
 def number(
-    owner: str, name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, expected: str = ""
+    owner: str,
+    name: str,
+    value: Any,
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
+    expected: str = "",
 ) -> float:
-    """Return a finite real number above `above` and not below `least` as a float; refuses arrays and bools."""
-    if not expected:
-        expected = "a finite number"
-        expected += f" above {above:g}" if above > -math.inf else ""
-        expected += f" of at least {least:g}" if least > -math.inf else ""
+    """Return a finite real number above `above`, from `least` to `most`, as a float; refuses arrays and bools."""
+    expected = expected or f"a {'finite ' if most == math.inf else ''}number{limits_of(above, least, most)}"
     array = floats(owner, name, value, expected)
     if array.ndim or array.dtype.kind == "b":
         raise value_error(owner, name, expected, value)
     result = float(array.item())
-    if not math.isfinite(result) or result <= above or result < least:
+    if not math.isfinite(result) or result <= above or not least <= result <= most:
         raise value_error(owner, name, expected, value)
     return result
+
+
+fraction = partial(number, least=0.0, most=1.0)
+
+
+def instance(owner: str, name: str, value: Any, kind: type) -> Any:
+    """Return an instance of a class, or None."""
+    if value is not None and not isinstance(value, kind):
+        raise value_error(owner, name, f"a {kind.__name__} or None", value)
+    return value
 
 
 def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:

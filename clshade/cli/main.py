@@ -16,6 +16,7 @@ from ..base.interrupts import INTERRUPTED
 from ..errors import ClshadeError
 from .commands import REFUSED, UNREAD
 from .commands.arguments import with_values
+from .commands.help_options import add_help
 from .commands.parser import Parser
 
 COMMANDS = {
@@ -29,24 +30,9 @@ COMMANDS = {
     "stability": "stiff and extreme cases with their measured errors, or where and why a scene amplifies rounding",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "view": "a scene live in the browser; or an HTML page for inspecting and comparing EXR and PNG images",
-    "inspect": "what an EXR or PNG holds: statistics per channel, dynamic range, header, single pixels, a figure",
+    "inspect": "what an EXR or PNG holds: statistics, header, pixels, a figure; or what is in a scene",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
     "coco": "masks of the instances in rendered images as a COCO data set, for training detectors",
-}
-_MODULES = {
-    "render": "clshade.cli.commands.render",
-    "turntable": "clshade.cli.commands.turntable",
-    "animate": "clshade.cli.commands.animate",
-    "poster": "clshade.cli.commands.poster",
-    "devices": "clshade.cli.commands.devices",
-    "report": "clshade.cli.commands.report",
-    "bench": "clshade.cli.commands.bench",
-    "stability": "clshade.cli.commands.stability",
-    "fuzz": "clshade.cli.commands.fuzz",
-    "view": "clshade.cli.commands.view",
-    "inspect": "clshade.cli.commands.inspect",
-    "compare": "clshade.cli.commands.compare",
-    "coco": "clshade.cli.commands.coco",
 }
 
 
@@ -61,9 +47,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     named = next((argument for argument in arguments if not argument.startswith("-")), None)
     for name, about in COMMANDS.items():
-        command = commands.add_parser(name, help=about)
+        command = commands.add_parser(name, help=about, add_help=False)
         if name == named:
-            module = import_module(_MODULES[name])
+            add_help(command)
+            module = import_module(f"clshade.cli.commands.{name}")
             module.add_options(command)
             _general_options(command)
             command.set_defaults(run=module.run, parser=command)
@@ -72,7 +59,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 def _general_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that every command takes, before or after its name."""
-    group = parser.add_argument_group("general")
+    group = parser.add_argument_group("general: what is printed")
     either = group.add_mutually_exclusive_group()
     # Without SUPPRESS, the subparser's default would override an option given before the command's name.
     flag: dict[str, Any] = {"action": "store_true", "default": argparse.SUPPRESS}

@@ -51,8 +51,8 @@ from ..scene.formats.course_npy import only_mesh
 from ..scene.formats.course_npy import save_course as save
 from ..scene.geometry import vertex_normals
 from ..scene.model import Material, Mesh, PointLight, Scene
-from ..scene.settings import SHADERS, Shader
 from . import arguments as checked
+from .arguments import SHADERS, Shader
 from .content_cache import ContentCache
 
 __all__ = [

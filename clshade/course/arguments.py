@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypeAlias, TypeVar, cast, get_args
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ..errors import InputError
 from ..scene.camera import MAX_RESOLUTION
 from ..scene.formats import course_values as values
 from ..scene.model import Material, Texture
+
+Shader: TypeAlias = Literal["gouraud", "phong", "nolight"]
+SHADERS: tuple[Shader, ...] = get_args(Shader)
 
 _NAMES = {"verts": "verts", "colors": "verts_colors", "faces": "faces", "uvs": "uvs", "uv_faces": "uvs_faces"}
 

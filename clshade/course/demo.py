@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base import interrupts
 from ..base.text_tables import create_folder
 from ..errors import ClshadeError, InputError
 from ..images import contact_sheet, lettering
@@ -141,9 +142,9 @@ def heading(scene: Scene) -> str:
 
 
 def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str) -> None:
-    from tqdm import tqdm
-
+    from ..base.progress_bar import Bar
     from ..images import png
+    from ..pipeline.programs import running_time
 
     if options.device:
         os.environ["CLSHADE_DEVICE"] = options.device
@@ -153,8 +154,9 @@ def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str
     importing.start()
     build_all(scene, figures)
     importing.join()
-    for _ in tqdm(draw_all(scene, figures), total=len(figures), unit="figure", desc=scene.name):
-        pass
+    with Bar(len(figures), scene.name, clock=running_time, hidden=False, left=True) as bar:
+        for _ in draw_all(scene, figures):
+            bar.advance()
     with ThreadPoolExecutor(1) as writer:
         written = [writer.submit(save, scene, figure, folder) for figure in figures]
         panels = [shown(scene, figure) for figure in figures] + [difference(*pair) for pair in pairs(figures)]
@@ -173,5 +175,6 @@ def main(description: str, figures: Sequence[Figure], sheet_name: str, arguments
         print(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        return 130
+        interrupts.tell()
+        return interrupts.INTERRUPTED
     return 0

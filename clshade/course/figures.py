@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base import console
 from ..scene.model import Scene
-from ..scene.settings import Shader
+from .arguments import Shader
 
 LIGHTS = 3  # of a scene of the course
 TERMS = ("ambient", "diffuse", "specular")
@@ -139,14 +139,15 @@ def draw(scene: Scene, figure: Figure) -> np.ndarray:
 
 def build_all(scene: Scene, figures: Sequence[Figure]) -> None:
     """Build the programs of all figures by drawing one figure with each; the first time each takes seconds."""
-    from tqdm import tqdm
-
+    from ..base.progress_bar import Bar
     from ..pipeline.opencl.device import shared_device
 
     shared_device()  # its errors come before the progress bar
     needed = {(figure.shader, figure.terms, figure.mapped): figure for figure in figures}
-    for figure in tqdm(needed.values(), unit="program", desc="programs", leave=False, disable=console.quiet()):
-        draw(scene, figure)
+    with Bar(len(needed), "programs", clock=None, hidden=console.quiet()) as bar:
+        for figure in needed.values():
+            draw(scene, figure)
+            bar.advance()
 
 
 def draw_all(scene: Scene, figures: Iterable[Figure]) -> Iterator[Figure]:

@@ -63,10 +63,12 @@ def draw_locally(
 
 
 _crews: set[_Crew] = set()
+_starting = threading.RLock()  # held while a process starts, and from the end of this one on
 
 
 @interrupts.at_end
 def _end_all() -> None:
+    _starting.acquire()  # for good: half a start would print a traceback
     for crew in list(_crews):
         crew.end()
 
@@ -229,7 +231,7 @@ class _Crew:
         return Lost((task.number,), reason)
 
     def _start(self) -> _Worker:
-        with _interrupts_held_back():
+        with _interrupts_held_back(), _starting:
             worker = _Worker(self._threads, self._frame_timeout is not None)
             self._workers.append(worker)
         return worker

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING
 
 from ..base import console
+from ..base.progress_bar import Bar
 from .job import DrawnFrame
 
-if TYPE_CHECKING:
-    from tqdm import tqdm
-
 LINES = 10.0  # seconds between two lines without a terminal
-BAR = "{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
 
 
 def rate_text(rate: float) -> str:
@@ -29,12 +25,13 @@ class Progress:
 
     def __init__(self, total: int, done: int, shown: bool) -> None:
         self._total, self._done, self._shown = total, done, shown and sys.stderr is not None
-        self._start, self._began = time.perf_counter(), time.time()  # for the rate, and by tqdm's clock
-        self._bar: tqdm | None = None
+        self._start, self._began = time.perf_counter(), time.time()  # for the rate, and for the bar
+        self._bar: Bar | None = None
         self._told = self._start  # time of the latest line
         self._said: set[str] = set()
         self.drawn = 0
         self.seconds = 0.0  # from the start to the latest frame
+        self._first = 0.0  # the same to the first one, which waits for the compiler: it tells nothing of those to come
 
     @property
     def rate(self) -> float:
@@ -54,6 +51,8 @@ class Progress:
                 self.say(f"frame {drawn.number}: {warning}")
         self.drawn += 1
         self.seconds = time.perf_counter() - self._start
+        if self.drawn == 1:
+            self._first = self.seconds
         if not self._shown:
             return
         if sys.stderr.isatty():
@@ -63,12 +62,8 @@ class Progress:
 
     def _draw_bar(self) -> None:
         if self._bar is None:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=self._total, initial=self._done, smoothing=0.1, bar_format=BAR)
-            self._bar.start_t = self._bar.last_print_t = self._began
-        self._bar.set_postfix_str(rate_text(self.rate), refresh=False)
-        self._bar.update()
+            self._bar = Bar(self._total, clock=time.perf_counter, done=self._done, left=True, began=self._began)
+        self._bar.advance(rate_text(self.rate))
 
     def _print_line(self) -> None:
         """Print a line: a log would keep every state of a bar."""
@@ -77,8 +72,11 @@ class Progress:
             console.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}")
         elif now - self._told >= LINES:
             self._told = now
-            left = (self._total - count) / self.rate
-            console.progress(f"{count}/{self._total} frames, {rate_text(self.rate)}, about {left:.0f} s left")
+            line = f"{count}/{self._total} frames, {rate_text(self.rate)}"
+            if self.seconds > self._first:
+                left = (self._total - count) * (self.seconds - self._first) / (self.drawn - 1)
+                line += f", about {left:.0f} s left"
+            console.progress(line)
 
     def __enter__(self) -> Progress:
         return self

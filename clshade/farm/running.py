@@ -213,10 +213,10 @@ def draw_frames(
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
-    files = tuple(chosen_paths(output, chosen.get("files")))
+    files = chosen["files"] = tuple(chosen_paths(output, chosen.get("files")))
     if flag("draw_frames", "flow", flow):
         if not {"exr", "npz"} & set(files):
-            raise value_error("draw_frames", "flow", "False without a file that holds it, exr or npz", flow)
+            raise InputError("draw_frames: flow: needs exr or npz among the files, which hold it")
         settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
     numbers = sorted(cameras) if flow else []
@@ -245,9 +245,7 @@ def draw_frames(
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
         if left:
-            checked = ("tonemap", "exposure", "compression", "depth_scale")
-            check: dict[str, Any] = {name: value for name, value in chosen.items() if name in checked}
-            check_output(pattern.names(left[0])[0], files=files, **check)
+            check_output(pattern.names(left[0])[0], settled, **chosen)
         job = Job(scene, settled, device, chosen, visible, mattes)
         results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
         counts = _collect(results, bar, frame_timeout is not None)
@@ -292,8 +290,9 @@ def _check_arguments(
     if frame_timeout is not None:
         number("draw_frames", "frame_timeout", frame_timeout, above=0.0)
         if workers == 1 and scheduler is None:
-            expected = "two --workers or more, or a --scheduler: they can be given the frames of one that hangs"
-            raise InputError(f"--frame-timeout: expected {expected}, found one process")
+            raise InputError(
+                "--frame-timeout: needs two --workers or more, or a --scheduler, to draw the frames of one that hangs"
+            )
     numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
     if not numbered or not cameras:
         raise value_error("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)

@@ -17,7 +17,7 @@ from ..base.text_tables import as_lines, digits, wrapped
 from .channels import Group, grouped
 from .clusters import Cluster, find_clusters, leading
 from .image_file import Picture, named_pixel
-from .layer_words import LAYER_WORDS
+from .layers import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
 _STRIP = 1 << 20  # pixels compared at a time

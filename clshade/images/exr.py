@@ -25,6 +25,7 @@ from ..base.validation import choice
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from . import exr_limits
+from .layers import LAYER_TABLE
 
 Part: TypeAlias = tuple[Mapping[str, ArrayLike], Mapping[str, Any]]  # channels and metadata
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
@@ -39,22 +40,14 @@ LOSSY = {
 }
 Compression: TypeAlias = Literal["none", "rle", "zips", "zip", "piz", "zstd", "pxr24", "b44", "b44a", "dwaa", "dwab"]
 COMPRESSIONS: tuple[Compression, ...] = get_args(Compression)  # lossless, then LOSSY
-SUFFIXES = {
-    "N": "XYZ",
-    "P": "XYZ",
-    "uv": "UV",
-    "barycentrics": "UVW",
-    "flow": "XY",
-    "flow_back": "XY",
-}  # names of a layer's components; R G B A for every other layer
-FULL_PRECISION = (
-    "Z",
-    "P",
-    "scalar",
-    "flow",
-    "flow_back",
-)  # layers that `half` does not affect: depths, positions and data need their digits
-FAR = {"Z": math.inf, "scalar": math.nan}  # what some layers hold where there is nothing
+_FLOWS = ("flow", "flow_back")
+# Names of a layer's components; R G B A for every other layer.
+SUFFIXES: dict[str, str] = {n: row.components for n, row in LAYER_TABLE.items() if row.components not in ("", "RGB")}
+SUFFIXES |= dict.fromkeys(_FLOWS, "XY")
+# Layers that `half` does not affect: depths, positions and data need their digits.
+FULL_PRECISION = (*(name for name, row in LAYER_TABLE.items() if row.keeps_digits), *_FLOWS)
+# What some layers hold where there is nothing.
+FAR: dict[str, float] = {name: row.background for name, row in LAYER_TABLE.items() if row.background != 0.0}
 
 _MAX_HEADER = 1 << 16  # bytes that are searched for the display window
 FIRST = "rgba"  # name of the first of several parts

@@ -11,14 +11,14 @@ from typing import Any
 
 from ..base import host_memory
 from ..base.input_files import file_error
+from .layers import LAYER_TABLE
 
 MAGIC = b"\x76\x2f\x31\x01"
 START = 8  # of the first header, after magic number and version
 MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, and the largest that is read
-OUTSIDE = {
-    "Z": "Zbackground",
-    "scalar": "scalarBackground",
-}  # channels -> the header attribute with their value outside the data window
+# Channels -> the header attribute with their value outside the data window.
+OUTSIDE: dict[str, str] = {name: f"{name}Background" for name, row in LAYER_TABLE.items() if row.background != 0.0}
+OUTSIDE["Z"] = "Zbackground"
 MAX_SHOWN = (
     1 << 35
 )  # bytes of all channels of the display window: all layers of the largest image, 32 of 2^30, flows included

@@ -29,6 +29,9 @@ from .pixels import blend, seen_at_pixels, shade_pixels
 from .transform import SUBPIXELS, mirroring
 from .vectors import length, unit
 
+# The background of what is not 0 there.
+BACKGROUND = {"scalar": np.nan, "normal_length": 1.0, "weight_condition": 1.0, "open_rounding": 1.0}
+
 
 @dataclass(frozen=True, eq=False)
 class OracleLayers:
@@ -59,7 +62,7 @@ class OracleLayers:
     P: Floats
     albedo: Floats
     uv: Floats
-    object_id: Integers
+    object_id: UInt32s
     material_id: UInt32s
     barycentrics: Floats
     scalar: Floats
@@ -129,42 +132,23 @@ def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
     upward, across = np.mgrid[: owner.shape[0], : owner.shape[1]]
     shown, _ = layer_owners(scene, settings, owner.ravel(), (across.ravel(), upward.ravel()))
     owner = shown.reshape(owner.shape)
-    found = _background(owner.shape)
     rows, columns = np.nonzero(owner >= 0)
-    for start in range(0, len(rows), BATCH):
+    found: OracleLayers | None = None
+    for start in range(0, max(len(rows), 1), BATCH):  # at least one batch, of no pixels in an empty image
         row, column = rows[start : start + BATCH], columns[start : start + BATCH]
         batch = _batch(scene, own, settings, view, owner[row, column], column, row)
+        found = found or _background(owner.shape, batch)
         for field in fields(OracleLayers):
             getattr(found, field.name)[row, column] = getattr(batch, field.name)
     return OracleLayers(*(getattr(found, field.name)[::-1] for field in fields(OracleLayers)))
 
 
-def _background(shape: tuple[int, ...]) -> OracleLayers:
-    def zeros(*components: int) -> Floats:
-        return np.zeros((*shape, *components))
-
-    return OracleLayers(
-        N=zeros(3),
-        P=zeros(3),
-        albedo=zeros(3),
-        uv=zeros(2),
-        object_id=np.zeros(shape, np.uint32),
-        material_id=np.zeros(shape, np.uint32),
-        barycentrics=zeros(3),
-        scalar=np.full(shape, np.nan),
-        AO=zeros(),
-        instance_id=np.zeros(shape, np.uint32),
-        normal_length=np.ones(shape),
-        normal_error=zeros(),
-        reach=zeros(),
-        most_uv=zeros(),
-        most_scalar=zeros(),
-        budget=zeros(3),
-        jump=zeros(3),
-        weight_condition=np.ones(shape),
-        open_spread=zeros(),
-        open_rounding=np.ones(shape),
-    )
+def _background(shape: tuple[int, ...], batch: OracleLayers) -> OracleLayers:
+    """Return the layers where there is no surface, with the components and types of those of a batch."""
+    found = {}
+    for name, value in vars(batch).items():
+        found[name] = np.full((*shape, *value.shape[1:]), BACKGROUND.get(name, 0), value.dtype)
+    return OracleLayers(**found)
 
 
 def _batch(
@@ -209,7 +193,7 @@ def _batch(
         P=eye + blend(in_space, relative),
         albedo=unlit.rgb,
         uv=interpolated(weights, corners.uvs[face]),
-        object_id=mesh + 1,
+        object_id=(mesh + 1).astype(np.uint32),
         material_id=material_numbers(own)[mesh],
         barycentrics=in_order,
         scalar=4.0 * interpolated(weights, 0.25 * scalars[..., None])[:, 0],  # no difference overflows

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.arrays import Array, Floats, Integers
-from ..scene.model import DirectionalLight, Light, PointLight, RectangleLight
+from ..scene.lights import Light, PlacedLight, PointLight, RectangleLight
 from . import light_points
 from .vectors import cross, dot, length, unit
 
@@ -47,27 +47,33 @@ class Shape:
     blur: Floats | float = 0.0
     offset: Floats | None = None
 
+    @property
+    def varies(self) -> bool:
+        """Whether what arrives depends on the place: by distance, cone or front."""
+        return self.attenuates or self.axis is not None or self.front is not None
+
 
 POINT = Shape()
 
 
 def shape_of(light: Light, points: int = 1) -> Shape:
     """Return the shape of a light. points: how many stand for one of finite size."""
-    if isinstance(light, DirectionalLight):
+    if not isinstance(light, PlacedLight):
         return Shape(parallel=True)
     end, attenuates = math.inf if light.range is None else light.range, light.attenuation == "inverse-square"
+    shape = Shape(attenuates=attenuates, range=end)
+    if isinstance(light, PointLight):
+        return replace(shape, points=points if light.radius else 0, radius=light.radius)
     if isinstance(light, RectangleLight):
         sides, front = np.stack([light.right, light.up]), unit(cross(unit(light.right), unit(light.up)))
-        return Shape(attenuates=attenuates, range=end, points=points, sides=sides, front=front)
-    if isinstance(light, PointLight):
-        return Shape(attenuates=attenuates, range=end, points=points if light.radius else 0, radius=light.radius)
+        return replace(shape, points=points, sides=sides, front=front)
     inner, outer = (math.cos(math.radians(angle)) for angle in (light.inner_cone, light.outer_cone))
-    return Shape(False, unit(light.direction), inner, outer, attenuates, end)
+    return replace(shape, axis=unit(light.direction), inner=inner, outer=outer)
 
 
-def position_of(light: Light, eye: Floats) -> Floats:
-    """Return the position relative to the eye; of a directional light the unit vector toward it."""
-    return -unit(light.direction) if isinstance(light, DirectionalLight) else light.position - eye
+def position_of(light: Light, origin: Floats) -> Floats:
+    """Return the position relative to an origin; of a directional light the unit vector toward it."""
+    return light.position - origin if isinstance(light, PlacedLight) else -unit(light.direction)
 
 
 def each(

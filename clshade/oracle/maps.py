@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.model import Scene, Settings, Texture
 from .corners import Corners, Texels, texels
+from .microfacet import Facets
 from .vectors import cross, length
 
 
@@ -30,6 +31,29 @@ class Maps:
     open_spread: Floats
     glow: Texels
     wear: Texels
+
+    def changed(self, facets: Facets) -> Facets:
+        """Return the parameters at the pixels."""
+        return replace(
+            facets,
+            roughness=facets.roughness * self.wear.color[:, 1],
+            metallic=facets.metallic * self.wear.color[:, 2],
+            emission=facets.emission * self.glow.color,
+        )
+
+    def brightest(self, facets: Facets) -> Facets:
+        """Return the parameters with the emission that the budget counts."""
+        return replace(facets, emission=facets.emission * np.maximum(self.glow.most, 1.0))
+
+    def error(self, reach: float) -> Floats:
+        """Return how far roughness and metallic part may be off, relative to them and in `reach`, (K,): a texel is right to
+        8 roundings, a quarter of `reach`, and its place to `slack` texels."""
+        return np.where(self.wear.found, 0.25 + self.wear.slack / reach, 0.0)
+
+    def jump(self, facets: Facets) -> Floats:
+        """Return by how much the light changes if rounding exchanges nearest texels, (K, 3)."""
+        exchanged = np.maximum(self.normal.spread.max(axis=1), self.wear.spread.max(axis=1)) > 0.0
+        return np.where(exchanged[:, None], np.inf, facets.emission * self.glow.spread)
 
 
 def maps(

@@ -17,6 +17,7 @@ from .lights import Shape, position_of, shape_of
 from .lights import each as light_each
 from .lights import place as place_of
 from .maps import Maps, maps, turned_length, turned_normals
+from .terms import Surface
 from .transform import camera_frame
 from .vectors import length, unit
 
@@ -42,19 +43,6 @@ class Lights:
     shapes: tuple[Shape, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """Materials of some faces: ka_Ia, kd, ks (U, 3), n (U,)."""
-
-    ka_Ia: Floats
-    kd: Floats
-    ks: Floats
-    n: Floats
-
-    def __getitem__(self, index: object) -> Surface:
-        return Surface(*(getattr(self, name)[index] for name in ("ka_Ia", "kd", "ks", "n")))
-
-
 def scene_lights(scene: Scene, settings: Settings, at: tuple[Integers, Integers] | None = None) -> Lights:
     """Return the lights as pixels see them. at: x and y (K,) where these are lit, 1/256 px; None for corners of faces."""
     lit = [light for light in scene.lights if light.intensity.any()]
@@ -63,14 +51,6 @@ def scene_lights(scene: Scene, settings: Settings, at: tuple[Integers, Integers]
     shift = 0 if at is None else light_points.shifts(np.stack(at, axis=-1))
     shapes = (replace(shape, shift=shift) if shape.points else shape for shape in shapes)
     return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(shapes))
-
-
-def surfaces(scene: Scene, mesh: Integers) -> Surface:
-    """Return the materials of faces that belong to meshes `mesh` (U,)."""
-    materials = [m.material for m in scene.meshes]
-    ka_Ia = np.array([m.ka * scene.ambient for m in materials])
-    kd, ks, n = (np.array([getattr(m, name) for m in materials]) for name in ("kd", "ks", "n"))
-    return Surface(ka_Ia, kd, ks, n)[mesh]
 
 
 def blend(weights: Floats, values: Floats) -> Floats:
@@ -166,7 +146,7 @@ def shade_pixels(
         normals=corners.normals[used],
         colors=colors,
         extent=extent,
-        surface=surfaces(scene, corners.mesh[used]),
+        surface=Surface.of([m.material for m in scene.meshes], scene.ambient)[corners.mesh[used]],
         lights=scene_lights(scene, settings, None if settings.shader == "gouraud" else at),
         tinted=settings.ambient == "tinted",
         where=where,
@@ -314,7 +294,7 @@ def _nolight(batch: Batch) -> Shaded:
 def _gouraud(batch: Batch) -> Shaded:
     """Light the corners, then interpolate. The texel multiplies all but the plain ambient light."""
     points, normals, where, lights = batch.points, batch.normals, batch.where, batch.lights
-    ka_Ia, kd, ks, n = (s[:, None] for s in (batch.surface.ka_Ia, batch.surface.kd, batch.surface.ks, batch.surface.n))
+    surface = batch.surface[:, None]
     turned = np.zeros(len(points), bool)
     turned[where] = batch.turned  # all pixels of a face see the same side of it
     normals = np.where(turned[:, None, None], -normals, normals)
@@ -322,8 +302,8 @@ def _gouraud(batch: Batch) -> Shaded:
     given = lights.positions, lights.intensities
     unhidden = _unhidden(batch, points, (normals, normals), batch.extent[:, None], np.ones(1), eye)
     reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(points, normals, eye, kd, ks, n, *given, lights.shapes, reaching)
-    at_corners = _arriving(ka_Ia, batch.open if batch.tinted else None)
+    lit = shade.reflected(points, normals, eye, surface, *given, lights.shapes, reaching)
+    at_corners = _arriving(surface.ka_Ia, batch.open if batch.tinted else None)
     factor = lit + at_corners[0] if batch.tinted else lit
     plain = blend(batch.weights, (batch.colors * factor)[where])
     rgb = plain * batch.texel.color * batch.mapped.color
@@ -332,19 +312,19 @@ def _gouraud(batch: Batch) -> Shaded:
     if not batch.tinted:
         rgb = rgb + ambient
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
-    steepness = shade.steepness(points, normals, n, eye, lights.positions, lights.shapes)
+    steepness = shade.steepness(points, normals, surface, eye, lights.positions, lights.shapes)
     conditions = shade.conditions(
         *place, eye, lights.positions, parallel, steepness, shapes=lights.shapes, gate=batch.gate
     )
     worst = shade.condition_number(conditions).argmax(axis=1)
     conditions = np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0]
-    jump = shade.jumps(points, normals, *place[1:], n, eye, *given, parallel, batch.gate, lights.shapes)
-    jump = (jump * np.abs(ks)).max(axis=1)[where]
+    jump = shade.jumps(points, normals, *place[1:], surface, eye, *given, parallel, batch.gate, lights.shapes)
+    jump = jump.max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most * batch.mapped.most
     arriving = shade.most_arriving(points, place[1], eye, *given, lights.shapes, parallel, batch.gate)
     if arriving.ndim > 2:  # of the brightest corner
         arriving = np.abs(arriving).max(axis=2)[:, where]
-    budget = shade.budget(worst_color, pixel.ka_Ia, pixel.kd, pixel.ks, arriving, batch.tinted)
+    budget = shade.budget(worst_color, pixel, arriving, batch.tinted)
     jump = jump * worst_color + batch.flips(plain)
     if batch.open is not None and batch.tinted:
         hidden, rounded = (
@@ -352,9 +332,9 @@ def _gouraud(batch: Batch) -> Shaded:
         )
     budget, jump = budget + rounded, jump + hidden
     if unhidden is not None:
-        coefficients = np.abs(kd), np.abs(ks), n, lights.positions, np.abs(lights.intensities), lights.shapes
+        brightest = surface.magnitudes(), lights.positions, np.abs(lights.intensities), lights.shapes
         changes, doubtful = (
-            shade.reflected(points, normals, eye, *coefficients, factors).max(axis=1)[where] * worst_color
+            shade.reflected(points, normals, eye, *brightest, factors).max(axis=1)[where] * worst_color
             for factors in (unhidden.changes, unhidden.doubtful)
         )
         budget, jump = budget + changes, jump + doubtful
@@ -408,26 +388,25 @@ def _phong(batch: Batch) -> Shaded:
     given = lights.positions, lights.intensities
     unhidden = _unhidden(batch, point, (normal, at.smooth), at.extent, at.normal_length, eye)
     reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, *given, lights.shapes, reaching)
+    lit = shade.reflected(point, normal, eye, surface, *given, lights.shapes, reaching)
     ambient, hidden, rounded = _arriving(surface.ka_Ia, batch.open)
     factor = lit + ambient if batch.tinted else lit
     rgb = color * factor if batch.tinted else ambient + color * factor
     parallel = batch.view is not None
-    steepness = shade.steepness(point, normal, surface.n, eye, lights.positions, lights.shapes)
+    steepness = shade.steepness(point, normal, surface, eye, lights.positions, lights.shapes)
     around = point, at.extent, at.normal_length, eye, lights.positions, parallel, steepness
     conditions = shade.conditions(*around, shapes=lights.shapes, gate=batch.gate)
-    gates = at.extent, at.normal_length, surface.n, eye, *given, parallel, batch.gate, lights.shapes
-    jump = shade.jumps(point, normal, *gates) * np.abs(surface.ks) * at.most
+    gates = at.extent, at.normal_length, surface, eye, *given, parallel, batch.gate, lights.shapes
+    jump = shade.jumps(point, normal, *gates) * at.most
     jump = jump + batch.flips(at.vertex_color * factor)
     arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel, batch.gate)
-    budget = shade.budget(at.most, surface.ka_Ia, surface.kd, surface.ks, arriving, batch.tinted)
+    budget = shade.budget(at.most, surface, arriving, batch.tinted)
     of_ambient = at.most if batch.tinted else 1.0
     budget, jump = budget + rounded * of_ambient, jump + hidden * of_ambient
     if unhidden is not None:
-        coefficients = np.abs(surface.kd), np.abs(surface.ks), surface.n
-        given = lights.positions, np.abs(lights.intensities)
+        brightest = surface.magnitudes(), lights.positions, np.abs(lights.intensities), lights.shapes
         changes, doubtful = (
-            shade.reflected(point, normal, eye, *coefficients, *given, lights.shapes, factors) * at.most
+            shade.reflected(point, normal, eye, *brightest, factors) * at.most
             for factors in (unhidden.changes, unhidden.doubtful)
         )
         budget, jump = budget + changes, jump + doubtful
@@ -447,21 +426,14 @@ def _from_around(batch: Batch, at: Interpolated, facets: microfacet.Facets, eye:
 
 def _pbr(batch: Batch) -> Shaded:
     """Interpolate point, normal and color, then light each pixel by the metallic-roughness model."""
-    lights, facets, at, parallel = batch.lights, batch.facets[batch.where], _interpolated(batch), batch.view is not None
+    lights, plain, at, parallel = batch.lights, batch.facets[batch.where], _interpolated(batch), batch.view is not None
     all_of_it, eye, found = batch.surface.ka_Ia[batch.where], batch.eye(at.point), batch.maps
     open_, open_spread, sums = found.open, found.open_spread, 1.0
     if batch.open is not None:
         open_, open_spread, sums = open_ * batch.open.share, open_spread + batch.open.spread, batch.open.rounding
     ka_Ia = all_of_it * open_[:, None]
-    facets = replace(
-        facets,
-        roughness=facets.roughness * found.wear.color[:, 1],
-        metallic=facets.metallic * found.wear.color[:, 2],
-    )
-    glowing = replace(facets, emission=facets.emission * found.glow.color)
+    facets = found.changed(plain)
     place = at.extent, at.normal_length
-    # A texel is right to 8 roundings, a quarter of `reach`, and its place to `slack` texels.
-    wear = np.where(found.wear.found, 0.25 + found.wear.slack / batch.reach, 0.0)
     unhidden = _unhidden(batch, at.point, (at.normal, at.smooth), *place, eye)
 
     def reflected(intensities: Floats, reaching: Floats | None) -> microfacet.Reflected:
@@ -476,7 +448,7 @@ def _pbr(batch: Batch) -> Shaded:
             batch.reach,
             *place,
             parallel,
-            wear,
+            found.error(batch.reach),
             lights.shapes,
             batch.gate,
             reaching,
@@ -488,17 +460,15 @@ def _pbr(batch: Batch) -> Shaded:
         around = _from_around(batch, at, facets, eye)
         lit = lit.plus(around.times(open_))
         hidden = np.abs(around.tinted * at.color) + around.plain
-    rgb = microfacet.light(lit, at.color, ka_Ia, glowing, batch.tinted)
+    rgb = microfacet.light(lit, at.color, ka_Ia, facets, batch.tinted)
     per_color = lit.tinted + ka_Ia if batch.tinted else lit.tinted
     conditions = shade.conditions(
         at.point, *place, eye, lights.positions, parallel, shapes=lights.shapes, gate=batch.gate
     )
-    brightest = replace(facets, emission=facets.emission * np.maximum(found.glow.most, 1.0))
-    budget = microfacet.budget(all_of_it, at.most, brightest, lit.spread, batch.tinted)
-    # Rounding may also exchange nearest texels of the maps.
+    budget = microfacet.budget(all_of_it, at.most, found.brightest(plain), lit.spread, batch.tinted)
     ambient = np.abs(all_of_it * at.color if batch.tinted else all_of_it)
     jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * open_spread[:, None]
-    jump = jump + facets.emission * found.glow.spread
+    jump = jump + found.jump(plain)
     budget = budget + (ambient + hidden) * (sums - 1.0)
     if unhidden is not None:
         changes, doubtful = (
@@ -506,6 +476,4 @@ def _pbr(batch: Batch) -> Shaded:
         )
         budget = budget + at.most * changes.tinted + changes.plain
         jump = jump + at.most * doubtful.tinted + doubtful.plain
-    exchanged = np.maximum(found.normal.spread.max(axis=1), found.wear.spread.max(axis=1)) > 0.0
-    jump = np.where(exchanged[:, None], np.inf, jump)
     return Shaded(rgb, budget, conditions, jump, np.ones(len(rgb)))

@@ -1,4 +1,4 @@
-"""Interpolation weights, the Phong reflection model, and its condition number at a point.
+"""Interpolation weights, the Phong reflection model of terms.py, and its condition number at a point.
 
 Every function broadcasts over leading axes: points, directions and colors are (..., 3).
 """
@@ -12,7 +12,8 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from . import lights
 from .lights import Shape
-from .vectors import dot, length, unit
+from .terms import TERMS, Directions, Surface
+from .vectors import length
 
 # |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are accurate to 16
 # roundings if kappa is 1. If it is larger, the directions that they are products of are off by kappa times as much: an
@@ -56,91 +57,44 @@ def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
     return (e[..., 0] + e[..., 1] + e[..., 2]) / (inverse[..., 0] + inverse[..., 1] + inverse[..., 2])
 
 
-def angles(point: Floats, normal: Floats, eye: Floats, light_position: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return N.L, R.V and |R-V|^2, each (...), with N, L and V normalized (0 stays 0) and R = 2N(N.L) - L."""
-    n, towards_light, view = unit(normal), unit(light_position - point), unit(eye - point)
-    n_l = dot(n, towards_light)
-    mirrored = 2.0 * n * n_l[..., None] - towards_light
-    difference = mirrored - view
-    return n_l, dot(mirrored, view), dot(difference, difference)
-
-
-def highlight(r_v: Floats, distance2: Floats, n: Floats) -> Floats:
-    """Return (R.V)^n where R.V > 0, else 0, from R.V and |R-V|^2; 0^0 does not occur.
-
-    Near 1 the power is taken of 1 - |R-V|^2/2, which is R.V without the cancellation: with n = 1e9 the rounding of
-    R.V itself would cost seven digits.
-    """
-    base = np.where(r_v > 0.0, r_v, 1.0)
-    logarithm = np.where(distance2 < 1.0, np.log1p(-0.5 * np.minimum(distance2, 1.0)), np.log(base))
-    return np.where(r_v > 0.0, np.exp(n * logarithm), 0.0)
-
-
 def reflected(
     point: Floats,
     normal: Floats,
     eye: Floats,
-    kd: Floats,
-    ks: Floats,
-    n: Floats,
+    surface: Surface,
     light_positions: Floats,
     light_intensities: Floats,
     shapes: Sequence[Shape] = (),
     reaching: Floats | None = None,
 ) -> Floats:
-    """Return the light that a white surface reflects: sum of Ip*(kd*max(0, N.L) + ks*(R.V)^n), (..., 3).
+    """Return the light that a white surface reflects: of each light Ip times the sum of its terms, (..., 3).
 
-    light_positions and light_intensities: (L, 3), rows are lights. No highlight where N.L <= 0 or R.V <= 0. shapes: see
-    `lights.each`, here and below; Ip is the intensity times `lights.share`. reaching: (L, ...) factors of the lights.
+    light_positions and light_intensities: (L, 3), rows are lights. shapes: see `lights.each`, here and below; Ip is the
+    intensity times `lights.share`. reaching: (L, ...) factors of the lights.
     """
     point, normal = np.asarray(point, np.float64), np.asarray(normal, np.float64)
-    total = np.zeros(np.broadcast_shapes(point.shape, normal.shape, np.shape(kd), np.shape(ks)))
+    total = np.zeros(np.broadcast_shapes(point.shape, normal.shape, *(k.shape for k in surface.k.values())))
     each = lights.each(light_positions, light_intensities, shapes, point)
     for k, (position, intensity, shape) in enumerate(each):
-        n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
-        diffuse = np.maximum(n_l, 0.0)[..., None]
-        specular = np.where(n_l > 0.0, highlight(r_v, distance2, n), 0.0)[..., None]
+        at = Directions.at(point, normal, eye, lights.place(point, position, shape))
         share = lights.share(point, position, shape) * (1.0 if reaching is None else reaching[k])
         arriving = intensity * share[..., None]
-        total = total + arriving * (kd * diffuse + ks * specular)
+        white = [factor * TERMS[name].value(at, surface.n)[..., None] for name, factor in surface.k.items()]
+        total = total + arriving * sum(white)
     return total
 
 
-def light(
-    point: Floats,
-    normal: Floats,
-    color: Floats,
-    eye: Floats,
-    ka_Ia: Floats,
-    kd: Floats,
-    ks: Floats,
-    n: Floats,
-    light_positions: Floats,
-    light_intensities: Floats,
-    tinted: bool = False,
-) -> Floats:
-    """Evaluate the Phong model: ka*Ia + sum_l Ip*color*(kd*max(0, N.L) + [N.L > 0 and R.V > 0]*ks*(R.V)^n), (..., 3).
-
-    ka_Ia: ambient coefficient times ambient intensity; `tinted` multiplies it by the color too. n: (...) or a number;
-    the others (..., 3). Directions are normalized here; a zero normal, a light at the point and an eye at the point
-    contribute 0.
-    """
-    lit = reflected(point, normal, eye, kd, ks, n, light_positions, light_intensities)
-    return color * (ka_Ia + lit) if tinted else ka_Ia + color * lit
-
-
-def budget(
-    color: Floats, ka_Ia: Floats, kd: Floats, ks: Floats, light_intensities: Floats, tinted: bool = False
-) -> Floats:
-    """Return the most light that a point can send, B = ka*Ia + sum_l Ip*(kd+ks)*max(color, 1), of absolute values.
+def budget(color: Floats, surface: Surface, light_intensities: Floats, tinted: bool = False) -> Floats:
+    """Return the most light that a point can send, B = ka*Ia + sum_l Ip_l * (sum of coefficients) * max(color, 1), of
+    absolute values: no term is more than its coefficient.
 
     light_intensities: (L, 3), or (L, ..., 3) as `most_arriving` gives them. `tinted` ambient light counts times
     max(color, 1) too: B must not be less than the light itself.
     """
     given = np.asarray(light_intensities, np.float64)
     total = np.abs(given if given.ndim > 2 else given.reshape(-1, 3)).sum(axis=0)
-    most = np.maximum(np.abs(color), 1.0)
-    bound: Floats = np.abs(ka_Ia) * (most if tinted else 1.0) + total * (np.abs(kd) + np.abs(ks)) * most
+    most, positive = np.maximum(np.abs(color), 1.0), surface.magnitudes()
+    bound: Floats = positive.ka_Ia * (most if tinted else 1.0) + total * sum(positive.k.values(), np.zeros(3)) * most
     return bound
 
 
@@ -203,7 +157,7 @@ def conditions(
     of_light = np.zeros(np.shape(point)[:-1])
     for position, _, shape in lights.each(light_positions, light_positions, shapes, point, extent):
         amplified = light_condition(point, extent, eye, position, parallel, shape)
-        if shape.axis is not None or shape.attenuates or shape.front is not None:
+        if shape.varies:
             amplified = np.fmax(amplified, 1.0)
             amplified = amplified * lights.sensitivity(point, position, shape, gate * amplified)
         of_light = np.fmax(of_light, amplified)
@@ -237,23 +191,19 @@ def light_condition(
 def steepness(
     point: Floats,
     normal: Floats,
-    n: Floats,
+    surface: Surface,
     eye: Floats,
     light_positions: Floats,
     shapes: Sequence[Shape] = (),
 ) -> Floats:
-    """Return how much a highlight x^n with 0 < n < 1 amplifies an error of x = R.V, at least 1: its slope n*x^(n-1),
-    which is unbounded as x goes to 0. For n >= 1 the slope is at most n, and where it is n, x is as accurate as sqrt(n)
-    requires."""
+    """Return how much the terms of the surface amplify errors of directions, at least 1, by the worst light."""
     steepest = np.ones(np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1])
-    n = np.asarray(n, np.float64)
-    if not ((n > 0.0) & (n < 1.0)).any():
-        return steepest
     for position, _, shape in lights.each(light_positions, light_positions, shapes, point):
-        n_l, r_v, _ = angles(point, normal, eye, lights.place(point, position, shape))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            slope = np.where((n_l > 0.0) & (r_v > 0.0) & (n > 0.0) & (n < 1.0), n * r_v ** (n - 1.0), 1.0)
-        steepest = np.fmax(steepest, slope)
+        at = Directions.at(point, normal, eye, lights.place(point, position, shape))
+        for name, k in surface.k.items():
+            slope = TERMS[name].steepness
+            if slope is not None:
+                steepest = np.fmax(steepest, np.where(k.any(axis=-1), slope(at, np.asarray(surface.n)), 1.0))
     return steepest
 
 
@@ -262,7 +212,7 @@ def jumps(
     normal: Floats,
     extent: Floats,
     normal_length: Floats,
-    n: Floats,
+    surface: Surface,
     eye: Floats,
     light_positions: Floats,
     light_intensities: Floats,
@@ -270,11 +220,10 @@ def jumps(
     gate: float = GATE,
     shapes: Sequence[Shape] = (),
 ) -> Floats:
-    """Return how much highlights of a white surface with ks = 1 can change if rounding opens or closes their gates,
-    (..., 3).
+    """Return how much the light of a white surface can change if rounding decides whether a term sends anything, (..., 3):
+    for each light `Term.jump`, where cosines are right to `gate` times that light's own kappa.
 
-    For each light so near to N.L = 0 or R.V = 0 that rounding may decide, within `gate` times its own kappa: the
-    highlight behind that gate, at the largest R.V within rounding. Arguments as of `conditioning`; 0 for a zero normal.
+    Arguments as of `conditioning` and `reflected`; 0 for a zero normal.
     """
     found = np.zeros((*np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], 3))
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
@@ -283,9 +232,10 @@ def jumps(
     each = lights.each(light_positions, light_intensities, shapes, point, extent)
     for (position, _, shape), intensity in zip(each, most, strict=True):
         reach = gate * np.fmax(common, light_condition(point, extent, eye, position, parallel, shape))
-        n_l, r_v, distance2 = angles(point, normal, eye, lights.place(point, position, shape))
-        near = has_normal & (n_l > -reach) & ((n_l < reach) | (np.abs(r_v) < reach))
-        largest = np.clip(r_v + reach, 0.0, 1.0)
-        behind = np.where(r_v >= reach, highlight(r_v, distance2, n), np.where(largest > 0.0, largest**n, 0.0))
-        found += np.where(near, behind, 0.0)[..., None] * np.abs(intensity)
+        at = Directions.at(point, normal, eye, lights.place(point, position, shape))
+        for name, k in surface.k.items():
+            jump = TERMS[name].jump
+            if jump is not None:
+                changed = np.where(has_normal, jump(at, surface.n, reach), 0.0)
+                found = found + changed[..., None] * np.abs(intensity * k)
     return found

@@ -17,8 +17,9 @@ import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
 from ..scene.camera import Camera
-from ..scene.model import DirectionalLight, Light
+from ..scene.lights import Light, PlacedLight
 from .corners import Corners
+from .lights import position_of
 from .signs import orientation
 from .transform import SUBPIXELS, camera_frame
 from .vectors import cross, dot, length, power_of_two, unit
@@ -92,9 +93,8 @@ class Casters:
 
     def toward(self, light: Light) -> tuple[Floats, bool]:
         """Return where a light is, and whether that is a direction toward it."""
-        if isinstance(light, DirectionalLight):
-            return -unit(np.asarray(light.direction, np.float64)), True
-        return (light.position - self.origin) / self.scale, False
+        position = position_of(light, self.origin)
+        return (position / self.scale, False) if isinstance(light, PlacedLight) else (position, True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -185,7 +185,6 @@ class TriangleBuffers:
         self.triangles = Buffer.empty(device, faces + pieces + slack, structs.Triangle)
         self.bounds = Buffer.empty(device, faces + pieces + slack, structs.Bounds)
         self.to_clip = Buffer.empty(device, faces, np.int32)
-        self.counters = Buffer(device, np.zeros(1, structs.Counters))
 
     @property
     def nbytes(self) -> int:

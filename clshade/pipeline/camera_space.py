@@ -60,7 +60,7 @@ class CameraSpace(NamedTuple):
         return cls(camera, camera_axes(camera), near, scale_for(min(farthest, 2.0**40 * near)), raster_of(camera))
 
     def write_view(self, view: np.void) -> None:
-        """Fill a row of structs.View."""
+        """Fill a row of structs.View, but for what the frame needs."""
         raster = self.raster
         view["eye"] = self.camera.eye
         view["axes"] = self.axes.reshape(-1)

@@ -72,8 +72,9 @@ def _shown(scene: Scene, settings: Settings) -> Scene:
     scene = _with_background(scene, settings)
     scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
     if settings.background == "environment" and scene.environment is None:
-        expected = "another one, or an environment (Scene.environment; --environment FILE or studio)"
-        raise value_error("render", "background", expected, "environment, and no environment")
+        raise InputError(
+            "render: background: environment needs an environment (Scene.environment; --environment FILE or studio)"
+        )
     return scene
 
 

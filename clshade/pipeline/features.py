@@ -1,122 +1,22 @@
-"""Features: derive from scene and settings the macros (-D options) that leave unneeded work out of the kernels."""
+"""Features: derive from scene and settings what kernels leave out, at compile time or at run time."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
-from ..scene.lights import has_size, is_plain
+from ..scene.camera import Camera
+from ..scene.lights import Light
+from ..scene.material import POWERED, TERMS
+from ..scene.metallic_roughness import MAPS
 from ..scene.model import Material, Mesh, Scene, Settings, Texture
+from ..scene.settings import Shader
 from .maps import map_of, maps_of, textures_of, usable
-
-# Choices of the settings and of the camera; 0 and 1 mean different images.
-CHOICES = (
-    "FAST",
-    "DOUBLE",
-    "SAMPLES",
-    "SAMPLE_SHADING",
-    "WEIGHTED",
-    "PHONG",
-    "PBR",
-    "DEPTH_TEST",
-    "PERSPECTIVE",
-    "CENTROID",
-    "TINTED",
-    "CULL",
-    "ORTHOGRAPHIC",
-    "CORNER_COLORS",
-    "BRIGHT",
-    "LINES",
-    "LINES_ONLY",
-    "BACKDROP",
-    "INSTANCES",  # the same image, from one copy of each mesh: see instances.py
-)
-# Work that a scene may not need: 1 is always correct and gives the same bits, 0 saves the work.
-OPTIONAL = (
-    "LIT",
-    "AMBIENT",
-    "DIFFUSE",
-    "SPECULAR",
-    "POWER",
-    "EMISSION",
-    "ENVIRONMENT",
-    "LIGHT_SHAPES",
-    "AREA_LIGHTS",
-    "SHADOWS",
-    "SHADOW_ALPHA",
-    "AMBIENT_OCCLUSION",
-    "TWO_SIDED",
-    "NORMAL_INDICES",
-    "VERTEX_COLORS",
-    "SCALARS",
-    "TEXTURED",
-    "UV_INDICES",
-    "MIPMAPS",
-    "ALPHA_TEST",
-    "NEAREST",
-    "NORMAL_MAP",
-    "OCCLUSION_MAP",
-    "EMISSION_MAP",
-    "ROUGHNESS_MAP",
-    "UV_SETS",
-    "BLEND",
-    "VERTEX_ALPHA",
-    "MATERIALS",
-    "SIDES",
-    "DOUBLE_POSITIONS",
-    "BACKGROUND",
-    "OWNERS",
-    "SORTED",
-)
-
-
-@dataclass(frozen=True)
-class Features:
-    """The macros of one program, name -> 0 or 1, and the reason why each optional one that is 0 is left out."""
-
-    values: tuple[tuple[str, int], ...]
-    left_out: tuple[tuple[str, str], ...] = ()
-
-    @cached_property
-    def _table(self) -> dict[str, int]:
-        return dict(self.values)
-
-    def __getitem__(self, name: str) -> int:
-        return self._table[name]
-
-    @property
-    def used(self) -> tuple[str, ...]:
-        return tuple(name for name, value in self.values if value)
-
-    def only(self, names: Iterable[str]) -> Features:
-        """Return the features with all but `names` set to 0, for a program that reads no others."""
-        kept = set(names)
-        return Features(tuple((name, value if name in kept else 0) for name, value in self.values))
-
-    def including(self, name: str) -> Features:
-        """Return the features with an optional one that is not left out."""
-        return Features(
-            tuple((each, 1 if each == name else value) for each, value in self.values),
-            tuple(reason for reason in self.left_out if reason[0] != name),
-        )
-
-    def counting(self) -> Features:
-        """Return the features with the counts of rays, see shadow_counts.py."""
-        return Features((*self.values, ("SHADOW_COUNTS", 1)), self.left_out)
-
-    @property
-    def counts(self) -> bool:
-        """Whether rays are counted."""
-        return "SHADOW_COUNTS" in self._table
-
-    def options(self) -> list[str]:
-        """Return -D options of the OpenCL build, each feature as 0 or 1."""
-        return [f"-D{name}={value}" for name, value in self.values]
 
 
 def texture_applies(mesh: Mesh) -> bool:
@@ -169,6 +69,41 @@ def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
     return (*scene.ignored, *(text for holds, text in words if holds))
 
 
+def shows_environment(scene: Scene, settings: Settings) -> bool:
+    """Return whether an environment lights the scene."""
+    return settings.shader == "pbr" and not no_environment(scene)
+
+
+def no_environment(scene: Scene) -> str:
+    """Return why no environment lights the scene, "" if one does."""
+    environment = scene.environment
+    return _first(
+        (environment is None, "no environment"),
+        (environment is not None and not (environment.intensity and environment.image.any()), "it is black"),
+    )
+
+
+def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
+    """Return whether scalars color the mesh."""
+    return settings.scalars is not None and settings.scalars.name in mesh.scalars
+
+
+def casts_alpha(scene: Scene) -> bool:
+    """Return whether some of what casts shadows may let light pass."""
+    return any(mesh.blends or mesh.tests_alpha for mesh in scene.meshes if len(mesh.faces))
+
+
+def looked_up_at_corners(scene: Scene, settings: Settings) -> bool:
+    """Return whether textures are looked up at the corners of faces."""
+    return settings.texture_at == "vertex" and any(texture_applies(mesh) for mesh in scene.meshes if len(mesh.faces))
+
+
+def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:
+    """Return whether the mesh's own normals, indexed separately from its vertices, are used; course scenes always
+    compute theirs."""
+    return mesh.normals is not None and mesh.normal_faces is not None and scene.preset != "course"
+
+
 def _is_white(mesh: Mesh) -> bool:
     return mesh.colors is None or not (mesh.colors != 1.0).any()
 
@@ -197,256 +132,479 @@ def _first(*reasons: tuple[bool, str]) -> str:
     return next((text for holds, text in reasons if holds), "")
 
 
-def _unneeded_terms(materials: list[Material], ambient: np.ndarray, shader: str, shining: bool) -> dict[str, str]:
-    """Return why each term of the reflection model is not needed; "" for one that is. shining: whether any light has an
-    intensity other than 0."""
-    unlit, model = (shader == "nolight", "shader nolight"), f"shader {shader}"
-    dark = (unlit, (not shining, "no light shines"))
-    if shader == "pbr":
-        facets = [m.microfacets for m in materials]
-        diffuse = any(
-            (f.metallic < 1.0 or f.metallic_roughness_texture is not None) and m.diffuse.any()
-            for f, m in zip(facets, materials, strict=True)
+def are_zero(names: Sequence[str]) -> str:
+    """Return "a, b and c are 0"."""
+    return f"{', '.join(names[:-1])} and {names[-1]} are 0" if names[1:] else f"{names[0]} is 0"
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What is drawn, as the rows of FEATURES ask about it. Texts say why something is not needed, "" if it is.
+
+    shining: whether any light has an intensity other than 0. Other fields: see `derive`.
+    """
+
+    scene: Scene
+    settings: Settings
+    materials: Sequence[Material]
+    ambient: np.ndarray
+    shining: bool
+    double_positions: bool = False
+    scalars_at_corners: bool = False
+    instanced: bool = False
+    forced: Collection[str] = ()
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def why(self, name: str) -> str:
+        """Return why a feature is not needed."""
+        if name not in self.reasons:
+            self.reasons[name] = _BY_NAME[name].why(self)
+        return self.reasons[name]
+
+    def needs(self, name: str) -> bool:
+        return name in self.forced or not self.why(name)
+
+    @property
+    def shader(self) -> str:
+        return self.settings.shader
+
+    @cached_property
+    def meshes(self) -> list[Mesh]:
+        return [mesh for mesh in self.scene.meshes if len(mesh.faces)]
+
+    @cached_property
+    def looked_up(self) -> list[Texture]:
+        return [texture for mesh in self.meshes for texture in textures_of(mesh, maps=self.shader == "pbr")]
+
+    @cached_property
+    def at_corners(self) -> bool:
+        """Whether textures are looked up at corners."""
+        return looked_up_at_corners(self.scene, self.settings)
+
+    @cached_property
+    def own_corners(self) -> bool:
+        """Whether corners have colors of their own for another reason."""
+        return self.scalars_at_corners and any(shows_scalars(mesh, self.settings) for mesh in self.meshes)
+
+    @property
+    def bright(self) -> bool:
+        return any(_any_beyond_one(mesh, self.at_corners) for mesh in self.meshes)
+
+    @property
+    def culls(self) -> bool:
+        """Whether all back faces are culled."""
+        return self.settings.cull or all(material.sides == "front" for material in self.materials)
+
+    @property
+    def unlit(self) -> str:
+        return _first((self.shader == "nolight", "shader nolight"))
+
+    @property
+    def not_pbr(self) -> str:
+        return _first((self.shader != "pbr", f"shader {self.shader}"))
+
+    @property
+    def no_texture(self) -> str:
+        textured = any(mesh.material.texture is not None for mesh in self.meshes)
+        applies = any(map(texture_applies, self.meshes))
+        return _first((not textured, "no texture"), (not applies, "no texture coordinates"))
+
+    @property
+    def no_lookup(self) -> str:
+        return "" if self.looked_up else self.no_texture
+
+    def no_term(self, name: str) -> str:
+        """Return why one of TERMS is not needed."""
+        if self.shader == "pbr" and name not in _TERMS_OF_PBR:
+            return "shader pbr"
+        facets = [m.microfacets for m in self.materials if self.shader == "pbr"]
+        if not facets:
+            needed, why = _any_nonzero(getattr(m, name) for m in self.materials), are_zero([name])
+        elif name == "ks":
+            needed, why = any(f.metallic > 0.0 or f.specular > 0.0 for f in facets), "specular is 0"
+        else:
+            based = [f.metallic < 1.0 or f.metallic_roughness_texture is not None for f in facets]
+            needed = any(b and m.diffuse.any() for b, m in zip(based, self.materials, strict=True))
+            why = are_zero([name]) if any(based) else "metals alone"
+        return self.unlit or _first((not self.shining, "no light shines"), (not needed, why))
+
+    def no_terms(self, names: Sequence[str]) -> str:
+        """Return why none of several terms is needed."""
+        reasons = {self.why(TERMS[name].feature) for name in names}
+        return _first(("" in reasons, ""), (len(reasons) == 1, min(reasons)), (True, are_zero(names)))
+
+    def no_power(self) -> str:
+        absent = self.no_terms(POWERED)
+        used = any(m.n != 1.0 and _any_nonzero(getattr(m, name) for name in POWERED) for m in self.materials)
+        of_pbr, no_term = self.shader == "pbr", bool(absent)
+        return _first((of_pbr, "shader pbr"), (no_term, f"no specular term: {absent}"), (not used, "no exponent but 1"))
+
+    @cached_property
+    def no_normals(self) -> str:
+        """Why no normal is read."""
+        names = _TERMS_OF_PBR if self.shader == "pbr" else list(TERMS)
+        return "" if any(self.needs(TERMS[name].feature) for name in names) else self.no_terms(names)
+
+    def no_light(self, has: Callable[[Light], bool], why: str) -> str:
+        """Return why nothing is needed that only some lights have."""
+        return self.no_normals or _first(
+            (not any(has(each) for each in self.scene.lights if each.intensity.any()), why)
         )
-        no_diffuse = _first(*dark, (not diffuse, "metals alone"))
-        mirrors = any(f.metallic > 0.0 or f.specular > 0.0 for f in facets)
-        no_specular = _first(*dark, (not mirrors, "specular is 0"))
-        no_power, no_emission = model, _first((not _any_nonzero(f.emission for f in facets), "emission is 0"))
-    else:
-        no_diffuse = _first(*dark, (not _any_nonzero(m.kd for m in materials), "kd is 0"))
-        no_specular = _first(*dark, (not _any_nonzero(m.ks for m in materials), "ks is 0"))
-        no_power = _first(
-            (bool(no_specular), f"no specular term: {no_specular}"),
-            (not any(m.n != 1.0 and m.ks.any() for m in materials), "no exponent but 1"),
+
+    def no_colors(self) -> str:
+        plain = all(map(_is_white, self.meshes))
+        white = all(_is_white(mesh) for mesh in self.meshes if not replaces_colors(mesh))
+        white = white and not _any_nonzero(mesh.material.color != 1.0 for mesh in self.meshes)
+        return _first(
+            (self.at_corners, "texture_at vertex: they are in the corners' colors"),
+            (self.own_corners, "they are in the corners' colors"),
+            (not self.why("SCALARS"), ""),
+            (white and not plain, "texels take the place of vertex colors"),
+            (white, "no vertex or material colors other than white"),
         )
-        no_emission = model
-    return {
-        "LIT": _first(unlit),
-        "AMBIENT": _first(
-            unlit,
-            (not ambient.any(), "no ambient light"),
-            (not _any_nonzero(m.ka for m in materials), "ka is 0"),
-            (not _any_nonzero(m.ka * ambient for m in materials), "ka*Ia is 0"),
+
+    def no_map(self, name: str) -> str:
+        """Return why one of MAPS is not needed."""
+        reasons = [self.why(feature) for feature in MAPS[name].changes]
+        absent = all(map_of(mesh, name) is None for mesh in self.meshes)
+        return self.not_pbr or _first((all(reasons), reasons[-1]), (absent, f"no {MAPS[name].words}"))
+
+
+@dataclass(frozen=True)
+class Feature:
+    """Something that a frame may do without.
+
+    name: as kernels know it. work: what is left out with it, in a few words, where 1 is always correct and gives the same
+    bits; "" for a choice of the settings or the camera, where 0 and 1 mean different images. why: why what is drawn does
+    without that work, "" if it needs it. chosen: whether the choice holds. compiled: whether there are programs with and
+    without it. All others are conditions at run time (`NEEDS` in kernels/features.clh), or follow from the tables that
+    kernels read.
+    """
+
+    name: str
+    work: str = ""
+    why: Callable[[Drawn], str] = lambda d: ""
+    chosen: Callable[[Drawn], bool] = lambda d: False
+    compiled: bool = False
+
+
+_TERMS_OF_PBR = ["kd", "ks"]  # that shader pbr has, too
+
+# A feature is compiled if leaving it out saves 5 % of some scene's frame: `python -m clshade bench --features` measures it.
+FEATURES = (
+    Feature("FAST", chosen=lambda d: d.settings.precision == "fast", compiled=True),
+    Feature("DOUBLE", chosen=lambda d: d.settings.precision == "float64", compiled=True),
+    Feature("SAMPLES", chosen=lambda d: d.settings.samples > 1, compiled=True),
+    # Lighting that is forced on for nolight is done pixel by pixel.
+    Feature("PHONG", chosen=lambda d: d.shader == "phong" or ("LIT" in d.forced and bool(d.unlit)), compiled=True),
+    Feature("PBR", chosen=lambda d: d.shader == "pbr", compiled=True),
+    Feature("DEPTH_TEST", chosen=lambda d: d.settings.visibility == "depth", compiled=True),
+    # The same image, from one copy of each mesh: see instances.py.
+    Feature("INSTANCES", chosen=lambda d: d.instanced, compiled=True),
+    # Whether rays are followed to what casts shadows.
+    Feature("CASTERS", chosen=lambda d: d.needs("SHADOWS") or d.needs("AMBIENT_OCCLUSION"), compiled=True),
+    Feature("SAMPLE_SHADING", chosen=lambda d: d.settings.samples > 1 and d.settings.sample_shading),
+    Feature("WEIGHTED", chosen=lambda d: d.settings.samples > 1 and d.settings.resolve == "weighted"),
+    Feature(
+        "PERSPECTIVE",
+        chosen=lambda d: d.settings.interpolation == "perspective" and not d.scene.camera.orthographic,
+    ),
+    Feature("CENTROID", chosen=lambda d: d.settings.lighting_at == "centroid"),
+    Feature("TINTED", chosen=lambda d: d.settings.ambient == "tinted"),
+    Feature("CULL", chosen=lambda d: d.culls),
+    Feature("ORTHOGRAPHIC", chosen=lambda d: d.scene.camera.orthographic),
+    Feature("CORNER_COLORS", chosen=lambda d: d.at_corners or d.own_corners),
+    # The error bound of phong and pbr is relative to the color at the pixel, that of the others to the brightest corner.
+    Feature("BRIGHT", chosen=lambda d: d.shader in ("phong", "pbr") and d.bright),
+    Feature("LINES", chosen=lambda d: d.settings.edges is not None),
+    Feature("LINES_ONLY", chosen=lambda d: d.settings.edges is not None and d.settings.edges.only),
+    Feature("BACKDROP", chosen=lambda d: d.settings.background == "environment" and not no_environment(d.scene)),
+    Feature("LIT", "lighting", lambda d: d.unlit),
+    Feature(
+        "AMBIENT",
+        "ambient light",
+        lambda d: (
+            d.unlit
+            or _first(
+                (not d.ambient.any(), "no ambient light"),
+                (not _any_nonzero(m.ka for m in d.materials), "ka is 0"),
+                (not _any_nonzero(m.ka * d.ambient for m in d.materials), "ka*Ia is 0"),
+            )
         ),
-        "DIFFUSE": no_diffuse,
-        "SPECULAR": no_specular,
-        "POWER": no_power,
-        "EMISSION": no_emission,
-    }
+    ),
+    *(Feature(term.feature, term.work, partial(Drawn.no_term, name=name)) for name, term in TERMS.items()),
+    Feature("POWER", "power of highlights", Drawn.no_power),
+    Feature(
+        "EMISSION",
+        "emission",
+        lambda d: d.not_pbr or _first((not _any_nonzero(m.microfacets.emission for m in d.materials), "emission is 0")),
+    ),
+    Feature("ENVIRONMENT", "image-based light", lambda d: d.not_pbr or no_environment(d.scene)),
+    Feature(
+        "LIGHT_SHAPES",
+        "directions, cones and attenuation of lights",
+        lambda d: d.no_light(lambda light: not light.is_plain, "only points without attenuation shine"),
+    ),
+    Feature(
+        "AREA_LIGHTS",
+        "points of lights of finite size",
+        lambda d: d.no_light(lambda light: light.has_size, "no light has a size"),
+    ),
+    Feature(
+        "SHADOWS",
+        "shadows",
+        lambda d: (
+            _first((not d.settings.shadows, "no shadows asked for"))
+            or d.no_light(lambda light: True, "no light shines")
+            or _first((not d.meshes, "no triangle"))
+        ),
+    ),
+    Feature(
+        "SHADOW_ALPHA",
+        "shadows of what is not opaque",
+        lambda d: _first(
+            (bool(d.why("SHADOWS") and d.why("AMBIENT_OCCLUSION")), d.why("SHADOWS")),
+            (not casts_alpha(d.scene), "all that casts shadows is opaque"),
+        ),
+    ),
+    Feature(
+        "AMBIENT_OCCLUSION",
+        "ambient occlusion",
+        lambda d: _first(
+            (not d.settings.ambient_occlusion, "no ambient occlusion asked for"),
+            (bool(d.why("AMBIENT") and d.why("ENVIRONMENT")), d.why("AMBIENT")),
+            (not d.meshes, "no triangle"),
+        ),
+    ),
+    Feature(
+        "TWO_SIDED",
+        "normals turned to the side seen",
+        lambda d: d.no_normals or _first((not any(m.material.two_sided for m in d.meshes), "no two-sided material")),
+    ),
+    Feature(
+        "NORMAL_INDICES",
+        "indices of normals",
+        lambda d: (
+            d.no_normals or _first((not any(uses_normal_indices(d.scene, m) for m in d.meshes), "a normal per vertex"))
+        ),
+    ),
+    Feature("VERTEX_COLORS", "colors of vertices", Drawn.no_colors),
+    Feature(
+        "SCALARS",
+        "color map",
+        lambda d: _first(
+            (d.settings.scalars is None, "no scalars asked for"),
+            (not any(shows_scalars(m, d.settings) for m in d.meshes), "no face has the scalars"),
+        ),
+    ),
+    Feature(
+        "TEXTURED",
+        "texture lookups",
+        lambda d: _first((d.at_corners, "texture_at vertex: looked up at the corners")) or d.no_texture,
+    ),
+    Feature(
+        "UV_INDICES",
+        "indices of texture coordinates",
+        lambda d: d.no_lookup or _first((all(m.uv_faces is None for m in d.meshes), "texture coordinates per vertex")),
+    ),
+    Feature(
+        "MIPMAPS",
+        "mip-map levels",
+        lambda d: (
+            d.no_lookup
+            or _first(
+                (d.settings.texture_filter == "bilinear", "texture_filter bilinear"),
+                (not any(map(has_levels, d.looked_up)), "textures of one texel or with the course's lookup"),
+            )
+        ),
+    ),
+    Feature("ALPHA_TEST", "alpha test", lambda d: _first((not any(m.tests_alpha for m in d.meshes), "no alpha test"))),
+    Feature(
+        "NEAREST",
+        "nearest texels",
+        lambda d: (
+            d.no_lookup
+            or _first((all(each.filter != "nearest" for each in d.looked_up), "no texture with the filter nearest"))
+        ),
+    ),
+    *(Feature(f"{each.name}_MAP", f"{each.words}s", partial(Drawn.no_map, name=name)) for name, each in MAPS.items()),
+    Feature(
+        "UV_SETS",
+        "further texture coordinates",
+        lambda d: d.no_lookup or _first((not any(each.coordinates for each in d.looked_up), "one set of coordinates")),
+    ),
+    Feature(
+        "BLEND",
+        "transparent surfaces, in exact order",
+        lambda d: _first((not any(m.blends for m in d.meshes), "nothing is transparent")),
+    ),
+    Feature(
+        "VERTEX_ALPHA",
+        "alpha at vertices",
+        lambda d: _first(
+            (all(m.alphas is None or not (m.blends or m.tests_alpha) for m in d.meshes), "no alpha at vertices counts")
+        ),
+    ),
+    Feature("MATERIALS", "material per face", lambda d: _first((len(d.materials) < 2, "a single material"))),
+    Feature(
+        "SIDES",
+        "side of each material that is drawn",
+        lambda d: _first(
+            (d.culls, "all that is seen from behind is culled"),
+            (not any(m.sides == "front" for m in d.materials), "both sides of every material are drawn"),
+        ),
+    ),
+    Feature(
+        "DOUBLE_POSITIONS",
+        "positions in float64",
+        lambda d: _first(
+            (d.instanced, "instances are placed where they are needed"),
+            (not d.double_positions, "float32 holds the positions"),
+        ),
+    ),
+    Feature(
+        "BACKGROUND",
+        "color of the background",
+        lambda d: _first(
+            (d.scene.background is None, "no background"),
+            (d.settings.background == "environment", "the environment is the background"),
+            (not np.any(d.scene.background), "the background is black"),
+        ),
+    ),
+    Feature("OWNERS", "owner of each pixel", lambda d: _first((not d.settings.layers, "no layer asked for"))),
+    # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists; lines need the
+    # clipped triangles before the pixel stage; lists of transparent triangles and of instances are sorted.
+    Feature(
+        "SORTED",
+        "depth sort",
+        lambda d: _first(
+            (
+                d.settings.visibility == "depth"
+                and d.shader != "gouraud"
+                and d.settings.precision != "float64"
+                and d.settings.edges is None
+                and not d.needs("BLEND")
+                and not d.instanced,
+                "the depth test decides",
+            ),
+        ),
+    ),
+)
+CHOICES = tuple(feature.name for feature in FEATURES if not feature.work)
+OPTIONAL = tuple(feature.name for feature in FEATURES if feature.work)
+COMPILED = tuple(feature.name for feature in FEATURES if feature.compiled)
+_BY_NAME = {feature.name: feature for feature in FEATURES}
+_BITS = {name: index for index, name in enumerate(feature.name for feature in FEATURES if not feature.compiled)}
+# Of features in a row; kernels ask for one or any of them.
+GROUPS = {"TERMS": [term.feature for term in TERMS.values()], "MAPS": [f"{each.name}_MAP" for each in MAPS.values()]}
 
 
-def shows_environment(scene: Scene, settings: Settings) -> bool:
-    """Return whether an environment lights the scene."""
-    return settings.shader == "pbr" and not no_environment(scene)
+def bit_definitions() -> str:
+    """Return OpenCL C that numbers the features that are conditions at run time, for `NEEDS` and `NEEDS_ANY`."""
+    lines = [f"#define BIT_{name} {index}\n" for name, index in _BITS.items()]
+    for name, group in GROUPS.items():
+        bits = [_BITS[each] for each in group]
+        lines.append(f"#define FIRST_BIT_{name} {bits[0]}\n#define BITS_{name} {sum(1 << bit for bit in bits)}UL\n")
+    return "".join(lines)
 
 
-def no_environment(scene: Scene) -> str:
-    """Return why no environment lights the scene, "" if one does."""
-    environment = scene.environment
-    return _first(
-        (environment is None, "no environment"),
-        (environment is not None and not (environment.intensity and environment.image.any()), "it is black"),
-    )
+@dataclass(frozen=True)
+class Features:
+    """The features of a frame, name -> 0 or 1, and the reason why each optional one that is 0 is left out.
+
+    absent: bits of those that are conditions at run time and are left out at compile time nonetheless, to measure what that
+    saves.
+    """
+
+    values: tuple[tuple[str, int], ...]
+    left_out: tuple[tuple[str, str], ...] = ()
+    absent: int = 0
+
+    @classmethod
+    def of(cls, names: Collection[str] = ()) -> Features:
+        """Return those named as 1 and all others as 0."""
+        return cls(tuple((feature.name, int(feature.name in names)) for feature in FEATURES))
+
+    @cached_property
+    def _table(self) -> dict[str, int]:
+        return dict(self.values)
+
+    def __getitem__(self, name: str) -> int:
+        return self._table[name]
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        return tuple(name for name, value in self.values if value)
+
+    @cached_property
+    def needs(self) -> int:
+        """The member `needs` of structs.Image and structs.View."""
+        return sum(1 << bit for name, bit in _BITS.items() if self._table.get(name))
+
+    def compiled(self, names: Collection[str] = COMPILED) -> Features:
+        """Return what a program is compiled with, of which it reads `names`: all that is a condition at run time is 0."""
+        unread = set(COMPILED).difference(names)
+        kept = {name: 0 if name in unread else value for name, value in self.values if name not in _BITS}
+        if kept["FAST"] and self._table.get("ALPHA_TEST"):
+            kept["FAST"] = 2  # see numerics.clh
+        return Features(tuple(kept.items()), absent=self.absent)
+
+    def without(self, names: Collection[str]) -> Features:
+        """Return the features for programs in which some that are not needed are left out at compile time."""
+        bits = sum(1 << _BITS[name] for name in names if not self[name])
+        return replace(self, absent=self.absent | bits)
+
+    def including(self, name: str) -> Features:
+        """Return the features with an optional one that is not left out."""
+        return replace(
+            self,
+            values=tuple((each, 1 if each == name else value) for each, value in self.values),
+            left_out=tuple(reason for reason in self.left_out if reason[0] != name),
+        )
+
+    def needs_any(self, group: str) -> bool:
+        """Return whether any feature of one of GROUPS is needed."""
+        return any(self[name] for name in GROUPS[group])
+
+    def counting(self) -> Features:
+        """Return the features with the counts of rays, see shadow_counts.py."""
+        return replace(self, values=(*self.values, ("SHADOW_COUNTS", 1)))
+
+    @property
+    def counts(self) -> bool:
+        """Whether rays are counted."""
+        return "SHADOW_COUNTS" in self._table
+
+    def options(self) -> list[str]:
+        """Return -D options of the OpenCL build."""
+        return [*(f"-D{name}={value}" for name, value in self.values), f"-DLEFT_OUT={self.absent}UL"]
 
 
-def _unneeded_maps(meshes: list[Mesh], shader: str, terms: dict[str, str]) -> dict[str, str]:
-    """Return the same for the maps of shader pbr. terms: of the reflection model."""
-    model = (shader != "pbr", f"shader {shader}")
-    unlit = terms["DIFFUSE"] and terms["SPECULAR"]
-    reasons = {
-        "NORMAL_MAP": (unlit, "normal_texture", "no normal map"),
-        "OCCLUSION_MAP": (terms["AMBIENT"] if terms["ENVIRONMENT"] else "", "occlusion_texture", "no occlusion map"),
-        "EMISSION_MAP": (terms["EMISSION"], "emission_texture", "no emission map"),
-        "ROUGHNESS_MAP": (unlit, "metallic_roughness_texture", "no metallic-roughness map"),
-    }
-    return {
-        feature: _first(model, (bool(without), without), (all(map_of(mesh, name) is None for mesh in meshes), words))
-        for feature, (without, name, words) in reasons.items()
-    }
-
-
-def _unneeded_normals(scene: Scene, meshes: list[Mesh], unread: str) -> dict[str, str]:
-    """Return the same for the features of normals. unread: why no normal is read; "" if some are."""
-    return {
-        "TWO_SIDED": unread or _first((not any(mesh.material.two_sided for mesh in meshes), "no two-sided material")),
-        "NORMAL_INDICES": unread
-        or _first((not any(uses_normal_indices(scene, mesh) for mesh in meshes), "a normal per vertex")),
-    }
-
-
-def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
-    """Return whether scalars color the mesh."""
-    return settings.scalars is not None and settings.scalars.name in mesh.scalars
-
-
-def casts_alpha(scene: Scene) -> bool:
-    """Return whether some of what casts shadows may let light pass."""
-    return any(mesh.blends or mesh.tests_alpha for mesh in scene.meshes if len(mesh.faces))
-
-
-def finds_casters(features: Features) -> bool:
-    """Return whether kernels follow rays to what casts shadows."""
-    return bool(features["SHADOWS"] or features["AMBIENT_OCCLUSION"])
+def needs(word: int, name: str) -> bool:
+    """Return whether a member `needs` has a feature's bit."""
+    return bool(int(word) >> _BITS[name] & 1)
 
 
 def looks_up(features: Features) -> bool:
     """Return whether textures are looked up at the pixels."""
-    names = ("TEXTURED", "ALPHA_TEST", "BLEND", "NORMAL_MAP", "OCCLUSION_MAP", "EMISSION_MAP", "ROUGHNESS_MAP")
-    return any(features[name] for name in names)
+    return features.needs_any("MAPS") or any(features[name] for name in ("TEXTURED", "ALPHA_TEST", "BLEND"))
 
 
-def looked_up_at_corners(scene: Scene, settings: Settings) -> bool:
-    """Return whether textures are looked up at the corners of faces."""
-    return settings.texture_at == "vertex" and any(texture_applies(mesh) for mesh in scene.meshes if len(mesh.faces))
+_settings = cache(lambda shader: Settings(shader=shader))
+_NOTHING = Scene((), Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0)))
 
 
-def _unneeded_colors(meshes: list[Mesh], settings: Settings, at_corners: bool, own_corners: bool) -> dict[str, str]:
-    """Return the same for vertex colors, scalars and textures at the pixels. at_corners: texture_at vertex. own_corners:
-    whether corners have colors of their own for another reason."""
-    bilinear = settings.texture_filter == "bilinear"
-    no_scalars = _first(
-        (settings.scalars is None, "no scalars asked for"),
-        (not any(shows_scalars(mesh, settings) for mesh in meshes), "no face has the scalars"),
-    )
-    textured = any(map(texture_applies, meshes))
-    own = [mesh for mesh in meshes if not replaces_colors(mesh)]
-    white = all(map(_is_white, own)) and not _any_nonzero(mesh.material.color != 1.0 for mesh in meshes)
-    no_texture = _first(
-        (not any(mesh.material.texture is not None for mesh in meshes), "no texture"),
-        (not textured, "no texture coordinates"),
-    )
-    looked_up = [texture for mesh in meshes for texture in textures_of(mesh, maps=settings.shader == "pbr")]
-    no_lookup = "" if looked_up else no_texture
-    return {
-        "VERTEX_COLORS": _first(
-            (at_corners, "texture_at vertex: they are in the corners' colors"),
-            (own_corners, "they are in the corners' colors"),
-            (not no_scalars, ""),
-            (white and not all(map(_is_white, meshes)), "texels take the place of vertex colors"),
-            (white, "no vertex or material colors other than white"),
-        ),
-        "SCALARS": no_scalars,
-        "TEXTURED": _first((at_corners, "texture_at vertex: looked up at the corners")) or no_texture,
-        "UV_INDICES": no_lookup
-        or _first((all(mesh.uv_faces is None for mesh in meshes), "texture coordinates per vertex")),
-        "MIPMAPS": no_lookup
-        or _first(
-            (bilinear, "texture_filter bilinear"),
-            (not any(map(has_levels, looked_up)), "textures of one texel or with the course's lookup"),
-        ),
-        "NEAREST": no_lookup
-        or _first((all(texture.filter != "nearest" for texture in looked_up), "no texture with the filter nearest")),
-        "UV_SETS": no_lookup
-        or _first((not any(texture.coordinates for texture in looked_up), "one set of coordinates")),
-    }
-
-
-def _unneeded_alpha(meshes: list[Mesh]) -> dict[str, str]:
-    """Return the same for alpha."""
-    tested, blended = any(mesh.tests_alpha for mesh in meshes), any(mesh.blends for mesh in meshes)
-    counts = any(mesh.alphas is not None and (mesh.blends or mesh.tests_alpha) for mesh in meshes)
-    return {
-        "ALPHA_TEST": _first((not tested, "no alpha test")),
-        "BLEND": _first((not blended, "nothing is transparent")),
-        "VERTEX_ALPHA": _first((not counts, "no alpha at vertices counts")),
-    }
-
-
-def _culls(materials: list[Material], settings: Settings) -> bool:
-    """Return whether all back faces are culled."""
-    return settings.cull or all(material.sides == "front" for material in materials)
-
-
-def _unneeded_input(
-    scene: Scene, settings: Settings, materials: list[Material], *, double: bool, blended: bool, instanced: bool
-) -> dict[str, str]:
-    """Return the same for the remaining features. double: whether positions need float64. blended: whether lists may hold
-    transparent triangles, which takes sorted ones, as do instances. instanced: as in `derive`."""
-    return {
-        "MATERIALS": _first((len(materials) < 2, "a single material")),
-        "SIDES": _first(
-            (_culls(materials, settings), "all that is seen from behind is culled"),
-            (not any(m.sides == "front" for m in materials), "both sides of every material are drawn"),
-        ),
-        "DOUBLE_POSITIONS": _first(
-            (instanced, "instances are placed where they are needed"), (not double, "float32 holds the positions")
-        ),
-        "BACKGROUND": _first(
-            (scene.background is None, "no background"),
-            (settings.background == "environment", "the environment is the background"),
-            (not _any_nonzero([np.asarray(scene.background)]), "the background is black"),
-        ),
-        "OWNERS": _first((not settings.layers, "no layer asked for")),
-        # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists; lines need
-        # the clipped triangles before the pixel stage.
-        "SORTED": _first(
-            (
-                settings.visibility == "depth"
-                and settings.shader != "gouraud"
-                and settings.precision != "float64"
-                and settings.edges is None
-                and not blended
-                and not instanced,
-                "the depth test decides",
-            ),
-        ),
-    }
-
-
-def derive_alone(shader: str, material: Material, ambient: np.ndarray, shining: bool, bright: bool = False) -> Features:
+def derive_alone(
+    shader: Shader, material: Material, ambient: np.ndarray, shining: bool, bright: bool = False
+) -> Features:
     """Return the features of a single triangle or point with its own colors: preset `course`, no background.
 
     bright: whether colors beyond 1 are interpolated.
     """
-    lit = shader != "nolight"
-    values = {
-        "PHONG": int(shader == "phong"),
-        "CENTROID": 1,
-        "VERTEX_COLORS": 1,
-        "BRIGHT": int(bright and shader == "phong"),
-        "SORTED": 1,
-    }
-    unneeded = _unneeded_terms([material], ambient, shader, lit and shining)
-    values.update({name: int(not reason) for name, reason in unneeded.items()})
-    return Features(tuple((name, values.get(name, 0)) for name in CHOICES + OPTIONAL))
-
-
-def _choices(
-    scene: Scene,
-    settings: Settings,
-    meshes: list[Mesh],
-    *,
-    culls: bool,
-    at_corners: bool,
-    own_corners: bool,
-    relit: bool,
-    instanced: bool,
-) -> dict[str, bool]:
-    """Return the values of CHOICES. at_corners: texture_at vertex. own_corners: whether corners have colors of their own
-    for another reason. relit: whether lighting is forced on for shader nolight. instanced: as in `derive`."""
-    return {
-        "FAST": settings.precision == "fast",
-        "DOUBLE": settings.precision == "float64",
-        "SAMPLES": settings.samples > 1,
-        "SAMPLE_SHADING": settings.samples > 1 and settings.sample_shading,
-        "WEIGHTED": settings.samples > 1 and settings.resolve == "weighted",
-        # Lighting that is forced on for nolight is done pixel by pixel.
-        "PHONG": settings.shader == "phong" or (settings.shader == "nolight" and relit),
-        "PBR": settings.shader == "pbr",
-        "DEPTH_TEST": settings.visibility == "depth",
-        "PERSPECTIVE": settings.interpolation == "perspective" and not scene.camera.orthographic,
-        "CENTROID": settings.lighting_at == "centroid",
-        "TINTED": settings.ambient == "tinted",
-        "CULL": culls,
-        "ORTHOGRAPHIC": scene.camera.orthographic,
-        "CORNER_COLORS": at_corners or own_corners,
-        # The error bound of phong and pbr is relative to the color at the pixel, that of the others to the brightest corner.
-        "BRIGHT": settings.shader in ("phong", "pbr") and any(_any_beyond_one(mesh, at_corners) for mesh in meshes),
-        "LINES": settings.edges is not None,
-        "LINES_ONLY": settings.edges is not None and settings.edges.only,
-        "BACKDROP": settings.background == "environment" and not no_environment(scene),
-        "INSTANCES": instanced,
-    }
+    drawn = Drawn(_NOTHING, _settings(shader), [material], ambient, shining)
+    terms = ("LIT", "AMBIENT", *GROUPS["TERMS"], "POWER", "EMISSION")
+    names = [name for name in terms if drawn.needs(name)] + ["CENTROID", "VERTEX_COLORS", "SORTED"]
+    return Features.of(names + ["PHONG"] * (shader == "phong") + ["BRIGHT"] * (shader == "phong" and bright))
 
 
 def derive(
@@ -470,57 +628,12 @@ def derive(
     unknown = sorted(set(forced) - set(OPTIONAL))
     if unknown:
         raise InputError(f"forced: expected names among {', '.join(OPTIONAL)}, found {unknown[0]}")
-    lit = settings.shader != "nolight"
+    shining = any(light.intensity.any() for light in scene.lights) or shows_environment(scene, settings)
     materials = list(materials_of(scene).values())
-    meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-    shining = lit and any(light.intensity.any() for light in scene.lights)
-    shining = shining or shows_environment(scene, settings)
-    at_corners = looked_up_at_corners(scene, settings)
-    own_corners = scalars_at_corners and any(shows_scalars(mesh, settings) for mesh in meshes)
-    culls, relit = _culls(materials, settings), "LIT" in forced
-    corners = {"at_corners": at_corners, "own_corners": own_corners}
-    choices = _choices(scene, settings, meshes, culls=culls, relit=relit, instanced=instanced, **corners)
-    terms = _unneeded_terms(materials, scene.ambient, settings.shader, shining)
-    terms["ENVIRONMENT"] = _first((settings.shader != "pbr", f"shader {settings.shader}")) or no_environment(scene)
-    read = {name for name in ("DIFFUSE", "SPECULAR") if name in forced or not terms[name]}
-    unread = (
-        "" if read else _first((terms["DIFFUSE"] == terms["SPECULAR"], terms["DIFFUSE"]), (True, "kd and ks are 0"))
-    )
-    plain = all(is_plain(light) for light in scene.lights if light.intensity.any())
-    sized = any(has_size(light) for light in scene.lights if light.intensity.any())
-    unneeded_shadows = _first(
-        (not settings.shadows, "no shadows asked for"),
-        (bool(unread), unread),
-        (not any(light.intensity.any() for light in scene.lights), "no light shines"),
-        (not meshes, "no triangle"),
-    )
-    unneeded_occlusion = _first(
-        (not settings.ambient_occlusion, "no ambient occlusion asked for"),
-        (bool(terms["AMBIENT"] and terms["ENVIRONMENT"]), terms["AMBIENT"]),
-        (not meshes, "no triangle"),
-    )
-    unneeded = {
-        **terms,
-        "LIGHT_SHAPES": unread or _first((plain, "only points without attenuation shine")),
-        "AREA_LIGHTS": unread or _first((not sized, "no light has a size")),
-        "SHADOWS": unneeded_shadows,
-        "SHADOW_ALPHA": _first(
-            (bool(unneeded_shadows and unneeded_occlusion), unneeded_shadows),
-            (not casts_alpha(scene), "all that casts shadows is opaque"),
-        ),
-        "AMBIENT_OCCLUSION": unneeded_occlusion,
-        **_unneeded_normals(scene, meshes, unread),
-        **_unneeded_maps(meshes, settings.shader, terms),
-        **_unneeded_colors(meshes, settings, **corners),
-        **_unneeded_alpha(meshes),
-    }
-    blended = "BLEND" in forced or not unneeded["BLEND"]
-    unneeded |= _unneeded_input(
-        scene, settings, materials, double=double_positions, blended=blended, instanced=instanced
-    )
-    values = {name: int(choices[name]) for name in CHOICES}
-    values.update({name: int(name in forced or not unneeded[name]) for name in OPTIONAL})
-    left_out = tuple((name, unneeded[name]) for name in OPTIONAL if not values[name])
+    how = double_positions, scalars_at_corners, instanced, forced
+    drawn = Drawn(scene, settings, materials, scene.ambient, shining, *how)
+    values = {each.name: int(drawn.needs(each.name) if each.work else each.chosen(drawn)) for each in FEATURES}
+    left_out = tuple((name, drawn.why(name)) for name in OPTIONAL if not values[name])
     return Features(tuple(values.items()), left_out)
 
 
@@ -528,9 +641,3 @@ def at_lanes(features: Features, own: int, chosen: int | None) -> Features:
     """Return the features for a device with its own number of lanes, and another one chosen for the pixels. Only with
     vectors do kernels set up faces in their order, and pixel stages order the lists of tiles themselves."""
     return features if min(own, chosen or own) > 1 else features.including("SORTED")
-
-
-def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:
-    """Return whether the mesh's own normals, indexed separately from its vertices, are used; course scenes always
-    compute theirs."""
-    return mesh.normals is not None and mesh.normal_faces is not None and scene.preset != "course"

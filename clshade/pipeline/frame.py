@@ -15,14 +15,14 @@ from ..base.spelling import hint
 from ..base.validation import known, value_error
 from ..errors import InputError
 from ..images.depth_png import SCALE
-from ..images.layer_words import LAYER_WORDS
+from ..images.layers import LAYER_REMARKS, LAYER_WORDS, LAYERS, NumberLayer, PointLayer, RealLayer, lists_layers
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
-from ..scene.settings import LAYER_REMARKS, LAYERS
 from . import frame_files
 from .flow_vectors import Flow, FlowName, flow_channels
 from .frame_files import SAVING, FileKind, SavingOptions
 from .image_check import Check
+from .unseen import why_unseen
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -104,13 +104,14 @@ class Frame:
         return self._stats
 
     @overload
-    def __getitem__(self, name: Literal["id", "object_id", "material_id", "instance_id"]) -> UInt32s: ...
+    def __getitem__(self, name: NumberLayer) -> UInt32s: ...
     @overload
-    def __getitem__(self, name: Literal["P"]) -> Floats: ...
+    def __getitem__(self, name: PointLayer) -> Floats: ...
     @overload
-    def __getitem__(self, name: Literal["Z", "N", "albedo", "uv", "barycentrics", "scalar", "AO"]) -> Reals: ...
+    def __getitem__(self, name: RealLayer) -> Reals: ...
     @overload
     def __getitem__(self, name: str) -> Array: ...
+    @lists_layers
     def __getitem__(self, name: str) -> Array:
         """Return a layer.
 
@@ -119,47 +120,13 @@ class Frame:
         Parameters
         ----------
         name : str
-            One of the layers that were asked for:
-
-            ``"Z"``
-                Camera z in scene units; infinity in the background.
-            ``"id"``
-                uint32, the face's index plus 1; faces are counted mesh by mesh, instance by
-                instance.
-            ``"object_id"``
-                uint32, the mesh's index in the scene plus 1, the same for all instances.
-            ``"material_id"``
-                uint32, the number of the mesh's material, from 1 in the order of the meshes; equal
-                materials have the same number.
-            ``"N"``
-                3 components: the unit normal used for lighting, in world space; 0 where there is
-                none.
-            ``"P"``
-                3 components, float64: the visible point in world space, accurate to a few roundings
-                of its distance from the eye.
-            ``"albedo"``
-                3 components: vertex color times material color times texel, or the color of the
-                color map: the factor of the light.
-            ``"uv"``
-                2 components: the mesh's texture coordinates, not wrapped.
-            ``"instance_id"``
-                uint32, the number of the mesh's placement, from 1: mesh by mesh, in the order of
-                `Mesh.instances`.
-            ``"barycentrics"``
-                3 components: the barycentric coordinates, in the order of the face's corners in the
-                mesh.
-            ``"scalar"``
-                The scalar that ``settings.scalars`` names, before its color map; NaN where there is
-                none. Beyond the largest number of its type it saturates, and a corner's scalar at
-                twice that number.
-            ``"AO"``
-                The share of the rays of ``settings.ambient_occlusion`` that meet no triangle, 0 to 1.
+            One of the layers that were asked for, of `LAYER_TABLE`:
 
         Returns
         -------
         ndarray
-            (M, N) or (M, N, components), of the type of `rgba` unless another is named above. 0 in
-            the background, except for Z and scalar.
+            (M, N) or (M, N, components); reals are of the type of `rgba`. 0 in the background, except
+            for Z, infinity, and scalar, NaN.
 
         Raises
         ------
@@ -169,7 +136,8 @@ class Frame:
         Notes
         -----
         N, albedo, uv, barycentrics and scalar are interpolated as ``settings.interpolation`` says; P and Z
-        are always interpolated in perspective.
+        are always interpolated in perspective. Beyond the largest number of its type scalar saturates,
+        and a corner's scalar at twice that number.
         """
         if not isinstance(name, str) or name not in self._layers:
             raise missing_layer("Frame", name, self._layers)
@@ -375,8 +343,8 @@ class Frame:
         Warns
         -----
         UserWarning
-            One line each for values that `half` or float32 cannot hold, and for what a lossy
-            compression changes.
+            One line each for values that `half` or float32 cannot hold, for what a lossy
+            compression changes, and for an image that shows nothing of its scene.
 
         Raises
         ------
@@ -426,12 +394,21 @@ class Frame:
         """
         from ..images import depth_png, exr, npz, png
 
-        frame_files.check_flags(self.settings, half=half, crop=crop, deterministic=deterministic, colorbar=colorbar)
+        frame_files.check_output(
+            path,
+            self.settings,
+            files=files,
+            tonemap=tonemap,
+            exposure=exposure,
+            half=half,
+            compression=compression,
+            crop=crop,
+            deterministic=deterministic,
+            colorbar=colorbar,
+            depth_scale=depth_scale,
+        )
         paths = frame_files.chosen_paths(path, files)
         frame_files.check_layers(paths, self._layers)
-        frame_files.check_output(
-            path, tonemap=tonemap, exposure=exposure, compression=compression, files=files, depth_scale=depth_scale
-        )
 
         def image() -> Bytes:
             pixels = self.to_png8(tonemap, exposure)
@@ -462,7 +439,9 @@ class Frame:
             "npz": lambda file: npz.encode(file, self.arrays(deterministic=deterministic)),
             "depth": lambda file: depth_png.encode(file, self["Z"], depth_scale, ("Frame.save", "depth_scale")),
         }
-        return frame_files.write_files(paths, encoders)
+        lines = frame_files.write_files(paths, encoders)
+        line = why_unseen(self.rgba, self.scene, self.settings, self.stats)
+        return [*lines, line] if line else lines
 
 
 def missing_layer(owner: str, name: Any, asked: Iterable[str]) -> InputError:

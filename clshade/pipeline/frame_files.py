@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, get_args
 
@@ -18,10 +19,12 @@ from ..base.validation import choice, flag, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..images.depth_png import SCALE, checked_scale
+from ..images.layers import LAYER_TABLE
 from ..scene.camera import Camera
+from ..scene.formats.table import EXTENSIONS
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalar_colors import color_map_of
-from .layer_buffers import first_instances, material_numbers
+from .layer_buffers import number_names
 
 if TYPE_CHECKING:
     from ..images.exr import Compression
@@ -48,17 +51,8 @@ class SavingOptions(TypedDict, total=False):
     depth_scale: float
 
 
-# Settings that headers leave out where they have this value.
-UNUSUAL: dict[str, Any] = {
-    "scalars": None,
-    "edges": None,
-    "background": "scene",
-    "layer_alpha": 0.5,
-    "light_samples": 16,
-    "shadows": False,
-    "ambient_occlusion": 0,
-    "ao_distance": None,
-}
+# Headers leave fields of Settings out where they are as by default, from this one on.
+_FIRST_LEFT_OUT = [each.name for each in fields(Settings)].index("scalars")
 
 SAVING = tuple(SavingOptions.__annotations__)
 
@@ -66,8 +60,8 @@ ASKED = ("Frame.save", "path")  # function and argument that errors name, unless
 
 _IMAGES = ".jpg .jpeg .jp2 .jxl .webp .avif .heic .gif .apng .bmp .tif .tiff .tga .ico .ppm .pgm .pnm .pfm"
 _IMAGES += " .hdr .rgbe .pic .dds .dpx .cin .psd .svg .pdf .eps"
-_OTHERS = ".npy .csv .json .obj .glb .gltf .ply .stl .mp4 .mov .avi .mkv .webm"
-OTHER_FORMATS = (*_IMAGES.split(), *_OTHERS.split())  # extensions of formats that are not written
+_OTHERS = ".csv .mp4 .mov .avi .mkv .webm"
+OTHER_FORMATS = (*_IMAGES.split(), *EXTENSIONS, *_OTHERS.split())  # extensions of formats that are not written
 
 
 def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
@@ -131,23 +125,33 @@ def resolution_of(path: str, kind: FileKind) -> tuple[int, int] | None:
 def check_layers(files: Container[str], layers: Container[str]) -> None:
     """Raise InputError if a file shows a layer that is not there."""
     if "depth" in files and "Z" not in layers:
-        raise InputError("Frame.save: files: expected depth only of a frame with the layer Z, found a frame without it")
+        raise InputError("Frame.save: files: depth needs a frame with the layer Z")
 
 
 def check_output(
     path: str | os.PathLike[str],
+    settings: Settings | None = None,
     *,
     tonemap: Operator | None = None,
     exposure: float = 0.0,
     compression: Compression = "zip",
     files: Sequence[FileKind] | None = None,
     depth_scale: float = SCALE,
+    colorbar: bool = False,
     asked: tuple[str, str] = ASKED,
+    **flags: bool,
 ) -> None:
-    """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing."""
+    """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing.
+
+    settings: of the frame, which needs scalars for a colorbar.
+    """
     from ..images import exr
     from ..images.tonemap import checked
 
+    for name, value in {**flags, "colorbar": colorbar}.items():
+        flag("Frame.save", name, value)
+    if colorbar and settings is not None and settings.scalars is None:
+        raise InputError("Frame.save: colorbar: needs scalars, whose color map it shows")
     checked(tonemap or "srgb", exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)
     checked_scale("Frame.save", "depth_scale", depth_scale)
@@ -156,21 +160,14 @@ def check_output(
         atomic_files.check(file)
 
 
-def check_flags(settings: Settings, *, colorbar: bool, **others: bool) -> None:
-    """Raise InputError for a flag of `Frame.save` that is no bool, or a colorbar without scalars."""
-    for name, value in {**others, "colorbar": colorbar}.items():
-        flag("Frame.save", name, value)
-    if colorbar and settings.scalars is None:
-        raise value_error("Frame.save", "colorbar", "False without scalars, whose color map it shows", colorbar)
-
-
 def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str, Any]:
     """Return the EXR's header attributes that do not depend on times or checks; see `Frame.metadata`."""
     from ..scene.camera_matrices import camera_metadata
 
     found = camera_metadata(scene.camera)
-    written = {name: value for name, value in vars(settings).items() if name not in UNUSUAL or value != UNUSUAL[name]}
-    found["settings"] = ", ".join(f"{name}={value}" for name, value in written.items())
+    given = [(each.name, getattr(settings, each.name), each.default) for each in fields(settings)]
+    written = [*given[:_FIRST_LEFT_OUT], *(each for each in given[_FIRST_LEFT_OUT:] if each[1] != each[2])]
+    found["settings"] = ", ".join(f"{name}={value}" for name, value, _ in written)
     if settings.scalars is not None:
         color_map = color_map_of(scene, settings.scalars)
         found |= {"scalarName": settings.scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
@@ -184,20 +181,13 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
 
 
 def _names(scene: Scene, layers: Container[str]) -> dict[str, str]:
-    """Return the names of what object_id, material_id and instance_id count as JSON, number -> name, unnamed ones left
-    out."""
-    found = {}
-    if "object_id" in layers:
-        found["objectNames"] = {number: mesh.name for number, mesh in enumerate(scene.meshes, 1) if mesh.name}
-    if "material_id" in layers:
-        numbered = zip(material_numbers(scene), scene.meshes, strict=True)
-        found["materialNames"] = {n: mesh.material.name for n, mesh in numbered if mesh.material.name}
-    if "instance_id" in layers:
-        numbered = zip(first_instances(scene), scene.meshes, strict=True)
-        found["instanceNames"] = {
-            n: name for first, mesh in numbered for n, name in enumerate(mesh.instance_names, first) if name
-        }
-    return {name: json.dumps(names, ensure_ascii=False) for name, names in found.items() if names}
+    """Return the names of what numbers of layers count as JSON, number -> name, unnamed ones left out."""
+    found: dict[str, str] = {}
+    for layer, row in LAYER_TABLE.items():
+        if row.names and layer in layers:
+            names = {number: name for number, name in number_names(scene, layer) if name}
+            found |= {row.names: json.dumps(names, ensure_ascii=False)} if names else {}
+    return found
 
 
 def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Operator | None, exposure: float) -> Bytes:

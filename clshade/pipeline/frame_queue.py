@@ -12,9 +12,10 @@ import numpy as np
 from ..base.arrays import Array
 from .buffers import ALIGNMENT, Buffer, transfers, wait
 from .camera_space import CameraSpace
-from .frame_state import STREAMED_PIXELS, Progress
+from .frame_state import SceneFrame
 from .scene_drawing import SceneDrawing
 
+STREAMED_PIXELS = 1 << 19  # from here on images do not fit in caches, which they would only empty
 _LEAST_ALIGNMENT = 16  # bytes, of memory to which kernels write four float32 at once
 
 
@@ -47,14 +48,18 @@ def _is_aligned(array: Array, least: int) -> bool:
 
 @dataclass
 class _Pending:
-    """A frame that is being drawn, the index-th. targets: what the kernels write, by name. owners: if there are layers.
-    done: the events that it is complete after."""
+    """A frame that is being drawn, the index-th. targets: what the kernels write, by name. done: the events that it is
+    complete after."""
 
     index: int
-    frame: Progress
+    frame: SceneFrame
     targets: dict[str, Buffer]
-    owners: Buffer | None
     done: Sequence[Any] = ()
+
+    @property
+    def layers(self) -> dict[str, Buffer]:
+        """The targets of the layers."""
+        return {name: buffer for name, buffer in self.targets.items() if name != "rgba"}
 
 
 class FrameQueue:
@@ -100,8 +105,10 @@ class FrameQueue:
         """Enqueue a frame with its layers."""
         targets = {name: output.target(index) for name, output in self._outputs.items()}
         owners = self._owners[index % 2][0] if self._owners else None
-        drawn = _Pending(index, Progress(space, self._streams), targets, owners)
-        self._drawing.enqueue(self._tables[index % 2], drawn.frame, targets, owners)
+        tables = self._tables[index % 2]
+        frame = SceneFrame.of(space, tables, targets["rgba"], owners, streams=self._streams)
+        drawn = _Pending(index, frame, targets)
+        self._drawing.enqueue(frame, drawn.layers)
         self._fetch(drawn)
         return drawn
 
@@ -111,7 +118,7 @@ class FrameQueue:
         drawn.done = [frame.last]
         if self._transfers is not None:
             self._device.queue.flush()
-            wanted = [*drawn.targets.values(), frame.counted, drawn.owners if "P" in drawn.targets else None]
+            wanted = [*drawn.targets.values(), frame.counted, frame.owners if "P" in drawn.targets else None]
             drawn.done = [each.fetch(self._transfers, frame.last) for each in wanted if each is not None]
 
     def _complete(self, drawn: _Pending) -> None:
@@ -119,11 +126,10 @@ class FrameQueue:
         wait(self._device, drawn.done)
         frame = drawn.frame
         if frame.counters is None:
-            assert frame.counted is not None
             counters = frame.counted.array[0].copy()
             frame.counters, frame.host_ms["sort"] = counters, 0.0
             if counters["to_clip"] or counters["entries"] > frame.room:
-                self._drawing.draw_again(self._tables[drawn.index % 2], frame, drawn.targets, drawn.owners)
+                self._drawing.draw_again(frame, drawn.layers)
                 self._fetch(drawn)
                 wait(self._device, drawn.done)
         self._write_results(drawn)
@@ -133,7 +139,7 @@ class FrameQueue:
                     self.stage_ms[name] += (event.profile.end - event.profile.start) / 1e6
         frame.events.clear()
         self.stage_ms.update(frame.host_ms)
-        sizes = {"image": drawn.targets["rgba"], "owners": drawn.owners}
+        sizes = {"image": drawn.targets["rgba"], "owners": frame.owners}
         bytes_of = {name: 0 if buffer is None else buffer.array.nbytes for name, buffer in sizes.items()}
         self.facts.append(self._drawing.facts_of(frame, bytes_of))
 
@@ -141,8 +147,8 @@ class FrameQueue:
         """Complete the layers, and copy what the kernels did not write to its place."""
         arrays = {name: buffer.array for name, buffer in drawn.targets.items()}
         results = {name: output.array[drawn.index] for name, output in self._outputs.items()}
-        if drawn.owners is not None:
-            self._layers.finish(arrays, results, drawn.owners.array, drawn.frame.space)
+        if drawn.frame.owners is not None:
+            self._layers.finish(arrays, results, drawn.frame.owners.array, drawn.frame.space)
         for name, output in self._outputs.items():
             if not output.is_direct and name != "P":
                 np.copyto(results[name], arrays[name])

@@ -10,13 +10,12 @@ import numpy as np
 from . import struct_layout
 from .buffers import Buffer
 from .camera_space import CameraSpace
-
-STREAMED_PIXELS = 1 << 19  # from here on images do not fit in caches, which they would only empty
+from .surface_inputs import SurfaceInputs
 
 
 @dataclass
 class FrameTables:
-    """What the host writes for a frame, and the counters of its kernels: with two of these, the host writes one while
+    """What the host writes for a frame, and what its kernels count: with two of these, the host writes one while
     kernels use the other.
 
     image_of: what `image` was written for, None if it is yet to be written.
@@ -26,40 +25,70 @@ class FrameTables:
     image: Buffer
     lights: Buffer
     shadow_view: Buffer | None
-    counters: Buffer
+    counted: Buffer
     image_of: tuple[Any, ...] | None = None
 
     def twin(self) -> FrameTables:
         """Return other tables of the same sizes."""
         shadow_view = None if self.shadow_view is None else self.shadow_view.twin()
-        return FrameTables(self.view.twin(), self.image.twin(), self.lights.twin(), shadow_view, self.counters.twin())
+        return FrameTables(self.view.twin(), self.image.twin(), self.lights.twin(), shadow_view, self.counted.twin())
 
 
 @dataclass
-class Progress:
-    """The progress of a frame.
+class FrameInFlight:
+    """A frame that is being drawn: into what, and how far it is.
 
-    streams: whether the image is written past the caches, if it has rows of 64 bytes. events: of its
-    kernels, by name. host_ms: times of the host's stages. is_sorted: whether its triangles were sorted by depth.
-    counters: as the host has read them, None until then. counted: those on the device. room: entries that fitted in the
-    tile lists when it was enqueued.
+    image: its struct of that name. counted: the counters on the device. rgba: (M, N, 4). owners: (M, N) triangles, if there
+    are layers. events: of its kernels, by name. host_ms: times of the host's stages. is_sorted: whether its triangles were
+    sorted by depth. counters: as the host has read them, None until then. room: entries that fitted in the tile lists when
+    it was enqueued. inputs: what its kernels read, kept until they are done.
     """
 
-    space: CameraSpace
-    streams: bool
+    image: Buffer
+    counted: Buffer
+    rgba: Buffer
+    owners: Buffer | None = None
     events: dict[str, Any] = field(default_factory=dict)
     host_ms: dict[str, float] = field(default_factory=dict)
     is_sorted: bool = False
     counters: np.void | None = None
-    counted: Buffer | None = None
     room: int = 0
+    inputs: SurfaceInputs | None = None
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Columns and rows."""
+        rows, columns = self.rgba.array.shape[:2]
+        return columns, rows
 
     @property
     def tiles(self) -> int:
-        columns, rows = self.space.camera.resolution
+        columns, rows = self.resolution
         return -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
 
     @property
     def last(self) -> Any:
         """The event of the kernel enqueued last."""
         return next(reversed(self.events.values()))
+
+    def read_counters(self) -> np.void:
+        """Wait for the kernels enqueued so far, and return the counters."""
+        counters: np.void = self.counted.to_host()[0].copy()
+        return counters
+
+
+@dataclass
+class SceneFrame(FrameInFlight):
+    """A frame of a scene. space: of its camera. tables: its own, those of `image` and `counted`. streams: whether the image
+    is written past the caches, if it has rows of 64 bytes."""
+
+    space: CameraSpace = field(kw_only=True)
+    tables: FrameTables = field(kw_only=True)
+    streams: bool = field(kw_only=True)
+
+    @classmethod
+    def of(
+        cls, space: CameraSpace, tables: FrameTables, rgba: Buffer, owners: Buffer | None, *, streams: bool
+    ) -> SceneFrame:
+        """Return a frame of which nothing is drawn yet."""
+        return cls(tables.image, tables.counted, rgba, owners, space=space, tables=tables, streams=streams)

@@ -15,29 +15,31 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.model import MAX_FACES, Scene, Settings
-from .buffers import Buffer, TriangleBuffers
+from .buffers import Buffer, VertexBuffers
 from .camera_space import CameraSpace
+from .frame_state import SceneFrame
 from .gather import Copies, Gatherer
 from .launches import Placing, Sides, Stages
 from .layer_buffers import first_instances
 from .placements import placed_along, placed_each, plain
 from .struct_layout import Structs
+from .triangle_source import Faces, Triangles, TriangleSource
 
 LEAST_COPIES = 1 << 16  # triangles that copies would add: with fewer, copies take little memory and less time
-_LAYERS = {"Z", "id", "object_id", "material_id", "instance_id", "N", "P", "albedo", "uv", "barycentrics", "scalar"}
 _LEAST_ROOM = 1 << 16  # triangles that there is room for at first
 _ROOM_A_PIXEL, _ROOM_A_PIXEL_OF_GPU = 4, 1  # or so many for each; a CPU commits memory as it is written
 _BLOCK = 1 << 16  # vertices of a block, on a CPU few enough for its caches; more if a mesh has more
 _BLOCK_OF_GPU = 1 << 20
+_UNKNOWN = np.full(1, 2**32 - 1, np.uint32)  # no list of instances
 _MARGIN = 2.0**-40  # of all that tests of boxes and spheres add up: far more than its rounding
 
 
 def draws_from_one_copy(scene: Scene, settings: Settings, forced: Collection[str]) -> bool:
-    """Return whether a scene's instances are drawn from one copy of each mesh. Shadows, ambient occlusion, edges and layers
-    unknown here need copies."""
+    """Return whether a scene's instances are drawn from one copy of each mesh. Shadows, ambient occlusion and edges
+    need copies."""
     copies = sum((len(np.asarray(mesh.instances)) - 1) * len(mesh.faces) for mesh in scene.meshes)
     rays = settings.shadows or settings.ambient_occlusion or {"SHADOWS", "AMBIENT_OCCLUSION"} & set(forced)
-    return copies >= LEAST_COPIES and not rays and settings.edges is None and set(settings.layers) <= _LAYERS
+    return copies >= LEAST_COPIES and not rays and settings.edges is None
 
 
 @dataclass(frozen=True)
@@ -182,18 +184,32 @@ class _Launches:
         return SimpleNamespace(start=0, end=sum(each.profile.end - each.profile.start for each in self._events))
 
 
-class Instances:
-    """A scene's instances on the device.
+class Instances(TriangleSource):
+    """The triangles of a scene's instances.
 
-    of_triangles: (T,) int32, the instance of each triangle that may be seen. depths: (T,) float64 their mean depths, with
-    painter's order.
+    Instances in the view are listed for each frame. There is room for the triangles of an image of usual contents, and more
+    is made where they need it.
     """
 
-    def __init__(self, stages: Stages, tables: InstanceTables, positions: Buffer, *, painter: bool) -> None:
-        """positions: (V, 3) float64 of the meshes. painter: whether painter's order counts."""
-        device, self._stages, self._tables = stages.device, stages, tables
+    def __init__(
+        self,
+        stages: Stages,
+        tables: InstanceTables,
+        positions: Buffer,
+        faces: Buffer,
+        sides: Sides,
+        pixels: int,
+        *,
+        painter: bool,
+    ) -> None:
+        """positions: (V, 3) float64 and faces: (F, 3) of the meshes. pixels: of the image. painter: whether painter's order
+        counts."""
+        device, self._tables = stages.device, tables
+        self._face_count, self._vertex_count = int(tables.faces.sum()), int(tables.vertices.sum())
+        each = _ROOM_A_PIXEL if device.is_cpu else _ROOM_A_PIXEL_OF_GPU
+        super().__init__(stages, min(self._face_count, max(_LEAST_ROOM, each * pixels)), sides)
         count = len(tables.rows)
-        self._positions = positions
+        self._positions, self._faces = positions, faces
         self._placing = Placing(
             Buffer(device, tables.rows),
             Buffer(device, np.zeros(count, np.uint32)),
@@ -202,51 +218,65 @@ class Instances:
         )
         self._listed = np.zeros(0, np.uint32)
         most = _BLOCK if device.is_cpu else _BLOCK_OF_GPU
-        self._block = max(int(tables.vertices.max(initial=0)), min(most, self.vertex_count))
+        self._block = max(int(tables.vertices.max(initial=0)), min(most, self._vertex_count))
         self._vertices = Buffer.empty(device, self._block, stages.structs.Vertex)
+        self._none = VertexBuffers(device, 0, stages.structs)
         self._painter = painter
-        self.of_triangles = Buffer.empty(device, 0, np.int32)
-        self.depths: Buffer | None = None
-        self.culled = {"behind": 0, "off_screen": 0}
+        self._of_triangles = Buffer.empty(device, 0, np.int32)  # the instance of each
+        self._depths: Buffer | None = None  # their mean depths, with painter's order
+        self._culled = {"behind": 0, "off_screen": 0}
 
     @property
-    def table(self) -> Buffer:
-        """(K,) of structs.Instance."""
-        return self._placing.instances
-
-    @property
-    def face_count(self) -> int:
-        """Number of triangles, those of all instances."""
-        return int(self._tables.faces.sum())
-
-    @property
-    def vertex_count(self) -> int:
-        """Number of vertices likewise."""
-        return int(self._tables.vertices.sum())
-
-    def first_room(self, pixels: int) -> int:
-        """Return how many triangles to make room for before the first frame, of so many pixels."""
-        each = _ROOM_A_PIXEL if self._stages.device.is_cpu else _ROOM_A_PIXEL_OF_GPU
-        return min(self.face_count, max(_LEAST_ROOM, each * pixels))
+    def resident_bytes(self) -> int:
+        """Size of memory that does not depend on the frame."""
+        return sum(buffer.array.nbytes for buffer in (*self._placing, self._vertices))
 
     @property
     def nbytes(self) -> int:
-        """Device memory of the instances, for as long as the renderer is open."""
-        return sum(buffer.array.nbytes for buffer in (*self._placing, self._vertices))
+        return self.made.nbytes + self._of_triangles.array.nbytes
 
-    def more_room(self, needed: int) -> int:
-        """Return how many triangles to make room for if so many are needed."""
-        return max(needed, min(needed + needed // 8, MAX_FACES))
+    @property
+    def culled(self) -> dict[str, int]:
+        return self._culled
 
-    def select(self, space: CameraSpace) -> None:
-        """List the instances in the view of a camera; `culled` counts the faces of the others."""
+    def sizes(self) -> dict[str, int]:
+        return {"triangles": self._face_count, "vertices": self._vertex_count}
+
+    def inputs(self, frame: SceneFrame) -> dict[str, Buffer]:
+        return {
+            "relative": self._none.relative,
+            "triangle_instances": self._of_triangles,
+            "instances": self._placing.instances,
+            "view": frame.tables.view,
+            "object_positions": self._positions,
+        }
+
+    def project(self, frame: SceneFrame) -> None:
+        """Do nothing: vertices are projected block by block, before their triangles are set up."""
+
+    def set_up(self, frame: SceneFrame) -> None:
+        self._select(frame.space)
+        while True:
+            self._make_room()
+            self._set_up_blocks(frame)
+            counters = frame.counted.to_host()[0]
+            needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
+            if needed <= self.room:
+                return
+            most = MAX_FACES - self.made.piece_capacity
+            self.made = self._buffers(max(needed, min(needed + needed // 8, most)), self.made.piece_capacity)
+            with frame.counted.writing() as table:
+                table[:] = 0
+
+    def _select(self, space: CameraSpace) -> None:
+        """List the instances in the view of a camera, and count the faces of the others."""
         behind, beside = outside(self._tables, space)
         faces = self._tables.faces
-        self.culled = {"behind": int(faces[behind].sum()), "off_screen": int(faces[beside].sum())}
+        self._culled = {"behind": int(faces[behind].sum()), "off_screen": int(faces[beside].sum())}
         listed = np.flatnonzero(~(behind | beside)).astype(np.uint32)
         if np.array_equal(listed, self._listed):
             return
-        self._listed = listed
+        self._listed = _UNKNOWN  # until all of it is written
         with self._placing.listed.writing(len(listed)) as rows:
             rows[:] = listed
         for starts, counts in (
@@ -256,6 +286,7 @@ class Instances:
             with starts.writing(len(listed) + 1) as rows:
                 rows[0] = 0
                 np.cumsum(counts[listed], out=rows[1:])
+        self._listed = listed
 
     def _blocks(self) -> Iterator[tuple[int, int]]:
         starts, count, first = self._placing.vertex_starts.array, len(self._listed), 0
@@ -265,51 +296,47 @@ class Instances:
             yield first, last
             first = last
 
-    def make_room(self, triangles: int) -> None:
-        """Make room for the instances of so many triangles, clipped pieces included."""
-        if len(self.of_triangles.array) < triangles:
-            device = self._stages.device
-            self.of_triangles = Buffer.empty(device, triangles, np.int32)
-            self.depths = Buffer.empty(device, triangles, np.float64) if self._painter else None
+    def _make_room(self) -> None:
+        """Make room for the instances of all triangles, clipped pieces included."""
+        triangles, device = len(self.made.triangles.array), self.stages.device
+        if len(self._of_triangles.array) < triangles:
+            self._depths = Buffer.empty(device, triangles, np.float64) if self._painter else None
+            self._of_triangles = Buffer.empty(device, triangles, np.int32)
 
-    def set_up(
-        self, faces: Buffer, view: Buffer, image: Buffer, made: TriangleBuffers, sides: Sides, events: dict[str, Any]
-    ) -> None:
+    def _set_up_blocks(self, frame: SceneFrame) -> None:
         """Append the visible triangles of the listed instances. The counters count those too for which there is no room."""
-        self.make_room(len(made.triangles.array))
         placed, set_up = _Launches(), _Launches()
         vertex_starts, face_starts = self._placing.vertex_starts.array, self._placing.face_starts.array
+        view, of_triangles = frame.tables.view, (self._of_triangles, self._depths)
+        inputs = (self._faces, self._vertices, self._placing, view, frame.image, self.made, frame.counted, of_triangles)
         for block in self._blocks():
             first, last = block
             count = int(vertex_starts[last] - vertex_starts[first])
-            placed.add(self._stages.place(self._positions, self._placing, view, self._vertices, block, count))
+            placed.add(self.stages.place(self._positions, self._placing, view, self._vertices, block, count))
             count = int(face_starts[last] - face_starts[first])
-            of_triangles = self.of_triangles, self.depths
-            set_up.add(
-                self._stages.setup_instances(
-                    faces, self._vertices, self._placing, view, image, made, of_triangles, block, count, sides
-                )
-            )
-        events["project"], events["setup"] = placed, set_up
+            set_up.add(self.stages.setup_instances(*inputs, block, count, self.sides))
+        frame.events["project"], frame.events["setup"] = placed, set_up
 
-    def add_pieces(self, first: int, numbers: Array) -> None:
-        """Note the instances of clipped pieces, the triangles from `first` on."""
-        self.of_triangles.to_host()
-        with self.of_triangles.writing() as rows:
-            rows[first : first + len(numbers)] = numbers
+    def to_clip(self, count: int) -> Faces:
+        pairs = self.made.to_clip.to_host(2 * count).reshape(-1, 2)
+        instances, numbers = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
+        points, rows = self._positions.array[self._faces.array[numbers]], self._tables.rows[instances]
+        corners = placed_each(points, rows["rows"].reshape(-1, 3, 4), rows["plain"] != 0)
+        return Faces(corners, numbers, instances)
 
-    def depths_of(self, index: Array) -> Floats:
-        """Return the mean depths of triangles, with painter's order."""
-        return self.depths.to_host()[index]  # type: ignore[union-attr]
+    def add_pieces(self, faces: Faces, sources: Integers) -> None:
+        numbers = faces.instances[sources]  # type: ignore[index]
+        self._of_triangles.to_host()
+        with self._of_triangles.writing() as rows:
+            rows[self.room : self.room + len(numbers)] = numbers
 
-    def order_of(self, index: Array, faces: Array) -> Integers:
-        """Return numbers of triangles in the order of the scene's faces. faces: of their meshes."""
-        order: Integers = (self.of_triangles.to_host()[index].astype(np.int64) << 32) + faces
-        return order
+    def painter_depths(self, triangles: Triangles, index: Array) -> tuple[Floats, Integers]:
+        depth, whole = np.empty(len(index)), index < self.room
+        depth[whole] = self._depths.to_host()[index[whole]]  # type: ignore[union-attr]
+        depth[~whole] = triangles.pieces.array["key_depth"][index[~whole].astype(np.int64) - self.room]
+        instances = self._of_triangles.to_host()[index].astype(np.int64)
+        return depth, (instances << 32) + self.faces_of(triangles, index)
 
-    def corners(self, faces: Array, numbers: Array, own: Array) -> Floats:
-        """Return the corners (C, 3, 3), world space, of faces of instances: `own` (C,) of `faces` (F, 3), by the instances'
-        numbers (C,)."""
-        points = self._positions.array[faces[own]]
-        rows = self._tables.rows[numbers]
-        return placed_each(points, rows["rows"].reshape(-1, 3, 4), rows["plain"] != 0)
+    def faces_of(self, triangles: Triangles, index: Array) -> Integers:
+        faces: Integers = triangles.made.triangles.to_host()["face"][index]
+        return faces

@@ -13,29 +13,18 @@ import pyopencl as cl
 
 from ..errors import DeviceError
 from . import host_projection, struct_layout
-from .buffers import Buffer, TriangleBuffers, VertexBuffers
-from .features import CHOICES, OPTIONAL, Features, finds_casters
+from .buffers import Buffer, TriangleBuffers, VertexBuffers, wait
+from .features import Features, needs
 from .opencl.device import Device
 from .programs import Program, build, first_use
 from .surface_inputs import SurfaceInputs
 
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
-_GEOMETRY_FEATURES = {
-    "DOUBLE",
-    "SAMPLES",
-    "DEPTH_TEST",
-    "LINES",
-    "ORTHOGRAPHIC",
-    "CULL",
-    "SIDES",
-    "DOUBLE_POSITIONS",
-    "SORTED",
-    "INSTANCES",
-}
+_GEOMETRY_FEATURES = ("DOUBLE", "SAMPLES", "DEPTH_TEST", "INSTANCES")
 _INSTANCES_FILE = "instances.cl"  # of the geometry too
-_LINE_FEATURES = {"DOUBLE", "SAMPLES", "DEPTH_TEST", "ORTHOGRAPHIC", "CULL", "SIDES"}
-_GEOMETRY_ALONE = {"CULL", "SIDES", "DOUBLE_POSITIONS"}
+_LINE_FEATURES = ("DOUBLE", "SAMPLES", "DEPTH_TEST")
+_LAYER_FEATURES = ("DOUBLE", "FAST", "SAMPLES", "INSTANCES", "CASTERS")
 _WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
 
 
@@ -104,33 +93,30 @@ def scene_stages(
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
     program of surface_layers.cl, None if it is not needed. counting: whether shadow rays are counted."""
     files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
-    geometry = build(device, features.only(_GEOMETRY_FEATURES), files)
-    needed = [name for name, _ in features.values if name not in _GEOMETRY_ALONE]
+    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    drawing = features.only(needed).counting() if counting else features.only(needed)
+    drawing = features.compiled().counting() if counting else features.compiled()
     programs = [build(device, drawing, (pixels,), lanes=lanes)]
     if layers is not None:
-        programs.append(build(device, layers, ("surface_layers.cl",), lanes=lanes))
+        programs.append(build(device, layers.compiled(_LAYER_FEATURES), ("surface_layers.cl",), lanes=lanes))
     if features["LINES"] and device.has_fp64:
-        programs.append(build(device, features.only(_LINE_FEATURES), ("lines.cl",), lanes=1))
+        programs.append(build(device, features.compiled(_LINE_FEATURES), ("lines.cl",), lanes=1))
     return Stages(device, *programs, geometry)
 
 
 def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
     """Return the stages that look up textures at given coordinates."""
-    return Stages(device, build(device, features.only(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
+    return Stages(device, build(device, features.compiled(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
 
 
 def shadow_stages(device: Device, lanes: int | None = None) -> Stages:
     """Return the stages that trace shadow rays by themselves."""
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
-    return Stages(device, build(device, features, ("shadow.cl",), lanes=lanes))
+    return Stages(device, build(device, Features.of(), ("shadow.cl",), lanes=lanes))
 
 
 def hierarchy_stages(device: Device) -> Stages:
     """Return the stages that build the hierarchy of casters."""
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
-    return Stages(device, build(device, features, ("hierarchy.cl",), lanes=1))
+    return Stages(device, build(device, Features.of(), ("hierarchy.cl",), lanes=1))
 
 
 class Stages:
@@ -182,7 +168,7 @@ class Stages:
             else self._dummy.memory
             if argument is None
             else argument
-            if isinstance(argument, np.floating)
+            if isinstance(argument, (np.floating, np.uint64))
             else np.int32(argument)
             for argument in arguments
         ]
@@ -235,12 +221,12 @@ class Stages:
     ) -> cl.Event:
         """ends: the first leaf and how many, the first node and the children of the lowest level's. index_bits: of the
         keys."""
-        arguments = (vertices, faces, keys, leaves, nodes, *ends, index_bits, len(keys.array))
-        return self._launch("hierarchy_leaves", (-(-ends[-1] // 16) * 16,), (16,), *arguments)
+        arguments = (vertices, faces, keys, leaves, nodes, *ends[:-1], index_bits, len(keys.array))
+        return self._launch("hierarchy_leaves", (ends[-1],), (16,), *arguments)
 
     def hierarchy_level(self, nodes: Buffer, first: int, above: int, count: int, slots: int) -> cl.Event:
-        arguments = (nodes, first, above, count)
-        return self._launch("hierarchy_level", (-(-slots // 16) * 16,), (16,), *arguments, slots)
+        """slots: children of the nodes in the level above, full or empty."""
+        return self._launch("hierarchy_level", (slots,), (16,), nodes, first, above, count)
 
     def shadow_rays(
         self, points: Buffer, receivers: Buffer, casters: tuple[Buffer, ...], lights: Buffer, dark: Buffer, count: int
@@ -265,7 +251,7 @@ class Stages:
         """Project the vertices. On a device without float64 the host does it, and there is no event."""
         if self.device.has_fp64:
             return self._per_item("project", count, positions, view, vertices.projected, vertices.relative)
-        orthographic = bool(self._features["ORTHOGRAPHIC"])
+        orthographic = needs(view.array[0]["needs"], "ORTHOGRAPHIC")
         with vertices.projected.writing() as projected, vertices.relative.writing() as relative:
             host_projection.project(positions.array, view.array[0], orthographic, projected, relative)
         return None
@@ -277,6 +263,7 @@ class Stages:
         view: Buffer,
         image: Buffer,
         made: TriangleBuffers,
+        counters: Buffer,
         count: int,
         sides: Sides = (None, None),
     ) -> cl.Event:
@@ -286,10 +273,10 @@ class Stages:
         if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
             means = Buffer(self.device, host_projection.mean_depths(vertices.projected.array, faces.array))
         inputs = (faces, vertices.projected, *sides, means, view, image)
-        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, made.counters, made.index_bits)
+        outputs = (made.triangles, made.bounds, made.keys, made.to_clip, counters, made.index_bits)
         event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
         if means is not None:
-            event.wait()  # `means` is freed on return
+            wait(self.device, [event])  # `means` is freed on return
         return event
 
     def place(
@@ -310,6 +297,7 @@ class Stages:
         view: Buffer,
         image: Buffer,
         made: TriangleBuffers,
+        counters: Buffer,
         of_triangles: tuple[Buffer, Buffer | None],
         block: tuple[int, int],
         count: int,
@@ -328,7 +316,7 @@ class Stages:
             placing.vertex_starts,
             placing.face_starts,
         )
-        outputs = (made.triangles, made.bounds, made.keys, *of_triangles, made.to_clip, made.counters)
+        outputs = (made.triangles, made.bounds, made.keys, *of_triangles, made.to_clip, counters)
         items = -(-count // (run * local)) * local
         arguments = (*inputs, view, image, *outputs, *block, run, len(made.to_clip.array), made.index_bits)
         return self._launch("setup_instances", (items,), (local,), *arguments)
@@ -339,12 +327,13 @@ class Stages:
         vertices: VertexBuffers,
         image: Buffer,
         made: TriangleBuffers,
+        counters: Buffer,
         chunks: Chunks,
         sides: Sides = (None, None),
     ) -> cl.Event:
         """Set up the triangles of faces in their order, and count the entries of each tile."""
         inputs = (faces, vertices.projected, *sides, image)
-        outputs = (made.triangles, made.bounds, chunks.made, chunks.counts, made.to_clip, made.counters)
+        outputs = (made.triangles, made.bounds, chunks.made, chunks.counts, made.to_clip, counters)
         return self._launch("setup_count", (chunks.number,), (1,), *inputs, *outputs, chunks.size, chunks.count)
 
     def setup_pieces(
@@ -352,12 +341,13 @@ class Stages:
         pieces: Buffer,
         image: Buffer,
         made: TriangleBuffers,
+        counters: Buffer,
         face_count: int,
         count: int,
         sides: Sides = (None, None),
     ) -> cl.Event:
         inputs = (pieces, *sides, image)
-        outputs = (made.triangles, made.bounds, made.keys, made.counters)
+        outputs = (made.triangles, made.bounds, made.keys, counters)
         each = self._programs["setup_pieces"].lanes
         return self._per_item("setup_pieces", count, *inputs, *outputs, face_count, made.index_bits, each=each)
 
@@ -369,19 +359,23 @@ class Stages:
         return self._launch("bin_sums", sums.array.shape, (1,), image, chunks.counts, sums, chunks.number)
 
     def bin_scan(
-        self, image: Buffer, sums: Buffer, chunks: Chunks, starts: Buffer, made: TriangleBuffers, stops_to_clip: bool
+        self, image: Buffer, sums: Buffer, chunks: Chunks, starts: Buffer, counters: Buffer, stops_to_clip: bool
     ) -> cl.Event:
         """Find where the lists begin. stops_to_clip: whether nothing is drawn if there are faces to clip."""
-        arguments = (image, sums, chunks.counts, starts, made.counters, chunks.number, stops_to_clip)
+        arguments = (image, sums, chunks.counts, starts, counters, chunks.number, stops_to_clip)
         return self._launch("bin_scan", sums.array.shape, (1,), *arguments)
 
-    def bin_fill(self, order: Buffer, made: TriangleBuffers, image: Buffer, chunks: Chunks, lists: Buffer) -> cl.Event:
-        arguments = (order, made.triangles, image, made.sorted_bounds, chunks.counts, lists, made.counters)
+    def bin_fill(
+        self, order: Buffer, made: TriangleBuffers, image: Buffer, chunks: Chunks, lists: Buffer, counters: Buffer
+    ) -> cl.Event:
+        arguments = (order, made.triangles, image, made.sorted_bounds, chunks.counts, lists, counters)
         return self._launch("bin_fill", (chunks.number,), (1,), *arguments, chunks.size, chunks.count)
 
-    def fill_lists(self, made: TriangleBuffers, image: Buffer, chunks: Chunks, lists: Buffer) -> cl.Event:
+    def fill_lists(
+        self, made: TriangleBuffers, image: Buffer, chunks: Chunks, lists: Buffer, counters: Buffer
+    ) -> cl.Event:
         """Write the lists in the order of `setup_count`."""
-        arguments = (made.triangles, image, made.bounds, chunks.made, chunks.counts, lists, made.counters)
+        arguments = (made.triangles, image, made.bounds, chunks.made, chunks.counts, lists, counters)
         return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
     def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
@@ -389,7 +383,7 @@ class Stages:
         return self._inputs(surface, features)
 
     def _inputs(self, surface: SurfaceInputs, features: Features) -> tuple[Buffer | None, ...]:
-        casters, instances = finds_casters(features), bool(features["INSTANCES"])
+        casters, instances = bool(features["CASTERS"]), bool(features["INSTANCES"])
         return surface.arguments(casters=casters, counts=features.counts, instances=instances)
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
@@ -424,46 +418,38 @@ class Stages:
         colors: Buffer,
         materials: Buffer,
         lights: Buffer,
+        needed: int,
         lit: Buffer,
         unit: float,
         light_count: int,
         count: int,
     ) -> cl.Event:
+        """needed: as the member `needs` of structs.Image."""
         items = -(-count // self.lanes)
-        inputs = (points, normals, colors, materials, lights)
+        inputs = (points, normals, colors, materials, lights, np.uint64(needed))
         return self._launch("light", (items,), (1,), *inputs, lit, self.structs.real(unit), light_count, count)
 
-    def layer_id(self, owners: Buffer, triangles: Buffer, ids: Buffer, count: int) -> cl.Event:
-        return self._per_item("layer_id", count, owners, triangles, ids)
-
-    def layer_instance_id(self, owners: Buffer, surface: SurfaceInputs, numbers: Buffer, count: int) -> cl.Event:
-        tables = (surface.triangle_instances, surface.instances)
-        return self._per_item("layer_instance_id", count, owners, *tables, numbers)
-
-    def layer_id_of_instances(self, owners: Buffer, surface: SurfaceInputs, ids: Buffer, count: int) -> cl.Event:
-        tables = (surface.triangles, surface.triangle_instances, surface.instances)
-        return self._per_item("layer_id_of_instances", count, owners, *tables, ids)
+    def layer_of_owners(self, kernel: str, count: int, owners: Buffer, *tables: Buffer | None) -> cl.Event:
+        """Draw a layer that the owning triangles tell. kernel: layer_id, layer_number, or one of instances; the last of
+        its tables is the layer."""
+        return self._per_item(kernel, count, owners, *tables)
 
     def layer_z(self, owners: Buffer, triangles: Buffer, image: Buffer, depths: Buffer, tiles: int) -> cl.Event:
         return self._per_tile("layer_z", tiles, owners, triangles, image, depths)
-
-    def layer_number(
-        self, owners: Buffer, triangles: Buffer, numbers: Buffer | None, shown: Buffer, count: int
-    ) -> cl.Event:
-        return self._per_item("layer_number", count, owners, triangles, numbers, shown)
 
     def surface_layers(
         self,
         surface: SurfaceInputs,
         owners: Buffer,
         own: tuple[Buffer | None, Buffer | None],
-        outputs: tuple[Any, ...],
+        outputs: Sequence[Buffer | None],
+        asked: int,
         tiles: int,
     ) -> cl.Event:
-        """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: normals, points, albedos, texture coordinates,
-        weights, scalars, shares of rays; None if not asked for."""
+        """Draw layers. own: mirrored and scalars of `LayerTables`. outputs: those of SURFACE_LAYERS, None if not asked for.
+        asked: `LayerTables.asked`."""
         inputs = self._inputs(surface, self._programs["surface_layers"].features)
-        return self._per_tile("surface_layers", tiles, *inputs, owners, *own, *outputs)
+        return self._per_tile("surface_layers", tiles, *inputs, owners, *own, *outputs, asked)
 
     def list_hiders(self, hiding: Hiding, grid: Buffer, cursors: Buffer, hiders: Buffer | None) -> cl.Event:
         """Write the lists of triangles per cell, or only count (`hiders` None)."""

@@ -1,7 +1,8 @@
-"""Inputs of a scene's layers beyond those of its lighting: the macros of their program, and tables by face."""
+"""Inputs of a scene's layers beyond those of its lighting: which are asked for, and tables by face."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -9,41 +10,30 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.validation import value_error
+from ..images.layers import LAYER_TABLE, Layer
 from ..scene.model import Material, Scene, Settings, Texture
-from .features import Features, casts_alpha, uses_normal_indices
+from .features import Features, uses_normal_indices
 from .gather import Gatherer
-
-# The layers of kernels/surface_layers.cl -> the macro that says whether each is asked for.
-MACROS = {
-    "N": "LAYER_N",
-    "P": "LAYER_P",
-    "albedo": "LAYER_ALBEDO",
-    "uv": "LAYER_UV",
-    "barycentrics": "LAYER_BARYCENTRICS",
-    "scalar": "LAYER_SCALAR",
-    "AO": "LAYER_AO",
-}
+from .layer_outputs import LAYER_BITS, MIRRORED
 
 
 class LayerTables(NamedTuple):
     """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
 
-    features: of the program of the layers in MACROS. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored:
-    (F,) int32, whether a face's placement mirrors. objects, materials, instances: (F,) uint32. scalars: (3F,) reals, at the
-    corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn from one copy of their mesh,
-    object_normals are in place of normals, and there are no numbers of instances by face.
+    asked: bits of LAYER_BITS and MIRRORED, 0 without any of SURFACE_LAYERS. numbers: of each layer drawn from faces, (F,)
+    uint32. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored: (F,) int32, whether a face's placement
+    mirrors. scalars: (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances
+    are drawn from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
     """
 
-    features: Features | None
+    asked: int
+    numbers: Mapping[str, Array]
     normals: Array | None = None
     object_normals: Array | None = None
     normal_faces: Array | None = None
     uvs: Array | None = None
     uv_faces: Array | None = None
     mirrored: Array | None = None
-    objects: Array | None = None
-    materials: Array | None = None
-    instances: Array | None = None
     scalars: Array | None = None
     scalar_exponent: int = 0
 
@@ -90,70 +80,52 @@ def first_instances(scene: Scene) -> list[int]:
     return ends[:-1]
 
 
-def _program(scene: Scene, settings: Settings, light: Features, mirrored: bool) -> Features | None:
-    """Return the features of the layers' program. light: those of the image's program, whose colors the layers show
-    too."""
-    asked = set(MACROS) & set(settings.layers)
+def number_names(scene: Scene, layer: Layer) -> Iterator[tuple[int, str]]:
+    """Yield the numbers of object_id, material_id or instance_id with their names, "" for none."""
+    if layer == "object_id":
+        yield from enumerate((mesh.name for mesh in scene.meshes), 1)
+    elif layer == "material_id":
+        yield from zip(material_numbers(scene), (mesh.material.name for mesh in scene.meshes), strict=True)
+    elif layer == "instance_id":
+        for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
+            yield from enumerate(mesh.instance_names or len(np.asarray(mesh.instances)) * ("",), first)
+
+
+def layer_features(light: Features, asked: int) -> Features | None:
+    """Return the features of the layers' program; None if none of SURFACE_LAYERS is asked for. light: those of the image's.
+    asked: see LayerTables."""
     if not asked:
         return None
-    meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-    kept = {"DOUBLE", "FAST", "SAMPLES", "PERSPECTIVE", "ORTHOGRAPHIC", "INSTANCES"}
-    if "albedo" in asked:
-        kept |= {"VERTEX_COLORS", "CORNER_COLORS", "SCALARS", "TEXTURED", "NEAREST", "MIPMAPS", "UV_INDICES"}
-    values = dict(light.only(kept).values)
-    if "N" in asked and light["NORMAL_MAP"]:
-        kept_too = (
-            "PBR",
-            "DIFFUSE",
-            "SPECULAR",
-            "NORMAL_MAP",
-            "NEAREST",
-            "MIPMAPS",
-            "UV_SETS",
-            "UV_INDICES",
-            "MATERIALS",
-        )
-        values |= {name: light[name] for name in kept_too}
-    if "N" in asked:
-        values["NORMAL_INDICES"] = int(any(uses_normal_indices(scene, mesh) for mesh in meshes))
-        values["TWO_SIDED"] = int(any(mesh.material.two_sided for mesh in meshes))
-    if "uv" in asked:
-        values["UV_INDICES"] = int(any(mesh.uv_faces is not None for mesh in meshes))
-        values["ALPHA_TEST"] = int(not values["TEXTURED"])  # either macro provides texture coordinates
-    if "AO" in asked:
-        values |= {"AMBIENT_OCCLUSION": 1, "SHADOW_ALPHA": int(casts_alpha(scene))}
-        if values["SHADOW_ALPHA"]:
-            of_alpha = ("ALPHA_TEST", "BLEND", "VERTEX_ALPHA", "NEAREST", "UV_SETS", "UV_INDICES", "MATERIALS")
-            values |= {name: values[name] or light[name] for name in of_alpha}
-    if values["TEXTURED"] or values["TWO_SIDED"]:
-        values["MATERIALS"] = light["MATERIALS"]
-    values |= {macro: int(name in asked) for name, macro in MACROS.items()}
-    return Features((*values.items(), ("MIRRORED", int(mirrored and "barycentrics" in asked))))
+    casts = any(asked & bit for name, bit in LAYER_BITS.items() if "casters" in LAYER_TABLE[name].reads)
+    return light.including("CASTERS") if casts else light
 
 
 def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Features) -> LayerTables:
     """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
     program."""
     asked = settings.layers
-    turned = any(each.mirrored.any() for each in gatherer.copies)
-    features = _program(scene, settings, light, turned)
-    found: dict[str, Any] = {}
+    bits = sum(bit for name, bit in LAYER_BITS.items() if name in asked)
     if not gatherer.copies:
-        return LayerTables(features)
-    if features is not None:
-        if "N" in asked and not (light["DIFFUSE"] or light["SPECULAR"]):
-            normals, found["normal_faces"] = gatherer.normals(bool(features["NORMAL_INDICES"]))
-            found["object_normals" if light["INSTANCES"] else "normals"] = normals
-        if "uv" in asked:
-            found["uvs"], found["uv_faces"] = gatherer.uvs(bool(features["UV_INDICES"]), untextured=True)
-        if features["MIRRORED"]:
-            found["mirrored"] = gatherer.mirrored()
-        if "scalar" in asked:
-            found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
+        return LayerTables(bits, {})
+    reads = {table for name in asked for table in LAYER_TABLE[name].reads}
+    found: dict[str, Any] = {}
+    if "normals" in reads and not light.needs_any("TERMS"):
+        indexed = any(uses_normal_indices(scene, mesh) for mesh in scene.meshes if len(mesh.faces))
+        normals, found["normal_faces"] = gatherer.normals(indexed)
+        found["object_normals" if light["INSTANCES"] else "normals"] = normals
+    if "uvs" in reads:
+        indexed = any(mesh.uv_faces is not None for mesh in scene.meshes if len(mesh.faces))
+        found["uvs"], found["uv_faces"] = gatherer.uvs(indexed, untextured=True)
+    if "mirrored" in reads and any(each.mirrored.any() for each in gatherer.copies):
+        bits |= MIRRORED
+        found["mirrored"] = gatherer.mirrored()
+    if "scalars" in reads:
+        found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
+    numbers: dict[str, Array] = {}
     if "object_id" in asked:
-        found["objects"] = gatherer.per_face(range(1, len(scene.meshes) + 1), np.uint32)
+        numbers["object_id"] = gatherer.per_face(range(1, len(scene.meshes) + 1), np.uint32)
     if "material_id" in asked:
-        found["materials"] = gatherer.per_face(material_numbers(scene), np.uint32)
+        numbers["material_id"] = gatherer.per_face(material_numbers(scene), np.uint32)
     if "instance_id" in asked and not light["INSTANCES"]:
-        found["instances"] = gatherer.per_copy(first_instances(scene))
-    return LayerTables(features, **found)
+        numbers["instance_id"] = gatherer.per_copy(first_instances(scene))
+    return LayerTables(bits, numbers, **found)

@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Array
+from ..images.layers import LAYER_TABLE, Layer
 from .buffer_pool import Pool
 from .buffers import Buffer
 from .camera_space import CameraSpace
 from .launches import Stages
-from .layer_buffers import MACROS, LayerTables
+from .layer_buffers import LayerTables
+from .layer_outputs import SURFACE_LAYERS
 from .struct_layout import NAN_POSITION
 from .surface_inputs import SurfaceInputs
 
 _BAND = 1 << 13  # pixels
-_WIDTHS = {"N": 3, "P": 3, "albedo": 3, "uv": 2, "barycentrics": 3}  # components of a pixel, in the kernel's order
-_SURFACE = (*_WIDTHS, "scalar", "AO")
-_NUMBERS = {"object_id": "objects", "material_id": "materials", "instance_id": "instances"}  # tables by face
 
 
 class Layers:
@@ -27,10 +26,10 @@ class Layers:
     names: of the layers, as in Settings.
     """
 
-    def __init__(self, stages: Stages, pool: Pool, names: tuple[str, ...], tables: LayerTables) -> None:
+    def __init__(self, stages: Stages, pool: Pool, names: tuple[Layer, ...], tables: LayerTables) -> None:
         self._stages, self._pool, self._names = stages, pool, names
-        self._scalar_exponent = tables.scalar_exponent
-        arrays = tables._asdict()
+        self._asked, self._scalar_exponent = tables.asked, tables.scalar_exponent
+        arrays: dict[str, Any] = {**tables._asdict(), **tables.numbers}
         self._own = {
             name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, np.ndarray)
         }
@@ -45,11 +44,7 @@ class Layers:
     def kinds(self) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
         """Return the components and the type of each layer, by name: () or (K,)."""
         real = self._stages.structs.real
-        found: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
-        for name in self._names:
-            kind = np.float64 if name == "P" else real if name == "Z" or name in _SURFACE else np.uint32
-            found[name] = ((_WIDTHS[name],) if name in _WIDTHS else ()), np.dtype(kind)
-        return found
+        return {name: (LAYER_TABLE[name].shape, LAYER_TABLE[name].dtype(real)) for name in self._names}
 
     def kernel_type(self, name: str) -> np.dtype:
         """Return the type in which the kernels write a layer: that of `kinds`, but for P."""
@@ -81,21 +76,24 @@ class Layers:
         for name, buffer in found.items():
             if name == "Z":
                 events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, tiles)
-            elif name == "id":
-                if surface.instances is None:
-                    events["layer_id"] = self._stages.layer_id(owners, surface.triangles, buffer, count)
-                else:
-                    events["layer_id"] = self._stages.layer_id_of_instances(owners, surface, buffer, count)
-            elif name == "instance_id" and surface.instances is not None:
-                events["layer_instance_id"] = self._stages.layer_instance_id(owners, surface, buffer, count)
-            elif name not in _SURFACE:
-                numbers = self._own.get(_NUMBERS[name])
-                events[f"layer_{name}"] = self._stages.layer_number(owners, surface.triangles, numbers, buffer, count)
-        if any(name in MACROS for name in found):
+            elif name not in SURFACE_LAYERS:
+                kernel, *tables = self._kernel_of(name, surface)
+                events[f"layer_{name}"] = self._stages.layer_of_owners(kernel, count, owners, *tables, buffer)
+        if any(name in SURFACE_LAYERS for name in found):
             inputs = surface._replace(**self._surface)
-            outputs = tuple(found.get(name) for name in _SURFACE)
+            outputs = [found.get(name) for name in SURFACE_LAYERS]
             own = self._own.get("mirrored"), self._own.get("scalars")
-            events["surface_layers"] = self._stages.surface_layers(inputs, owners, own, outputs, tiles)
+            events["surface_layers"] = self._stages.surface_layers(inputs, owners, own, outputs, self._asked, tiles)
+
+    def _kernel_of(self, name: str, surface: SurfaceInputs) -> tuple[Any, ...]:
+        """Return the kernel that makes a layer from owners, and the tables that it reads."""
+        if name == "id" and surface.instances is not None:
+            return "layer_id_of_instances", surface.triangles, surface.triangle_instances, surface.instances
+        if name == "instance_id" and surface.instances is not None:
+            return "layer_instance_id", surface.triangle_instances, surface.instances
+        if name == "id":
+            return "layer_id", surface.triangles
+        return "layer_number", surface.triangles, self._own.get(name)
 
     def finish(self, drawn: dict[str, Array], arrays: dict[str, Array], owners: Array, space: CameraSpace) -> None:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and

@@ -12,8 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.arrays import Floats
-from ..scene.lights import PointLight, RectangleLight
-from ..scene.model import Light
+from ..scene.lights import PlacedLight
 from .sample_pattern import GOLDEN
 
 _ONE = 1 << 32
@@ -35,14 +34,10 @@ def write_pattern(row: np.void, points: int) -> None:
     row["first_point"], row["point_step"] = (np.array(each, np.uint32).view(np.int32) for each in (first, step))
 
 
-def sides_of(light: Light) -> Floats:
-    """Return (2, 3): half the sides of a rectangle, or two radii of a sphere's disc that `AXIS` is normal to; 0 of a light
+def sides_of(light: PlacedLight) -> Floats:
+    """Return (2, 3): half the sides of a flat light, or two radii of a sphere's disc that `AXIS` is normal to; 0 of a light
     without a size."""
-    if isinstance(light, RectangleLight):
-        return np.stack([light.right, light.up])
-    if not isinstance(light, PointLight):
-        return np.zeros((2, 3))
-    return light.radius * disc_radii()
+    return light.radius * disc_radii() if light.sides is None else light.sides
 
 
 def disc_radii() -> Floats:

@@ -8,19 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from ..scene.lights import (
-    NARROWEST_EDGE,
-    DirectionalLight,
-    PointLight,
-    RectangleLight,
-    SpotLight,
-    attenuates,
-    front_of,
-    has_size,
-    unit_direction,
-)
+from ..scene.lights import PlacedLight
 from ..scene.model import Light
 from . import light_points
+from .light_rows import rows_of
 from .shading_tables import Real, light_exponents, relative_lights, to_real
 from .struct_layout import Structs
 
@@ -31,32 +22,32 @@ _MOST_INVERSE = 2.0**60  # of a range, scaled: nearer than 2^-50 nothing arrives
 
 class LightTable:
     """The lights of non-zero intensity. unit: what their intensities are expressed in. points: how many stand for a light
-    of finite size. shadow_factors: what `shadow_view.shadow_factors` returns of the same lights, 1 without shadows."""
+    of finite size. table: rows of structs.Light, at least one. shadow_factors: what `shadow_view.shadow_factors` returns of
+    the same lights, 1 without shadows."""
 
     def __init__(self, lights: Sequence[Light], unit: float, structs: Structs, points: int) -> None:
         shining = [light for light in lights if light.intensity.any()]
-        self._rows = np.zeros(max(len(shining), 1), structs.Light)
+        self.table = rows_of(shining, structs.Light)
         self._real: Real = structs.real
         self.count, self.unit = len(shining), unit
         self.shadow_factors: Floats = np.ones(len(shining))
         intensities = np.array([light.intensity for light in shining]).reshape(-1, 3) / unit
-        sized = np.array([has_size(light) for light in shining], bool)
+        sized = np.array([light.has_size for light in shining], bool)
         intensities[sized] /= points
-        rows = self._rows[: self.count]
+        rows = self.table[: self.count]
         rows["intensity"] = to_real(intensities, self._real)
-        for row, light in zip(rows, shining, strict=True):
-            _write_shape(row, light, self._real)
-            if has_size(light):
-                _write_points(row, light, points)
-        placed = [(k, light) for k, light in enumerate(shining) if not isinstance(light, DirectionalLight)]
+        placed = [(k, light) for k, light in enumerate(shining) if isinstance(light, PlacedLight)]
+        for k, light in placed:
+            if light.has_size:
+                _write_points(rows[k], light, points)
         self._placed = np.array([k for k, _ in placed], np.int64)
         self._positions = np.array([light.position for _, light in placed]).reshape(-1, 3)
         self._sides = np.array([light_points.sides_of(light) for _, light in placed]).reshape(-1, 2, 3)
         self._sizes = np.abs(self._sides).max(axis=(1, 2), initial=0.0)
-        self._attenuated = np.array([attenuates(light) for _, light in placed], bool)
+        self._attenuated = np.array([light.attenuates for _, light in placed], bool)
         self._most = np.where(self._attenuated, _MOST_ATTENUATED, 60)
         self._intensities: Floats = intensities[self._placed[self._attenuated]]
-        ranges = [light.range or math.inf for _, light in placed if attenuates(light)]
+        ranges = [light.range or math.inf for _, light in placed if light.attenuates]
         with np.errstate(over="ignore"):
             self._inverse_ranges: Floats = np.float64(1.0) / np.array(ranges)
 
@@ -64,23 +55,23 @@ class LightTable:
         """Return rows of structs.Light, at least one, for an eye (3,) and the scale of its coordinates, a power of two."""
         if len(self._placed):
             place = self._positions, eye, scale, self._most
-            self._rows["position"][self._placed] = relative_lights(*place)
+            self.table["position"][self._placed] = relative_lights(*place)
             exponents = light_exponents(*place, self._sizes)
         if self._sizes.any():
             self._write_sides(exponents, exponents - light_exponents(*place))
         if self._attenuated.any():
             self._write_attenuation(self._placed[self._attenuated], exponents[self._attenuated])
-        return self._rows
+        return self.table
 
     def _write_sides(self, exponents: Array, smaller: Array) -> None:
         """Write what spans the lights of finite size, counted in 2^-exponent of the scene's unit: 2^smaller times what their
         positions would be."""
         sides = np.ldexp(self._sides, exponents[:, None, None])
         sides = np.where(np.abs(sides) < _LEAST_SIDE, 0.0, sides)
-        self._rows["right"][self._placed], self._rows["up"][self._placed] = sides[:, 0], sides[:, 1]
-        self._rows["center_scale"][self._placed] = to_real(np.ldexp(1.0, smaller), self._real)
+        self.table["right"][self._placed], self.table["up"][self._placed] = sides[:, 0], sides[:, 1]
+        self.table["center_scale"][self._placed] = to_real(np.ldexp(1.0, smaller), self._real)
         factors = self.shadow_factors[self._placed]
-        self._rows["shadow_scale"][self._placed] = to_real(np.ldexp(factors, -exponents), self._real)
+        self.table["shadow_scale"][self._placed] = to_real(np.ldexp(factors, -exponents), self._real)
 
     def _write_attenuation(self, index: Array, exponents: Array) -> None:
         """Write what depends on distances, which the kernels count in 2^-exponent of the scene's unit, of the rows `index`
@@ -88,35 +79,21 @@ class LightTable:
         with np.errstate(over="ignore", under="ignore"):
             intensities = np.ldexp(self._intensities, 2 * exponents[:, None])
             inverse = np.ldexp(self._inverse_ranges, -exponents)
-        self._rows["intensity"][index] = to_real(intensities, self._real)
-        self._rows["inverse_range"][index] = to_real(np.minimum(inverse, _MOST_INVERSE), self._real)
+        self.table["intensity"][index] = to_real(intensities, self._real)
+        self.table["inverse_range"][index] = to_real(np.minimum(inverse, _MOST_INVERSE), self._real)
 
 
-def _write_shape(row: np.void, light: Light, real: Real) -> None:
-    """Write what no camera changes."""
-    if isinstance(light, DirectionalLight):
-        row["directional"], row["position"] = 1.0, -unit_direction(light)
-        return
-    row["attenuated"] = attenuates(light)
-    if not isinstance(light, SpotLight):
-        return
-    inner, outer = (math.cos(math.radians(angle)) for angle in (light.inner_cone, light.outer_cone))
-    row["cone"], row["axis"] = 1, unit_direction(light)
-    row["cone_cosine"] = to_real(np.float64(outer), real)
-    row["cone_scale"] = 1.0 / max(inner - outer, NARROWEST_EDGE)
-
-
-def _write_points(row: np.void, light: Light, points: int) -> None:
-    row["points"], row["sphere"] = points, isinstance(light, PointLight)
-    row["axis"] = front_of(light) if isinstance(light, RectangleLight) else light_points.AXIS
+def _write_points(row: np.void, light: PlacedLight, points: int) -> None:
+    row["points"], row["sphere"] = points, light.sides is None
+    if light.sides is None:
+        row["axis"] = light_points.AXIS
     light_points.write_pattern(row, points)
 
 
 def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:
     """Return the intensities (L, 3) with which lights arrive, the attenuated ones at a distance of `radius`."""
     found = np.array([light.intensity for light in lights]).reshape(-1, 3)
-    for row, light in zip(found, lights, strict=True):
-        if not isinstance(light, DirectionalLight) and attenuates(light) and radius > 0.0:
-            with np.errstate(over="ignore"):
-                row[:] = np.nan_to_num(row / radius / radius)
+    attenuated = np.array([light.attenuates and radius > 0.0 for light in lights], bool)
+    with np.errstate(over="ignore"):
+        found[attenuated] = np.nan_to_num(found[attenuated] / (radius or 1.0) / (radius or 1.0))
     return found

@@ -2,55 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..base.arrays import Array, Bools, Integers
 from ..errors import DeviceError
 from ..scene.edges import Edges
-from .buffers import Buffer, VertexBuffers
+from .buffers import Buffer, wait
 from .camera_space import CameraSpace
-from .launches import Hiding, Stages
+from .frame_state import SceneFrame
+from .launches import Hiding
 from .line_segments import line_grid, segments
 from .mesh_edges import always_drawn, face_normals, facing, mesh_edges, outlines
+from .triangle_source import SceneFaces, Triangles
 
 
 class Lines:
     """The edges of a scene that are drawn as lines, and the memory for their lists.
 
-    positions: (V, 3) world space. faces: (F, 3). front_only: (F,) bool, faces not drawn where they are seen from behind.
+    source: the scene's faces, which hide lines. front_only: (F,) bool, those not drawn where they are seen from behind.
     Raises DeviceError on a device without float64.
     """
 
-    def __init__(self, stages: Stages, asked: Edges, positions: Array, faces: Array, front_only: Bools) -> None:
-        if not stages.device.has_fp64:
-            raise DeviceError(f"{stages.device.name}: expected a device with float64 for edges, found one without")
-        self._stages, self._asked = stages, asked
-        self._positions, self._faces, self._front_only = positions, faces, front_only
-        self._edges = mesh_edges(positions, faces)
-        self._normals = face_normals(positions, faces)
+    def __init__(self, source: SceneFaces, asked: Edges, front_only: Bools) -> None:
+        self._source, self._stages, device = source, source.stages, source.stages.device
+        if not device.has_fp64:
+            raise DeviceError(f"{device.name}: expected a device with float64 for edges, found one without")
+        self._asked, self._front_only = asked, front_only
+        self._positions, self._faces = source.positions.array, source.faces.array
+        self._edges = mesh_edges(self._positions, self._faces)
+        self._normals = face_normals(self._positions, self._faces)
         self._always = always_drawn(self._edges, asked, self._normals)
-        device = stages.device
         self._edge_faces = Buffer(device, self._edges.faces.astype(np.int32))
         self._listed = Buffer.empty(device, 0, np.uint32)
-        self._hiders = Buffer.empty(device, 0, stages.structs.Hider)
+        self._hiders = Buffer.empty(device, 0, source.stages.structs.Hider)
 
-    def draw(
-        self,
-        hiding: Hiding,
-        vertices: VertexBuffers,
-        space: CameraSpace,
-        image: Buffer,
-        events: dict[str, Any],
-        *,
-        painter: bool,
-    ) -> Buffer:
+    def draw(self, triangles: Triangles, frame: SceneFrame, *, painter: bool) -> Buffer:
         """Find the samples that show lines: (M, N, 2) uint64, row 0 at the top, a bit for each sample of each pixel, and
         likewise of lines along edges of more than two faces.
 
-        hiding: the triangles that hide lines; its ranks are set here. painter: whether they do so in painter's order.
+        triangles: those that hide lines. painter: whether they do so in painter's order.
         """
+        space, events, vertices = frame.space, frame.events, self._source.vertices
         stages, device = self._stages, self._stages.device
         chosen = self._chosen(space)
         ends, projected = self._edges.ends[chosen], vertices.projected.to_host()
@@ -63,7 +55,8 @@ class Lines:
             rank = _painter_ranks(projected["depth"][self._faces])
             ranks = Buffer(device, rank)
             lines["w"] = -self._first_ranks(rank)[index, None]
-        hiding = hiding._replace(ranks=ranks)
+        pieces, sides, view = triangles.pieces, self._source.sides, frame.tables.view
+        hiding = Hiding(self._source.faces, vertices.projected, pieces, *sides, ranks, view, self._source.room)
         grid = Buffer(device, line_grid(lines, space, self._asked.steps, stages.structs))
         columns, rows = space.camera.resolution
         shown = Buffer(device, np.zeros((rows, columns, 2), np.uint64))
@@ -85,8 +78,8 @@ class Lines:
         events["list_lines"] = stages.list_lines(table, grid, cursors[0], self._listed, len(lines))
         events["list_hiders"] = stages.list_hiders(hiding, grid, cursors[1], self._hiders)
         lists = (table, self._edge_faces, starts[0], self._listed, starts[1], self._hiders)
-        events["line_samples"] = stages.line_samples(hiding, image, grid, lists, shown, cells)
-        events["line_samples"].wait()  # the tables are freed on return
+        events["line_samples"] = stages.line_samples(hiding, frame.image, grid, lists, shown, cells)
+        wait(device, [events["line_samples"]])  # the tables are freed on return
         return shown
 
     def _chosen(self, space: CameraSpace) -> Integers:

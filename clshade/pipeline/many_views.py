@@ -11,10 +11,9 @@ from ..base.arrays import Array, Reals
 from ..base.spelling import hint
 from ..base.validation import sequence, value_error
 from ..errors import InputError
-from ..images.layer_words import LAYER_WORDS
+from ..images.layers import LAYER_REMARKS, LAYER_WORDS
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
-from ..scene.settings import LAYER_REMARKS
 from .frame import Frame, as_array, missing_layer
 
 _OWNER = "Renderer.render_many"

@@ -5,15 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from ..scene.metallic_roughness import TEXTURES
+from ..scene.metallic_roughness import MAPS
 from ..scene.model import Material, Mesh, Texture
-
-MAPS = (
-    "normal_texture",
-    "occlusion_texture",
-    "emission_texture",
-    "metallic_roughness_texture",
-)  # in the order of the kernels' MAP_*
 
 
 def has_coordinates(mesh: Mesh, texture: Texture | None) -> bool:
@@ -22,14 +15,14 @@ def has_coordinates(mesh: Mesh, texture: Texture | None) -> bool:
 
 
 def map_of(mesh: Mesh, name: str) -> Texture | None:
-    """Return a map of shader pbr, one of `metallic_roughness.TEXTURES`; None if the mesh cannot look it up."""
+    """Return a map of shader pbr, one of `metallic_roughness.MAPS`; None if the mesh cannot look it up."""
     texture: Texture | None = None if mesh.material.pbr is None else getattr(mesh.material.pbr, name)
     return texture if has_coordinates(mesh, texture) else None
 
 
 def maps_of(mesh: Mesh) -> dict[str, Texture]:
     """Return the maps of a mesh by name."""
-    found = {name: map_of(mesh, name) for name in TEXTURES}
+    found = {name: map_of(mesh, name) for name in MAPS}
     return {name: texture for name, texture in found.items() if texture is not None}
 
 
@@ -46,7 +39,7 @@ def usable(mesh: Mesh) -> Material:
     if material.texture is not None and not has_coordinates(mesh, material.texture):
         material = replace(material, texture=None)
     facets = mesh.material.pbr
-    lost: dict[str, Any] = {name: None for name in TEXTURES if facets is not None and map_of(mesh, name) is None}
+    lost: dict[str, Any] = {name: None for name in MAPS if facets is not None and map_of(mesh, name) is None}
     if facets is not None and any(getattr(facets, name) is not None for name in lost):
         material = replace(material, pbr=replace(facets, **lost))
     return material

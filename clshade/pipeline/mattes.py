@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from ..scene.model import Scene, Settings
 from ..scene.settings import Layer
 from . import sample_pattern
 from .effective_settings import numbers_alone
-from .layer_buffers import first_instances, material_numbers
+from .layer_buffers import number_names
 from .renderer import Renderer
 
 if TYPE_CHECKING:
@@ -24,28 +24,11 @@ if TYPE_CHECKING:
     from .opencl.device import Device
 
 
-def _object_names(scene: Scene) -> dict[int, str]:
-    return {number: mesh.name or f"object {number}" for number, mesh in enumerate(scene.meshes, 1)}
-
-
-def _material_names(scene: Scene) -> dict[int, str]:
-    numbered = zip(material_numbers(scene), scene.meshes, strict=True)
-    return {number: mesh.material.name or f"material {number}" for number, mesh in numbered}
-
-
-def _instance_names(scene: Scene) -> dict[int, str]:
-    found = {}
-    for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
-        for number in range(first, first + len(np.asarray(mesh.instances))):
-            found[number] = (mesh.instance_names and mesh.instance_names[number - first]) or f"instance {number}"
-    return found
-
-
-# Layer, name of the Cryptomatte layer, and names of the layer's numbers.
-_LAYERS: dict[MatteKind, tuple[Layer, str, Callable[[Scene], dict[int, str]]]] = {
-    "object": ("object_id", "CryptoObject", _object_names),
-    "material": ("material_id", "CryptoMaterial", _material_names),
-    "instance": ("instance_id", "CryptoInstance", _instance_names),
+# Layer, and name of the Cryptomatte layer.
+_LAYERS: dict[MatteKind, tuple[Layer, str]] = {
+    "object": ("object_id", "CryptoObject"),
+    "material": ("material_id", "CryptoMaterial"),
+    "instance": ("instance_id", "CryptoInstance"),
 }
 
 
@@ -93,11 +76,13 @@ def cryptomatte(
     for found in _at_samples(scene, settings, layers, device):
         for layer, shown in numbers.items():
             shown.append(found[layer])
-    return {
-        kind: matte(label, np.array(numbers[layer]), names(scene), ranks)
-        for kind, (layer, label, names) in _LAYERS.items()
-        if kind in asked
-    }
+    mattes = {}
+    for kind in MATTES:
+        if kind in asked:
+            layer, label = _LAYERS[kind]
+            names = {number: name or f"{kind} {number}" for number, name in number_names(scene, layer)}
+            mattes[kind] = matte(label, np.array(numbers[layer]), names, ranks)
+    return mattes
 
 
 def _checked_kinds(kinds: Sequence[MatteKind]) -> tuple[MatteKind, ...]:

@@ -2,40 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .buffers import Buffer
+from .features import needs
+from .frame_state import FrameInFlight
 from .launches import Stages
 from .surface_inputs import SurfaceInputs
+from .tile_lists import TileLists
 
 
-def draw_pixels(
-    stages: Stages,
-    inputs: SurfaceInputs,
-    order: Buffer,
-    visible: int,
-    tile: tuple[Any, ...],
-    tiles: int,
-    events: dict[str, Any],
-) -> SurfaceInputs:
-    """Run the pixel stage, with Gouraud's shading after that of the corners.
+class PixelPass:
+    """Lights the pixels of tile lists, with Gouraud's shading after the corners of triangles, for which it keeps memory."""
 
-    order: (T,) the triangles whose corners are lit, of which there are `visible`. tile: the last arguments of the
-    stage. Returns the inputs, with memory for the corners' light once that is needed; it has to be kept until the
-    stage is done.
-    """
-    features = stages.pixel_features
-    if features["PHONG"]:
-        events["phong"] = stages.phong(inputs, tile, tiles)
-        return inputs
-    if features["PBR"]:
-        events["pbr"] = stages.pbr(inputs, tile, tiles)
-        return inputs
-    if features["LIT"] and visible:
-        light, count = inputs.corner_light, 3 * len(inputs.triangles.array)
-        if light is None or len(light.array) < count:
-            light = Buffer.empty(stages.device, (count, 4), stages.structs.real)
-            inputs = inputs._replace(corner_light=light)
-        events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
-    events["gouraud"] = stages.gouraud(inputs, tile, tiles)
-    return inputs
+    def __init__(self, stages: Stages) -> None:
+        self._stages = stages
+        self._corner_light: Buffer | None = None
+
+    def draw(
+        self,
+        inputs: SurfaceInputs,
+        lists: TileLists,
+        frame: FrameInFlight,
+        *,
+        order: Buffer | None = None,
+        visible: int = 0,
+        shown: Buffer | None = None,
+    ) -> None:
+        """Enqueue the pixel stage. order: (T,) the triangles whose corners Gouraud's shading lights, of which there are
+        `visible`. shown: the samples that show lines."""
+        stages, features, events = self._stages, self._stages.pixel_features, frame.events
+        tile = (lists.entries, lists.starts, frame.rgba, frame.owners, frame.counted, shown)
+        if features["PHONG"]:
+            events["phong"] = stages.phong(inputs, tile, frame.tiles)
+        elif features["PBR"]:
+            events["pbr"] = stages.pbr(inputs, tile, frame.tiles)
+        else:
+            if order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
+                light = self._light_of(3 * len(inputs.triangles.array))
+                inputs = inputs._replace(corner_light=light)
+                events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
+            events["gouraud"] = stages.gouraud(inputs, tile, frame.tiles)
+        frame.inputs = inputs
+
+    def _light_of(self, corners: int) -> Buffer:
+        """Return memory for the light of so many corners."""
+        if self._corner_light is None or len(self._corner_light.array) < corners:
+            self._corner_light = Buffer.empty(self._stages.device, (corners, 4), self._stages.structs.real)
+        return self._corner_light

@@ -1,4 +1,4 @@
-"""OpenCL programs: sources flattened into one text, built once per feature mask and device, and cached."""
+"""OpenCL programs: sources flattened into one text, built once per device and set of compiled features, and cached."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ..base import console
+from ..base import compiling, console
 from ..base.atomic_files import write_bytes
 from ..errors import ClshadeError, DeviceError
-from .features import Features
+from . import layer_outputs, surface_inputs
+from .features import Features, bit_definitions
 from .opencl import cache_sharing, environment
 from .opencl.device import Device
 from .struct_layout import header
-from .surface_inputs import macros
 
 # Correctly rounded division and square root if the device offers them; every source turns contraction off by a pragma.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
@@ -124,7 +124,7 @@ def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
         timer.daemon = True
         timer.start()
     try:
-        with slot.using():
+        with slot.using(), contextlib.nullcontext() if stored else compiling.at_work():
             yield use
     finally:
         if timer is not None:
@@ -151,7 +151,7 @@ def built() -> tuple[Program, ...]:
 
 
 def build(device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None) -> Program:
-    """Return the program of `files` for this device and feature mask; built at most once per process.
+    """Return the program of `files` for this device and what of `features` is compiled; built at most once per process.
 
     lanes: 1, 4, 8 or 16 pixels processed together; None: what suits the device.
     Raises DeviceError with the compiler's first error.
@@ -165,20 +165,26 @@ def build_text(device: Device, features: Features, text: str, *, lanes: int | No
     return _build(device, features, flatten_text(text), lanes or device.lanes)
 
 
+def declarations(*, double_reals: bool = False, with_double: bool = True) -> str:
+    """Return OpenCL C that the host puts before a program's files: structs, constants, features, arguments, layers."""
+    structs = header(double_reals=double_reals, with_double=with_double)
+    return structs + bit_definitions() + surface_inputs.macros() + layer_outputs.macros()
+
+
 def _build(device: Device, features: Features, flat: str, lanes: int) -> Program:
     import pyopencl as cl
 
     double = bool(features["DOUBLE"])
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
-    declared = header(double_reals=double, with_double=device.has_fp64) + macros()
-    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declared}{flat}"
+    features = features.compiled()
+    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
     options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
     if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         options.append(_EXACT)
     if os.environ.get(QUICK):
         options.append("-cl-opt-disable")
-    key = (device.context.int_ptr, features.values, source, lanes, len(options))
+    key = (device.context.int_ptr, features, source, lanes, len(options))
     if key not in _built:
         start = time.perf_counter()
         path = _stored_at(device, source, options)

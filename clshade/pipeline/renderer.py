@@ -27,8 +27,8 @@ from .camera_space import CameraSpace
 from .effective_settings import effective_settings
 from .features import at_lanes, ignored
 from .frame import Frame
-from .frame_queue import FrameQueue
-from .frame_state import STREAMED_PIXELS, Progress
+from .frame_queue import STREAMED_PIXELS, FrameQueue
+from .frame_state import SceneFrame
 from .instances import draws_from_one_copy
 from .many_views import Views, check_camera, check_cameras, result_arrays
 from .opencl.device import Device, shared_device
@@ -299,8 +299,9 @@ class Renderer:
         rgba, image = drawing.pool.take((rows, columns, 4), self.stages.structs.real)
         owners, owned = drawing.pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
         space = CameraSpace.of(camera, drawing.extent, self.settings.near)
-        frame = Progress(space, streams=rows * columns >= STREAMED_PIXELS)
-        layers = drawing.draw(frame, rgba, owners)
+        streams = rows * columns >= STREAMED_PIXELS
+        frame = SceneFrame.of(space, drawing.tables, rgba, owners, streams=streams)
+        layers = drawing.draw(frame)
         rgba.to_host()
         times = {**self._times, **frame.host_ms, "frame": (running_time() - start) * 1e3}
         build_ms = self._build_ms + (programs.waited() - waited) * 1e3

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Bools
 from ..scene.geometry import half_diagonal
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
@@ -68,17 +68,10 @@ class Packed:
     instances: InstanceTables | None
 
 
-def transparent_faces(packed: Packed) -> Array:
-    """Return which faces are transparent, (F,) bool."""
-    blends = packed.materials["blends"] != 0
-    of_face = blends[0 if packed.face_materials is None else packed.face_materials]
-    return np.broadcast_to(of_face, len(packed.faces))
-
-
-def veiling_faces(packed: Packed) -> Array:
-    """Return which faces may let light pass, (F,) bool."""
-    veils = (packed.materials["blends"] != 0) | (packed.materials["alpha_tested"] != 0)
-    of_face = veils[0 if packed.face_materials is None else packed.face_materials]
+def faces_with(packed: Packed, *members: str) -> Bools:
+    """Return which faces have a material with any of some members set, (F,) bool."""
+    rows = np.any([packed.materials[name] != 0 for name in members], axis=0)
+    of_face = rows[0 if packed.face_materials is None else packed.face_materials]
     return np.broadcast_to(of_face, len(packed.faces))
 
 
@@ -107,7 +100,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
         low, high = placed_extent(gatherer.placed)
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
-        if features["DIFFUSE"] or features["SPECULAR"]:
+        if features.needs_any("TERMS"):
             found["normals"], found["normal_faces"] = gatherer.normals(
                 bool(features["NORMAL_INDICES"]), bends=bool(features["SHADOWS"])
             )

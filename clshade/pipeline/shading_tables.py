@@ -8,10 +8,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from ..scene.metallic_roughness import LEAST_ROUGHNESS
+from ..scene.material import TERMS
+from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
 from ..scene.model import Material, Texture
 from . import struct_layout
-from .maps import MAPS
 from .mipmaps import levels_below
 from .struct_layout import Structs
 
@@ -53,8 +53,8 @@ def material_table(
     """Return rows of structs.Material. Coefficients beyond a real's range saturate."""
     table = np.zeros(len(materials), structs.Material)
     for row, material in zip(table, materials, strict=True):
-        for name, value in (("ambient", material.ka * ambient), ("kd", material.kd), ("ks", material.ks)):
-            row[name] = to_real(value, structs.real)
+        row["ambient"] = to_real(material.ka * ambient, structs.real)
+        row["k"] = to_real(np.concatenate([getattr(material, name) for name in TERMS]), structs.real)
         row["n"] = material.n
         facets = material.microfacets
         row["metallic"], row["roughness"], row["f90"] = facets.metallic, facets.roughness, facets.specular
@@ -67,7 +67,7 @@ def material_table(
         row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
         row["texture"] = _number(textures, material.texture)
         row["maps"] = [_number(textures, getattr(facets, name)) for name in MAPS]
-        row["map_factors"] = facets.normal_scale, facets.occlusion_strength, 1.0, 1.0
+        row["map_factors"] = [getattr(facets, each.factor) if each.factor else 1.0 for each in MAPS.values()]
         row["alpha_tested"], row["blends"] = material.alpha_cutoff is not None, material.blend
         has_alpha = material.texture is not None and material.texture.image.shape[2] == 4
         row["alpha_texture"] = row["texture"] if has_alpha and (row["alpha_tested"] or row["blends"]) else -1
@@ -128,7 +128,7 @@ def light_unit(
     over pi is at most 4 times as much by spherical harmonics, as a sum of 9 terms, and reflected once more as highlights.
     """
     lobe = LEAST_ROUGHNESS**-6 / 2.0
-    sums = (np.abs(m.diffuse) + lobe if pbr else np.abs(m.kd) + np.abs(m.ks) for m in materials)
+    sums = (np.abs(m.diffuse) + lobe if pbr else sum(np.abs(getattr(m, name)) for name in TERMS) for m in materials)
     reflected = max((float(each.max()) for each in sums), default=0.0)
     diffuse = max((float(np.abs(m.diffuse).max()) for m in materials), default=0.0)
     scattered = max((float(np.abs(m.ka * ambient).max()) for m in materials), default=0.0)

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..scene.lights import has_size
-from . import scene_buffers
 from .buffers import Buffer
 from .features import Features
 from .frame import Frame
 from .launches import Stages, scene_stages
+from .pixel_pass import PixelPass
 from .renderer import Renderer
 from .scene_drawing import SceneDrawing
 from .struct_layout import SHADOW_COUNTS
+from .surface_inputs import SurfaceInputs
 
 # Why a ray is not traced; a ray with several reasons counts for the first.
 SKIPPED = {
@@ -70,21 +70,28 @@ class ShadowCounts:
         return {"possible": self.possible, **asdict(self)}
 
 
+class _CountingPass(PixelPass):
+    """A pixel stage that counts rays."""
+
+    def __init__(self, stages: Stages) -> None:
+        super().__init__(stages)
+        self.counts = Buffer(stages.device, np.zeros(2 * len(SHADOW_COUNTS), np.uint32))
+
+    def draw(self, inputs: SurfaceInputs, *arguments: Any, **more: Any) -> None:
+        with self.counts.writing() as counts:  # tiles are drawn again if their lists lacked room
+            counts[:] = 0
+        super().draw(inputs._replace(shadow_counts=self.counts), *arguments, **more)
+
+
 class _CountingDrawing(SceneDrawing):
     """A drawing whose kernels count rays."""
 
     def _build(self, lanes: int | None, layers: Features | None) -> Stages:
         return scene_stages(self.device, self.features, lanes, layers, counting=True)
 
-    def _upload_casters(self, packed: scene_buffers.Packed) -> None:
-        super()._upload_casters(packed)
-        self.counts = Buffer(self.device, np.zeros(2 * len(SHADOW_COUNTS), np.uint32))
-        self._shadow_tables["shadow_counts"] = self.counts
-
-    def _draw(self, *arguments: Any, **more: Any) -> None:
-        with self.counts.writing() as counts:  # tiles are drawn again if their lists lacked room
-            counts[:] = 0
-        super()._draw(*arguments, **more)
+    def _pixel_pass(self) -> PixelPass:
+        self.counting = _CountingPass(self.stages)
+        return self.counting
 
 
 class CountingRenderer(Renderer):
@@ -97,13 +104,13 @@ class CountingRenderer(Renderer):
     def count(self) -> tuple[Frame, ShadowCounts]:
         """Draw a frame with the scene's camera, and return it with its counts."""
         frame = self.render()
-        halves = self._drawing.counts.to_host().astype(np.uint64).reshape(-1, 2)
+        halves = self._drawing.counting.counts.to_host().astype(np.uint64).reshape(-1, 2)
         found = {
             name.lower(): int(low + (high << np.uint64(32)))
             for name, (low, high) in zip(SHADOW_COUNTS, halves, strict=True)
         }
         lights = self.scene.lights if self.settings.shadows else ()
-        points = [self.settings.light_samples if has_size(light) else 1 for light in lights]
+        points = [self.settings.light_samples if light.has_size else 1 for light in lights]
         dark = [count for count, light in zip(points, lights, strict=True) if not light.intensity.any()]
         found["dark_light"] = found["places"] * sum(dark)
         return frame, ShadowCounts(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from ..scene.lights import DirectionalLight, unit_direction
+from ..scene.lights import PlacedLight
 from ..scene.model import Light
 from .camera_space import CameraSpace
 from .hierarchy import CasterFrame, split
@@ -55,7 +55,7 @@ def shadow_factors(lights: tuple[Light, ...], frame: CasterFrame) -> Floats:
     for light in lights:
         if light.intensity.any():
             w = 0.0
-            if not isinstance(light, DirectionalLight):
+            if isinstance(light, PlacedLight):
                 moved = (np.asarray(light.position, np.float64) - frame.origin) * frame.unit
                 reach = float(np.abs(moved).max()) + _size(light) * frame.unit
                 w = 1.0 if reach <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(reach)[1]
@@ -65,11 +65,9 @@ def shadow_factors(lights: tuple[Light, ...], frame: CasterFrame) -> Floats:
 
 def _size(light: Light) -> float:
     """Return how far from its position a light reaches."""
-    return float(np.abs(sides_of(light)).sum())
+    return float(np.abs(sides_of(light)).sum()) if isinstance(light, PlacedLight) else 0.0
 
 
 def _homogeneous(light: Light) -> Floats:
     """Return the position of a light, w = 1, or the unit vector toward a directional one, w = 0."""
-    if isinstance(light, DirectionalLight):
-        return np.append(-unit_direction(light), 0.0)
-    return np.append(np.asarray(light.position, np.float64), 1.0)
+    return np.append(light.position, 1.0) if isinstance(light, PlacedLight) else np.append(-light.axis, 0.0)

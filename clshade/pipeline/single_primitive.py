@@ -10,16 +10,20 @@ import numpy as np
 
 from ..base.arrays import Array, Floats
 from ..scene.model import Material, Texture
+from ..scene.settings import Shader
 from . import shading_tables, struct_layout
 from .buffers import Buffer, TriangleBuffers
-from .depth_sort import front_to_back
+from .depth_order import DepthOrder
 from .features import Features, derive_alone
+from .frame_state import FrameInFlight
 from .launches import Stages, lookup_stages, scene_stages
 from .opencl.device import Device
-from .pixel_pass import draw_pixels
+from .pixel_pass import PixelPass
 from .programs import build
+from .sorted_pass import SortedPass
 from .surface_inputs import SurfaceInputs
 from .tile_lists import TileLists
+from .triangle_source import Triangles
 
 _SUBPIXELS = 1 << struct_layout.SUBPIXEL_BITS
 _ONES = np.ones(3)
@@ -69,7 +73,7 @@ class _Lit:
         self.materials = Buffer(device, shading_tables.material_table([around.material], [], _ONES))
 
 
-def _features(shader: str, around: PointLighting, bright: bool = False) -> Features:
+def _features(shader: Shader, around: PointLighting, bright: bool = False) -> Features:
     """Return the features of `derive_alone`, see there for `bright`."""
     return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()), bright)
 
@@ -106,7 +110,8 @@ def light_point(device: Device, around: PointLighting, normal: Floats, color: Fl
         _four(device, color[None]),
     )
     result = Buffer.empty(device, (1, 4), np.float32)
-    stages.light(points, normals, colors, lit.materials, lit.lights, result, lit.unit, lit.count, 1)
+    needed = _features("phong", around).needs
+    stages.light(points, normals, colors, lit.materials, lit.lights, needed, result, lit.unit, lit.count, 1)
     return result.to_host()[0, :3].astype(np.float64)
 
 
@@ -183,7 +188,7 @@ def _window(pieces: Array, columns: int, rows: int) -> tuple[int, int, int, int]
 
 
 def draw_triangle(
-    device: Device, shader: str, corners: Array, normals: Array, colors: Array, around: PointLighting, image: Array
+    device: Device, shader: Shader, corners: Array, normals: Array, colors: Array, around: PointLighting, image: Array
 ) -> None:
     """Draw a triangle over an image, (M, N, 3) float64 with row 0 at the BOTTOM, in place.
 
@@ -210,50 +215,44 @@ def draw_triangle(
 
 def _draw(
     device: Device,
-    shader: str,
+    shader: Shader,
     pieces: Array,
     attributes: tuple[Array, Array],
     around: PointLighting,
     resolution: tuple[int, int],
 ) -> Array | None:
     """Draw only the pieces: RGBA at that resolution, row 0 at the top; None if no pixel is covered."""
-    stages = scene_stages(device, _features(shader, around, bool((np.abs(attributes[1]) > 1.0).any())))
+    features = _features(shader, around, bool((np.abs(attributes[1]) > 1.0).any()))
+    stages = scene_stages(device, features)
     lit = _Lit(device, around, attributes[1])
     table = np.zeros(1, struct_layout.SINGLE.Image)
+    table["needs"] = features.needs
     table["columns"], table["rows"] = columns, rows = resolution
     table["tiles_x"] = -(-columns // struct_layout.TILE_SIZE)
-    table["tiles"] = tiles = -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
+    table["tiles"] = -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
     table["lights"], table["unscale"], table["light_unit"] = lit.count, 1.0, lit.unit
     image, made = Buffer(device, table), TriangleBuffers(device, 1, len(pieces))
+    rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
+    frame = FrameInFlight(image, Buffer(device, np.zeros(1, struct_layout.SINGLE.Counters)), rgba)
     on_device = Buffer(device, pieces)
-    stages.setup_pieces(on_device, image, made, 1, len(pieces))
-    visible = int(made.counters.to_host()["visible"][0])
+    stages.setup_pieces(on_device, image, made, frame.counted, 1, len(pieces))
+    visible = int(frame.read_counters()["visible"])
     if not visible:
         return None
-    order = Buffer(device, front_to_back(made.keys.to_host(visible)))
-    lists = TileLists(stages)
-    lists.count(order, made, image, visible, tiles, {})
-    lists.make_room(int(made.counters.to_host()["entries"][0]))
-    with image.writing() as rows_of_image:
-        rows_of_image["list_capacity"] = lists.room
-    lists.fill(order, made, image, visible, {})
     normals, colors = attributes
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
-    # All corners are at the point, and so is the triangle's centroid.
-    relative = Buffer(device, np.repeat(lit.relative, 3, axis=0))
-    faces = Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3))
-    surface = SurfaceInputs(
+    inputs = SurfaceInputs(
         triangles=made.triangles,
         pieces=on_device,
-        faces=faces,
-        relative=relative,
+        faces=Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3)),
+        # All corners are at the point, and so is the triangle's centroid.
+        relative=Buffer(device, np.repeat(lit.relative, 3, axis=0)),
         normals=_four(device, normals),
         colors=_four(device, colors),
         materials=lit.materials,
         lights=lit.lights,
         image=image,
     )
-    rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
-    tile = (lists.entries, lists.starts, rgba, None, made.counters)
-    surface = draw_pixels(stages, surface, order, visible, tile, tiles, {})
+    row = SortedPass(DepthOrder(device), TileLists(stages), PixelPass(stages))
+    row.draw(Triangles(made, visible, on_device), inputs, frame)
     return rgba.to_host()

@@ -12,7 +12,9 @@ import numpy as np
 
 from ..scene.image_light.brdf_table import SIDE as BRDF_SIDE
 from ..scene.image_light.specular import LEVELS, OFF_MIRROR
-from ..scene.metallic_roughness import LEAST_ROUGHNESS
+from ..scene.material import TERMS
+from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
+from .light_rows import MEMBERS as LIGHT_MEMBERS
 
 SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
 GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
@@ -79,10 +81,11 @@ CONSTANTS = {
     "OFF_MIRROR": OFF_MIRROR,
     "NAN_POSITION": NAN_POSITION,
     "WHITE_POSITION": WHITE_POSITION,
-    "MAP_NORMAL": 0,
-    "MAP_OCCLUSION": 1,
-    "MAP_EMISSION": 2,
-    "MAP_ROUGHNESS": 3,
+    **{f"TERM_{each.feature}": index for index, each in enumerate(TERMS.values())},
+    "TERMS": len(TERMS),
+    **{f"MAP_{each.name}": index for index, each in enumerate(MAPS.values())},
+    "MAPS": len(MAPS),
+    "SCALED_MAPS": sum(1 << index for index, each in enumerate(MAPS.values()) if each.factor),
     "WRAP_REPEAT": 0,
     "WRAP_CLAMP": 1,
     "WRAP_MIRROR": 2,
@@ -94,6 +97,7 @@ CONSTANTS = {
 # name -> list of (C type, member, count, description)
 _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     "View": [
+        ("ulong", "needs", 1, "as of Image"),
         ("double", "eye", 3, "world space"),
         ("double", "axes", 9, "rows: camera x, y, z in world space"),
         ("double", "principal", 2, "where the viewing direction meets the image, fractions of N and M"),
@@ -165,30 +169,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "face_shift", 1, "from its mesh's faces to the scene's, modulo 2^32"),
         ("int", "number", 1, "of the layer instance_id"),
     ],
-    "Light": [
-        ("real", "position", 3, "relative to the eye, world axes, scaled; directional: unit, toward the light"),
-        ("real", "directional", 1, "1 for a directional light, else 0"),
-        ("real", "intensity", 3, "linear RGB; attenuated: at a scaled distance of 1"),
-        ("real", "inverse_range", 1, "1/range, scaled; 0 for none"),
-        ("real", "axis", 3, "unit, world axes: of the cone, away from the light; or of a light of finite size"),
-        ("real", "cone_cosine", 1, "of the outer angle"),
-        ("real", "cone_scale", 1, "1 over the difference of the inner and the outer cosine"),
-        ("int", "cone", 1, "whether it is a spot"),
-        ("int", "attenuated", 1, "whether it decreases with the square of the distance"),
-        ("int", "points", 1, "that stand for a light of finite size, 0 for none; with AREA_LIGHTS"),
-        (
-            "real",
-            "right",
-            3,
-            "scaled: half a side of a rectangle, or a radius of a sphere's disc that axis is normal to",
-        ),
-        ("int", "sphere", 1, "whether it is a sphere, else a rectangle whose normal is axis"),
-        ("real", "up", 3, "scaled: half the other side, or the radius at right angles"),
-        ("real", "shadow_scale", 1, "turns right and up into the units of its ShadowLight; with SHADOWS"),
-        ("real", "center_scale", 1, "turns position into the units of right and up, a power of two, 1 or less"),
-        ("int", "first_point", 2, "in the unit square, fractions of 2^32"),
-        ("int", "point_step", 2, "from point to point"),
-    ],
+    "Light": LIGHT_MEMBERS,
     "ShadowLight": [
         ("float", "high", 3, "of its position relative to the casters' origin, in the units of shadows, times w"),
         ("float", "w", 1, "1, a smaller power of two for a distant light, 0 for a directional one: toward it"),
@@ -215,9 +196,8 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
     "Material": [
         ("real", "ambient", 3, "ka * Ia, linear RGB"),
         ("real", "n", 1, "specular exponent"),
-        ("real", "kd", 3, "per channel"),
         ("int", "texture", 1, "index of the texture, -1 for none"),
-        ("real", "ks", 3, "per channel"),
+        ("real", "k", 3 * len(TERMS), "coefficients of Phong's terms, by TERM_*, linear RGB each"),
         ("int", "two_sided", 1, "whether a side seen from behind is lit with its normal turned round"),
         ("real", "alpha_cutoff", 1, "pixels with less alpha are left out, if it is tested"),
         ("int", "front_only", 1, "whether only counter-clockwise triangles are drawn"),
@@ -228,8 +208,8 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "diffuse", 3, "factor of the color in the diffuse term of shader pbr, per channel"),
         ("real", "roughness", 1, "0 to 1, GGX's alpha is its square"),
         ("real", "emission", 3, "linear RGB"),
-        ("int", "maps", 4, "by MAP_*, indices of textures, -1 for none"),
-        ("real", "map_factors", 4, "of the normal's first two components, of occlusion, 1, 1"),
+        ("int", "maps", len(MAPS), "by MAP_*, indices of textures, -1 for none"),
+        ("real", "map_factors", len(MAPS), "by MAP_*: `Map.factor`"),
         ("real", "opacity", 1, "factor of alpha"),
         ("int", "alpha_tested", 1, "whether alpha is tested"),
         ("int", "blends", 1, "whether it is transparent: composited by alpha"),
@@ -249,8 +229,8 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "wrap", 2, "WRAP_* along u and v"),
         ("int", "lookup", 1, "LOOKUP_*"),
         ("int", "levels", 1, "how many there are, 1 without mip-mapping"),
-        ("int", "nearest", 1, "whether the nearest texel is shown; with NEAREST"),
-        ("int", "uv_offset", 1, "of its coordinates among those of all sets; with UV_SETS"),
+        ("int", "nearest", 1, "whether the nearest texel is shown"),
+        ("int", "uv_offset", 1, "of its coordinates among those of all sets"),
         (
             "int",
             "alike",
@@ -259,6 +239,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ),
     ],
     "Image": [
+        ("ulong", "needs", 1, "a bit for each feature that the frame needs, see features.clh"),
         ("int", "columns", 1, "N"),
         ("int", "rows", 1, "M"),
         ("int", "first", 2, "column and row of the lower left pixel in the whole image of which this is a part"),

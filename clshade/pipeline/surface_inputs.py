@@ -23,7 +23,7 @@ class SurfaceInputs(NamedTuple):
     vertices: Annotated[Buffer | None, "Vertex"] = None  # V, from project
     pieces: Annotated[Buffer | None, "Piece"] = None  # C, from the host
     normals: Annotated[Buffer | None, "real4"] = None  # K, unit or 0, world axes
-    normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; with NORMAL_INDICES
+    normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; None: `faces`
     colors: Annotated[Buffer | None, "real4"] = (
         None  # V with VERTEX_COLORS, F x 3 with CORNER_COLORS, linear RGB; position in the color map
     )
@@ -33,7 +33,7 @@ class SurfaceInputs(NamedTuple):
     uvs: Annotated[Buffer | None, "real4"] = (
         None  # T, texture coordinates u, v and their rounding errors; T more for each further set
     )
-    uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; with UV_INDICES
+    uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; None: `faces`
     tangents: Annotated[Buffer | None, "real4"] = None  # unit or 0, and the bitangent's side; with NORMAL_MAP
     tangent_faces: Annotated[Buffer | None, "int"] = None  # F x 3, tangents; with NORMAL_MAP
     face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS
@@ -51,9 +51,7 @@ class SurfaceInputs(NamedTuple):
     object_normals: Annotated[Buffer | None, "double4"] = None  # K, in place of normals
     object_tangents: Annotated[Buffer | None, "double4"] = None  # in place of tangents
     corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
-    shadow_vertices: Annotated[Buffer | None, "float"] = (
-        None  # of Hierarchy: V x 8; this and the rest with SHADOWS or AMBIENT_OCCLUSION
-    )
+    shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 8; this and the rest with CASTERS
     shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
     # of what is opaque, of what is not, for lights, then for ambient occlusion; without levels nothing is hidden
@@ -64,11 +62,16 @@ class SurfaceInputs(NamedTuple):
     shadow_counts: Annotated[Buffer | None, "uint"] = None  # 64-bit numbers, low halves first; with SHADOW_COUNTS
 
     def arguments(self, *, casters: bool, counts: bool = False, instances: bool = False) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without SHADOWS or AMBIENT_OCCLUSION, SHADOW_COUNTS, and INSTANCES."""
+        """Return the arguments of a kernel with or without CASTERS, SHADOW_COUNTS, and INSTANCES."""
         left_out = COUNTS_ALONE * (not counts) + CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
-        return tuple(getattr(self, name) for name in self._fields if name not in left_out)
+        return tuple(
+            self.faces if value is None and name in INDICES else value
+            for name, value in zip(self._fields, self, strict=True)
+            if name not in left_out
+        )
 
 
+INDICES = ("normal_faces", "uv_faces")
 COUNTS_ALONE = ("shadow_counts",)
 INSTANCES_ALONE = (
     "triangle_instances",
@@ -93,7 +96,7 @@ def macros() -> str:
 
     return (
         f"#ifdef SHADOW_COUNTS\n{without(*INSTANCES_ALONE)}"
-        f"#elif SHADOWS || AMBIENT_OCCLUSION\n{without(*INSTANCES_ALONE, *COUNTS_ALONE)}"
+        f"#elif CASTERS\n{without(*INSTANCES_ALONE, *COUNTS_ALONE)}"
         f"#elif INSTANCES\n{without(*CASTERS_ALONE)}"
         f"#else\n{without(*INSTANCES_ALONE, *CASTERS_ALONE)}#endif\n"
     )
@@ -102,6 +105,6 @@ def macros() -> str:
 def _macros(declared: dict[str, str]) -> str:
     return (
         f"#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
-        f"#define SURFACE_ARGUMENTS {{{', '.join(declared)}}}\n"
-        f"#define SURFACE_MEMBERS {' '.join(f'{member};' for member in declared.values())}\n"
+        f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(declared)}}}\n"
+        f"#define SURFACE_MEMBERS ulong needs; {' '.join(f'{member};' for member in declared.values())}\n"
     )

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeviceError
-from .buffers import Buffer, TriangleBuffers, VertexBuffers
-from .launches import Chunks, Sides, Stages
+from .buffers import Buffer, TriangleBuffers
+from .frame_state import FrameInFlight
+from .launches import Chunks, Stages
+from .triangle_source import SceneFaces, Triangles
 
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _LARGE_CHUNK = 1 << 14  # each chunk counts all tiles: more than two per compute unit are at least so large
@@ -64,50 +66,52 @@ class TileLists:
         if len(self.starts.array) != tiles + 1:
             self.starts = self._empty(tiles + 1, np.uint32)
 
-    def _scan(self, made: TriangleBuffers, image: Buffer, events: dict[str, Any], *, stops_to_clip: bool) -> None:
+    def _scan(self, frame: FrameInFlight, *, stops_to_clip: bool) -> None:
         """Find where each tile's list begins, and each chunk's part of it."""
-        chunks = self._chunks
+        chunks, events = self._chunks, frame.events
         if len(self._sums.array) > 1:
-            events["bin_sums"] = self._stages.bin_sums(image, chunks, self._sums)
-        events["bin_scan"] = self._stages.bin_scan(image, self._sums, chunks, self.starts, made, stops_to_clip)
+            events["bin_sums"] = self._stages.bin_sums(frame.image, chunks, self._sums)
+        arguments = (frame.image, self._sums, chunks, self.starts, frame.counted, stops_to_clip)
+        events["bin_scan"] = self._stages.bin_scan(*arguments)
 
-    def count(
-        self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, tiles: int, events: dict[str, Any]
-    ) -> None:
+    def count(self, order: Buffer, triangles: Triangles, frame: FrameInFlight) -> None:
         """Count the entries of each tile, of the triangles in an order, and find where its list begins."""
-        self._make_starts(tiles)
-        if not visible:
+        self._make_starts(frame.tiles)
+        if not triangles.visible:
             with self.starts.writing() as rows:
                 rows[:] = 0
             return
-        events["bin_count"] = self._stages.bin_count(order, made, image, self._split(visible, tiles))
-        self._scan(made, image, events, stops_to_clip=False)
+        chunks = self._split(triangles.visible, frame.tiles)
+        frame.events["bin_count"] = self._stages.bin_count(order, triangles.made, frame.image, chunks)
+        self._scan(frame, stops_to_clip=False)
 
-    def fill(self, order: Buffer, made: TriangleBuffers, image: Buffer, visible: int, events: dict[str, Any]) -> None:
+    def fill(self, order: Buffer, triangles: Triangles, frame: FrameInFlight) -> None:
         """Write the lists."""
-        if visible:
-            events["bin_fill"] = self._stages.bin_fill(order, made, image, self._chunks, self.entries)
+        if triangles.visible:
+            arguments = (order, triangles.made, frame.image, self._chunks, self.entries, frame.counted)
+            frame.events["bin_fill"] = self._stages.bin_fill(*arguments)
 
-    def set_up(
-        self,
-        faces: Buffer,
-        vertices: VertexBuffers,
-        made: TriangleBuffers,
-        image: Buffer,
-        tiles: int,
-        events: dict[str, Any],
-        sides: Sides,
-    ) -> None:
+    def set_up(self, source: SceneFaces, frame: FrameInFlight) -> None:
         """Set up the triangles of faces, count the entries of each tile, and find where its list begins. If there are
         faces to clip, the counters show more entries than any list has room for."""
-        self._make_starts(tiles)
-        chunks = self._split(len(faces.array), tiles, multiple=self._stages.lanes)
-        events["setup"] = self._stages.setup_count(faces, vertices, image, made, chunks, sides)
-        self._scan(made, image, events, stops_to_clip=True)
+        self._make_starts(frame.tiles)
+        chunks = self._split(source.room, frame.tiles, multiple=self._stages.lanes)
+        arguments = (source.faces, source.vertices, frame.image, source.made, frame.counted, chunks, source.sides)
+        frame.events["setup"] = self._stages.setup_count(*arguments)
+        self._scan(frame, stops_to_clip=True)
 
-    def fill_unsorted(self, made: TriangleBuffers, image: Buffer, events: dict[str, Any]) -> None:
+    def fill_unsorted(self, made: TriangleBuffers, frame: FrameInFlight) -> None:
         """Write the lists after `set_up`."""
-        events["bin_fill"] = self._stages.fill_lists(made, image, self._chunks, self.entries)
+        arguments = (made, frame.image, self._chunks, self.entries, frame.counted)
+        frame.events["bin_fill"] = self._stages.fill_lists(*arguments)
+
+    def make_room_for(self, entries: int, frame: FrameInFlight) -> None:
+        """Make room for the entries of a frame, whose lists are to be filled again. Raises DeviceError."""
+        self.make_room(entries)
+        with frame.image.writing() as table:
+            table["list_capacity"] = self.room
+        with frame.counted.writing() as table:
+            table["next_tile"] = table["saturated"] = 0
 
     def make_room(self, entries: int) -> None:
         """Make room for so many entries, with a margin for the next camera if memory allows it. Raises DeviceError."""

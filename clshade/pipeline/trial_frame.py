@@ -14,7 +14,7 @@ import numpy as np
 from ..scene.camera import Camera
 from ..scene.model import Mesh, Scene
 from .buffers import Buffer
-from .features import CHOICES, OPTIONAL, Features
+from .features import Features
 from .launches import Stages
 from .opencl import environment
 from .opencl.device import Device, open_untested
@@ -52,7 +52,7 @@ def main(index: str, name: str, folder: str, lanes: str) -> None:
 
 
 def _fuses(device: Device) -> bool:
-    program = build_text(device, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), FUSED)
+    program = build_text(device, Features.of(), FUSED)
     x = np.repeat(np.array([1 + 2.0**-12, 1 + 2.0**-11], np.float32), device.lanes)
     given, found = Buffer(device, x), Buffer(device, np.zeros(device.lanes, np.float32))
     Stages(device, program).fused_lanes(given, found)

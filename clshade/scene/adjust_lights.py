@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
-
-from ..base.arrays import Array, Floats
 from ..base.validation import number
 from ..errors import InputError
-from .lights import DirectionalLight, PointLight, RectangleLight, SpotLight, attenuates
-from .model import Light, Scene
+from .lights import PointLight
+from .model import Scene
 
 
 def with_lights(scene: Scene, chosen: Sequence[int], option: str = "lights") -> Scene:
@@ -20,8 +16,9 @@ def with_lights(scene: Scene, chosen: Sequence[int], option: str = "lights") -> 
     for an index that it lacks."""
     for index in chosen:
         if not 0 <= index < len(scene.lights):
-            expected = f"indices from 0 to {len(scene.lights) - 1}" if scene.lights else "none, the scene has no lights"
-            raise InputError(f"{option}: expected {expected}, found {index}")
+            if not scene.lights:
+                raise InputError(f"{option}: the scene has no lights")
+            raise InputError(f"{option}: expected indices from 0 to {len(scene.lights) - 1}, found {index}")
     return replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(chosen)), own_lights=True)
 
 
@@ -45,35 +42,6 @@ def sized_lights(scene: Scene, radius: float, option: str = "light radius") -> S
     for a radius below 0 or a scene without point lights."""
     size = number("scene", option, radius, least=0.0)
     if not any(isinstance(light, PointLight) for light in scene.lights):
-        raise InputError(f"{option}: expected a scene with point lights, found none")
+        raise InputError(f"{option}: the scene has no point lights")
     lights = (replace(light, radius=size) if isinstance(light, PointLight) else light for light in scene.lights)
     return replace(scene, lights=tuple(lights))
-
-
-def turned_light(light: Light, center: Floats, turn: Array) -> Light:
-    """Return the light turned about `center` by a rotation (3, 3). Raises InputError where a position overflows."""
-    changed: dict[str, Any] = {}
-    if not isinstance(light, DirectionalLight):
-        with np.errstate(over="ignore"):
-            changed["position"] = np.asarray(center + turn @ (light.position - center))
-    if isinstance(light, (DirectionalLight, SpotLight)):
-        changed["direction"] = turn @ light.direction
-    if isinstance(light, RectangleLight):
-        changed["right"], changed["up"] = turn @ light.right, turn @ light.up
-    return replace(light, **changed)
-
-
-def rescaled_light(light: Light, scale: float, shift: float | Floats) -> Light:
-    """Return the light of a scene whose lengths are `scale` times as large, moved by `shift`: what it lights is as bright
-    as before."""
-    if isinstance(light, DirectionalLight):
-        return light
-    changed: dict[str, Any] = {"position": light.position * scale + shift}
-    if isinstance(light, PointLight):
-        changed["radius"] = light.radius * scale
-    if isinstance(light, RectangleLight):
-        changed["right"], changed["up"] = light.right * scale, light.up * scale
-    if attenuates(light):
-        changed["intensity"] = light.intensity * scale**2
-        changed["range"] = None if light.range is None else light.range * scale
-    return replace(light, **changed)

@@ -1,40 +1,98 @@
-"""What a scene holds, as tables: its meshes, their scalars with their ranges, its lights and its animations."""
+"""What a scene holds, as tables: meshes, materials, textures, scalars, camera, lights and animations."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..base.text_tables import as_lines
-from .model import Light, Mesh, Scene
+from .camera import Camera
+from .geometry import bounding_box
+from .lights import described
+from .metallic_roughness import MAPS
+from .model import Material, Mesh, Scene, Texture
 from .scalar_colors import at_vertices
 
 
-def scene_contents(scene: Scene) -> dict[str, Any]:
-    """Return meshes and scalars as JSON-compatible values; least and most are None of scalars without a number."""
+def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: int | None = None) -> dict[str, Any]:
+    """Return what a scene holds as JSON-compatible values; least and most are None of scalars without a number.
+
+    seconds: length of each animation, None where it is not known. cameras: how many the file has, if the scene does not
+    say. What was added to a file, lights and camera, is not listed.
+    """
+    low, high = bounding_box(scene)
+    lights = scene.lights if scene.own_lights else ()
+    materials = list({id(mesh.material): mesh.material for mesh in scene.meshes}.values())
+    textures = list({id(each): each for material in materials for each in _textures(material).values()}.values())
+    lengths = [*seconds, *[None] * (len(scene.animations) - len(seconds))]
     return {
+        "name": scene.name,
+        "preset": scene.preset,
         "triangles": scene.face_count,
-        "lights": len(scene.lights),
+        "bounds": [low.tolist(), high.tolist()],
+        "cameras": int(not scene.fitted) if cameras is None else cameras,
+        "camera": None if scene.fitted else _camera(scene.camera),
+        "lights": len(lights),
+        "added_lights": len(scene.lights) - len(lights),
         "light_scale": scene.light_scale,
-        "animations": list(scene.animations),
-        "each_light": [light_facts(light) for light in scene.lights],
-        "meshes": [_mesh(number, mesh) for number, mesh in enumerate(scene.meshes, 1)],
+        "environment": scene.environment is not None,
+        "animations": [{"name": name, "seconds": s} for name, s in zip(scene.animations, lengths, strict=True)],
+        "each_light": [light.facts() for light in lights],
+        "meshes": [_mesh(number, mesh, materials) for number, mesh in enumerate(scene.meshes, 1)],
+        "materials": [_material(number, material, textures) for number, material in enumerate(materials, 1)],
+        "textures": [_texture(number, texture) for number, texture in enumerate(textures, 1)],
     }
 
 
-def light_facts(light: Light) -> dict[str, Any]:
-    """Return kind and fields of a light as JSON-compatible values."""
-    found: dict[str, Any] = {"kind": type(light).__name__}
-    for field in fields(light):
-        value = getattr(light, field.name)
-        found[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
-    return found
+def _camera(camera: Camera) -> dict[str, Any]:
+    height = camera.plane[0]
+    angle = math.degrees(2.0 * math.atan2(height / 2.0, camera.focal))
+    size = {"view_height": height} if camera.orthographic else {"view_angle": angle}
+    return {
+        "position": camera.eye.tolist(),
+        "focal_point": camera.lookat.tolist(),
+        "up": camera.up.tolist(),
+        **size,
+        "resolution": list(camera.resolution),
+    }
 
 
-def _mesh(number: int, mesh: Mesh) -> dict[str, Any]:
+def _textures(material: Material) -> dict[str, Texture]:
+    """Return the textures of a material by what they are for."""
+    found = {"color": material.texture}
+    if material.pbr is not None:
+        found |= {name.removesuffix("_texture"): getattr(material.pbr, name) for name in MAPS}
+    return {name: texture for name, texture in found.items() if texture is not None}
+
+
+def _material(number: int, material: Material, textures: list[Texture]) -> dict[str, Any]:
+    numbers = {id(texture): k for k, texture in enumerate(textures, 1)}
+    pbr = material.pbr
+    if pbr is None:
+        model: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in ("ka", "kd", "ks", "n")}
+    else:
+        model = {"metallic": pbr.metallic, "roughness": pbr.roughness}
+    alpha = "blend" if material.blend else "opaque" if material.alpha_cutoff is None else "mask"
+    return {
+        "number": number,
+        "name": material.name,
+        "color": material.color.tolist(),
+        **model,
+        "opacity": material.opacity,
+        "alpha": alpha,
+        "textures": {name: numbers[id(texture)] for name, texture in _textures(material).items()},
+    }
+
+
+def _texture(number: int, texture: Texture) -> dict[str, Any]:
+    rows, columns, channels = texture.image.shape
+    return {"number": number, "name": texture.name, "size": [columns, rows], "channels": channels}
+
+
+def _mesh(number: int, mesh: Mesh, materials: list[Material]) -> dict[str, Any]:
     return {
         "number": number,
         "name": mesh.name,
@@ -43,6 +101,7 @@ def _mesh(number: int, mesh: Mesh) -> dict[str, Any]:
         "instances": len(np.asarray(mesh.instances)),
         "instance_names": list(mesh.instance_names),
         "material": mesh.material.name,
+        "material_number": 1 + next(k for k, each in enumerate(materials) if each is mesh.material),
         "scalars": [_scalars(mesh, name) for name in mesh.scalars],
     }
 
@@ -59,18 +118,26 @@ def format_contents(contents: dict[str, Any]) -> str:
     """Return the contents as lines for the terminal."""
     meshes = contents["meshes"]
     rows = [
-        (_shown(m["name"]), f"{m['number']}", *(f"{m[name]:,}" for name in ("triangles", "vertices", "instances")))
+        (
+            _shown(m["name"]),
+            *(f"{m[name]:,}" for name in ("number", "triangles", "vertices", "instances", "material_number")),
+        )
         for m in meshes
     ]
-    lines = as_lines(("mesh", "number", "triangles", "vertices", "instances"), rows)
+    lines = [
+        *_general_lines(contents),
+        "",
+        *as_lines(("mesh", "number", "triangles", "vertices", "instances", "material"), rows),
+    ]
+    lines += _material_lines(contents)
     found = [
         (_shown(s["name"]), f"{m['number']}", s["of"], _number(s["least"]), _number(s["most"]), f"{s['nan']:,}")
         for m in meshes
         for s in m["scalars"]
     ]
     lines += _light_lines(contents)
-    animations = [(_shown(name), f"{number}") for number, name in enumerate(contents["animations"])]
-    lines += ["", *as_lines(("animation", "number"), animations)] if animations else []
+    animations = [(_shown(a["name"]), f"{k}", _number(a["seconds"])) for k, a in enumerate(contents["animations"])]
+    lines += ["", *as_lines(("animation", "number", "seconds"), animations)] if animations else []
     lines += _instance_lines(meshes)
     if found:
         lines += ["", *as_lines(("scalars", "mesh", "of", "least", "most", "NaN"), found)]
@@ -87,44 +154,63 @@ def _instance_lines(meshes: list[dict[str, Any]]) -> list[str]:
     return ["", *as_lines(("instance", "number", "mesh"), rows)] if rows else []
 
 
-def _light_lines(contents: dict[str, Any]) -> list[str]:
-    """Return a table of the lights, nothing without any."""
-    rows = [
-        (
-            light["kind"],
-            f"{number}",
-            _vector(light.get("position")),
-            _vector(light.get("direction")),
-            _size(light),
-            _vector(light["intensity"]),
-            f"{light['inner_cone']:.4g} to {light['outer_cone']:.4g}" if "inner_cone" in light else "-",
-            light.get("attenuation", "none"),
-            _number(light.get("range")),
-        )
-        for number, light in enumerate(contents["each_light"])
+def _general_lines(contents: dict[str, Any]) -> list[str]:
+    """Return a line each on the scene, its bounding box and its camera."""
+    low, high = contents["bounds"]
+    camera, count = contents["camera"], contents["cameras"]
+    lines = [
+        f"scene   {_shown(contents['name'])}: {contents['triangles']:,} triangles, preset {contents['preset']}",
+        f"bounds  {_vector(low)} to {_vector(high)}, size {_vector(np.subtract(high, low))}",
     ]
-    if not rows:
-        return []
-    header = ("light", "number", "position", "direction", "size", "intensity", "cone, degrees", "attenuation", "range")
-    lines = ["", *as_lines(header, rows, left=2)]
+    if camera is None:
+        unused = f", {count} without use" if count else ""
+        return [*lines, f"camera  none{unused}: one that shows all is added"]
+    seen = f"view angle {camera['view_angle']:.4g}" if "view_angle" in camera else f"height {camera['view_height']:.6g}"
+    size = "x".join(map(str, camera["resolution"]))
+    first = f", the first of {count}" if count > 1 else ""
+    return [*lines, f"camera  {_vector(camera['position'])} to {_vector(camera['focal_point'])}, {seen}, {size}{first}"]
+
+
+def _material_lines(contents: dict[str, Any]) -> list[str]:
+    """Return tables of the materials and their textures."""
+    rows = []
+    uses: dict[int, dict[str, list[str]]] = {}
+    for each in contents["materials"]:
+        names = ("metallic", "roughness") if "metallic" in each else ("ka", "kd", "ks", "n")
+        model = ", ".join(f"{name} {_vector(np.unique(each[name]))}" for name in names)
+        alpha = each["alpha"] + (f" {each['opacity']:.4g}" if each["opacity"] != 1.0 else "")
+        rows.append((_shown(each["name"]), f"{each['number']}", _vector(each["color"]), model, alpha))
+        for name, number in each["textures"].items():
+            uses.setdefault(number, {}).setdefault(name, []).append(f"{each['number']}")
+    lines = ["", *as_lines(("material", "number", "color", "model", "alpha"), rows)]
+    textures = [
+        (
+            *(_shown(each["name"]), f"{each['number']}", "x".join(map(str, each["size"])), f"{each['channels']}"),
+            "; ".join(f"{name} of {','.join(numbers)}" for name, numbers in uses[each["number"]].items()),
+        )
+        for each in contents["textures"]
+    ]
+    head = ("texture", "number", "size", "channels", "used as, by material")
+    return lines + (["", *as_lines(head, textures)] if textures else [])
+
+
+def _light_lines(contents: dict[str, Any]) -> list[str]:
+    """Return a line of each light, or one on those that are added."""
+    lights, added = contents["each_light"], contents["added_lights"]
+    if added:
+        return ["", f"no lights: {added} are added, or with shader pbr the studio"]
+    lines = ["", *(f"light {number}: {each['kind']} {described(each)}" for number, each in enumerate(lights))]
     if contents["light_scale"] != 1.0:
         lines.append(f"intensities are the file's, in candela and lux, times {contents['light_scale']:.6g}")
-    return lines
-
-
-def _size(light: dict[str, Any]) -> str:
-    """Return a sphere's radius, or the width and the height of a rectangle."""
-    if "right" in light:
-        return " x ".join(_number(2.0 * math.hypot(*light[side])) for side in ("right", "up"))
-    return f"radius {light['radius']:.4g}" if light.get("radius") else "-"
-
-
-def _vector(values: list[float] | None) -> str:
-    return "-" if values is None else " ".join(f"{value + 0.0:.4g}" for value in values)
+    return lines if lights else []
 
 
 def _shown(name: str) -> str:
     return (name if name.isprintable() else ascii(name)) or "unnamed"
+
+
+def _vector(values: Any) -> str:
+    return " ".join(f"{value + 0.0:.6g}" for value in values)
 
 
 def _number(value: float | None) -> str:

@@ -28,6 +28,9 @@ UPS: dict[Up, tuple[tuple[int, int, int], ...]] = {
     "-z": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
     "-x": ((0, 1, 0), (-1, 0, 0), (0, 0, 1)),
 }
+_STANDS = 0.01  # of the size along an axis: so near to 0 a mesh stands on it
+_PLATE = 0.05  # of the largest size: thinner is a plate, such as a relief, which may face any way
+_TALLER = 1.2  # times as large: a mesh that is so along another axis may stand on it
 _TOWARDS_EYE = (0.55, 0.42, 1.0)  # from the object: from the right, a little above
 
 # Position in the camera's axes (right, up, towards the camera), in bounding radii from the center, and linear RGB.
@@ -61,7 +64,9 @@ def framed(
         camera = default_camera(meshes, up, resolution, sphere)
     own_lights = bool(lights)
     if not lights:
-        right, upward, forward = geometry.camera_axes(camera)
+        # Those of a chosen camera before it is fitted: they are the same for images of any shape, to the last bit.
+        of = Camera.from_fov(_TOWARDS_EYE @ np.array(UPS[up]), np.zeros(3), UPS[up][1], FOV) if chosen else camera
+        right, upward, forward = geometry.camera_axes(of)
         axes = np.stack([right, upward, -forward])
         with np.errstate(over="ignore"):  # PointLight refuses an overflow
             places = [center + radius * (np.array(place) @ axes) for place, _ in _LIGHTS]
@@ -92,6 +97,22 @@ def default_camera(
     with np.errstate(over="ignore"):
         camera = Camera.from_fov(center + towards * radius, center, axes[1], FOV, resolution or RESOLUTION)
     return fitted(camera, meshes, sphere=(center, radius))
+
+
+def likely_up(low: Array, high: Array, up: Up) -> Up | None:
+    """Return the axis, y or z, that points up by the extents of a mesh, or None if they do not speak against `up`.
+
+    low, high: (3,) corners of the bounding box. up: y or z, the axis that was taken. The other one is likelier where the
+    mesh stands on its zero and is no plate, or is _TALLER along it and `up` is not its thinnest axis: flat things lie.
+    Neither counts for a mesh that stands on the zero of `up`.
+    """
+    size = np.asarray(high) - low
+    stands = (np.abs(low) <= _STANDS * size) & (size > _PLATE * size.max())
+    taken, other = (1, 2) if up == "y" else (2, 1)
+    if up not in ("y", "z") or stands[taken]:
+        return None
+    tall = size[other] == size.max() and size[other] > _TALLER * size[taken] > _TALLER * size.min()
+    return ("x", "y", "z")[other] if stands[other] or tall else None
 
 
 def up_of(camera: Camera) -> Up:

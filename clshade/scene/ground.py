@@ -14,16 +14,7 @@ from .framing import UPS, Up, up_of
 from .geometry import bounding_box
 from .image_light.irradiance import irradiance_at
 from .image_light.light import image_light
-from .lights import (
-    NARROWEST_EDGE,
-    DirectionalLight,
-    Light,
-    RectangleLight,
-    SpotLight,
-    attenuates,
-    front_of,
-    unit_direction,
-)
+from .lights import DirectionalLight, Light
 from .model import Material, Mesh, Scene, Settings
 
 GRAY = (0.2, 0.6)  # linear, of the middle: from dark to bright backgrounds
@@ -35,7 +26,9 @@ _BELOW = 1e-3  # gap to the lowest point, bounding radii: surfaces that touch th
 _RINGS, _SECTORS = 24, 96
 
 
-def with_ground(scene: Scene, up: Up | None = None, settings: Settings | None = None) -> Scene:
+def with_ground(
+    scene: Scene, up: Up | None = None, settings: Settings | None = None, *, gray: float | None = None
+) -> Scene:
     """Return the scene with a ground below it, its last mesh.
 
     Parameters
@@ -46,6 +39,8 @@ def with_ground(scene: Scene, up: Up | None = None, settings: Settings | None = 
         Axis that points up. Default: the one nearest to the camera's.
     settings : Settings, optional
         How it will be drawn, for the color towards its edge. Default: as the scene's preset says.
+    gray : float, optional
+        Color of the middle, linear. Default: by the background, 0.2 to 0.6.
 
     Returns
     -------
@@ -84,11 +79,12 @@ def with_ground(scene: Scene, up: Up | None = None, settings: Settings | None = 
     share = np.repeat(np.r_[0.0, _fading(rings)], [1, *[_SECTORS] * _RINGS])
     meshes = objects_of(scene).meshes
     with np.errstate(over="ignore"):
-        # In float64 it would make the kernels keep all positions so.
-        verts = verts.astype(np.result_type(np.float32, *(mesh.verts.dtype for mesh in meshes)))
+        # In float64 it would make the kernels keep all positions so, which only those far from the origin need.
+        if np.spacing(np.float32(np.abs(verts).max())) < 0.1 * _BELOW * radius:
+            verts = verts.astype(np.result_type(np.float32, *(mesh.verts.dtype for mesh in meshes)))
     faces = _disc()
     ground = Mesh(verts, faces, None, axes[1:2], np.zeros_like(faces), material=MATERIAL, name="ground")
-    colors = _colors(replace(scene, meshes=(*meshes, ground)), settings, axes[1], share)
+    colors = _colors(replace(scene, meshes=(*meshes, ground)), settings, axes[1], share, gray)
     return replace(scene, meshes=(*meshes, replace(ground, colors=colors)))
 
 
@@ -105,14 +101,15 @@ def _fading(radii: Floats) -> Floats:
     return np.asarray(x * x * x * (x * (6.0 * x - 15.0) + 10.0))
 
 
-def _colors(scene: Scene, settings: Settings, up: Floats, share: Floats) -> Floats:
+def _colors(scene: Scene, settings: Settings, up: Floats, share: Floats, gray: float | None) -> Floats:
     """Return the colors at the vertices of the ground, the scene's last mesh: a gray, and by the share (V,) those with which
     it looks like the background."""
     background = scene.background if settings.background == "scene" else settings.background
     verts = scene.meshes[-1].verts.astype(np.float64)
     if background is None or isinstance(background, str):  # an environment, which is no color
-        return np.full(verts.shape, GRAY[0])
-    gray = float(np.clip(_OF_BACKGROUND * np.mean(background), *GRAY))
+        return np.full(verts.shape, GRAY[0] if gray is None else gray)
+    if gray is None:
+        gray = float(np.clip(_OF_BACKGROUND * np.mean(background), *GRAY))
     tinted, plain = _light(scene, settings, verts, up)
     shown = (1.0 - share[:, None]) * gray * tinted + share[:, None] * np.maximum(background - plain, 0.0)
     with np.errstate(over="ignore"):
@@ -139,21 +136,15 @@ def _light(scene: Scene, settings: Settings, verts: Floats, up: Floats) -> tuple
 def _arriving(light: Light, verts: Floats, up: Floats) -> Floats:
     """Return what part (V,) of a light's intensity the ground receives; of one of finite size from its center."""
     if isinstance(light, DirectionalLight):
-        return np.full(len(verts), max(float(-unit_direction(light) @ up), 0.0))
+        return np.full(len(verts), max(float(-light.axis @ up), 0.0))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # of what Mesh refuses
         towards = light.position - verts
         scale = np.frexp(np.abs(towards).max())[1]
         scaled = np.ldexp(towards, -scale)  # squares neither overflow nor vanish
         length = np.linalg.norm(scaled, axis=1)
         towards = scaled / np.where(length > 0.0, length, 1.0)[:, None]
-        arriving = np.maximum(towards @ up, 0.0)
-        if isinstance(light, SpotLight):
-            inner, outer = np.cos(np.radians([light.inner_cone, light.outer_cone]))
-            ramp = (-towards @ unit_direction(light) - outer) / max(inner - outer, NARROWEST_EDGE)
-            arriving = arriving * np.clip(ramp, 0.0, 1.0) ** 2
-        if isinstance(light, RectangleLight):
-            arriving = arriving * np.maximum(-towards @ front_of(light), 0.0)
-        if attenuates(light):
+        arriving = np.maximum(towards @ up, 0.0) * light.profile(-towards)
+        if light.attenuates:
             distance = np.ldexp(length, scale)
             window = 1.0 if light.range is None else np.clip(1.0 - (distance / light.range) ** 4, 0.0, 1.0)
             arriving = arriving * np.where(distance > 0.0, window / distance**2, 0.0)

@@ -1,16 +1,26 @@
-"""Lights: points, directions and spots, as the glTF extension KHR_lights_punctual has them; spheres and rectangles."""
+"""Lights: points, directions and spots, as the glTF extension KHR_lights_punctual has them; spheres and rectangles.
+
+A class says all that is known of its kind: fields, where it shines, what of it glTF can say. A field that kinds share is the
+same in all of them, see `FIELDS`. Vectors are kept as read-only (3,) float64 arrays. A value that is not finite, beyond
+float32 or not allowed raises InputError, which names the field.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Floats, Vector
+from ..base.arrays import Array, Floats, Vector
 from ..base.validation import choice, number, set_fields, value_error, vector
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Attenuation: TypeAlias = Literal["none", "inverse-square"]
 ATTENUATIONS: tuple[Attenuation, ...] = get_args(Attenuation)
@@ -19,31 +29,68 @@ NARROWEST_ANGLE = 1e-6  # radians between the sides of a rectangle
 NARROWEST_EDGE = 1e-3  # of a cone: least difference of the cosines between which it fades (KHR_lights_punctual)
 
 
-def _ones() -> Any:
-    return np.ones(3)
+@dataclass(frozen=True)
+class Field:
+    """What a field of lights is.
+
+    check: of class, field and value; returns what is kept. text: of `repr`, but for the value `missing`. turns: whether it
+    is a vector that turns with the scene. grows: whether it is a length, or several. moves: whether it is a position.
+    values: what random scenes try, all there are, or the limits of a range and numbers between them. Vectors and lengths are
+    drawn freely.
+    """
+
+    check: Callable[[str, str, Any], Any]
+    text: str
+    turns: bool = False
+    grows: bool = False
+    moves: bool = False
+    values: tuple[Any, ...] = ()
+    missing: Any = None
 
 
-def _intensity(who: str, value: Any) -> Floats:
-    intensity = vector(who, "intensity", value)
+def _intensity(who: str, name: str, value: Any) -> Floats:
+    intensity = vector(who, name, value)
     if (np.abs(intensity) > float(np.finfo(np.float32).max)).any():
-        raise value_error(who, "intensity", "numbers within float32", intensity.tolist())
+        raise value_error(who, name, "numbers within float32", intensity.tolist())
     return intensity
 
 
-def _direction(who: str, value: Any) -> Floats:
-    direction = vector(who, "direction", value)
-    if not direction.any():
-        raise value_error(who, "direction", "a vector other than 0", direction.tolist())
-    return direction
+def _vector_but_0(who: str, name: str, value: Any) -> Floats:
+    found = vector(who, name, value)
+    if not found.any():
+        raise value_error(who, name, "a vector other than 0", found.tolist())
+    return found
 
 
-def _check_attenuation(who: str, light: PointLight | SpotLight | RectangleLight) -> None:
-    choice(who, "attenuation", light.attenuation, ATTENUATIONS)
-    if light.range is None:
-        return
-    if light.attenuation == "none":
-        raise value_error(who, "range", "None without attenuation", light.range)
-    set_fields(light, range=number(who, "range", light.range, above=0.0))
+def _range(who: str, name: str, value: Any) -> float | None:
+    return None if value is None else number(who, name, value, above=0.0)
+
+
+_attenuation, _radius = partial(choice, allowed=ATTENUATIONS), partial(number, least=0.0)
+_angle = partial(number, least=0.0, most=WIDEST_CONE, expected="degrees from 0 to 90")
+_ANGLES = (0.0, 1e-3, 1.0, WIDEST_CONE)
+FIELDS = {  # in the order of texts
+    "position": Field(vector, ", at {}", turns=True, grows=True, moves=True),
+    "right": Field(_vector_but_0, ", right {}", turns=True, grows=True),
+    "up": Field(_vector_but_0, ", up {}", turns=True, grows=True),
+    "radius": Field(_radius, ", radius {}", grows=True, values=(0.0,), missing=0.0),
+    "direction": Field(_vector_but_0, ", along {}", turns=True),
+    "inner_cone": Field(_angle, ", cone {}", values=_ANGLES),
+    "outer_cone": Field(_angle, " to {} degrees", values=_ANGLES),
+    "intensity": Field(_intensity, ", intensity {}"),
+    "attenuation": Field(_attenuation, ", {}", values=ATTENUATIONS, missing="none"),
+    "range": Field(_range, " up to {}", grows=True, values=(None,)),
+}
+
+
+def described(facts: dict[str, Any]) -> str:
+    """Return where a light is, where it shines and how bright, in a few words. facts: its fields, see `AnyLight.facts`."""
+    shown = {name: each for name, each in FIELDS.items() if name in facts and facts[name] != each.missing}
+    return "".join(each.text.format(_shown(facts[name])) for name, each in shown.items())[2:]
+
+
+def _shown(value: Any) -> str:
+    return value if isinstance(value, str) else " ".join(f"{each + 0.0:.6g}" for each in np.atleast_1d(value).tolist())
 
 
 def _unit(direction: Floats) -> Floats:
@@ -52,17 +99,124 @@ def _unit(direction: Floats) -> Floats:
     return unit
 
 
-def unit_direction(light: DirectionalLight | SpotLight) -> Floats:
-    """Return the direction that the light travels in, or the axis of its cone: (3,), unit."""
-    return _unit(light.direction)
+def _ones() -> Any:
+    return np.ones(3)
 
 
-def _numbers(values: Floats | tuple[float, ...]) -> str:
-    return " ".join(f"{value + 0.0:.6g}" for value in np.asarray(values).tolist())
+@dataclass(frozen=True, eq=False, repr=False)
+class AnyLight:
+    """What all kinds of light have, besides an intensity."""
+
+    gltf: ClassVar[str]  # the nearest type in KHR_lights_punctual
+
+    def __post_init__(self) -> None:
+        who = type(self).__name__
+        set_fields(self, **{name: FIELDS[name].check(who, name, value) for name, value in self._values().items()})
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {described(self.facts())}>"
+
+    def _values(self) -> dict[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def facts(self) -> dict[str, Any]:
+        """Return kind and fields as JSON-compatible values."""
+        values = self._values().items()
+        plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values}
+        return {"kind": type(self).__name__, **plain}
+
+    @property
+    def axis(self) -> Floats | None:
+        """The direction, (3,) unit, in which it shines; None: in all."""
+        return None
+
+    @property
+    def cone(self) -> tuple[float, float] | None:
+        """Angles from the axis between which it fades, degrees; None without a cone."""
+        return None
+
+    @property
+    def has_size(self) -> bool:
+        """Whether it is larger than a point."""
+        return False
+
+    @property
+    def attenuates(self) -> bool:
+        """Whether it decreases with distance."""
+        return False
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a point without attenuation."""
+        return not (self.attenuates or self.has_size or self.axis is not None)
+
+    @property
+    def gltf_loss(self) -> str:
+        """What of it glTF cannot say, and in brackets what it says instead."""
+        return ""
+
+    def turned(self, center: Floats, turn: Array) -> Self:
+        """Return the light turned about `center` by a rotation (3, 3). Raises InputError where a position overflows."""
+        changed = {name: value for name, value in self._values().items() if FIELDS[name].turns}
+        with np.errstate(over="ignore"):
+            for name, value in changed.items():
+                moves = FIELDS[name].moves
+                changed[name] = np.asarray(center + turn @ (value - center)) if moves else turn @ value
+        return replace(self, **changed)
+
+    def rescaled(self, scale: float, shift: float | Floats) -> Self:
+        """Return the light of a scene whose lengths are `scale` times as large, moved by `shift`: what it lights is as
+        bright as before."""
+        changed = {name: each for name, each in self._values().items() if FIELDS[name].grows and each is not None}
+        for name, value in changed.items():
+            changed[name] = value * scale + shift if FIELDS[name].moves else value * scale
+        if self.attenuates:
+            changed["intensity"] = self._values()["intensity"] * scale**2
+        return replace(self, **changed)
 
 
-@dataclass(frozen=True, eq=False)
-class PointLight:
+class PlacedLight(AnyLight):
+    """What all lights at a position have."""
+
+    position: Floats
+    attenuation: Attenuation
+    range: float | None
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.attenuation == "none" and self.range is not None:
+            raise value_error(type(self).__name__, "range", "None without attenuation", self.range)
+
+    @property
+    def sides(self) -> Floats | None:
+        """Half the sides, (2, 3), of a flat light; None of another."""
+        return None
+
+    @property
+    def has_size(self) -> bool:
+        """Whether it is larger than a point."""
+        return self.radius > 0.0 or self.sides is not None
+
+    @property
+    def attenuates(self) -> bool:
+        """Whether it decreases with distance."""
+        return self.attenuation != "none"
+
+    def profile(self, away: Floats) -> Floats | float:
+        """Return what part of the intensity it sends in directions away from it, (..., 3) unit: of a spot its cone's, of a
+        flat light the cosine to its normal."""
+        if self.axis is None:
+            return 1.0
+        cosine = away @ self.axis
+        if self.cone is None:
+            return np.asarray(np.maximum(cosine, 0.0))
+        inner, outer = np.cos(np.radians(self.cone))
+        return np.asarray(np.clip((cosine - outer) / max(inner - outer, NARROWEST_EDGE), 0.0, 1.0) ** 2)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointLight(PlacedLight):
     """A light that shines from a point, or a sphere, in all directions.
 
     Attributes
@@ -83,15 +237,9 @@ class PointLight:
         which faces the receiver: the light is the mean over points of the disc, each of which shines
         as a point light of this intensity (`Settings.light_samples`).
 
-    Raises
-    ------
-    InputError
-        A value is not finite, beyond float32, or not allowed; the message names the field.
-
     Notes
     -----
-    Position and intensity are kept as read-only (3,) float64 arrays. At a distance of 0 a light
-    contributes nothing.
+    At a distance of 0 a light contributes nothing.
     """
 
     position: Floats
@@ -99,6 +247,8 @@ class PointLight:
     attenuation: Attenuation = "none"
     range: float | None = None
     radius: float = 0.0
+
+    gltf = "point"
 
     if TYPE_CHECKING:  # here and below: the accepted types; the fields have those that are kept
 
@@ -111,18 +261,14 @@ class PointLight:
             radius: float = 0.0,
         ) -> None: ...
 
-    def __post_init__(self) -> None:
-        position = vector("PointLight", "position", self.position)
-        set_fields(self, position=position, intensity=_intensity("PointLight", self.intensity))
-        _check_attenuation("PointLight", self)
-        set_fields(self, radius=number("PointLight", "radius", self.radius, least=0.0))
-
-    def __repr__(self) -> str:
-        return f"<PointLight {described(self)}>"
+    @property
+    def gltf_loss(self) -> str:
+        """What of it glTF cannot say, and in brackets what it says instead."""
+        return "radii of lights (points)" if self.has_size else ""
 
 
-@dataclass(frozen=True, eq=False)
-class DirectionalLight:
+@dataclass(frozen=True, eq=False, repr=False)
+class DirectionalLight(AnyLight):
     """A light from infinitely far away, such as the sun: it arrives everywhere from the same direction.
 
     Attributes
@@ -132,34 +278,25 @@ class DirectionalLight:
     intensity : array_like, (3,), default (1, 1, 1)
         Linear RGB, any values that float32 holds: the illuminance of a surface that faces the
         light (lux).
-
-    Raises
-    ------
-    InputError
-        A value is not finite, beyond float32, or not allowed; the message names the field.
-
-    Notes
-    -----
-    Both are kept as read-only (3,) float64 arrays.
     """
 
     direction: Floats
     intensity: Vector = field(default_factory=_ones)
 
+    gltf = "directional"
+
     if TYPE_CHECKING:
 
         def __init__(self, direction: ArrayLike, intensity: ArrayLike = ...) -> None: ...
 
-    def __post_init__(self) -> None:
-        direction = _direction("DirectionalLight", self.direction)
-        set_fields(self, direction=direction, intensity=_intensity("DirectionalLight", self.intensity))
-
-    def __repr__(self) -> str:
-        return f"<DirectionalLight {described(self)}>"
+    @property
+    def axis(self) -> Floats:
+        """The direction that the light travels in, (3,) unit."""
+        return _unit(self.direction)
 
 
-@dataclass(frozen=True, eq=False)
-class SpotLight:
+@dataclass(frozen=True, eq=False, repr=False)
+class SpotLight(PlacedLight):
     """A light that shines from a point into a cone.
 
     Attributes
@@ -179,15 +316,10 @@ class SpotLight:
     range : float or None, default None
         As of a PointLight.
 
-    Raises
-    ------
-    InputError
-        A value is not finite, beyond float32, or not allowed; the message names the field.
-
     Notes
     -----
-    Position, direction and intensity are kept as read-only (3,) float64 arrays. A cone narrower
-    than 2.56 degrees never reaches its full intensity: cos(inner) - cos(outer) is then below 0.001.
+    A cone narrower than 2.56 degrees never reaches its full intensity: cos(inner) - cos(outer) is
+    then below 0.001.
     """
 
     position: Floats
@@ -197,6 +329,8 @@ class SpotLight:
     outer_cone: float = 45.0
     attenuation: Attenuation = "none"
     range: float | None = None
+
+    gltf = "spot"
 
     if TYPE_CHECKING:
 
@@ -212,24 +346,24 @@ class SpotLight:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        position, direction = vector("SpotLight", "position", self.position), _direction("SpotLight", self.direction)
-        set_fields(self, position=position, direction=direction, intensity=_intensity("SpotLight", self.intensity))
-        for name in ("inner_cone", "outer_cone"):
-            angle = number("SpotLight", name, getattr(self, name), least=0.0)
-            if angle > WIDEST_CONE:
-                raise value_error("SpotLight", name, "degrees from 0 to 90", getattr(self, name))
-            set_fields(self, **{name: angle})
+        super().__post_init__()
         if self.inner_cone > self.outer_cone:
             expected = f"an angle of at most outer_cone, {self.outer_cone:g} degrees"
             raise value_error("SpotLight", "inner_cone", expected, self.inner_cone)
-        _check_attenuation("SpotLight", self)
 
-    def __repr__(self) -> str:
-        return f"<SpotLight {described(self)}>"
+    @property
+    def axis(self) -> Floats:
+        """The axis of its cone, (3,) unit."""
+        return _unit(self.direction)
+
+    @property
+    def cone(self) -> tuple[float, float]:
+        """The angles between which it fades, degrees from the axis."""
+        return self.inner_cone, self.outer_cone
 
 
-@dataclass(frozen=True, eq=False)
-class RectangleLight:
+@dataclass(frozen=True, eq=False, repr=False)
+class RectangleLight(PlacedLight):
     """A light that shines from the front of a rectangle, as a perfectly diffuse emitter does.
 
     Attributes
@@ -249,15 +383,9 @@ class RectangleLight:
     range : float or None, default None
         As of a PointLight.
 
-    Raises
-    ------
-    InputError
-        A value is not finite, beyond float32, or not allowed; the message names the field.
-
     Notes
     -----
-    Position, right, up and intensity are kept as read-only (3,) float64 arrays. The light is the
-    mean over points of the rectangle (`Settings.light_samples`).
+    The light is the mean over points of the rectangle (`Settings.light_samples`).
     """
 
     position: Floats
@@ -266,6 +394,8 @@ class RectangleLight:
     intensity: Vector = field(default_factory=_ones)
     attenuation: Attenuation = "none"
     range: float | None = None
+
+    gltf, gltf_loss = "spot", "rectangle lights (spots of 90 degrees)"
 
     if TYPE_CHECKING:
 
@@ -280,68 +410,29 @@ class RectangleLight:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        who = "RectangleLight"
-        set_fields(self, position=vector(who, "position", self.position), intensity=_intensity(who, self.intensity))
-        for name in ("right", "up"):
-            side = vector(who, name, getattr(self, name))
-            if not side.any():
-                raise value_error(who, name, "a vector other than 0", side.tolist())
-            set_fields(self, **{name: side})
+        super().__post_init__()
         if np.linalg.norm(np.cross(_unit(self.right), _unit(self.up))) < NARROWEST_ANGLE:
-            raise value_error(who, "up", "a vector that is not parallel to right", self.up.tolist())
-        _check_attenuation(who, self)
+            raise value_error("RectangleLight", "up", "a vector that is not parallel to right", self.up.tolist())
 
-    def __repr__(self) -> str:
-        return f"<RectangleLight {described(self)}>"
+    @property
+    def axis(self) -> Floats:
+        """The normal of the side that shines, (3,) unit."""
+        return _unit(np.cross(_unit(self.right), _unit(self.up)))
+
+    @property
+    def sides(self) -> Floats:
+        """Half the sides, (2, 3)."""
+        return np.stack([self.right, self.up])
 
 
 Light: TypeAlias = PointLight | DirectionalLight | SpotLight | RectangleLight
-LIGHTS = (PointLight, DirectionalLight, SpotLight, RectangleLight)
-
-
-def front_of(light: RectangleLight) -> Floats:
-    """Return the normal of the side that shines: (3,), unit."""
-    return _unit(np.cross(_unit(light.right), _unit(light.up)))
-
-
-def has_size(light: Light) -> bool:
-    """Return whether the light is larger than a point."""
-    return isinstance(light, RectangleLight) or (isinstance(light, PointLight) and light.radius > 0.0)
-
-
-def attenuates(light: Light) -> bool:
-    """Return whether the light decreases with distance."""
-    return not isinstance(light, DirectionalLight) and light.attenuation != "none"
-
-
-def is_plain(light: Light) -> bool:
-    """Return whether the light is a point without attenuation."""
-    return isinstance(light, PointLight) and not attenuates(light) and not has_size(light)
+LIGHTS: tuple[type[Light], ...] = get_args(Light)
 
 
 def plain_lights(owner: str, lights: tuple[Light, ...]) -> tuple[PointLight, ...]:
     """Return the lights if all are points without attenuation. Raises InputError for another, naming `owner`."""
-    found = tuple(light for light in lights if isinstance(light, PointLight) and is_plain(light))
+    found = tuple(light for light in lights if isinstance(light, PointLight) and light.is_plain)
     if len(found) < len(lights):
-        other = next(light for light in lights if not is_plain(light))
+        other = next(light for light in lights if not light.is_plain)
         raise value_error(owner, "lights", "points without attenuation", other)
     return found
-
-
-def described(light: Light) -> str:
-    """Return where the light is, where it shines and how bright, in a few words."""
-    words = []
-    if not isinstance(light, DirectionalLight):
-        words.append(f"at {_numbers(light.position)}")
-    if isinstance(light, RectangleLight):
-        words.append(f"right {_numbers(light.right)}, up {_numbers(light.up)}")
-    if isinstance(light, PointLight) and has_size(light):
-        words.append(f"radius {light.radius:g}")
-    if isinstance(light, (DirectionalLight, SpotLight)):
-        words.append(f"along {_numbers(light.direction)}")
-    if isinstance(light, SpotLight):
-        words.append(f"cone {light.inner_cone:g} to {light.outer_cone:g} degrees")
-    words.append(f"intensity {_numbers(light.intensity)}")
-    if not isinstance(light, DirectionalLight) and attenuates(light):
-        words.append("inverse-square" + ("" if light.range is None else f" up to {light.range:g}"))
-    return ", ".join(words)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Floats, Vector, kept
-from ..base.validation import coefficient, number, set_fields, value_error
+from ..base.arrays import Floats, Vector
+from ..base.declare import check_fields, checked, facts_of
+from ..base.validation import color_from_zero, fraction, instance, number, value_error
 from .texture import Texture
 
 # Smaller roughness counts as this. Its highlights are 2^-10 radians wide, less than a pixel of 800 across 45 degrees, and
@@ -17,7 +20,42 @@ LEAST_ROUGHNESS = 2.0**-5
 
 _USUAL_IOR = 1.5
 MOST_SCALE = 1e6  # of normal maps
-TEXTURES = ("metallic_roughness_texture", "normal_texture", "occlusion_texture", "emission_texture")
+
+
+@dataclass(frozen=True)
+class Map:
+    """A texture of MetallicRoughness.
+
+    name: as features (NAME_MAP) and kernels (MAP_NAME) know it. words: for people. changes: features of the light that it
+    changes. factor: the field that scales it, "" for none.
+    """
+
+    name: str
+    words: str
+    changes: tuple[str, ...]
+    factor: str = ""
+
+
+def _map(facts: Map, most: float = 1.0) -> Any:
+    """Return the field of a texture of numbers from 0 to `most`."""
+
+    def check(owner: str, name: str, value: Any) -> Texture:
+        texture: Texture = instance(owner, name, value, Texture)
+        if texture.lookup != "standard":
+            raise value_error(owner, name, "a Texture with lookup standard", texture.lookup)
+        if not (texture.image.min() >= 0.0 and texture.image.max() <= most):
+            found = [float(texture.image.min()), float(texture.image.max())]
+            raise value_error(owner, name, f"a Texture of numbers from 0 {'on' if most > 1.0 else 'to 1'}", found)
+        return texture
+
+    return checked(None, check, map=facts)
+
+
+def _ior(owner: str, name: str, value: Any) -> float:
+    ior = number(owner, name, value, least=0.0, expected="a number from 1 on, or 0")
+    if 0.0 < ior < 1.0:
+        raise value_error(owner, name, "a number from 1 on, or 0", value)
+    return ior
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,52 +97,25 @@ class MetallicRoughness:
         A value is not allowed; the message names the field.
     """
 
-    metallic: float = 1.0
-    roughness: float = 1.0
-    metallic_roughness_texture: Texture | None = None
-    ior: float = _USUAL_IOR
-    specular: float = 1.0
-    specular_color: Vector = field(default=kept(1.0))
-    emission: Vector = field(default=kept(0.0))
-    normal_texture: Texture | None = None
-    normal_scale: float = 1.0
-    occlusion_texture: Texture | None = None
-    occlusion_strength: float = 1.0
-    emission_texture: Texture | None = None
+    metallic: float = checked(1.0, fraction)
+    roughness: float = checked(1.0, fraction)
+    metallic_roughness_texture: Texture | None = _map(
+        Map("ROUGHNESS", "metallic-roughness map", ("DIFFUSE", "SPECULAR"))
+    )
+    ior: float = checked(_USUAL_IOR, _ior)
+    specular: float = checked(1.0, fraction)
+    specular_color: Vector = checked(1.0, color_from_zero)
+    emission: Vector = checked(0.0, color_from_zero)
+    normal_texture: Texture | None = _map(Map("NORMAL", "normal map", ("DIFFUSE", "SPECULAR"), "normal_scale"))
+    normal_scale: float = checked(1.0, partial(number, least=-MOST_SCALE, most=MOST_SCALE))
+    occlusion_texture: Texture | None = _map(
+        Map("OCCLUSION", "occlusion map", ("ENVIRONMENT", "AMBIENT"), "occlusion_strength")
+    )
+    occlusion_strength: float = checked(1.0, fraction)
+    emission_texture: Texture | None = _map(Map("EMISSION", "emission map", ("EMISSION",)), np.inf)
 
     def __post_init__(self) -> None:
-        who = "MetallicRoughness"
-        for name in ("metallic", "roughness", "specular", "occlusion_strength"):
-            expected = "a number from 0 to 1"
-            value = number(who, name, getattr(self, name), least=0.0, expected=expected)
-            if value > 1.0:
-                raise value_error(who, name, expected, value)
-            set_fields(self, **{name: value})
-        ior = number(who, "ior", self.ior, least=0.0, expected="a number from 1 on, or 0")
-        if 0.0 < ior < 1.0:
-            raise value_error(who, "ior", "a number from 1 on, or 0", ior)
-        set_fields(self, ior=ior)
-        for name in ("specular_color", "emission"):
-            color = coefficient(who, name, getattr(self, name))
-            if (color < 0.0).any():
-                raise value_error(who, name, "numbers from 0 on", color.tolist())
-            set_fields(self, **{name: color})
-        scale = number(
-            who, "normal_scale", self.normal_scale, expected=f"a number from -{MOST_SCALE:g} to {MOST_SCALE:g}"
-        )
-        if abs(scale) > MOST_SCALE:
-            raise value_error(who, "normal_scale", f"a number from -{MOST_SCALE:g} to {MOST_SCALE:g}", scale)
-        set_fields(self, normal_scale=scale)
-        for name in TEXTURES:
-            texture = getattr(self, name)
-            if texture is not None and not isinstance(texture, Texture):
-                raise value_error(who, name, "a Texture or None", texture)
-            if texture is not None and texture.lookup != "standard":
-                raise value_error(who, name, "a Texture with lookup standard", texture.lookup)
-            most = np.inf if name == "emission_texture" else 1.0
-            if texture is not None and not (texture.image.min() >= 0.0 and texture.image.max() <= most):
-                found = [float(texture.image.min()), float(texture.image.max())]
-                raise value_error(who, name, f"a Texture of numbers from 0 {'on' if most > 1.0 else 'to 1'}", found)
+        check_fields(self)
 
     @property
     def dielectric_f0(self) -> Floats:
@@ -115,6 +126,9 @@ class MetallicRoughness:
         plain = 1.0 if self.ior == 0.0 else ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
         reflectance: Floats = self.specular * np.minimum(plain * np.asarray(self.specular_color), 1.0)
         return reflectance
+
+
+MAPS: dict[str, Map] = facts_of(MetallicRoughness, "map")  # by field
 
 
 def from_phong(ks: Floats, n: float) -> MetallicRoughness:

@@ -6,8 +6,8 @@ Arrays are copied only when their type or layout has to change, and are read-onl
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
@@ -31,6 +31,7 @@ from ..base.validation import (
     text,
     value_error,
 )
+from ..errors import InputError
 from .camera import Camera
 from .edges import Edges as Edges
 from .environment import Environment as Environment
@@ -40,12 +41,13 @@ from .lights import Light as Light
 from .lights import PointLight as PointLight
 from .lights import RectangleLight as RectangleLight
 from .lights import SpotLight as SpotLight
+from .material import SIDES as SIDES
+from .material import Material as Material
+from .material import Sides as Sides
 from .metallic_roughness import LEAST_ROUGHNESS as LEAST_ROUGHNESS
 from .metallic_roughness import MetallicRoughness as MetallicRoughness
-from .metallic_roughness import from_phong
 from .scalars import Scalars as Scalars
 from .scalars import checked_scalars
-from .settings import LAYERS as LAYERS
 from .settings import MAX_SAMPLES as MAX_SAMPLES
 from .settings import PRECISIONS as PRECISIONS
 from .settings import PRESETS as PRESETS
@@ -61,10 +63,8 @@ from .texture import Wrap as Wrap
 
 MAX_FACES = 1 << 29  # kernels count the three corners of each in an int32
 
-Sides: TypeAlias = Literal["both", "front"]
 Nonfinite: TypeAlias = Literal["refuse", "drop"]
 
-SIDES: tuple[Sides, ...] = get_args(Sides)
 NONFINITE: tuple[Nonfinite, ...] = get_args(Nonfinite)
 
 
@@ -76,96 +76,6 @@ def _zeros() -> Any:
     return np.zeros(3)
 
 
-@dataclass(frozen=True, eq=False)
-class Material:
-    """Coefficients of the reflection models, and how a surface is drawn.
-
-    Attributes
-    ----------
-    ka, kd, ks : float or array_like, default 0.1, 0.8 and 0.5
-        Ambient, diffuse and specular coefficient. Kept as (3,) float64.
-    n : float, default 20
-        Specular exponent, 0 to 1e9.
-    texture : Texture or None, default None
-        Texture of the surface.
-    name : str, default ""
-        Name of the material.
-    color : float or array_like, default 1
-        Factor of vertex color and texel, linear RGB. Kept as (3,) float64.
-    sides : {"both", "front"}
-        Draw triangles seen from either side, or only those seen from the front (counter-clockwise).
-    two_sided : bool, default False
-        Light back faces with their normals reversed.
-    alpha_cutoff : float or None, default None
-        Discard pixels whose alpha is below this value (alpha test); None: none.
-    pbr : MetallicRoughness or None, default None
-        Parameters of shader `pbr`, whose base color is color times texture; None: derived from kd,
-        ks and n (`scene.metallic_roughness.from_phong`). `ka` holds for both models.
-    blend : bool, default False
-        Composite by alpha over what lies behind, in exact order of depth; False: where it is drawn
-        the surface is opaque. The alpha is straight: the light that the surface sends, highlights
-        included, counts by it.
-    opacity : float, default 1
-        Factor of alpha, 0 to 1. Alpha is opacity times the texture's alpha times that of the
-        vertices, clamped to [0, 1].
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
-    """
-
-    ka: Vector = field(default=kept(0.1))
-    kd: Vector = field(default=kept(0.8))
-    ks: Vector = field(default=kept(0.5))
-    n: float = 20.0
-    texture: Texture | None = None
-    name: str = ""
-    color: Vector = field(default=kept(1.0))
-    sides: Sides = "both"
-    two_sided: bool = False
-    alpha_cutoff: float | None = None
-    pbr: MetallicRoughness | None = None
-    blend: bool = False
-    opacity: float = 1.0
-
-    def __post_init__(self) -> None:
-        exponent = number("Material", "n", self.n, least=0.0, expected="a number from 0 to 1e9")
-        if exponent > 1e9:
-            raise value_error("Material", "n", "a number from 0 to 1e9", self.n)
-        if self.texture is not None and not isinstance(self.texture, Texture):
-            raise value_error("Material", "texture", "a Texture or None", self.texture)
-        if self.texture is not None and self.texture.coordinates:
-            raise value_error("Material", "texture", "a Texture with coordinates 0", self.texture.coordinates)
-        set_fields(
-            self, n=exponent, **{k: coefficient("Material", k, getattr(self, k)) for k in ("ka", "kd", "ks", "color")}
-        )
-        choice("Material", "sides", self.sides, SIDES)
-        text("Material", "name", self.name)
-        set_fields(self, two_sided=flag("Material", "two_sided", self.two_sided))
-        if self.alpha_cutoff is not None:
-            set_fields(self, alpha_cutoff=number("Material", "alpha_cutoff", self.alpha_cutoff))
-        opacity = number("Material", "opacity", self.opacity, least=0.0, expected="a number from 0 to 1")
-        if opacity > 1.0:
-            raise value_error("Material", "opacity", "a number from 0 to 1", self.opacity)
-        set_fields(self, blend=flag("Material", "blend", self.blend), opacity=opacity)
-        if self.pbr is not None and not isinstance(self.pbr, MetallicRoughness):
-            raise value_error("Material", "pbr", "a MetallicRoughness or None", self.pbr)
-
-    @property
-    def microfacets(self) -> MetallicRoughness:
-        """The parameters of shader `pbr`: the material's own, or derived from Phong's."""
-        return from_phong(self.ks, self.n) if self.pbr is None else self.pbr
-
-    @property
-    def diffuse(self) -> Floats:
-        """Factor of the color in the diffuse term of shader `pbr`, (3,).
-
-        1, or Phong's kd where the parameters are derived.
-        """
-        return np.asarray(self.kd) if self.pbr is None else np.ones(3)
-
-
 def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
     """Let the constructor take `vertices` as another name of `verts`."""
     init = cls.__init__
@@ -174,7 +84,7 @@ def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
     def init_by_either_name(self: Mesh, *args: Any, **fields: Any) -> None:
         if "vertices" in fields:
             if args or "verts" in fields:
-                raise value_error("Mesh", "vertices", "none beside verts, which is the same", fields["vertices"])
+                raise InputError("Mesh: vertices: cannot go with verts, which is the same")
             fields["verts"] = fields.pop("vertices")
         init(self, *args, **fields)
 
@@ -462,10 +372,11 @@ class Scene:
     ----------
     meshes : Mesh or iterable of Mesh
         At most 2^29 triangles in all, counting instances. Kept as a tuple.
-    camera : Camera
-        Camera and resolution.
+    camera : Camera or None, default None
+        Camera and resolution; None: one of 800 x 600 that shows all meshes, as `clshade.load` gives a
+        mesh without one.
     lights : light or iterable of lights, default ()
-        PointLight, DirectionalLight, SpotLight or RectangleLight each. Kept as a tuple.
+        Of any kind in `clshade.scene.lights`. Kept as a tuple.
     ambient : float or array_like, default 1
         Intensity Ia of the ambient light, linear RGB.
     background : float, array_like or None, default 0
@@ -483,7 +394,7 @@ class Scene:
         `pbr` replaces them by the environment, or by `clshade.studio()` without one.
     fitted : bool, default False
         Whether the camera was chosen to show all meshes, and is not the author's: a turntable then
-        chooses one that shows all of them in every frame.
+        chooses one that shows all of them in every frame. True if `camera` is None.
     light_scale : float, default 1
         What the intensities of a file's lights, in candela and lux, were multiplied by when it was
         loaded. Rendering does not depend on it.
@@ -497,7 +408,7 @@ class Scene:
     """
 
     meshes: tuple[Mesh, ...]
-    camera: Camera
+    camera: Converted[Camera | None, Camera] = field(default=kept(None))
     lights: Converted[Light | Iterable[Light], tuple[Light, ...]] = field(default=kept(()))
     ambient: Vector = field(default_factory=_ones)
     background: Converted[ArrayLike | None, Floats | None] = field(default_factory=_zeros)
@@ -515,7 +426,7 @@ class Scene:
         def __init__(
             self,
             meshes: Mesh | Iterable[Mesh],
-            camera: Camera,
+            camera: Camera | None = None,
             lights: Light | Iterable[Light] = (),
             ambient: ArrayLike = ...,
             background: ArrayLike | None = ...,
@@ -540,10 +451,12 @@ class Scene:
                 if not isinstance(item, kinds):
                     raise value_error("Scene", name, expected, item)
             set_fields(self, **{name: items})
-        if not isinstance(self.camera, Camera):
-            raise value_error("Scene", "camera", "a Camera", self.camera)
         if self.face_count > MAX_FACES:
             raise value_error("Scene", "meshes", f"at most {MAX_FACES} triangles with instances", self.face_count)
+        if self.camera is None:
+            set_fields(self, camera=exchange.converter("default_camera")(self.meshes), fitted=True)
+        elif not isinstance(self.camera, Camera):
+            raise value_error("Scene", "camera", "a Camera or None", self.camera)
         set_fields(
             self,
             ambient=coefficient("Scene", "ambient", self.ambient),
@@ -684,7 +597,8 @@ class Scene:
         ----------
         path : str or path-like
             File, with a name that ends in .json; an existing one is replaced. Large arrays, of
-            vertices, faces and texels, go to a second file beside it, whose name is that one and .bin.
+            vertices, faces and texels, go to a second file beside it, which it names; that of the
+            earlier one is removed.
 
         Raises
         ------
@@ -718,6 +632,15 @@ class Scene:
         """Return the text and a small image, for notebooks."""
         bundle: dict[str, Any] = display.notebook().scene_bundle(self)
         return bundle
+
+
+def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scene:
+    """Return the scene with changed materials; meshes that share one go on sharing it."""
+    made: dict[int, Material] = {}
+    for mesh in scene.meshes:
+        if id(mesh.material) not in made:
+            made[id(mesh.material)] = change(mesh.material)
+    return replace(scene, meshes=tuple(replace(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
 
 
 def default_tonemap(scene: Scene) -> Literal["none", "srgb", "neutral"]:

@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Faces, Floats
 from ..base.components import connected_components
-from ..base.validation import number, value_error
-from .geometry import _exponent, _normalized, row_blocks
+from ..base.validation import number
+from .geometry import _exponent, _normalized, row_blocks, vertex_normals
+
+# Degrees between two faces, up to which vertices apart at one place are a seam of a smooth surface.
+SEAM = 30.0
 
 
 def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[Floats, Faces]:
@@ -41,13 +44,31 @@ def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[
     return _normalized(sums), corners.reshape(-1, 3)
 
 
+def seamless_normals(verts: ArrayLike, faces: ArrayLike, degrees: float = SEAM) -> Floats | None:
+    """Return unit normals (V, 3) of a mesh whose vertices at one position are joined where there is only a seam.
+
+    A seam is an edge of two faces with at most `degrees` between them whose ends are different vertices at the same places.
+    All faces at a vertex share its normal, as in `geometry.vertex_normals`. Returns None if no vertices are joined.
+
+    verts: (V, 3) finite. faces: (F, 3) indices into verts.
+    """
+    verts, faces = np.asarray(verts), np.asarray(faces, np.int32)
+    kept, which = welded(verts)
+    if len(kept) == len(verts):
+        return None
+    cross = _crosses(np.asarray(verts, np.float64), faces)
+    pairs = _smooth_pairs(which[faces], _normalized(cross), math.cos(math.radians(degrees)))
+    one, two = (faces.reshape(-1)[corners] for corners in pairs)
+    apart = one != two
+    if not apart.any():
+        return None
+    labels = connected_components(len(verts), one[apart], two[apart])
+    return vertex_normals(verts, labels[faces])[labels]
+
+
 def crease_angle(owner: str, name: str, value: Any) -> float:
     """Return a crease angle in degrees, from 0 to 180. Raises InputError for anything else."""
-    expected = "degrees from 0 to 180"
-    angle = number(owner, name, value, least=0.0, expected=expected)
-    if angle > 180.0:
-        raise value_error(owner, name, expected, value)
-    return angle
+    return number(owner, name, value, least=0.0, most=180.0, expected="degrees from 0 to 180")
 
 
 def _crosses(verts: Array, faces: Array) -> Array:

@@ -72,7 +72,7 @@ def color_map_of(scene: Scene, scalars: Scalars) -> ColorMap:
     """
     names = scalar_names(scene)
     if scalars.name not in names:
-        expected = f"one of the scene's ({', '.join(names)})" if names else "none: the scene has no scalars"
+        expected = f"one of the scene's ({', '.join(names)})" if names else "a scene with scalars"
         near = hint(scalars.name, names)
         raise InputError(f"render: scalars: expected {expected}, found {scalars.name!r}{near}")
     colors = np.vstack([map_colors(scalars.colormap), scalars.nan_color])

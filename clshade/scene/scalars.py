@@ -83,13 +83,13 @@ class Scalars:
             set_fields(self, clim=(low, high))
 
 
-def as_scalars(owner: str, value: Any) -> Scalars | None:
+def as_scalars(owner: str, name: str, value: Any) -> Scalars | None:
     """Return Scalars, or those of a name, or None."""
     if value is None or isinstance(value, Scalars):
         return value
     if isinstance(value, str):
         return Scalars(value)
-    raise value_error(owner, "scalars", "a name, a Scalars or None", value)
+    raise value_error(owner, name, "a name, a Scalars or None", value)
 
 
 def checked_scalars(owner: str, given: Any, vertices: int, faces: int) -> dict[str, Reals]:

@@ -11,7 +11,6 @@ import numpy as np
 from ..base.arrays import Array
 from ..base.validation import choice
 from . import geometry
-from .adjust_lights import turned_light
 from .camera import Camera, checked_resolution
 from .fitting import FILL, extent, sphere_of_box
 from .framing import UPS, up_of
@@ -83,7 +82,7 @@ def seen_by(scene: Scene, camera: Camera, *, fixed_lights: bool = False) -> Scen
     turn: Array = geometry.camera_axes(camera).T @ geometry.camera_axes(scene.camera)
     if np.array_equal(camera.eye, scene.camera.eye) and np.allclose(turn, np.eye(3), rtol=0.0, atol=1e-15):
         return replace(scene, camera=camera)  # another resolution
-    lights = tuple(turned_light(each, center, turn) for each in scene.lights)
+    lights = tuple(each.turned(center, turn) for each in scene.lights)
     return replace(scene, camera=camera, lights=lights)
 
 

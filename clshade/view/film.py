@@ -184,7 +184,7 @@ def draw_film(
     options: SavingOptions = {**saving} if saving else {}
     bar = options.get("colorbar", False)
     if bar and needed == "exr":
-        raise InputError("--colorbar: expected none with --bit-depth 10, for a film of the EXR files, found one")
+        raise InputError("--colorbar: cannot go with --bit-depth 10, for a film of the EXR files")
     columns, rows = _resolution(cameras, codec.least if codec else 1, kind.side, colorbar=bar)
     if not keep_frames:
         options["files"] = (needed,)

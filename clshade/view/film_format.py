@@ -12,6 +12,7 @@ from numbers import Real
 from typing import Any
 
 from ..base.atomic_files import Path, shown
+from ..base.extras import how_to_install
 from ..base.input_files import quoted
 from ..base.spelling import hint
 from ..errors import InputError
@@ -86,7 +87,7 @@ def format_of(path: Path) -> FilmFormat:
     found = FORMATS[ending]
     if found.video and importlib.util.find_spec("av") is None:
         without = "; .gif, .apng and .webp need nothing more"
-        raise InputError(f'{shown(path)}: expected PyAV, found none: `pip install "clshade[film]"`{without}')
+        raise InputError(f"{shown(path)}: needs PyAV: `{how_to_install('film')}`{without}")
     return found
 
 

@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from ..base import console, interrupts
 from ..base.atomic_files import folder_made, naming, shown, write_bytes, write_error
 from ..base.file_lock import lock_file
@@ -23,10 +25,12 @@ _TEMPORARY = re.compile(r"\.clshade-[0-9a-f]{16}\.tmp")
 
 
 def digest_of(*values: Any) -> str:
-    """Return a digest of what frames depend on. Equal values have equal digests in every process, if they came about in
-    the same way; two that differ for another reason only cost a second drawing."""
+    """Return a digest of what frames depend on. Equal values have equal digests in every process, whichever of them are one
+    object; two that differ for another reason only cost a second drawing."""
     sink = _Digest()
-    pickle.Pickler(sink, protocol=5).dump(values)
+    pickler = _Pickler(sink, protocol=5)
+    pickler.fast = True  # no references to what came before
+    pickler.dump(values)
     return sink.hash.hexdigest()
 
 
@@ -37,6 +41,21 @@ class _Digest:
     def write(self, data: Any) -> int:
         self.hash.update(data)
         return memoryview(data).nbytes
+
+
+class _Pickler(pickle.Pickler):
+    """Writes a digest in place of an array, of each array once."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._known: dict[int, tuple[Any, bytes]] = {}
+
+    def persistent_id(self, value: Any) -> Any:
+        if not isinstance(value, np.ndarray) or value.dtype.hasobject:
+            return None
+        if id(value) not in self._known:
+            self._known[id(value)] = value, hashlib.sha256(np.ascontiguousarray(value).data).digest()
+        return value.dtype.str, value.shape, self._known[id(value)][1]
 
 
 class FrameFolder:

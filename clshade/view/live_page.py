@@ -6,7 +6,9 @@ from importlib.resources import files
 
 from .page import html
 
-SCRIPTS = ("live_connection.js", "live_camera.js", "live_motion.js", "live_panel.js", "live.js")  # in this order
+SCRIPTS = tuple(
+    f"live{name}.js" for name in ("_connection", "_camera", "_motion", "_waiting", "_panel", "")
+)  # in this order
 
 
 def live_page(name: str, host: str) -> str:

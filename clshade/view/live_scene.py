@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
+from ..base.input_files import stamp
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import SavingOptions
@@ -14,10 +15,13 @@ from ..pipeline.renderer import Renderer
 from ..scene.adjust_camera import adjusted, camera_of
 from ..scene.adjust_lights import scaled_lights
 from ..scene.camera import Camera
+from ..scene.framing import Up, up_of
+from ..scene.ground import with_ground
 from ..scene.model import Scene
 from ..scene.settings import Layer, Settings
 
 MOST_RENDERERS = 8  # open at a time, of all clients: each keeps the scene in device memory
+MOST_PIXELS = 1 << 22  # of a picture as large as its window
 LENS = ("view_angle", "orthographic")  # arguments of `adjusted` that are no pose
 
 
@@ -25,47 +29,54 @@ LENS = ("view_angle", "orthographic")  # arguments of `adjusted` that are no pos
 class Source:
     """Where a scene comes from, and the options of `render` that say so.
 
-    name: as the user gave it. load: reads it, with its own camera. files: watched for changes.
+    name: as the user gave it. load: reads it. files: watched for changes.
+    arrange: gives it the chosen lights and, by its name, an environment, None: its own. finish: what comes after the ground.
     camera, fit: of the first camera, see `camera_of`. settings: preset, resolution and fields of Settings.
     lights: factors of the lights' intensities at first, one for all or one each.
+    ground, environment: at first. up: the axis that points up in the file, None: the one nearest to its camera's.
     options: of `render`, repeated in every command. saving: of snapshots. output: of snapshots, without a number.
     """
 
     name: str
     load: Callable[[], Scene]
+    arrange: Callable[[Scene, str | None], Scene]
+    finish: Callable[[Scene], Scene]
     files: tuple[str, ...] = ()
     camera: Mapping[str, Any] = field(default_factory=dict)
     fit: bool = False
     settings: Mapping[str, Any] = field(default_factory=dict)
     lights: tuple[float, ...] = (1.0,)
+    ground: bool = False
+    environment: str | None = None
+    up: Up | None = None
     device: str | None = None
     options: tuple[str, ...] = ()
     saving: SavingOptions = field(default_factory=SavingOptions)
     output: str = "view"
 
     def stamps(self) -> tuple[Any, ...]:
-        """Return what changes when a watched file does: size and time of each, None for a missing one."""
-        return tuple(map(_stamp, self.files))
-
-
-def _stamp(path: str) -> tuple[int, int, int] | None:
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size, found.st_ino
+        """Return what changes when a watched file does: see `stamp`, None for a missing one."""
+        return tuple(map(stamp, self.files))
 
 
 @dataclass(frozen=True)
 class View:
     """What a picture depends on, besides the scene.
 
-    camera: already with the lens and the resolution of the source. lights: a factor for each light's intensity.
+    camera: already with the lens and the resolution. lights: a factor for each light's intensity.
+    ground: whether there is one. environment: its name, see `Source.arrange`.
+    view_angle: of the camera, degrees; None: as the scene or the source says.
     """
 
     camera: Camera
     settings: Settings
     lights: tuple[float, ...]
+    ground: bool
+    environment: str | None
+    view_angle: float | None = None
+
+
+_Key: TypeAlias = tuple[Settings, tuple[float, ...], bool, "str | None"]  # of a view, without its camera
 
 
 def in_motion(settings: Settings, *, layers: tuple[Layer, ...] = (), samples: int = 1) -> Settings:
@@ -76,51 +87,95 @@ def in_motion(settings: Settings, *, layers: tuple[Layer, ...] = (), samples: in
 class LiveScene:
     """A scene, loaded, and renderers of it.
 
-    One thread at a time may call it. version: counts loads. stamps: of the files when they were read.
+    One thread at a time may call it, but for what only looks. version: counts loads. stamps: of the files when they were
+    read. scene: with the lights and the environment of the source, without a ground.
     """
 
     def __init__(self, source: Source) -> None:
         self.source, self.version = source, 0
-        self._renderers: dict[tuple[Settings, tuple[float, ...]], Renderer] = {}  # the latest last
-        self._users: dict[tuple[Settings, tuple[float, ...]], set[object]] = {}
+        self._renderers: dict[_Key, Renderer] = {}  # the latest last
+        self._users: dict[_Key, set[object]] = {}
         self.load()
 
     def load(self) -> None:
         """Read the scene again. If that fails with a ClshadeError, the former one stays."""
         stamps = self.source.stamps()
-        scene = self.source.load()
+        loaded = self.source.load()
+        scene = self.source.arrange(loaded, self.source.environment)
         fields = {name: value for name, value in self.source.settings.items() if name != "resolution"}
         _, settings = effective_settings(scene, **fields)
         camera = camera_of(scene, self.source.camera, fit=self.source.fit)
         first = self._at_resolution(camera)
         scaled_lights(scene, self.source.lights, "--light-intensity")  # refuses what the view could not use
         self.close()
+        self._loaded, self._lit = loaded, {self.source.environment: scene}
+        # The renderer chooses a distance of ambient occlusion, which depends on the ground.
+        settings = replace(settings, ao_distance=fields.get("ao_distance"))
         self.scene, self.settings, self.first_camera, self.stamps = scene, settings, first, stamps
         self.version += 1
 
-    def first_view(self) -> View:
-        factors, count = self.source.lights, len(self.scene.lights)
-        return View(self.first_camera, self.settings, factors if len(factors) == count else factors[:1] * count)
+    @property
+    def takes_sizes(self) -> bool:
+        """Whether pictures may be as large as a window: the source names no resolution, and the lens can be said."""
+        return self.source.settings.get("resolution") is None and not self.scene.camera.orthographic
 
-    def placed(self, camera: Camera) -> Camera:
-        """Return the camera that `render` makes of this one's pose and the source's lens."""
+    def first_view(self, size: tuple[int, int] | None = None) -> View:
+        """Return the view at first. size: of the window, columns and rows, None: the picture's own."""
+        factors, count = self.source.lights, len(self.scene.lights)
+        lights = factors if len(factors) == count else factors[:1] * count
+        view = View(self.first_camera, self.settings, lights, self.source.ground, self.source.environment)
+        return view if size is None or not self.takes_sizes else self._in_window(view, *size)
+
+    def _in_window(self, view: View, columns: int, rows: int) -> View:
+        """Return the view in a window of any shape: what was seen is seen, and more beside it or above and below."""
+        shrunk = min(1.0, math.sqrt(MOST_PIXELS / (columns * rows)))
+        size = max(1, int(columns * shrunk)), max(1, int(rows * shrunk))
+        height, width = self.scene.camera.plane
+        seen, angle = max(height, width * size[1] / size[0]), None
+        # The camera of a glTF file depends on the resolution with which it is loaded.
+        lens_varies = self.source.name.lower().endswith((".glb", ".gltf"))
+        if self.source.camera.get("view_angle") is None and (lens_varies or seen > height):
+            angle = math.degrees(2.0 * math.atan(0.5 * seen / self.scene.camera.focal))
+        return replace(view, camera=self.placed(view.camera.with_resolution(size), angle), view_angle=angle)
+
+    def placed(self, camera: Camera, view_angle: float | None) -> Camera:
+        """Return the camera that `render` makes of this one's pose and resolution and of the source's lens."""
         lens = {name: value for name, value in self.source.camera.items() if name in LENS}
+        lens |= {} if view_angle is None else {"view_angle": view_angle}
         pose = {"position": camera.eye, "focal_point": camera.lookat, "up": camera.up}
-        return self._at_resolution(adjusted(self.scene.camera, **{**lens, **pose}))
+        found = adjusted(self.scene.camera, **{**lens, **pose})
+        as_it_is = self.source.settings.get("resolution") is None and found.resolution == camera.resolution
+        return found if as_it_is else found.with_resolution(camera.resolution)
 
     def _at_resolution(self, camera: Camera) -> Camera:
         resolution = self.source.settings.get("resolution")
         return camera if resolution is None else camera.with_resolution(resolution)
 
+    def lit(self, environment: str | None) -> Scene:
+        """Return the scene in an environment, without a ground."""
+        if environment not in self._lit:
+            self._lit[environment] = self.source.arrange(self._loaded, environment)
+        return self._lit[environment]
+
+    def has_environment(self, view: View) -> bool:
+        """Return whether there is one to see behind the surfaces."""
+        scene = self.lit(view.environment)
+        return scene.environment is not None or (view.settings.shader == "pbr" and not scene.own_lights)
+
+    def _arranged(self, view: View) -> Scene:
+        scene = replace(self.lit(view.environment), camera=self.first_camera)
+        if view.lights != (1.0,) * len(view.lights):
+            scene = scaled_lights(scene, view.lights)
+        if view.ground:
+            scene = with_ground(scene, self.source.up or up_of(self._loaded.camera), view.settings)
+        return self.source.finish(scene)
+
     def render(self, view: View, user: object = None) -> Frame:
         """Draw a frame. user: who asks; its renderers are closed by `release`."""
-        key = view.settings, view.lights
+        key = view.settings, view.lights, view.ground, view.environment
         renderer = self._renderers.pop(key, None)
         if renderer is None:
-            scene = replace(self.scene, camera=self.first_camera)
-            if view.lights != (1.0,) * len(view.lights):
-                scene = scaled_lights(scene, view.lights)
-            renderer = Renderer(scene, settings=view.settings, device=self.source.device)
+            renderer = Renderer(self._arranged(view), settings=view.settings, device=self.source.device)
         self._renderers[key] = renderer
         self._users.setdefault(key, set()).add(user)
         while len(self._renderers) > MOST_RENDERERS:
@@ -139,18 +194,17 @@ class LiveScene:
         for key in list(self._renderers):
             self._close(key)
 
-    def prepare(self) -> None:
-        """Compile the kernels of the first and the last pictures, so that no client has to wait for them."""
+    def prepare(self, *, last: bool) -> None:
+        """Compile the kernels of the first pictures of a view, or of its last."""
         view = self.first_view()
-        view = replace(view, camera=replace(view.camera, resolution=(16, 16)))
-        self.render(replace(view, settings=in_motion(view.settings)), self)
-        self.render(view, self)
+        settings = view.settings if last else in_motion(view.settings)
+        self.render(replace(view, camera=replace(view.camera, resolution=(16, 16)), settings=settings), self)
         self.release(self)
 
     @property
     def open_renderers(self) -> int:
         return len(self._renderers)
 
-    def _close(self, key: tuple[Settings, tuple[float, ...]]) -> None:
+    def _close(self, key: _Key) -> None:
         self._users.pop(key, None)
         self._renderers.pop(key).close()

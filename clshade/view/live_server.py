@@ -8,11 +8,15 @@ import json
 import secrets
 import signal
 import socket
+import time
 import traceback
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from functools import partial
+from typing import Any, Literal, TypeAlias
 
+from ..base import compiling
+from ..base.extras import how_to_install
 from ..errors import ClshadeError, InputError
 from .live_scene import LiveScene
 from .live_session import Drawing, Session, Task
@@ -21,15 +25,18 @@ from .live_stats import LiveStats
 try:
     from aiohttp import WSCloseCode, WSMsgType, web
 except ImportError:
-    missing = "aiohttp to serve the view, found none: `pip install 'clshade[view]'`"
-    raise InputError(f"view: expected {missing}") from None
+    raise InputError(f"view: needs aiohttp to serve the scene: `{how_to_install('view')}`") from None
 
 HOST = "127.0.0.1"
 AHEAD = 2  # pictures on their way to a client: one is drawn while the one before is shown
 WATCH_SECONDS = 0.5
+QUIET_SECONDS = 0.3  # of loading before the address is printed: a mistyped name opens no page
+STATE_SECONDS = 0.1  # between looks at what the view waits for
 MAX_MESSAGE = 1 << 16  # bytes, from a client
 CLOSE_SECONDS = 0.2  # for clients to say goodbye
 SEND_SECONDS = 30.0  # for a client to take a message; one that reads nothing is cut off
+
+State: TypeAlias = Literal["loading", "compiling", "drawing", "idle"]  # what a client waits for
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -53,11 +60,19 @@ def listen(port: int | None) -> socket.socket:
 class LiveServer:
     """Serves a scene to any number of clients, each with a camera of its own; one thread draws for all.
 
-    page: makes the page, given the host and port that it may connect to.
+    open_scene: loads it; clients can connect before. page: makes the page, given the host and port that it may connect to.
     """
 
-    def __init__(self, scene: LiveScene, listening: socket.socket, page: Callable[[str], str]) -> None:
-        self.scene, self.stats = scene, LiveStats()
+    scene: LiveScene  # once `loaded` is set
+
+    def __init__(
+        self, open_scene: Callable[[], LiveScene], listening: socket.socket, page: Callable[[str], str]
+    ) -> None:
+        self.stats, self.loaded = LiveStats(), asyncio.Event()
+        self._open_scene = open_scene
+        self._works = 0  # functions that wait for the thread that draws, or run in it
+        self._state: State = "loading"
+        self._since = time.monotonic()  # the state's begin
         self.clients: set[_Client] = set()
         self.token = secrets.token_urlsafe(24)
         self._socket, self._page = listening, page
@@ -76,28 +91,33 @@ class LiveServer:
         return app
 
     async def serve(self, ready: Callable[[], None] | None = None) -> None:
-        """Serve until Ctrl-C, or until cancelled. ready: called once clients can connect."""
+        """Serve until Ctrl-C, or until cancelled. ready: called once clients can connect. Raises what loading raises."""
         runner = web.AppRunner(
             self.application(), access_log=None, handle_signals=False, shutdown_timeout=CLOSE_SECONDS
         )
         await runner.setup()
-        watching: asyncio.Task[None] | None = None
+        tasks: list[asyncio.Task[Any]] = []
         try:
             await web.SockSite(runner, self._socket).start()
-            watching = asyncio.create_task(self._watch())
             with _interrupted() as stopped:
-                if ready is not None:
+                works = (self._show(), self._tell_state(), stopped.wait())
+                tasks += map(asyncio.create_task, (self.loaded.wait(), *works))
+                await asyncio.wait(tasks, timeout=QUIET_SECONDS, return_when=asyncio.FIRST_COMPLETED)
+                if ready is not None and not any(task.done() for task in tasks[1:]):
                     ready()
-                await stopped.wait()
+                done, _ = await asyncio.wait(tasks[1:], return_when=asyncio.FIRST_COMPLETED)
+                for task in done:
+                    task.result()
         finally:
-            if watching is not None:
-                watching.cancel()
+            for task in tasks:
+                task.cancel()
             goodbyes = [each.socket.close(code=WSCloseCode.GOING_AWAY) for each in self.clients]
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(asyncio.gather(*goodbyes, return_exceptions=True), CLOSE_SECONDS)
             await runner.cleanup()
-            self.drawing.submit(self.scene.close)
-            self.drawing.shutdown(wait=False)
+            # Not shut down, it ends with the server: handlers of clients that have gone outlive the cleanup, and use it.
+            if self.loaded.is_set():
+                self.drawing.submit(self.scene.close)
 
     # Requests
 
@@ -125,18 +145,59 @@ class LiveServer:
         # Compression would take longer than the loopback interface.
         ws = web.WebSocketResponse(compress=False, max_msg_size=MAX_MESSAGE, heartbeat=30.0)
         await ws.prepare(request)
-        client = _Client(self, ws, request.transport)
+        size = {name: int(value) for name, value in request.query.items() if value.isdecimal() and len(value) < 6}
+        client = _Client(self, ws, request.transport, size)
         self.clients.add(client)
         try:
             await client.run()
         finally:
             self.clients.discard(client)
-            await self.in_drawing(client.session.close)
+            if client.session is not None:
+                self.drawing.submit(
+                    client.session.close
+                )  # without waiting for pictures before it: the view may be ending
         return ws
 
     async def in_drawing(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a function in the thread that draws."""
-        return await asyncio.get_running_loop().run_in_executor(self.drawing, function, *arguments)
+        self._works += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self.drawing, function, *arguments)
+        finally:
+            self._works -= 1
+
+    # What clients wait for
+
+    async def _show(self) -> None:
+        """Load the scene, compile while nobody is there whose pictures do, then watch the scene's files."""
+        try:
+            self.scene = await self.in_drawing(self._open_scene)
+            self.loaded.set()
+            for last in (False, True):
+                if not self.clients:
+                    await self.in_drawing(partial(self.scene.prepare, last=last))
+        except Exception as error:
+            await self.tell_all({"type": "failed", "text": " ".join(str(error).split())})
+            raise
+        await self._watch()
+
+    async def _tell_state(self) -> None:
+        """Tell clients when they wait for something else."""
+        while True:
+            await asyncio.sleep(STATE_SECONDS)
+            state: State = "idle"
+            if not self.loaded.is_set():
+                state = "loading"
+            elif self._works:
+                # Between two kernels the compiler is not at work.
+                state = "compiling" if compiling.is_at_work() or self._state == "compiling" else "drawing"
+            if state != self._state:
+                self._state, self._since = state, time.monotonic()
+                await self.tell_all(self.state())
+
+    def state(self) -> dict[str, Any]:
+        """Return the message on what clients wait for, and for how many seconds they have."""
+        return {"type": "state", "state": self._state, "seconds": round(time.monotonic() - self._since, 1)}
 
     # The scene's files
 
@@ -158,8 +219,9 @@ class LiveServer:
             return
         self.is_outdated = False
         for client in self.clients:
-            client.session.reloaded()
-            client.changed.set()
+            if client.session is not None:
+                client.session.reloaded()
+                client.changed.set()
         await asyncio.gather(*(client.describe() for client in self.clients), return_exceptions=True)
 
     async def tell_all(self, message: dict[str, Any]) -> None:
@@ -167,11 +229,21 @@ class LiveServer:
 
 
 class _Client:
-    """A connected page: its session, and the pictures on their way to it."""
+    """A connected page: its session, None until the scene is loaded, and the pictures on their way to it.
 
-    def __init__(self, server: LiveServer, ws: web.WebSocketResponse, transport: asyncio.BaseTransport | None) -> None:
+    size: of its window, columns and rows, pixels; empty: the pictures' own.
+    """
+
+    def __init__(
+        self,
+        server: LiveServer,
+        ws: web.WebSocketResponse,
+        transport: asyncio.BaseTransport | None,
+        size: dict[str, Any],
+    ) -> None:
         self.server, self.socket, self._transport = server, ws, transport
-        self.session = Session(server.scene)
+        self.session: Session | None = None
+        self._size = size
         self.changed = asyncio.Event()  # something may be due
         self._on_the_way = 0
 
@@ -180,7 +252,8 @@ class _Client:
             await self._sent(self.socket.send_str(json.dumps(message)))
 
     async def describe(self) -> None:
-        await self.tell({"type": "scene", **self.session.description()})
+        if self.session is not None:
+            await self.tell({"type": "scene", **self.session.description()})
 
     async def _sent(self, sending: Awaitable[None]) -> None:
         """Send, or cut the client off if it does not take the message: it must hold up nobody else."""
@@ -197,9 +270,7 @@ class _Client:
 
     async def run(self) -> None:
         """Handle input and send pictures until the connection ends."""
-        await self.describe()
-        if self.server.is_outdated:
-            await self.tell({"type": "changed", "changed": True})
+        await self.tell(self.server.state())
         tasks = [asyncio.create_task(each) for each in (self._receive(), self._send_pictures())]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -221,47 +292,71 @@ class _Client:
             message = json.loads(text)
             if not isinstance(message, dict):
                 raise InputError("view: message: expected an object")
-            kind = message.get("type")
+            session, kind = self.session, message.get("type")
+            if session is None:
+                self._size = message if kind == "size" else self._size
+                return  # nothing else to change yet
             if kind == "shown":
                 self._on_the_way = max(0, self._on_the_way - 1)
             elif kind == "probe":
-                session, place = self.session, (message.get("column"), message.get("row"))
+                place = message.get("column"), message.get("row")
                 await self.tell({"type": "probe", **await self.server.in_drawing(session.probe, *place)})
             elif kind == "snapshot":
-                await self.tell({"type": "snapshot", **await self.server.in_drawing(self.session.snapshot)})
+                await self.tell({"type": "snapshot", **await self.server.in_drawing(session.snapshot)})
             elif kind == "reload":
                 await self.server.reload()
+            elif kind == "command":
+                await self.tell({"type": "command", "command": await self.server.in_drawing(session.command)})
+            elif kind == "set":
+                await self._set(session, message)
             else:
-                self.session.handle(message)
+                session.handle(message)
         except Exception as error:
             await self.tell({"type": "error", "text": _line(error)})
         self.changed.set()
 
+    async def _set(self, session: Session, message: dict[str, Any]) -> None:
+        """Change settings; tell the client if they are not those that it knows, or allow others."""
+        before = session.options()
+        if "environment" in message:
+            await self.server.in_drawing(session.checked_environment, message["environment"])
+        session.handle(message)
+        if session.options() != before:
+            await self.tell({"type": "options", **session.options()})
+
     async def _send_pictures(self) -> None:
+        await self.server.loaded.wait()
+        session = self.session = Session(self.server.scene)
+        if self._size:
+            with contextlib.suppress(InputError):
+                session.handle({**self._size, "type": "size"})
+        await self.describe()
+        if self.server.is_outdated:
+            await self.tell({"type": "changed", "changed": True})
         while True:
             self.changed.clear()
-            due = self.session.due() if self._on_the_way < AHEAD else None
+            due = session.due() if self._on_the_way < AHEAD else None
             if not isinstance(due, Task):
                 with contextlib.suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(self.changed.wait(), due)
                 continue
-            drawing = await self._drawn(due)
+            drawing = await self._drawn(session, due)
             if drawing is not None:
                 self._on_the_way += 1
                 await self._sent(self.socket.send_bytes(drawing.message))
 
-    async def _drawn(self, task: Task) -> Drawing | None:
+    async def _drawn(self, session: Session, task: Task) -> Drawing | None:
         """Draw a picture; if that fails, tell the client and go on."""
         loop = asyncio.get_running_loop()
         start = loop.time()
         drawing: Drawing | None = None
         try:
-            drawing = await self.server.in_drawing(self.session.draw, task)
+            drawing = await self.server.in_drawing(session.draw, task)
         except Exception as error:
             await self.tell({"type": "error", "text": _line(error)})
-        self.session.drawn(task, drawing.ms if drawing else (loop.time() - start) * 1e3)
+        session.drawn(task, drawing.ms if drawing else (loop.time() - start) * 1e3)
         if drawing is not None:
-            self.server.stats.add(self.session, drawing, loop.time())
+            self.server.stats.add(session, drawing, loop.time())
         return drawing
 
 

@@ -9,11 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..base.validation import integer, known, number, sequence, value_error
-from ..images.tonemap import OPERATORS, Operator
+from ..base.validation import flag, integer, known, number, sequence, value_error
+from ..images.tonemap import Operator
 from ..images.tonemap import checked as checked_exposure
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import KINDS, chosen_paths
+from ..scene.camera import MAX_RESOLUTION
 from ..scene.model import default_tonemap
 from ..scene.settings import SHADERS, Settings
 from . import orbit_controls
@@ -74,6 +75,7 @@ class Session:
         self.display = Display(saving.get("tonemap"), saving.get("exposure", 0.0))
         self.view = scene.first_view()
         self._first, self._scene_version, self.version = self.view, scene.version, 0
+        self._window: tuple[int, int] | None = None
         self._final: tuple[View, int, Frame] | None = None  # the latest, with every sample
         self._probed: tuple[View, int, Frame] | None = None  # the same with all layers
         self._refinement = Refinement()
@@ -87,13 +89,16 @@ class Session:
         inputs = {"orbit": self._orbit, "pan": self._pan, "dolly": self._dolly, "fly": self._fly}
         if kind in inputs:
             fields = {name: value for name, value in message.items() if name != "type"}
-            self._change(replace(self.view, camera=self._scene.placed(inputs[kind](fields))))
+            camera = self._scene.placed(inputs[kind](fields), self.view.view_angle)
+            self._change(replace(self.view, camera=camera))
         elif kind == "reset":
             self._change(replace(self.view, camera=self._first.camera))
+        elif kind == "size":
+            self._resize(message)
         elif kind == "set":
             self._set({name: value for name, value in message.items() if name != "type"})
         else:
-            raise value_error("view", "type", "orbit, pan, dolly, fly, reset or set", kind)
+            raise value_error("view", "type", "orbit, pan, dolly, fly, reset, size or set", kind)
 
     def _orbit(self, fields: dict[str, Any]) -> Any:
         right, up = _numbers("orbit", fields, "right", "up")
@@ -108,6 +113,21 @@ class Session:
 
     def _fly(self, fields: dict[str, Any]) -> Any:
         return orbit_controls.fly(self.view.camera, *_numbers("fly", fields, "right", "up", "forward"))
+
+    def _resize(self, fields: Mapping[str, Any]) -> None:
+        """Take over the size of the client's window, pixels: that of pictures, unless the source says another."""
+        columns, rows = (integer("size", name, fields.get(name), 1, MAX_RESOLUTION) for name in ("columns", "rows"))
+        self._window = columns, rows
+        self._first = self._scene.first_view(self._window)
+        view = self._placed(self.view)
+        if view.camera.resolution != self.view.camera.resolution:
+            self._change(view)
+
+    def _placed(self, view: View) -> View:
+        """Return a view with the resolution and the lens of the first one."""
+        angle, camera = self._first.view_angle, self._first.camera
+        camera = replace(camera, eye=view.camera.eye, lookat=view.camera.lookat, up=view.camera.up)
+        return replace(view, camera=self._scene.placed(camera, angle), view_angle=angle)
 
     def _set(self, fields: dict[str, Any]) -> None:
         """Change settings (fields of Settings), lights, and what the display shows."""
@@ -126,13 +146,41 @@ class Session:
                 raise value_error("view", "lights", f"{len(view.lights)} factors", factors)
             scales = tuple(number("view", "lights", factor, least=0.0) for factor in factors)
             view = replace(view, lights=scales)
+        if "ground" in fields:
+            ground = flag("view", "ground", fields.pop("ground"))
+            if ground and view.settings.edges is not None:
+                raise value_error("view", "ground", "none with edges, which would draw its edges too", ground)
+            view = replace(view, ground=ground)
+        if "environment" in fields:
+            view = replace(view, environment=self.checked_environment(fields.pop("environment")))
+        asked = "background" in fields
         if fields:
             known("view", fields, Settings.__dataclass_fields__.keys() - REPEATED)
             view = replace(view, settings=replace(view.settings, **fields))
+        if view.settings.background == "environment" and not self._scene.has_environment(view):
+            if asked:
+                raise value_error("view", "background", "another one, or an environment", "environment, and none")
+            view = replace(view, settings=replace(view.settings, background="scene"))
         other = display.as_floats != self.display.as_floats
         self.display = display
         if view != self.view or other:
             self._change(view)
+
+    def _environments(self) -> dict[str | None, str]:
+        """Return what the scene may be lit by from all around, the source's first, and how it is called."""
+        scene, own = self._scene.scene, self._scene.source.environment
+        first = "none" if scene.own_lights else "studio"
+        if scene.environment is not None:
+            first = os.path.basename(own or "") or scene.environment.name or "the scene’s"
+        return {own: first} | {name: name for name in ("studio", "none") if name != first}
+
+    def checked_environment(self, name: Any) -> str | None:
+        """Return the name of an environment once it is there, which may take the time to read a file."""
+        allowed = self._environments()
+        if name not in list(allowed):
+            raise value_error("view", "environment", f"one of {', '.join(allowed.values())}", name)
+        self._scene.lit(name)
+        return name  # type: ignore[no-any-return]
 
     def _change(self, view: View) -> None:
         self.view = view
@@ -143,12 +191,11 @@ class Session:
     def reloaded(self) -> None:
         """Take over the scene that was read again: the camera stays, lights do if there are as many."""
         scene = self._scene
-        self._first = first = scene.first_view()
+        self._first = first = scene.first_view(self._window)
         lights = self.view.lights if len(self.view.lights) == len(first.lights) else first.lights
-        camera = scene.placed(self.view.camera)
         self._final = None
         self._scene_version = scene.version
-        self._change(replace(self.view, camera=camera, lights=lights))
+        self._change(replace(self._placed(self.view), lights=lights))
 
     # Drawing
 
@@ -168,12 +215,12 @@ class Session:
             settings = in_motion(settings, layers=settings.layers if floats else (), samples=step.samples)
         columns, rows = full = view.camera.resolution
         coarse = (max(columns // step.scale, 1), max(rows // step.scale, 1))
-        frame = self._scene.render(View(_at(view.camera, coarse), settings, view.lights), self)
+        frame = self._scene.render(replace(view, camera=_at(view.camera, coarse), settings=settings), self)
         drawn = time.perf_counter()
         if floats:
             size, arrays = full, {name: enlarged(plane, (rows, columns)) for name, plane in planes(frame).items()}
         else:
-            size, arrays = coarse, {"rgba": rgba8(frame, self._tonemap(task.display), task.display.exposure)}
+            size, arrays = coarse, {"rgba": rgba8(frame, self._tonemap(view, task.display), task.display.exposure)}
         stages = {name: ms for name, ms in frame.stats["times_ms"].items() if name not in ("pack", "open", "upload")}
         now = time.perf_counter()
         times = {**stages, "convert": (now - drawn) * 1e3, "total": (now - start) * 1e3}
@@ -194,8 +241,8 @@ class Session:
         }
         return Drawing(task, frame, packed(header, arrays), times)
 
-    def _tonemap(self, display: Display) -> Operator:
-        return display.tonemap or default_tonemap(self._scene.scene)
+    def _tonemap(self, view: View, display: Display) -> Operator:
+        return display.tonemap or default_tonemap(self._scene.lit(view.environment))
 
     def drawn(self, task: Task, ms: float) -> None:
         """Take note of a task that was drawn, or that failed, and of its time."""
@@ -232,7 +279,8 @@ class Session:
     def command(self, output: str | None = None) -> str:
         """Return the command line of `render` that draws this view."""
         source = self._scene.source
-        arguments = render_command(source, self._scene.scene, self.view, self.display.tonemap, self.display.exposure)
+        lit = self._scene.lit(self.view.environment)
+        arguments = render_command(source, lit, self.view, self.display.tonemap, self.display.exposure)
         return shlex.join([*arguments, *([] if output is None else ["-o", as_argument(output)])])
 
     def close(self) -> None:
@@ -247,18 +295,40 @@ class Session:
             "name": os.path.basename(self._scene.source.name),
             "triangles": scene.face_count,
             "resolution": list(view.camera.resolution),
-            "settings": {"shader": view.settings.shader, "samples": view.settings.samples},
-            "layers": list(view.settings.layers),
+            "fills": self._scene.takes_sizes,
             "lights": list(view.lights),
             "lightNames": [repr(light).strip("<>") for light in scene.lights],
-            "tonemap": self._tonemap(self.display),
+            "tonemap": self._tonemap(view, self.display),
             "exposure": self.display.exposure,
+            "camera": _pose(view.camera),
+            **self.options(),
+        }
+
+    def options(self) -> dict[str, Any]:
+        """Return what a client may set, besides lights and display, and what is allowed now."""
+        view, settings = self.view, self.view.settings
+        lit = settings.shader != "nolight"
+        has_lights = (
+            lit and bool(view.lights) and (settings.shader != "pbr" or self._scene.lit(view.environment).own_lights)
+        )
+        backgrounds = ["scene", *(["environment"] if self._scene.has_environment(view) else []), None, "color"]
+        return {
+            "settings": {
+                **{name: getattr(settings, name) for name in ("shader", "samples", "layers", "shadows")},
+                **{name: getattr(settings, name) for name in ("ambient_occlusion", "background")},
+                "ground": view.ground,
+                "environment": view.environment,
+            },
             "choices": {
                 "shader": SHADERS,
-                "layers": _with_all_layers(view.settings).layers,
-                "tonemap": OPERATORS,
+                "layers": _with_all_layers(settings).layers,
+                "background": backgrounds,
+                "environment": list(self._environments().items()) if settings.shader == "pbr" else [],
+                "lights": has_lights,
+                "shadows": has_lights,
+                "ambient_occlusion": lit,
+                "ground": settings.edges is None,
             },
-            "camera": _pose(view.camera),
         }
 
 

@@ -25,6 +25,7 @@ from ..base.json_values import in_line
 from ..errors import InputError
 from ..images.channels import color_group, grouped
 from ..images.image_file import Picture
+from ..images.layers import LAYER_TABLE
 from ..images.tonemap import Operator, checked
 
 SCRIPTS = (
@@ -35,7 +36,7 @@ SCRIPTS = (
 SHADERS = ("tonemap.glsl", "display.glsl")
 MOST_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
 # layer -> attribute of an EXR's header
-NAME_ATTRIBUTES = {"object_id": "objectNames", "material_id": "materialNames", "instance_id": "instanceNames"}
+NAME_ATTRIBUTES: dict[str, str] = {name: row.names for name, row in LAYER_TABLE.items() if row.names}
 
 _CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
 _LEVEL = 5  # of deflate

@@ -15,11 +15,12 @@ from ..base.arrays import Bytes
 from ..base.atomic_files import naming, replacing_all, shown
 from ..base.validation import integer, known, value_error
 from ..base.validation import path as checked_path
+from ..errors import InputError
 from ..farm.frames import parse_pattern
 from ..farm.local import MOST_WORKERS
 from ..farm.running import Run, draw_frames
 from ..images import exr_tiles, png
-from ..images.exr import SUFFIXES
+from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 TILE = 2048  # pixels a side
 LEAST_TILE, MOST_TILE = 16, 8192  # 8192: PoCL has a buffer for its pixels in float64, too
 _KINDS: tuple[FileKind, ...] = ("exr", "png")
-_FLAGS, _CHECKED = ("half", "crop", "deterministic", "colorbar"), ("tonemap", "exposure", "compression", "depth_scale")
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def draw_poster(
         raise value_error("draw_poster", "files", "exr, png or both", ",".join(others))
     for refused in ("crop", "colorbar"):
         if options.get(refused):
-            raise value_error("draw_poster", refused, "False: tiles are joined as they are", options[refused])
+            raise InputError(f"draw_poster: {refused}: cannot go with tiles, which are joined as they are")
     tile = integer("draw_poster", "tile", tile, LEAST_TILE, MOST_TILE)
     if tile & (tile - 1):
         raise value_error("draw_poster", "tile", "a power of two", tile)
@@ -198,9 +198,7 @@ def draw_poster(
     tiles = _Tiles(whole_camera(scene.camera, scene.camera.resolution if resolution is None else resolution), tile)
     whole = replace(scene, camera=tiles.whole)
     # All that is refused is refused before tiles of an earlier run are removed.
-    frame_files.check_flags(settled, **{"colorbar": False, **{n: options[n] for n in _FLAGS if n in options}})  # type: ignore[literal-required]
-    checked: dict[str, Any] = {each: options[each] for each in _CHECKED if each in options}  # type: ignore[literal-required]
-    frame_files.check_output(name, files=files, **checked)
+    frame_files.check_output(name, settled, **options)
     integer("draw_poster", "workers", workers, 1, MOST_WORKERS)
     if "exr" in files and _tile_bytes(settled, tile) >= 1 << 31:
         raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
@@ -224,7 +222,7 @@ def draw_poster(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
-        joining = _Joining(tiles, folder.pattern, whole, settled, options)
+        joining = _Joining(tiles, folder.pattern, whole, settled)
         write = {"exr": joining.write_exr, "png": joining.write_png}
         with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
             for (kind, file_path), file in zip(paths.items(), opened, strict=True):
@@ -244,21 +242,15 @@ def draw_poster(
 
 def _tile_bytes(settings: Settings, tile: int) -> int:
     """Return how large a tile of the EXR is at most, before compression: a chunk's size is an int32."""
-    return (
-        tile
-        * tile
-        * sum(
-            4 * len("RGBA" if name in ("RGBA", "albedo") else SUFFIXES.get(name, "Z"))
-            for name in ("RGBA", *settings.layers)
-        )
-    )
+    channels = len("RGBA") + sum(len(LAYER_TABLE[name].components) or 1 for name in settings.layers)
+    return 4 * channels * tile * tile
 
 
 class _Joining:
     """What joins the files of tiles. scene: with the camera of the whole."""
 
-    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings, options: SavingOptions) -> None:
-        self._tiles, self._scene, self._settings, self._options = tiles, scene, settings, options
+    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings) -> None:
+        self._tiles, self._scene, self._settings = tiles, scene, settings
         self._pattern = parse_pattern(pattern, len(tiles))
 
     def _name(self, number: int, kind: FileKind) -> str:

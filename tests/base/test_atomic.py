@@ -99,6 +99,30 @@ def test_an_unwritable_folder(tmp_path):
     assert os.strerror(errno.EACCES) in refusal(atomic_files.write_bytes, tmp_path / "a.bin", b"")
 
 
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_file_removed_between_two_looks_at_it(tmp_path, monkeypatch, replaced):
+    """Another process that writes the same files removes or replaces it: nothing is in the way of writing."""
+    path, other = tmp_path / "a.bin", tmp_path / "other"
+    path.write_bytes(b"earlier")
+    access, looks = os.access, []
+
+    def removing(target, mode):
+        looks.append(target)
+        if len(looks) > 1:
+            return access(target, mode)
+        other.write_bytes(b"other")
+        os.replace(other, path)
+        if not replaced:
+            os.unlink(path)
+        return False
+
+    monkeypatch.setattr(os, "access", removing)
+    atomic_files.write_bytes(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert os.listdir(tmp_path) == ["a.bin"]
+    assert len(looks) == (2 if replaced else 1)
+
+
 @pytest.mark.parametrize("operation", ["open", "fsync", "replace", "fchmod"])
 @pytest.mark.parametrize("number", [errno.EACCES, errno.ENOSPC, errno.EROFS, errno.EIO])
 def test_a_failing_step(kept, monkeypatch, operation, number):

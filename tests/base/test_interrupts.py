@@ -44,6 +44,23 @@ WRITING = "import os; os.fsync = stuck"
 WAITING = "import atexit; atexit.register(__import__('time').sleep, 60); " + WRITING
 CLEARING = "from clshade.base import interrupts; interrupts.at_end(lambda: __import__('time').sleep(60)); " + WRITING
 # As while OpenEXR reads: its own messages are then kept from standard error.
+# The main thread goes on meanwhile, and fails.
+GOING_ON = """import time
+    from clshade.base import interrupts
+    from clshade.pipeline import programs
+    late = []
+    interrupts.at_end(lambda: (late.append(1), time.sleep(0.5)))
+    def stuck(*_, **__):
+        try:
+            print("stuck", file=sys.__stdout__, flush=True)
+            while True:
+                time.sleep(0.01)
+        except KeyboardInterrupt:
+            while not late:
+                time.sleep(0.01)
+            raise RuntimeError from None
+    programs.build = stuck
+"""
 UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
 FAILING = "from clshade.base import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
 THROWN_AWAY = "from clshade.pipeline.opencl import cache_slots as slots; slots.SLOTS = 0; " + BUILDING
@@ -100,12 +117,63 @@ def assert_ends_soon(process: subprocess.Popen[str]) -> None:
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(
-    "hook", [BUILDING, WRITING, WAITING, FAILING, UNHEARD], ids=["building", "writing", "waiting", "failing", "unheard"]
+    "hook",
+    [BUILDING, WRITING, WAITING, FAILING, UNHEARD, GOING_ON],
+    ids=["building", "writing", "waiting", "failing", "unheard", "going on"],
 )
 def test_an_interrupt_while_python_cannot_handle_it(opened, folder, tmp_path, hook):
     assert_ends_soon(start(folder, tmp_path / "cache", hook))
     assert_kept(folder)
     assert sorted(os.listdir(folder)) == sorted(OUTPUTS)
+
+
+# Runs a demo as a script. {hook} is run when it imports NumPy.
+DEMO = """
+import hashlib, runpy, sys
+def stuck():
+    print("stuck", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 60_000_000)
+class Numpy:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy":
+            {hook}
+def interrupt(*arguments):
+    raise KeyboardInterrupt
+def interrupted():
+    sys.meta_path.remove(numpy)
+    import argparse
+    argparse.ArgumentParser.parse_args = interrupt
+sys.meta_path.insert(0, numpy := Numpy())
+del sys.argv[1:]
+runpy.run_path({path!r}, run_name="__main__")
+"""
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("demo", sorted(path.name for path in (ROOT / "demos").glob("*.py")))
+def test_an_interrupt_of_a_demo(tmp_path, demo):
+    """While it imports, stuck in C, and when it begins."""
+    for hook in ("stuck()", "interrupted()"):
+        code = DEMO.format(hook=hook, path=str(ROOT / "demos" / demo))
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        if hook == "stuck()":
+            assert_ends_soon(process)
+        else:
+            assert finish(process) == (130, "clshade: interrupted\n")
+
+
+def test_little_is_imported_before_interrupts_are_handled(tmp_path):
+    """Meanwhile an interrupt prints a traceback."""
+    code = "import sys; sys.path.insert(0, sys.argv[1]); import clshade.base.interrupts; print('typing' in sys.modules)"
+    done = subprocess.run([sys.executable, "-ISc", code, str(ROOT)], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "False\n", done.stderr
 
 
 @pytest.mark.long

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -338,7 +339,7 @@ def test_help_and_version(capsys):
         code, out, err = run(capsys, *arguments)
         assert (code, err) == (0, [])
         assert out.startswith(("usage: clshade", "clshade "))
-    help_text = run(capsys, "render", "--help")[1]
+    help_text = run(capsys, "render", "--help", "all")[1]
     for option in (
         "--shader",
         "--preset",
@@ -350,6 +351,39 @@ def test_help_and_version(capsys):
         "--stats",
     ):
         assert option in help_text
+
+
+def options_in(help_text):
+    return re.findall(r"^  (?:-\w\b[^-]*)?(--[a-z-]+)", help_text, re.M)
+
+
+@pytest.mark.parametrize("command", ["render", "turntable", "animate", "poster", "view", "report", "stability"])
+def test_help_begins_with_the_options_that_people_use_first(command, capsys):
+    code, out, err = run(capsys, command, "--help")
+    assert (code, err) == (0, [])
+    assert 10 <= len(options_in(out)) <= 16
+    assert options_in(out)[0] in ("--output", "--out")
+    assert len(out.splitlines()) < 80
+    topics = re.findall(r"^  ([a-z]+)(?:  .*)?$", out.split("--help TOPIC\n")[1], re.M)
+    assert topics[-1] == "general"
+    every = set(options_in(run(capsys, command, "--help", "all")[1]))
+    assert f"all {len(every)} options" in out
+    by_topic = [options_in(run(capsys, command, "--help", topic)[1]) for topic in topics]
+    assert all(by_topic)
+    assert every == {"--help", *options_in(out)}.union(*by_topic)
+
+
+def test_help_on_an_unknown_topic_names_them(capsys):
+    code, out, err = run(capsys, "render", "--help", "light")
+    assert (code, out, len(err)) == (2, "", 1)
+    assert "expected one of all, scene, lights, camera," in err[0]
+    assert "did you mean 'lights'?" in err[0]
+
+
+def test_help_on_few_options_shows_all(capsys):
+    out = run(capsys, "inspect", "--help")[1]
+    assert out == run(capsys, "inspect", "--help", "all")[1]
+    assert "--pixel" in out
 
 
 @pytest.mark.long

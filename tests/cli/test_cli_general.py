@@ -98,7 +98,7 @@ def test_one_scene_into_a_folder(tmp_path, capsys):
 @needs_device
 def test_quiet_prints_errors_alone(tmp_path, capsys):
     mesh = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "f 1 2 3\n")
-    given = ("render", mesh, *SIZE, "-o", tmp_path / "out")
+    given = ("render", mesh, *SIZE, "--look", "plain", "-o", tmp_path / "out")
     assert run(capsys, *given)[2] != []  # a warning that the library is missing
     assert run(capsys, *given, "--quiet") == (0, "", [])
     assert run(capsys, "--quiet", *given) == (0, "", [])

@@ -18,6 +18,7 @@ from clshade.cli.commands.scene_options import load_scene
 from clshade.images import exr
 from clshade.scene import framing
 from clshade.scene.formats import load
+from clshade.scene.geometry import vertex_normals
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
@@ -28,6 +29,57 @@ def test_creases(tmp_path):
     assert scene_of(path).meshes[0].normals is None
     for options, count in (("--crease 30", 4), ("--crease 10", 6), ("--crease 0", 2), ("--flat", 2)):
         assert len(scene_of(path, *options.split()).meshes[0].normals) == count, options
+
+
+SEAM = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0 0 0\nv 0 1 0\nv 0.9 0 -0.3\nf 1 2 3\nf 5 4 6\n"  # the roof in two pieces
+
+
+def test_seams_are_joined(tmp_path):
+    path, whole = write(tmp_path / "seam.obj", SEAM), write(tmp_path / "whole.obj", ROOF)
+    joined, apart = (scene_of(path, *options).meshes[0].normals for options in ((), ("--no-weld",)))
+    (together, _) = scene_of(whole).meshes  # the last is the ground
+    np.testing.assert_allclose(joined[[0, 1, 2, 5]], vertex_normals(together.verts, together.faces), atol=1e-15)
+    assert (joined[3:5] == joined[:2]).all()
+    assert apart is None
+    assert load.load(path).meshes[0].normals is None
+
+
+def test_no_weld_is_refused_where_it_does_nothing(tmp_path, capsys):
+    assert_refused(
+        run(capsys, "render", triangle().glb(tmp_path / "a.glb"), "--no-weld"), "weld", "only for .obj and .ply"
+    )
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "up", "likely"),
+    [
+        ((-120, -173, -252), (120, 180, 233), "y", "z"),  # a bust, about 0
+        ((-1, -0.4, 0), (1, 0.4, 3), "y", "z"),  # a person on z = 0
+        ((-0.2, -0.17, -0.5), (0.2, 0.17, 0.5), "y", None),  # a car lies
+        ((-0.5, -0.7, -0.7), (0.5, 1.0, 1.1), "y", None),
+        ((-3, 0, -2), (3, 3, 2), "y", None),
+        ((-1, 0, -1), (1, 3, 1), "z", "y"),
+        ((-1, -1, 0), (1, 1, 0.05), "y", None),  # a relief
+        ((-1, 0, 0), (1, 3, 1), "z", None),
+        ((0, 0, 0), (0, 0, 0), "y", None),
+        ((-1, -1, 0), (1, 1, 1), "x", None),
+    ],
+)
+def test_the_likely_up(low, high, up, likely):
+    assert framing.likely_up(np.array(low, float), np.array(high, float), up) == likely
+
+
+def test_another_up_is_told_of(tmp_path, capsys):
+    path = write(tmp_path / "tall.obj", "v 0 -1 0\nv 1 1 0\nv -1 1 3\nf 1 2 3\n")
+    line = "tall.obj: y is up, but its extents suggest z: --up z shows it so"
+    for options, told in (
+        ((), True),
+        (("--up", "z"), False),
+        (("--up", "y"), False),
+        (("--camera-view-up", "1,0,0"), False),
+    ):
+        scene_of(path, *options)
+        assert (line in capsys.readouterr().err) is told
 
 
 @pytest.mark.parametrize("up", framing.UPS)
@@ -85,10 +137,10 @@ def test_values_that_begin_with_a_dash(tmp_path):
         (("a.obj", "--crease", "3", "--flat"), ("--crease", "--flat")),
         (("a.obj", "--up", "w"), ("--up", "'w'", "-z")),
         (("a.obj", "--up"), ("--up", "expected one argument")),
-        (("a.npy", "--crease", "30"), ("crease", "none for a course scene")),
-        (("a.npy", "--up", "-z"), ("up", "none for a course scene")),
+        (("a.npy", "--crease", "30"), ("crease", "only for .obj, ")),
+        (("a.npy", "--up", "-z"), ("up", "only for .obj, ")),
         (("teapot", "--flat"), ("--flat", "'teapot'")),
-        (("teapot", "--no-two-sided"), ("--two-sided", "'teapot'")),
+        (("teapot", "--no-two-sided"), ("--no-two-sided", "'teapot'")),
         (("teapot", "--crease", "0"), ("--crease", "'teapot'")),
     ],
 )
@@ -139,7 +191,7 @@ def test_a_slow_file_is_told(tmp_path, capsys, monkeypatch):
     load.load(path)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(load, "SLOW", 0.01)
-    monkeypatch.setattr(load, "read_obj", lambda path, options: time.sleep(0.3) or framing)
+    monkeypatch.setattr("clshade.scene.formats.obj.read_obj", lambda path, options: time.sleep(0.3) or framing)
     assert load.load(path) is framing
     assert capsys.readouterr().err == f"clshade: loading {path} ...\n"
 
@@ -185,9 +237,9 @@ def test_scalars_are_listed(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--colormap jet", "--colormap: expected --scalars NAME beside it, found none"),
-        ("--clim 0,1", "--clim: expected --scalars NAME beside it, found none"),
-        ("--colorbar", "--colorbar: expected --scalars NAME beside it, found none"),
+        ("--colormap jet", "--colormap: needs --scalars NAME"),
+        ("--clim 0,1", "--clim: needs --scalars NAME"),
+        ("--colorbar", "--colorbar: needs --scalars NAME"),
         ("--scalars heat --colormap jett", "found 'jett': did you mean 'jet'"),
         ("--scalars heat --clim 2,1", "low not above high, found (2.0, 1.0)"),
         ("--scalars heat --nan-color x", "--nan-color: expected a name such as white"),

@@ -26,8 +26,8 @@ def test_options_become_edges():
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        (("--edge-width", "3"), "--edge-width: expected --edges with it"),
-        (("--edges-only",), "--edges-only: expected --edges with it"),
+        (("--edge-width", "3"), "--edge-width: needs --edges"),
+        (("--edges-only",), "--edges-only: needs --edges"),
         (("--edges", "all", "--edge-width", "65"), "Edges: width: expected pixels above 0, at most 64"),
         (("--edges", "all", "--edge-color", "0,0,-1"), "--edge-color: expected a name such as white, #rrggbb"),
     ],

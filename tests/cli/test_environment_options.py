@@ -57,8 +57,8 @@ def test_default_lights_stand_in_until_they_are_asked_for(triangle):
         (("--environment", "none.hdr"), "none.hdr: file: expected an existing file"),
         (("--environment", "studio", "--environment-intensity", "-1"), "--environment-intensity: expected"),
         (("--environment", "studio", "--environment-rotation", "nan"), "--environment-rotation: expected"),
-        (("--environment", "none", "--environment-rotation", "9"), "--environment-rotation: expected --environment"),
-        (("--environment-intensity", "2"), "--environment-intensity: expected --environment"),
+        (("--environment", "none", "--environment-rotation", "9"), "--environment-rotation: needs --environment"),
+        (("--environment-intensity", "2"), "--environment-intensity: needs --environment"),
     ],
 )
 def test_refusals(options, message, tmp_path, monkeypatch, capsys):

@@ -65,14 +65,36 @@ def test_a_placed_camera_stays(square):
     assert placed.eye.tolist() == [0, 0, 9]
 
 
-def test_a_files_own_camera_is_named_and_fit_ignores_it(own, square, capsys):
-    line = "own.glb: the camera is the file's own: --fit chooses one that shows all of the scene"
-    assert scene_of(own).camera.eye.tolist() == [0, 0, 9]
-    assert capsys.readouterr().err.rstrip().endswith(line)
-    for arguments in ((own, "--fit"), (own, "--camera-position", "1,2,3"), (square,), ("course",), ("icosphere",)):
+def test_a_files_own_camera_is_used_where_it_is_asked_for(own, square, capsys):
+    assert scene_of(own, "--camera", "file").camera.eye.tolist() == [0, 0, 9]
+    assert clshade.load(own).camera.eye.tolist() == [0, 0, 9]
+    for arguments in (
+        (own,),
+        (own, "--fit"),
+        (own, "--camera-position", "1,2,3"),
+        (square,),
+        ("course",),
+        ("icosphere",),
+    ):
         scene_of(*arguments)
         assert capsys.readouterr().err == ""
-    assert extent(scene_of(own, "--fit")) == pytest.approx(FILL, rel=1e-6)
+    for options in ((), ("--fit",), ("--camera", "fit"), ("--camera-azimuth-angle", "100")):
+        assert extent(scene_of(own, *options)) == pytest.approx(FILL, rel=1e-6)
+    for scene, found in (
+        (square, "expected a .*file that has one, found none in "),
+        ("icosphere", "file needs a scene file"),
+    ):
+        with pytest.raises(InputError, match=f"--camera: {found}"):
+            scene_of(scene, "--camera", "file")
+
+
+def test_the_camera_of_a_saved_scene_stays_and_is_named(own, tmp_path, capsys):
+    clshade.load(own).to_json(tmp_path / "own.json")
+    assert scene_of(tmp_path / "own.json").camera.eye.tolist() == [0, 0, 9]
+    line = "own.json: the camera is the file's own: --fit chooses one that shows all of the scene"
+    assert capsys.readouterr().err.rstrip().endswith(line)
+    scene_of(tmp_path / "own.json", "--camera", "file")
+    assert capsys.readouterr().err == ""
     assert not scene_of("icosphere").fitted
     assert extent(scene_of("icosphere", "--fit")) == pytest.approx(FILL, rel=1e-6)
 
@@ -80,6 +102,43 @@ def test_a_files_own_camera_is_named_and_fit_ignores_it(own, square, capsys):
 def test_the_ground_lies_below_what_up_says(own):
     for options, normal in (((), [0, 1, 0]), (("--up", "-x"), [-1, 0, 0])):
         assert scene_of(own, "--ground", *options).meshes[-1].normals.tolist() == [normal]
+
+
+@needs_device
+def test_a_mesh_without_lights_is_shown_in_the_studio(square, own, tmp_path):
+    for path in (square, own):
+        scene = scene_of(path)
+        assert (scene.preset, scene.environment.name) == ("pbr", "studio")
+        assert scene.meshes[-1].material.texture.name == "contact shadow"
+    course = save_npy(tmp_path / "course.npy", course_dict())
+    for path, options in (
+        (square, ("--look", "plain")),
+        (square, ("--shader", "gouraud")),
+        (square, ("--preset", "standard")),
+        (square, ("--environment", "none")),
+        (square, ("--shadows",)),
+        (square, ("--lights", "0")),
+        (square, ("--light-intensity", "2")),
+        (square, ("--layers", "Z")),
+        (square, ("--formats", "png,depth")),
+        (square, ("--background", "none")),
+        (square, ("--sheet",)),
+        (course, ()),
+        ("icosphere", ()),
+    ):
+        scene = scene_of(path, *options)
+        assert (len(scene.meshes), scene.preset == "pbr") == (1, False), options
+    assert scene_of("icosphere", "--look", "studio").meshes[-1].name == "ground"
+    assert scene_of(square, "--look", "course").preset == "course"
+    for option in (("--lights", "0"), ("--light-radius", "0"), ("--environment", "none")):
+        with pytest.raises(InputError, match=f"{option[0]}: .*cannot go with --look studio"):
+            scene_of(square, "--look", "studio", *option)
+    assert len(scene_of(square, "--look", "studio", "--edges", "all").meshes) == 1
+    with pytest.raises(InputError, match="--ground: cannot go with --edges"):
+        scene_of(square, "--look", "studio", "--edges", "all", "--ground")
+    for options in (("--preset", "pbr"), ("--preset", "course")):
+        with pytest.raises(InputError, match="--look: studio cannot go with --preset, which it chooses"):
+            scene_of(square, "--look", "studio", *options)
 
 
 def test_factors_of_lights_that_the_environment_replaces_are_refused(own):
@@ -115,6 +174,22 @@ def test_samples(tmp_path, square, capsys):
         path.unlink()
 
 
+def test_soft_shadows_under_a_rectangle_light():
+    """Of the room, and of any scene with such a light; but not in Python, nor for pictures of the course."""
+
+    def found(*options):
+        parsed = _parser(["render"]).parse_args(["render", *options])
+        fields = picture_settings(parsed, load_scene(parsed, options[0]))
+        return fields.get("shadows"), fields.get("light_samples")
+
+    assert found("box_room") == (True, 64)
+    assert found("box_room", "--no-shadows", "--light-samples", "3") == (False, 3)
+    for options in (("teapot",), ("box_room", "--preset", "course"), ("box_room", "--lights", "1")):
+        assert found(*options) == (None, None)
+    assert any(isinstance(light, clshade.RectangleLight) for light in scene_of("box_room").lights)
+    assert not any(isinstance(light, clshade.RectangleLight) for light in clshade.builtin("box_room").lights)
+
+
 @pytest.mark.parametrize(
     ("command", "samples"),
     [
@@ -128,4 +203,4 @@ def test_samples(tmp_path, square, capsys):
 def test_the_help_says_how_many_samples(command, samples, capsys):
     code, out, _ = run(capsys, command, "--help")
     assert code == 0
-    assert f"that are looked at (default: {samples})" in " ".join(out.split())
+    assert f"samples per pixel (default: {samples})" in " ".join(out.split())

@@ -37,7 +37,7 @@ def test_it_darkens_and_stands_in_the_header(capsys, tmp_path):
         (("--ambient-occlusion", "1025"), "ambient_occlusion: expected a whole number from 0 to 1024, found 1025"),
         (("--ao-distance", "0"), "ao_distance: expected a finite number above 0, found 0"),
         (("--ao-distance", "nan"), "ao_distance: expected a finite number above 0, found nan"),
-        (("--layers", "AO"), "layers: expected AO only with ambient_occlusion"),
+        (("--layers", "AO"), "layers: expected ambient_occlusion with the layer AO"),
     ],
 )
 def test_what_is_refused(capsys, tmp_path, options, message):

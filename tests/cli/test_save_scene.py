@@ -23,7 +23,8 @@ def test_the_scene_draws_the_same_picture(capsys, tmp_path):
     assert "wrote" in out
     scene = clshade.load(saved)
     assert (scene.preset, scene.camera.resolution, len(scene.lights)) == ("course", (32, 24), 1)
-    assert listing(tmp_path) == ["a.exr", "a.png", "scene.json", "scene.json.bin"]
+    binary = json.loads(saved.read_text())["arrays"]["file"]
+    assert listing(tmp_path) == ["a.exr", "a.png", "scene.json", binary]
     code, _, err = run(capsys, "render", saved, "--layers", "Z,id", "-o", tmp_path / "b")
     assert code == 0, err
     (first, _), (second, _) = (exr.read(tmp_path / f"{name}.exr") for name in "ab")
@@ -59,22 +60,23 @@ def test_standard_output_stays_json(capsys, tmp_path):
         (("--save-scene", ".glb"), ("--save-scene: expected a file name that ends in .json or .glb, found .glb",)),
         (("--save-scene", "a\nb.json"), ("render: --save-scene: expected a file in the scene's folder, found ",)),
         (("--save-scene", ""), ("--save-scene: expected a file name that ends in .json or .glb",)),
-        (("teapot", "--save-scene", "a.json"), ("--save-scene: expected one scene with it, found 2",)),
+        (("teapot", "--save-scene", "a.json"), ("--save-scene: is for one scene, not for 2",)),
         (("--save-scene", "none/a.json"), ("none/a.json: cannot be written: there is no folder ",)),
         (("--save-scene", "folder.json"), ("folder.json: cannot be written: it is a folder",)),
-        (("--save-scene", "b.json"), ("b.json.bin: cannot be written: it is a folder",)),
-        (("--sheet", "-o", "s", "--save-scene", "s.json"), ("--save-scene: expected a file of its own, found s.json",)),
+        (
+            ("--sheet", "-o", "s", "--save-scene", "s.json"),
+            ("--save-scene: s.json is the file of the facts of --sheet",),
+        ),
     ],
 )
 def test_what_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch, arguments, parts):
     monkeypatch.chdir(tmp_path)
-    for name in ("folder.json", "b.json.bin"):
-        (tmp_path / name).mkdir()
+    (tmp_path / "folder.json").mkdir()
     assert_refused(run(capsys, "render", "quads", *arguments), *parts)
-    assert listing(tmp_path) == ["b.json.bin", "folder.json"]
+    assert listing(tmp_path) == ["folder.json"]
 
 
 def test_the_file_that_is_read_is_not_replaced(capsys, tmp_path):
     clshade.builtin("quads", count=1).to_json(tmp_path / "a.json")
     found = run(capsys, "render", tmp_path / "a.json", "--save-scene", tmp_path / "a.json", "-o", tmp_path / "b")
-    assert_refused(found, "--save-scene: expected another file than is read, found ")
+    assert_refused(found, " is read: choose another file")

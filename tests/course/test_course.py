@@ -255,19 +255,17 @@ def test_a_power_of_two_changes_no_bit(scale, shader):
 @pytest.mark.parametrize("shader", ["gouraud", "phong"])
 @pytest.mark.parametrize(("name", "term"), [("k_a", "AMBIENT"), ("k_d", "DIFFUSE"), ("k_s", "SPECULAR")])
 def test_a_coefficient_of_0_is_left_out_of_the_kernel(monkeypatch, shader, name, term):
-    """For scenes, triangles and points: the test inspects what would be built, and builds nothing."""
+    """For scenes, triangles and points: the test inspects what would be drawn, and builds nothing."""
     built = []
 
     class Enough(Exception):
         pass
 
-    def build(device, features, files, **options):
-        if not {"phong.cl", "gouraud.cl", "light.cl"}.isdisjoint(files):
-            built.append(features[term])
-            raise Enough
+    def compiled(features, *names):
+        built.append(features[term])
+        raise Enough
 
-    monkeypatch.setattr("clshade.pipeline.launches.build", build)
-    monkeypatch.setattr("clshade.pipeline.single_primitive.build", build)
+    monkeypatch.setattr("clshade.pipeline.features.Features.compiled", compiled)
     scene = course.arguments(surfaced(SCENE))
     light = {key: scene[key] for key in ("k_a", "k_d", "k_s", "n", "l_pos", "l_int")}
     corners = {"verts_p": [[1, 1], [9, 1], [1, 9]], "verts_n": np.eye(3), "verts_c": np.eye(3)}

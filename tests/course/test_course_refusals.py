@@ -76,7 +76,7 @@ CORNERS = {
 SHADING = CORNERS | TERMS | LIGHTS | {"verts_n": CORNERS["verts_c"], "bcoords": VECTOR, "cam_pos": VECTOR}
 SHADING |= {"l_amb": COEFFICIENT}
 VIEW = {
-    "shader": [None, "Phong", "flat", 1, ["phong"]],
+    "shader": [None, "Phong", "flat", "pbr", 1, ["phong"]],
     "focal": [None, 0, -1, NAN, INF, "70", [1, 2]],
     "eye": [*VECTOR, SCENE.camera.lookat],
     "lookat": VECTOR,

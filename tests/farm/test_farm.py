@@ -446,8 +446,8 @@ def test_flow_to_the_frames_beside(tmp_path, capsys):
         np.testing.assert_array_equal(files[1][f"{name}_occluded"] != 0, found.occluded)
     for option in (["--flow"], ["--visible", "csv"]):
         refused = run(capsys, *command, *option, "-o", tmp_path / "a.mp4")
-        assert_refused(refused, f"{option[0]}: expected frames as --output, such as out.####.exr, found")
-    with pytest.raises(InputError, match="draw_frames: flow: expected False without a file that holds it, exr or npz"):
+        assert_refused(refused, f"{option[0]}: needs frames as --output, such as out.####.exr, not")
+    with pytest.raises(InputError, match="draw_frames: flow: needs exr or npz among the files, which hold it"):
         draw_frames(scene, {1: scene.camera}, str(tmp_path / "b#.exr"), flow=True, saving={"files": ["png"]})
 
 

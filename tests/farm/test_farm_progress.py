@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 from devices import working_devices
 
+from clshade.base import progress_bar
 from clshade.cli.main import main
 from clshade.farm import Run, progress, running
 from clshade.farm.job import DrawnFrame
@@ -24,9 +25,12 @@ class Screen(io.StringIO):
 
 @pytest.fixture
 def now(monkeypatch) -> list[float]:
-    """Control both clocks, in seconds."""
+    """Control all clocks, in seconds."""
     now = [0.0]
-    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=lambda: now[0], time=lambda: 1e9 + now[0]))
+    clocks = SimpleNamespace(perf_counter=lambda: now[0], time=lambda: 1e9 + now[0])
+    for module in (progress, progress_bar):
+        monkeypatch.setattr(module, "time", clocks)
+    monkeypatch.setattr("tqdm.std.time", lambda: 1e9 + now[0])
     return now
 
 
@@ -46,6 +50,26 @@ def test_lines_now_and_then_without_a_terminal(now, monkeypatch):
         "clshade: 100/100 frames, 4 frames/s",
     ]
     assert (bar.drawn, bar.seconds, bar.rate) == (80, 20.0, 4.0)
+
+
+@pytest.mark.parametrize("stream", [io.StringIO, Screen])
+def test_the_first_frame_does_not_count_in_what_is_left(now, monkeypatch, stream):
+    """It waits for the compiler: 61 s, the others one each."""
+    monkeypatch.setattr(sys, "stderr", stream())
+    with Progress(100, 0, True) as bar:
+        now[0] += 60.0
+        for number in range(1, 12):
+            now[0] += 1.0
+            draw(bar, number)
+    shown = sys.stderr.getvalue()
+    if stream is Screen:
+        assert "1/100 [01:01<?" in shown
+        assert "11/100 [01:11<01:29" in shown
+    else:
+        assert shown.splitlines() == [
+            "clshade: 1/100 frames, 0.0164 frames/s",
+            "clshade: 11/100 frames, 0.155 frames/s, about 89 s left",
+        ]
 
 
 def test_a_bar_on_a_terminal(now, monkeypatch):

@@ -259,9 +259,10 @@ def test_leaving_early_ends_the_workers(tmp_path):
 # Runs of the command
 
 
-def start(folder: Path, *further: str, silent: float = 10.0) -> subprocess.Popen[str]:
-    """Start a run. silent: seconds until a worker without a sign of life is reported."""
-    code = f"from clshade.farm import waiting; waiting.SILENT = {silent}; from clshade.__main__ import entry; entry()"
+def start(folder: Path, *further: str, silent: float = 10.0, before: str = "") -> subprocess.Popen[str]:
+    """Start a run. silent: seconds until a worker without a sign of life is reported. before: code that is run first."""
+    code = f"from clshade.farm import waiting; waiting.SILENT = {silent}; from clshade.__main__ import entry"
+    code = f"{before}\n{code}; entry()"
     frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
     command = [sys.executable, "-c", code, "turntable", "icosphere", "--preset", "course", *frames, *further]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -342,6 +343,30 @@ def test_interrupts_wait_until_workers_have_started(tmp_path):
     wait_until(lambda: workers_of(process) or process.poll() is not None)
     assert [blocked(pid) >> (signal.SIGINT - 1) & 1 for pid in workers_of(process)[:1]] == [1]
     process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=180)
+    assert (process.returncode, err) == (130, "clshade: interrupted\n")
+
+
+# Interrupts itself when a worker has been started, before that is told anything, and takes its time to tell it.
+SLOW_START = """
+import os, signal, time
+from clshade.base import interrupts
+interrupts.leave_soon()  # before NumPy starts threads
+from multiprocessing import util
+spawn = util.spawnv_passfds
+def slow(*arguments):
+    pid = spawn(*arguments)
+    if b"spawn_main" in arguments[1][-2].encode():
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.6)  # longer than the main thread gets
+    return pid
+util.spawnv_passfds = slow
+"""
+
+
+def test_an_interrupt_waits_for_a_worker_that_starts(tmp_path):
+    """Otherwise the worker prints a traceback: it is told nothing."""
+    process = start(tmp_path, before=SLOW_START)
     _, err = process.communicate(timeout=180)
     assert (process.returncode, err) == (130, "clshade: interrupted\n")
 

@@ -163,7 +163,8 @@ def test_what_is_said(folder, capsys, monkeypatch):
         ["clshade: bar.glb: animation 0, 3 s: frames 1..90"],
     )
     _, scene, cameras, poses = found[0]
-    assert (len(scene.meshes), len(cameras), len(poses), list(poses) == list(cameras)) == (1, 90, 90, True)
+    assert (len(scene.meshes), len(cameras), len(poses), list(poses) == list(cameras)) == (2, 90, 90, True)
+    assert scene.meshes[-1].material.texture is None  # no contact shadow below what moves
     assert 1 in poses
     assert 91 not in poses
     with pytest.raises(KeyError):
@@ -173,11 +174,14 @@ def test_what_is_said(folder, capsys, monkeypatch):
 def test_animations_are_listed(folder, capsys):
     _, out, _ = run(capsys, "inspect", "bar.glb")
     assert [line.split() for line in out.splitlines()][-4:-1] == [
-        ["animation", "number"],
-        ["unnamed", "0"],
-        ["Bend", "1"],
+        ["animation", "number", "seconds"],
+        ["unnamed", "0", "3"],
+        ["Bend", "1", "3"],
     ]
-    assert json.loads(run(capsys, "inspect", "bar.glb", "--json")[1])["animations"] == ["", "Bend"]
+    assert json.loads(run(capsys, "inspect", "bar.glb", "--json")[1])["animations"] == [
+        {"name": "", "seconds": 3.0},
+        {"name": "Bend", "seconds": 3.0},
+    ]
     assert "animation" not in run(capsys, "inspect", "still.glb")[1]
 
 
@@ -192,29 +196,29 @@ def test_a_pose_is_offered_once(folder, capsys):
     assert not any("at rest" in line for line in run(capsys, *drawn, "--animation", "Bend")[2])
     code, _, err = run(capsys, "render", "teapot", "--time", "1")
     assert (code, len(err)) == (2, 1)
-    assert "--time: expected a scene file to apply it to, found the built-in scene 'teapot'" in err[0]
+    assert "--time: needs a scene file, not the built-in scene 'teapot'" in err[0]
     code, _, err = run(capsys, "render", "still.glb", "--animation", "x")
     assert (code, len(err)) == (2, 1)
-    assert "still.glb: animations: expected at least one" in err[0]
+    assert "still.glb: animations: expected an animation to show" in err[0]
 
 
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (("still.glb",), ("still.glb: animations: expected at least one", "found none")),
-        (("teapot",), ("CAMERAS.json: expected a file of cameras, or a glTF file to play, found the scene teapot",)),
+        (("still.glb",), ("still.glb: animations: expected an animation to show, found none",)),
+        (("teapot",), ("CAMERAS.json: a file of cameras is missing, and teapot has no animation to play",)),
         (("bar.glb", "--animation", "bend"), ("bar.glb: animation: expected one of Bend", "did you mean 'Bend'?")),
-        (("bar.glb", "--time", "1"), ("--time: expected none with an animation that is played, found 1",)),
-        (("bar.glb", "--focal", "1"), ("--focal: expected none",)),
+        (("bar.glb", "--time", "1"), ("--time: cannot go with an animation that is played",)),
+        (("bar.glb", "--focal", "1"), ("--focal: cannot go with an animation that is played",)),
         (("bar.glb", "--fps", "0"), ("--fps: expected a number above 0", "'0'")),
         (("bar.glb", "--fps", "fast"), ("--fps: expected a number above 0", "'fast'")),
         (("bar.glb", "--fps", "1/0"), ("--fps: expected a number above 0", "'1/0'")),
         (("bar.glb", "--count", "0"), ("count: expected a whole number from 1 to 1000000, found 0",)),
         (("bar.glb", "--count", "4", "--frames", "2"), ("--frames", "not allowed with", "--count")),
-        (("bar.glb", "--frames", "90..91"), ("--frames: expected frames that are of the animation", "these are 1..90")),
-        (("bar.glb", "c.json", "--count", "4"), ("--count: expected an animation to play",)),
-        (("bar.glb", "c.json", "--fps", "4"), ("--fps: expected a film as --output",)),
-        (("bar.glb", "--bit-depth", "10"), ("--bit-depth: expected a film as --output",)),
+        (("bar.glb", "--frames", "90..91"), ("--frames: 90..91 goes beyond the frames of the animation, 1..90",)),
+        (("bar.glb", "c.json", "--count", "4"), ("--count: is for the animation of a glTF file",)),
+        (("bar.glb", "c.json", "--fps", "4"), ("--fps: needs a film as --output",)),
+        (("bar.glb", "--bit-depth", "10"), ("--bit-depth: needs a film as --output",)),
     ],
 )
 def test_refused_command_lines(folder, capsys, arguments, parts):

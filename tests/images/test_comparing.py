@@ -244,7 +244,7 @@ def test_refused(files, capsys):
         (("a.exr", "b.exr", "--threshold", "nan"), ("--threshold", "'nan'")),
         (("a.exr", "b.exr", "-o", "none/a.png"), ("none/a.png", "there is no folder")),
         (("a.exr", "b.exr", "-o", "a.exr"), ("--output", ".png", "a.exr")),
-        (("a.png", "a.png", "-o", "./a.png"), ("--output", "another file than is read", "./a.png")),
+        (("a.png", "a.png", "-o", "./a.png"), ("--output", "is read: choose another file", "./a.png")),
     ):
         code, out, err = run(capsys, *arguments, "-o", "new.png") if "-o" not in arguments else run(capsys, *arguments)
         assert (code, out, len(err)) == (2, "", 1), arguments

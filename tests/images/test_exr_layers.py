@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import subprocess
 import sys
 import sysconfig
@@ -16,18 +18,42 @@ from layer_scenes import CAMERA, dome, mixed, wedge
 
 import clshade
 from clshade.images import exr
+from clshade.images.layers import LAYER_TABLE
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.opencl.device import Device
 from clshade.scene.camera_matrices import camera_matrices
-from clshade.scene.model import LAYERS, Scene
+from clshade.scene.model import Scene
 
-# The README's table: channel -> type, f for float and u for uint, with its bits.
-CHANNELS = dict.fromkeys(("R", "G", "B", "A", "Z", "uv.U", "uv.V", "AO"), "f32")
-CHANNELS |= {f"{layer}.{letter}": "f32" for layer in ("N", "P") for letter in "XYZ"}
-CHANNELS |= {f"albedo.{letter}": "f32" for letter in "RGB"}
-CHANNELS |= {f"barycentrics.{letter}": "f32" for letter in "UVW"}
-CHANNELS |= dict.fromkeys(("id", "object_id", "material_id", "instance_id"), "u32")
+ROOT = Path(__file__).resolve().parent.parent.parent
+README = (ROOT / "clshade" / "pipeline" / "README.md").read_text()
+LINK = re.compile(r"\[([^]]+)\]\([^)]+\)")
+
+
+def readme_rows() -> dict[str, tuple[str, ...]]:
+    """Return channels, type, description and background of each layer, by the README's table."""
+    rows = re.findall(r"^\| `(\w+)` \| `([^|`]+)` \| (.+) \| (.+) \| (\w+) \|$", README, re.MULTILINE)
+    return {
+        name: (channels, kind, LINK.sub(r"\1", what), background) for name, channels, kind, what, background in rows
+    }
+
+
+# Channel of a frame without scalars -> type, f for float and u for uint, with its bits.
+CHANNELS = dict.fromkeys("RGBA", "f32")
+for layer, (channels, kind, *_) in readme_rows().items():
+    if layer != "scalar":
+        CHANNELS |= dict.fromkeys(channels.split(), "u32" if kind == "uint32" else "f32")
 HALVES = {name for name, kind in CHANNELS.items() if kind == "f32" and name[0] not in "ZP"}
+
+
+def test_the_readme_has_the_rows_of_the_table():
+    kinds = {"uint32": "uint32", "real": "float", "float64": 'float; `frame["{}"]` float64'}
+    ends = {0.0: "0", math.inf: "infinity"}
+    expected = {}
+    for name, row in LAYER_TABLE.items():
+        channels = " ".join(f"{name}.{letter}" for letter in row.components) or name
+        background = ends.get(row.background, "NaN")
+        expected[name] = channels, kinds[row.kind].format(name), row.described(), background
+    assert readme_rows() == expected
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +236,6 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
     assert found["N.X"].dtype == np.float16
     assert found["Z"].shape == (30, 40)
     assert header["dataWindow"] != header["displayWindow"]
-    assert len(LAYERS) == 12
     capsys.readouterr()
     assert main(["render", "--help"]) == 0
     assert "object_id" in capsys.readouterr().out

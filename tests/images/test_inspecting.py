@@ -19,7 +19,8 @@ from clshade.errors import ClshadeError, InputError
 from clshade.images import exr, png, statistics, statistics_figure
 from clshade.images.image_file import Picture
 from clshade.images.tonemap import tonemap
-from clshade.scene.formats.load import EXTENSIONS, load
+from clshade.scene.formats.load import load
+from clshade.scene.formats.table import EXTENSIONS
 
 
 def words(text):

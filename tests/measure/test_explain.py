@@ -15,13 +15,15 @@ from command_line import run
 from devices import working_devices
 
 from clshade.cli import commands
+from clshade.images.layers import LAYERS
 from clshade.measure import timing
 from clshade.measure.report import feature_savings
 from clshade.pipeline import gather, programs
-from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.features import GROUPS, OPTIONAL, Features
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
-from clshade.scene.model import LAYERS, Camera, Material, Mesh, PointLight, Scene, Texture
+from clshade.scene.material import POWERED, TERMS
+from clshade.scene.model import Camera, Material, Mesh, PointLight, Scene, Texture
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
@@ -33,14 +35,14 @@ WITHOUT_SCALARS = ("SCALARS", "VERTEX_COLORS", "MATERIALS")  # meshes with scala
 
 
 # Needed by shader pbr alone, which shows no scalars here: tests/pipeline/test_maps.py.
-OF_PBR = {"EMISSION", "ENVIRONMENT", "NORMAL_MAP", "OCCLUSION_MAP", "EMISSION_MAP", "ROUGHNESS_MAP", "UV_SETS"}
+OF_PBR = {"EMISSION", "ENVIRONMENT", "UV_SETS", *GROUPS["MAPS"]}
 
 
 def rich_scene(*without: str) -> Scene:
     """Return sixty triangles whose image needs every optional feature except these and those that depend on them."""
     generator = np.random.default_rng(4)
-    given: dict[str, Any] = {"ka": 0.3, "kd": 0.6, "ks": 0.5, "n": 12.0, "two_sided": "TWO_SIDED" not in without}
-    plain = {"AMBIENT": {"ka": 0.0}, "DIFFUSE": {"kd": 0.0}, "SPECULAR": {"ks": 0.0}, "POWER": {"n": 1.0}}
+    given: dict[str, Any] = {"ka": 0.3, **dict.fromkeys(TERMS, 0.5), "n": 12.0, "two_sided": "TWO_SIDED" not in without}
+    plain = {"AMBIENT": {"ka": 0.0}, "POWER": {"n": 1.0}, **{term.feature: {k: 0.0} for k, term in TERMS.items()}}
     for name in without:
         given |= plain.get(name, {})
     filter = "linear" if "NEAREST" in without else "nearest"
@@ -98,13 +100,12 @@ NEEDS = {
     **{name: {"scalars": None} for name in WITHOUT_SCALARS},
 }
 ALONG = {  # features left out with another, without which they are meaningless
-    "LIT": {"AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS", "SHADOW_ALPHA"}
+    "LIT": {"AMBIENT", *GROUPS["TERMS"], "POWER", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS", "SHADOW_ALPHA"}
     | {"TWO_SIDED", "NORMAL_INDICES", "AMBIENT_OCCLUSION"},
     "AMBIENT": {"AMBIENT_OCCLUSION"},
     "LIGHT_SHAPES": {"AREA_LIGHTS"},
-    "SHADOWS": {"SHADOW_ALPHA"},  # with AMBIENT, whose occlusion needs it too
     "SHADOW_ALPHA": {"ALPHA_TEST", "BLEND", "VERTEX_ALPHA"},
-    "SPECULAR": {"POWER"},
+    **({TERMS[POWERED[0]].feature: {"POWER"}} if len(POWERED) == 1 else {}),
     "TEXTURED": {"UV_INDICES", "MIPMAPS", "NEAREST"},
     "MATERIALS": {"SIDES", "SCALARS", "BLEND"},
     "VERTEX_COLORS": {"SCALARS"},
@@ -137,25 +138,10 @@ def needed_by(frame: Frame) -> set[str]:
     return set(frame.stats["features"]) & set(OPTIONAL)
 
 
-# Each mask needs another program, and one that lacks several features shows an error of any of them.
-LEFT_OUT = (
-    ("TEXTURED",),
-    ("LIT", "DOUBLE_POSITIONS"),
-    ("AMBIENT", "TWO_SIDED", "MIPMAPS", "SHADOWS"),
-    ("DIFFUSE", "NEAREST", "SIDES"),
-    ("SPECULAR", "UV_INDICES", "BACKGROUND", "AREA_LIGHTS"),
-    ("POWER", "NORMAL_INDICES", "ALPHA_TEST"),
-    ("LIGHT_SHAPES", "BLEND", "OWNERS"),
-    ("VERTEX_COLORS", "VERTEX_ALPHA", "SHADOW_ALPHA"),
-    ("MATERIALS",),
-    ("SCALARS", "AMBIENT_OCCLUSION"),
-    ("SORTED",),
-)
 # What Gouraud shading computes in kernels of its own; the rest it shares with Phong shading.
 OF_CORNERS = {
     "AMBIENT",
-    "DIFFUSE",
-    "SPECULAR",
+    *GROUPS["TERMS"],
     "POWER",
     "LIGHT_SHAPES",
     "AREA_LIGHTS",
@@ -166,38 +152,23 @@ OF_CORNERS = {
     "VERTEX_COLORS",
     "MATERIALS",
 }
-LEFT_OUT_AT_CORNERS = (
-    ("AMBIENT", "TWO_SIDED", "SHADOWS"),
-    ("DIFFUSE", "LIGHT_SHAPES", "SHADOW_ALPHA"),
-    ("SPECULAR", "VERTEX_COLORS", "AREA_LIGHTS"),
-    ("POWER", "MATERIALS", "AMBIENT_OCCLUSION"),
-)
 
 
-def long_but_first(cases: Sequence[Any]) -> list[Any]:
-    return [*cases[:1], *(pytest.param(*case, marks=pytest.mark.long) for case in cases[1:])]
-
-
-def test_every_feature_is_left_out():
-    assert {name for names in LEFT_OUT for name in names} == set(OPTIONAL) - OF_PBR
-    assert {name for names in LEFT_OUT_AT_CORNERS for name in names} == OF_CORNERS
-
-
-@pytest.mark.long
 @pytest.mark.parametrize(
-    ("shader", "names"),
-    long_but_first([*(("phong", names) for names in LEFT_OUT), *(("gouraud", names) for names in LEFT_OUT_AT_CORNERS)]),
-    ids=str,
+    ("shader", "name"),
+    [
+        *(("phong", name) for name in OPTIONAL if name not in OF_PBR),
+        *(("gouraud", name) for name in sorted(OF_CORNERS)),
+    ],
 )
-def test_where_all_but_some_are_needed_these_change_no_bit(device, names, shader):
-    """They are off by default; with them forced, the image is the same."""
-    if "SORTED" in names and device.lanes == 1:
-        assert "SORTED" in needed_by(draw_rich(device, *names, shader=shader))  # sorted whatever the scene
+def test_where_all_but_one_are_needed_it_changes_no_bit(device, name, shader):
+    """It is off by default; with it forced, the image is the same."""
+    if name == "SORTED" and device.lanes == 1:
+        assert "SORTED" in needed_by(draw_rich(device, name, shader=shader))  # sorted whatever the scene
         return
-    lean = draw_rich(device, *names, shader=shader)
-    along = set().union(*(ALONG.get(name, set()) for name in names))
-    assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {*names} | along | OF_PBR
-    full = draw_rich(device, *names, shader=shader, forced=OPTIONAL)
+    lean = draw_rich(device, name, shader=shader)
+    assert set(lean.stats["left_out"]) == set(OPTIONAL) - needed_by(lean) == {name} | ALONG.get(name, set()) | OF_PBR
+    full = draw_rich(device, name, shader=shader, forced=OPTIONAL)
     assert needed_by(full) == set(OPTIONAL)
     assert same_bits(lean, full)
     assert len(np.unique(lean.rgb)) > 100
@@ -216,7 +187,7 @@ def covering(names: Sequence[str]) -> list[set[str]]:
 
 def test_the_sets_cover_all_pairs():
     sets = covering(OPTIONAL)
-    assert len(sets) == 7
+    assert len(sets) < 10
     for pair in itertools.combinations(OPTIONAL, 2):
         assert {tuple(name in each for name in pair) for each in sets} >= {(True, True), (True, False), (False, True)}
 
@@ -226,7 +197,6 @@ def unneeded(shader: str, *needed: str, names: Sequence[str] = OPTIONAL) -> list
     return [(shader, {*needed}, each) for each in covering([name for name in names if name not in needed])]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("shader", "needed", "names"),
     unneeded("nolight")
@@ -245,7 +215,6 @@ def test_features_that_are_not_needed_change_no_bit(device, names, shader, neede
     assert lean.alpha.mean() > 0.2
 
 
-@pytest.mark.long
 def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
     """Forced on white triangles, anything not white is visible: this is how the tests above can fail."""
     lean = draw(device, plain_scene(), shader="nolight")
@@ -256,7 +225,6 @@ def test_a_forced_feature_works_where_it_is_not_needed(device, monkeypatch):
     assert (grey.rgb[covered] == 0.5).all()
 
 
-@pytest.mark.long
 def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
     """Ten normals and one texture coordinate, each with indices, in a mesh of 90 vertices that is lit and textured only
     because these features are forced."""
@@ -387,8 +355,8 @@ def test_programs_are_counted(device):
     assert all(program.seconds > 0.0 for program in before)
 
 
-def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch):
-    """Not for another size, camera, light position or number of lights, nor for other values of features in use."""
+def test_a_program_is_built_for_what_is_compiled_and_for_nothing_else(device, monkeypatch):
+    """Not for another size, camera, light, material or texture, nor for layers or lines."""
     monkeypatch.setattr(programs, "_built", {})
     scene = plain_scene()
     draw(device, scene, shader="phong")
@@ -402,11 +370,13 @@ def test_a_program_is_built_for_a_mask_and_for_nothing_else(device, monkeypatch)
         *(replace(scene, lights=(PointLight((3, 3, -3)),) * count) for count in (1, 3, 40)),
         replace(scene, meshes=tuple(replace(mesh, material=material) for mesh in scene.meshes)),
         replace(scene, meshes=scene.meshes[:1]),
+        replace(scene, lights=()),
+        rich_scene(),
     ):
         assert draw(device, changed, shader="phong").alpha.any()
         assert programs.built() == before
-    draw(device, replace(scene, lights=()), shader="phong")  # another mask
-    assert len(programs.built()) == len(before) + 1
+    draw(device, scene, shader="phong", samples=4)  # geometry and pixels again
+    assert len(programs.built()) == len(before) + 2
 
 
 @pytest.mark.parametrize("keeps_programs", [False, True], ids=["by us", "by the runtime"])
@@ -417,7 +387,7 @@ def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatc
     stored = []
     for _ in range(2):
         programs._built.clear()
-        program = programs.build(opened, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), ("bilerp.cl",))
+        program = programs.build(opened, Features.of(), ("bilerp.cl",))
         stored.append(program.stored)
     assert stored == [False, True]
 

@@ -193,5 +193,5 @@ def test_ways_of_families(device):
     assert chosen == [BASE, "samples-4", "samples-16", "samples-64", "trilinear", "trilinear-4", "trilinear-16"]
     if device.has_fp64:
         assert [each.name for each in of_families(known, (PRECISION,))] == [BASE, "fast", "float64"]
-    with pytest.raises(InputError, match=r"--family: .* this scene; precision has standard, fast$"):
+    with pytest.raises(InputError, match=r"--family: .* this scene are needed, precision has standard, fast$"):
         of_families([each for each in known if each.name != "float64"], (PRECISION,))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import itertools
@@ -16,6 +15,7 @@ from command_line import assert_refused, run
 from studies import SMALL, small_study, sphere
 
 from clshade.base import text_tables
+from clshade.cli.main import _parser
 from clshade.errors import InputError, OutputError
 from clshade.images import figures, metrics, png
 from clshade.measure import timing
@@ -32,6 +32,7 @@ from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
+from clshade.scene.settings import PICTURE_SAMPLES
 
 # Measuring
 
@@ -219,6 +220,10 @@ def test_ties_are_marked_and_named(found):
     assert tied_ones.stats()["ties"] == [["variant-1", "variant-2"]]
 
 
+def test_causes_are_those_of_the_image_that_render_draws(found):
+    assert found.decomposition.settings.samples == PICTURE_SAMPLES
+
+
 def test_the_front_of_a_study(found):
     several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
     assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
@@ -325,23 +330,21 @@ def test_the_options_named_draw_what_was_measured(device, name):
     own = builtin(name)
     scene = replace(own, camera=own.camera.with_resolution((48, 36)))
     base = base_settings(scene)
-    parser = argparse.ArgumentParser()
-    command.add_options(parser)
+    parser = _parser(["render"])
     for each in variants_for(scene, base, device):
         options = tables.render_options(each.settings(base), scene)
-        arguments = parser.parse_args([name, *options])
+        arguments = parser.parse_args(["render", name, *options])
         kept = command._render_options(arguments, own)
         kept.pop("device")
         again, settings = effective_settings(own, **kept)
         assert settings == each.settings(base), each.name
         assert again.camera.resolution == (48, 36)
-    standard = ["--samples", "1"] if own.preset == "standard" else ["--preset", "standard"]
-    assert tables.render_options(Settings(), scene)[2:] == standard
-    unshadowed = ["--samples", "1", "--no-shadows"]
-    assert tables.render_options(Settings(shader="pbr"), replace(scene, preset="pbr"))[2:] == unshadowed
-    assert tables.render_options(Settings(shadows=True), replace(scene, preset="standard"))[2:] == [
-        "--samples",
-        "1",
+    standard = ["--samples=1"] if own.preset == "standard" else ["--preset=standard"]
+    assert tables.render_options(Settings(), scene)[1:] == standard
+    unshadowed = ["--samples=1", "--no-shadows"]
+    assert tables.render_options(Settings(shader="pbr"), replace(scene, preset="pbr"))[1:] == unshadowed
+    assert tables.render_options(Settings(shadows=True), replace(scene, preset="standard"))[1:] == [
+        "--samples=1",
         "--shadows",
     ]
 
@@ -350,7 +353,9 @@ def test_the_options_named_draw_what_was_measured(device, name):
 def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
     """The measurements are written all the same."""
     monkeypatch.setattr(report, "study", lambda *arguments: found)
-    with pytest.raises(InputError, match=r"--tolerance: .*reference is good to \(the best, .* has .*\), found 1e-12"):
+    with pytest.raises(
+        InputError, match=r"--tolerance: 1e-12 is below what errors are known to, .* \(the best way, .* has .*\)"
+    ):
         report.run(sphere(), device.index, out=tmp_path, tolerance=1e-12, stream=io.StringIO())
     assert (tmp_path / "report.png").exists()
     assert json.loads((tmp_path / "report.json").read_text())["use"] is None
@@ -400,7 +405,7 @@ REFUSED = [
             "did you mean 'samples'",
         ),
     ),
-    (("--family", "filter"), ("--family", "three or more ways that change this scene", "filter has none")),
+    (("--family", "filter"), ("--family", "three ways that change this scene are needed", "filter has none")),
     (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),
     (("--out", "page.html"), ("--out", "expected a folder", "--html")),
     (("--budget", "0ms"), ("--budget", "'0ms'")),

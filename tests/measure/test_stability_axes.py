@@ -19,7 +19,7 @@ from clshade.measure.stability import axes, axes_figure, axes_stability, axes_ta
 from clshade.measure.stability.axes import AXES, PLAIN, Point, Series
 from clshade.measure.stability.cases.light import exact_highlights, in_the_lobe
 from clshade.measure.timing import Spread
-from clshade.oracle import shade
+from clshade.oracle import terms
 from clshade.scene.model import Settings
 
 BY_NAME = {axis.name: axis for axis in AXES}
@@ -90,8 +90,7 @@ def test_the_oracle_s_own_error_of_a_highlight(n):
     """Against 50 digits."""
     pytest.importorskip("mpmath")
     points, normals, light = in_the_lobe(n, 60)
-    n_l, r_v, distance2 = shade.angles(points, normals, np.zeros(3), light)
-    found = np.where(n_l > 0.0, shade.highlight(r_v, distance2, np.float64(n)), 0.0)
+    found = terms.specular(terms.Directions.at(points, normals, np.zeros(3), light), np.float64(n))
     error = np.abs(found - exact_highlights(points, normals, light, n)).max()
     assert error < BY_NAME["exponent"].own(n)
 
@@ -195,13 +194,13 @@ def test_what_is_said(found):
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
-        (("quads", "--axes"), ("--axes: expected no SCENE", "'quads'")),
-        (("--axes", "--case", "slivers"), ("--axes: expected no --case",)),
-        (("--axes", "--list"), ("--axes: expected no --list",)),
-        (("--axes", "--device", "all"), ("--axes: expected no --device all",)),
-        (("--axes", "--triangles", "7"), ("--axes: expected no --triangles",)),
+        (("quads", "--axes"), ("--axes: is for the cases, and cannot go with 'quads'",)),
+        (("--axes", "--case", "slivers"), ("--axes: cannot go with --case",)),
+        (("--axes", "--list"), ("--axes: cannot go with --list",)),
+        (("--axes", "--device", "all"), ("--axes: cannot go with --device all",)),
+        (("--axes", "--triangles", "7"), ("--axes: cannot go with --triangles",)),
         (("--axes", "--format", "gif"), ("--format", "png, pdf, svg", "'gif'")),
-        (("--format", "pdf"), ("--format: expected --axes",)),
+        (("--format", "pdf"), ("--format: needs --axes",)),
         (("--axes", "--out", "file/x"), ("file/x", "--out")),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,

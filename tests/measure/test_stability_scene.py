@@ -141,6 +141,13 @@ def test_a_calm_scene_has_no_cause(device):
     assert {each.why for each in found.worst} == {"nothing amplifies rounding four times"}
 
 
+def test_the_figure_shows_the_causes_that_the_table_names():
+    assert causes.bits_lost([1.0, 3.9, 4.0, 32.0, np.inf]).tolist() == [0.0, 0.0, 2.0, 5.0, 64.0]
+    for factor in (3.9, 4.0):
+        of = dict.fromkeys(causes.CAUSES, 1.0) | {"normals": factor}
+        assert (causes.cause_of(of) == causes.NONE) == (causes.bits_lost([of["normals"]]) == 0.0)
+
+
 def test_every_cause_is_planted_and_has_a_sentence():
     assert {name for name, _ in PLANTED.values()} == set(causes.CAUSES)
     assert set(causes._SENTENCES) == {*causes.CAUSES, causes.NONE}
@@ -437,11 +444,11 @@ def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch,
         (("none.obj",), ("none.obj",)),
         (("teapt",), ("did you mean 'teapot'",)),
         (("quads", "--resolution", "0,5"), ("resolution",)),
-        (("quads", "--case", "slivers"), ("--case: expected no SCENE", "'quads'")),
-        (("quads", "--list"), ("--list: expected no SCENE",)),
-        (("quads", "--triangles", "7"), ("--triangles: expected no SCENE",)),
-        (("--resolution", "8,6"), ("--resolution: expected a SCENE", "found none")),
-        (("--precision", "fast"), ("--precision: expected a SCENE",)),
+        (("quads", "--case", "slivers"), ("--case: is for the cases, and cannot go with 'quads'",)),
+        (("quads", "--list"), ("--list: is for the cases",)),
+        (("quads", "--triangles", "7"), ("--triangles: is for the cases",)),
+        (("--resolution", "8,6"), ("--resolution: needs a SCENE",)),
+        (("--precision", "fast"), ("--precision: needs a SCENE",)),
         (("quads", "--samples", "99"), ("samples",)),
         (("quads", "teapot"), ("SCENE alone", "'teapot'")),
     ],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from clshade.oracle import clip, coverage, normals, shade, texture, transform
+from clshade.oracle.terms import Surface
 
 VIEW = (1.0, (1.0, 1.0), (32, 32))  # focal, plane, resolution
 
@@ -255,12 +256,11 @@ def test_barycentrics_and_depth_at_the_middle_of_an_edge():
     assert shade.depth(edges, z) == pytest.approx(1.5, rel=1e-15)  # harmonic mean of 1 and 3
 
 
-def lit(
-    point=(0, 0, 0), normal=(0, 0, 1), color=(1, 1, 1), eye=(0, 0, 2), l_pos=(0, 0, 5), kd=0.5, ks=0.0, n=1.0, **kw
-):
-    args = (np.array(v, float) for v in (point, normal, color, eye))
-    one = np.ones(3)
-    return shade.light(*args, 0.1 * one, kd * one, ks * one, n, np.array([l_pos], float), 2 * one[None], **kw)
+def lit(point=(0, 0, 0), normal=(0, 0, 1), color=1.0, eye=(0, 0, 2), l_pos=(0, 0, 5), kd=0.5, ks=0.0, n=1.0):
+    """Return the light of a light of intensity 2, and ambient light of 0.1."""
+    args, one = (np.array(v, float) for v in (point, normal, eye)), np.ones(3)
+    surface = Surface(n, k={"kd": kd * one, "ks": ks * one})
+    return 0.1 + color * shade.reflected(*args, surface, np.array([l_pos], float), 2 * one[None])
 
 
 def test_light_closed_forms():
@@ -269,7 +269,6 @@ def test_light_closed_forms():
     for eye in ((0, 0, 2), (0, 0, -2)):
         assert close(lit(l_pos=(0, 0, -5), eye=eye, ks=1.0), 0.1)  # from behind: no diffuse, no highlight
     assert close(lit(normal=(0, 0, 7), color=(0.5, 1, 2)), [0.6, 1.1, 2.1])
-    assert close(lit(color=(0.5, 1, 2), tinted=True), [0.55, 1.1, 2.2])
     # Light at 60 degrees: R.V with the eye on the normal is cos(60); mirrored direction gives 1 for any n.
     assert close(lit(l_pos=(math.sqrt(3), 0, 1), kd=0, ks=0.5, n=3), 0.1 + 2 * 0.5 / 8)
     assert close(lit(l_pos=(1, 0, 1), eye=(-2, 0, 2), kd=0, ks=0.5, n=1e9), 0.1 + 2 * 0.5)
@@ -306,7 +305,8 @@ def test_conditioning_budget_and_gate():
     kappa = shade.conditioning(point, np.array([5.0, 5.0]), np.array([1.0, 1.0]), eye, lights)
     assert close(kappa, [5, 5000], rtol=1e-9)
     assert shade.conditioning(point[0], np.array(5.0), np.array(0.01), eye, lights) == pytest.approx(100)
-    found = shade.budget(np.array([0.5, 1, 3]), np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3), [[2.0, 2, -2]] * 2)
+    surface = Surface(1.0, np.full(3, 0.1), {"kd": np.full(3, 0.2), "ks": np.full(3, 0.3)})
+    found = shade.budget(np.array([0.5, 1, 3]), surface, [[2.0, 2, -2]] * 2)
     assert close(found, [2.1, 2.1, 6.1])
     # In orthographic projection directions to the eye are exact, and coordinates are relative to the origin.
     beside = point[:1] + [0, 0, 1]
@@ -317,7 +317,7 @@ def test_conditioning_budget_and_gate():
 def jump(light, n=2.0, normal=(0.0, 0, 1), length=1.0, **options):
     """Return the possible jump of the light at (2, 0, -2), which the eye sees at 45 degrees to its normal."""
     point, lights = np.array([[2.0, 0, -2]]), np.array([light])
-    around = np.array([2.0]), np.array([length]), np.float64(n)
+    around = np.array([2.0]), np.array([length]), Surface(np.float64(n), k={"ks": np.ones(3)})
     return shade.jumps(point, np.array(normal), *around, np.zeros(3), lights, np.array([[1.0, 2, -3]]), **options)[0]
 
 
@@ -388,23 +388,26 @@ def test_lookup_is_defined_everywhere(lookup, wrap):
 
 def test_steepness_is_the_slope_of_the_highlight():
     """n x^(n-1) for 0 < n < 1 at x = R.V, 1 for all other n, and where there is no highlight."""
+
+    def shiny(n: float) -> Surface:
+        return Surface(np.array([n]), k={"ks": np.ones((1, 3))})
+
     normal, eye, light = np.array([[0.0, 0, 1]]), np.array([0.0, 0, 1]), np.array([[3.0, 0, 4]])
     for n, expected in ((0.5, 0.5 * 0.8**-0.5), (0.01, 1.0), (0.0, 1.0), (1.0, 1.0), (200.0, 1.0)):
-        found = shade.steepness(np.zeros((1, 3)), normal, np.array([n]), eye, light)
+        found = shade.steepness(np.zeros((1, 3)), normal, shiny(n), eye, light)
         assert found.tolist() == pytest.approx([max(expected, 1.0)])
     low = np.array([[1.0, 0, 1e-8]])  # N.L and R.V are 1e-8
-    found = shade.steepness(np.zeros((1, 3)), normal, np.array([0.25]), eye, low)
+    found = shade.steepness(np.zeros((1, 3)), normal, shiny(0.25), eye, low)
     assert found == pytest.approx(0.25 * 1e-8**-0.75)
-    assert shade.steepness(np.zeros((1, 3)), -normal, np.array([0.25]), eye, low) == 1.0
+    assert shade.steepness(np.zeros((1, 3)), -normal, shiny(0.25), eye, low) == 1.0
+    matte = Surface(np.array([0.25]), k={"ks": np.zeros((1, 3))})
+    assert shade.steepness(np.zeros((1, 3)), normal, matte, eye, low) == 1.0
 
 
 def test_the_budget_holds_the_light():
     """Also with tinted ambient light, for any color of the surface."""
-    color, ambient, zero = np.array([9.0, 0.5, 1.0]), np.full(3, 0.25), np.zeros(3)
+    color, ambient = np.array([9.0, 0.5, 1.0]), np.full(3, 0.25)
     for tinted in (False, True):
-        light = shade.light(
-            zero, zero, color, zero, ambient, zero, zero, 1.0, np.zeros((0, 3)), np.zeros((0, 3)), tinted
-        )
-        budget = shade.budget(color, ambient, zero, zero, np.zeros((0, 3)), tinted)
-        assert (budget >= np.abs(light)).all()
+        budget = shade.budget(color, Surface(1.0, ambient), np.zeros((0, 3)), tinted)
+        assert (budget >= ambient * (color if tinted else 1.0)).all()
         assert budget.tolist() == ([2.25, 0.25, 0.25] if tinted else [0.25] * 3)

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -161,6 +162,20 @@ def test_an_interrupt_ends_probes_and_removes_their_folders(tmp_path, call, at):
     for pid in children:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+def test_an_interrupt_that_ends_a_probe_says_nothing_of_its_device(fresh_cache, monkeypatch):
+    """As it does in a thread of its own, while the main one waits for the probe."""
+    monkeypatch.setattr(
+        probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
+    )
+    running = probe.Probe(POCL)
+    ending = threading.Timer(0.3, probe._abandon_all)
+    ending.start()
+    with pytest.raises(KeyboardInterrupt):
+        running.finish()
+    ending.join()
+    assert not list(fresh_cache.rglob("*"))
 
 
 def test_a_forked_child_leaves_its_parents_probes_alone(fresh_cache, monkeypatch):

@@ -18,7 +18,7 @@ from clshade import Renderer
 from clshade.base import console
 from clshade.pipeline import programs
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.features import Features
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl import environment
 from clshade.pipeline.opencl.cache_slots import MARK
@@ -154,13 +154,13 @@ def test_the_mark_is_there_at_each_first_use_alone(calls: list[tuple[str, bool]]
 
 @pytest.mark.long
 def test_a_kernel_for_wide_grids_is_another(calls: list[tuple[str, bool]], opened: Device) -> None:
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    features = Features.of()
     stages = Stages(opened, programs.build(opened, features, ("layers.cl",)))
     marked = []
     for count in (64, 64, 70_000, 70_000):
         calls.clear()
         owners, numbers, shown = (Buffer(opened, np.zeros(count, np.int32)) for _ in range(3))
-        stages.layer_number(owners, owners, numbers, shown, count)
+        stages.layer_of_owners("layer_number", count, owners, owners, numbers, shown)
         opened.queue.finish()
         marked += [mark for _, mark in calls]
     assert marked == [True, False, True, False]
@@ -173,7 +173,7 @@ def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytes
     monkeypatch.setattr(programs, "_store", lambda *_: pytest.fail("it is not kept"))
     monkeypatch.setattr(programs, "_stored_at", lambda *_: environment.prepare().folder / "none")
     monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    features = Features.of()
     with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):
         programs.build(opened, features, ("bilerp.cl",))
 
@@ -186,7 +186,7 @@ def test_a_warning_of_the_compiler_is_said_and_fails_a_test(
 ) -> None:
     """By `unwarned` in conftest.py. PoCL keeps the log with a program, which warns again when it is loaded."""
     monkeypatch.setattr(programs, "_stored_at", lambda *_: tmp_path / "program")
-    features = Features(tuple((name, 0) for name in CHOICES + OPTIONAL))
+    features = Features.of()
     text = "#warning planted\nkernel void warned(global int *x) { x[0] = 1; }"
     for _ in range(2 if opened.keeps_programs else 1):
         with console.at_level(console.VERBOSE), pytest.raises(AssertionError, match=r"text:1:.*planted"):

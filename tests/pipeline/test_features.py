@@ -10,6 +10,7 @@ import pytest
 from clshade.errors import InputError
 from clshade.pipeline import features
 from clshade.scene.camera import Camera
+from clshade.scene.material import POWERED, TERMS
 from clshade.scene.model import (
     DirectionalLight,
     Environment,
@@ -37,6 +38,7 @@ CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(tex
 ONE_TEXEL = replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3)))))
 SKY, BLACK = Environment(np.ones((2, 4, 3))), Environment(np.zeros((2, 4, 3)))
 NO_LEVELS, TRILINEAR = "textures of one texel or with the course's lookup", {"texture_filter": "trilinear"}
+NO_TERM, NO_POWER = features.are_zero(list(TERMS)), f"no specular term: {features.are_zero(POWERED)}"
 NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
 OCCLUDED = {"ambient_occlusion": 4}
 
@@ -69,13 +71,12 @@ CASES = [
     (scene(COLORED, ambient=0), {}, "AMBIENT", "no ambient light"),
     (scene(material(ka=0)), {}, "AMBIENT", "ka is 0"),
     (scene(material(ka=(1, 0, 0)), ambient=(0, 1, 1)), {}, "AMBIENT", "ka*Ia is 0"),
-    (scene(material(kd=0)), {}, "DIFFUSE", "kd is 0"),
-    (scene(material(ks=0)), {}, "SPECULAR", "ks is 0"),
-    (scene(material(ks=0)), {}, "POWER", "no specular term: ks is 0"),
+    *((scene(material(**{name: 0})), {}, term.feature, f"{name} is 0") for name, term in TERMS.items()),
+    (scene(material(ks=0)), {}, "POWER", NO_POWER),
     (scene(material(n=1)), {}, "POWER", "no exponent but 1"),
     (scene(COLORED), {}, "LIGHT_SHAPES", "only points without attenuation shine"),
     (scene(COLORED, lights=(SUN,)), {"shader": "nolight"}, "LIGHT_SHAPES", NOLIGHT),
-    (scene(material(kd=0, ks=0), lights=(SUN,)), {}, "LIGHT_SHAPES", "kd and ks are 0"),
+    (scene(material(kd=0, ks=0), lights=(SUN,)), {}, "LIGHT_SHAPES", NO_TERM),
     (scene(COLORED, lights=(SUN, LIGHT)), {}, "AREA_LIGHTS", "no light has a size"),
     (scene(COLORED, lights=(PANEL,)), {"shader": "nolight"}, "AREA_LIGHTS", NOLIGHT),
     (scene(COLORED), {}, "AMBIENT_OCCLUSION", "no ambient occlusion asked for"),
@@ -85,7 +86,7 @@ CASES = [
     (scene(COLORED), {}, "MATERIALS", "a single material"),
     (scene(COLORED), {"shader": "nolight"}, "LIT", NOLIGHT),
     (scene(material(two_sided=True)), {"shader": "nolight"}, "TWO_SIDED", NOLIGHT),
-    (scene(material(two_sided=True, kd=0, ks=0)), {}, "TWO_SIDED", "kd and ks are 0"),
+    (scene(material(two_sided=True, kd=0, ks=0)), {}, "TWO_SIDED", NO_TERM),
     (scene(COLORED), {}, "TWO_SIDED", "no two-sided material"),
     (scene(COLORED, lights=()), {}, "NORMAL_INDICES", "no light shines"),
     (scene(INDEXED, preset="course"), {}, "NORMAL_INDICES", "a normal per vertex"),
@@ -217,3 +218,8 @@ def test_normals_that_are_read_keep_their_indices():
 def test_an_unknown_feature_is_refused():
     with pytest.raises(InputError, match=r"^forced: expected names among LIT, .*, found DEPTH_TEST$"):
         features.derive(scene(PLAIN), Settings(), double_positions=False, forced={"DEPTH_TEST"})
+
+
+def test_names_that_are_zero():
+    assert features.are_zero(["a"]) == "a is 0"
+    assert features.are_zero(["a", "b", "c"]) == "a, b and c are 0"

@@ -124,7 +124,7 @@ def test_a_refusal_leaves_the_files_as_they_were(tmp_path, frame, options, parts
 
 def test_depth_needs_its_layer_and_a_folder(tmp_path):
     frame = Frame(made().rgba, {}, Scene((), CAMERA), Settings(), dict)
-    with pytest.raises(InputError, match=r"^Frame\.save: files: expected depth only of a frame with the layer Z"):
+    with pytest.raises(InputError, match=r"^Frame\.save: files: depth needs a frame with the layer Z"):
         frame.save(tmp_path / "a", files=["depth"])
     with pytest.raises(OutputError, match=r"a\.npz: cannot be written: there is no folder"):
         made().save(tmp_path / "none" / "a", files=["npz"])

@@ -373,6 +373,8 @@ def test_parallel_projection(device):
         pytest.param("quads", {"preset": "course", "shader": "phong"}, marks=pytest.mark.long),
         pytest.param("course", {"preset": "standard", "shader": "nolight"}, marks=pytest.mark.long),
         pytest.param("course", {"preset": "standard", "samples": 4}, marks=pytest.mark.long),
+        ("teapot", {"preset": "standard", "shader": "gouraud", "cull": True}),
+        ("teapot", {"preset": "standard", "cull": True, "edges": "all"}),
     ],
 )
 def test_leaving_out_changes_no_bit(device, name, options):

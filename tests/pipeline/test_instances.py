@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import needs_float64
-from layer_scenes import mixed
+from layer_scenes import crowd, matrices
 from mapped_scenes import mapped_scene, sheet
 
 import clshade
@@ -20,25 +20,7 @@ from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Settings
 
 COUNTS = ("triangles", "vertices", "visible", "behind", "off_screen", "between_samples", "zero_area", "clipped")
-LAYERS = ("Z", "id", "object_id", "material_id", "instance_id", "N", "P", "albedo", "uv", "barycentrics")
-
-
-def matrices(count: int, rng: np.random.Generator, *, reach: float = 6.0, size: float = 0.6) -> np.ndarray:
-    """Return random placements, half of which mirror; the last one is the identity."""
-    found = np.tile(np.eye(4), (count, 1, 1))
-    found[:, :3, :3] = size * rng.normal(size=(count, 3, 3))
-    found[:, :3, 3] = rng.uniform(-reach, reach, (count, 3))
-    found[-1] = np.eye(4)
-    return found
-
-
-def crowd(count: int = 100) -> Scene:
-    """Return many instances of the meshes of `mixed`, some of which are behind the camera, beside the image, or cross the
-    near plane."""
-    rng = np.random.default_rng(1)
-    floor, nothing, dome, wedge, tile = mixed().meshes
-    many, some = replace(dome, instances=matrices(count, rng)), replace(wedge, instances=matrices(20, rng))
-    return replace(mixed(), meshes=(floor, nothing, many, some, tile))
+LAYERS = Settings(layers="all").layers
 
 
 @pytest.fixture

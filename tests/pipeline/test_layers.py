@@ -12,11 +12,13 @@ from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 
 import clshade
 from clshade import oracle
+from clshade.images.layers import LAYER_TABLE
 from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.pipeline import layer_buffers, programs
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.layer_buffers import MACROS, material_numbers
+from clshade.pipeline.layer_buffers import material_numbers
+from clshade.pipeline.layer_outputs import LAYER_BITS
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
@@ -213,11 +215,9 @@ def test_each_layer_alone_has_the_same_bits(device, name):
 
 
 def test_programs_know_which_layers_are_asked_for(device):
+    asked = LAYER_BITS["N"] | LAYER_BITS["uv"]
     with Renderer(mixed(), device=device, layers=("N", "uv", "id")) as renderer:
-        values = dict(renderer.stages._programs["surface_layers"].features.values)
-    assert {name for name in MACROS if values[MACROS[name]]} == {"N", "uv"}
-    assert not values["TEXTURED"]
-    assert not values["VERTEX_COLORS"]
+        assert renderer._drawing.layers._asked == asked
     with Renderer(mixed(), device=device, layers=("Z", "material_id")) as renderer:
         assert "surface_layers" not in renderer.stages._programs
 
@@ -325,7 +325,7 @@ def test_an_error_of_a_layer_is_noticed(opened, name):
     layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
     row, column = np.argwhere(frame["object_id"] == 3)[7]
     value = frame[name][row, column]
-    if name.endswith("_id"):
+    if LAYER_TABLE[name].kind == "uint32":
         frame[name][row, column] += 1
     else:
         bound = {
@@ -338,17 +338,20 @@ def test_an_error_of_a_layer_is_noticed(opened, name):
         layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
 
 
-# SHA-256 of image and layers, the first 16 digits, as in test_same_bits; instance_id is exactly the oracle's
-GOLDEN = {"mixed": "e04a640a74fea0a4", "teapot": "9337beb2737941cf"}
+# SHA-256 of image and layers, the first 16 digits, as in test_same_bits. Numbers are exactly the oracle's.
+FIRST = ("Z", "id", "N", "P", "albedo", "uv", "object_id", "material_id", "barycentrics")
+GOLDEN = {
+    ("mixed", FIRST): "e04a640a74fea0a4",
+    ("teapot", FIRST): "9337beb2737941cf",
+}
 
 
-@pytest.mark.parametrize("name", GOLDEN)
-def test_golden_layers(device, name):
+@pytest.mark.parametrize(("name", "layers"), GOLDEN)
+def test_golden_layers(device, name, layers):
     scene = mixed() if name == "mixed" else clshade.builtin(name)
     options = {"texture_filter": "trilinear", "samples": 3} if name == "mixed" else {"resolution": (161, 97)}
     frame = draw(device, scene, **options)
     found = hashlib.sha256(frame.rgba.tobytes())
-    for layer in LAYERS:
-        if layer != "instance_id":
-            found.update(frame[layer].tobytes())
-    assert found.hexdigest()[:16] == GOLDEN[name]
+    for layer in layers:
+        found.update(frame[layer].tobytes())
+    assert found.hexdigest()[:16] == GOLDEN[name, layers]

@@ -38,7 +38,7 @@ def probes(device):
 
 def single(probe, name: str, count: int, dtype: type = np.int32) -> list:
     """Return the output of a single work-item; all write the same."""
-    return probe(name, np.zeros(64, np.float32), dtype=dtype)[:count].tolist()
+    return probe(name, np.zeros(128, np.float32), dtype=dtype)[:count].tolist()
 
 
 @pytest.mark.sampled

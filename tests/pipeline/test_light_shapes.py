@@ -14,7 +14,6 @@ from lit_floor import CAMERA, MATTE, bounds_of, draw, lit_by
 from clshade import DirectionalLight, PointLight, SpotLight
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
-from clshade.scene.adjust_lights import rescaled_light
 from clshade.scene.model import Scene
 
 ABOVE, DOWN = (0.3, -0.2, 1.5), (0.0, 0.1, -1.0)
@@ -106,7 +105,7 @@ def test_the_unit_of_length_does_not_matter(device, scale):
     scene = lit_by(LIGHTS["all"], LIGHTS["ranged"], LIGHTS["directional"])
     camera = replace(CAMERA, eye=CAMERA.eye * scale)
     mesh = replace(scene.meshes[0], verts=scene.meshes[0].verts * scale)
-    other = Scene(mesh, camera, tuple(rescaled_light(light, scale, 0.0) for light in scene.lights))
+    other = Scene(mesh, camera, tuple(light.rescaled(scale, 0.0) for light in scene.lights))
     assert np.array_equal(draw(device, scene).rgb, draw(device, other).rgb)
 
 

@@ -19,7 +19,6 @@ from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.hierarchy import CasterFrame
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.shadow_view import shadow_factors, shadow_lights
-from clshade.scene.adjust_lights import rescaled_light
 from clshade.scene.model import Material, Mesh, Scene
 
 LIGHTS = {
@@ -150,7 +149,7 @@ def test_the_unit_of_length_does_not_matter(device, scale):
     scene = lit_by(*LIGHTS.values())
     camera = replace(CAMERA, eye=CAMERA.eye * scale)
     mesh = replace(scene.meshes[0], verts=scene.meshes[0].verts * scale)
-    other = Scene(mesh, camera, tuple(rescaled_light(light, scale, 0.0) for light in scene.lights))
+    other = Scene(mesh, camera, tuple(light.rescaled(scale, 0.0) for light in scene.lights))
     assert np.array_equal(draw(device, scene).rgb, draw(device, other).rgb)
 
 

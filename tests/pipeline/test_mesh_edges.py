@@ -84,7 +84,7 @@ def test_host_and_oracle_agree():
     [
         ({"kinds": "crease"}, "Edges: kinds: expected one of all, feature"),
         ({"kinds": ()}, "Edges: kinds: expected names of all"),
-        ({"width": 0}, "Edges: width: expected a finite number above 0"),
+        ({"width": 0}, "Edges: width: expected pixels above 0, at most 64"),
         ({"width": 65}, "Edges: width: expected pixels above 0, at most 64"),
         ({"angle": 181}, "Edges: angle: expected degrees from 0 to 180"),
         ({"color": (0, -1, 0)}, "Edges: color: expected a name such as white, #rrggbb .sRGB., or three linear numbers"),

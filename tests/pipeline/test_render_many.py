@@ -333,19 +333,6 @@ def test_an_interrupt_leaves_the_renderer_usable(device, monkeypatch, at):
         assert_same(renderer.render_many(cameras, out), expected)
 
 
-def test_an_interrupt_between_two_lines_leaves_no_mixture_of_tables(device):
-    """In `_use_tables`, whose tables change together."""
-    with open_cloud(device) as renderer:
-        expected = renderer.render(looking(-3.0))
-        twin, before = renderer._drawing.tables.twin(), renderer._drawing.tables
-        renderer._drawing._use_tables(twin)
-        assert renderer._drawing._inputs.image is renderer._drawing._image is twin.image
-        assert renderer._drawing._made.counters is twin.counters
-        assert same_bits(renderer.render(looking(-3.0)), expected)
-        renderer._drawing._use_tables(before)
-        assert same_bits(renderer.render(looking(-3.0)), expected)
-
-
 def test_a_closed_renderer_says_so_and_its_frames_stay(device):
     with open_cloud(device) as renderer:
         frames = renderer.render_many([looking(-4.0)] * 2)

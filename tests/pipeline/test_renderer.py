@@ -16,7 +16,7 @@ from processes import PEAK
 
 import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.pipeline import scene_drawing
+from clshade.pipeline import clipped_triangles
 from clshade.pipeline.buffer_pool import Pool
 from clshade.pipeline.buffers import Buffer, aligned
 from clshade.pipeline.launches import Stages
@@ -128,7 +128,7 @@ def test_pieces_beyond_the_most_triangles_are_refused(device, monkeypatch):
     mesh = Mesh(np.array([[-9.0, -9, 5], [9, -9, -5], [0, 9, -5]]), np.array([[0, 1, 2], [0, 2, 1]]))
     with Renderer(Scene((mesh,), CAMERA), device=device) as renderer:
         assert renderer.render().stats["clipped"] == 2
-        monkeypatch.setattr(scene_drawing, "MAX_FACES", 2)
+        monkeypatch.setattr(clipped_triangles, "MAX_FACES", 2)
         with pytest.raises(InputError, match="at most 2 triangles, pieces of clipped ones included, found 2 and"):
             renderer.render()
 

@@ -240,9 +240,9 @@ def test_refusals(opened):
         InputError, match=r"render: scalars: expected one of the scene's \(data\), found 'date': did you mean 'data'"
     ):
         drawn(opened, scene, scalars="date")
-    with pytest.raises(InputError, match="render: scalars: expected none: the scene has no scalars, found 'data'"):
+    with pytest.raises(InputError, match="render: scalars: expected a scene with scalars, found 'data'"):
         drawn(opened, Scene(floor(), ASIDE))
-    with pytest.raises(InputError, match="Settings: layers: expected scalar only with scalars"):
+    with pytest.raises(InputError, match="Settings: layers: expected scalars with the layer scalar"):
         Settings(layers="scalar")
-    with pytest.raises(InputError, match=r"Frame\.save: colorbar: expected False without scalars"):
+    with pytest.raises(InputError, match=r"Frame\.save: colorbar: needs scalars"):
         drawn(opened, Scene(floor(), ASIDE), scalars=None, layers=()).save("never", colorbar=True)

@@ -96,6 +96,19 @@ def test_an_opaque_card_before_or_behind_hides_it(opened):
     assert (share[outside(place)] == 1.0).all()
 
 
+@pytest.mark.sampled
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_nothing_comes_through_alpha_1(opened, precision):
+    """Also of a card that may blend: not 2^-128, the least share that is counted."""
+    if precision == "float64" and not opened.has_fp64:
+        pytest.skip("the device has no float64")
+    share, place = shares(opened, card(blend=True, alphas=np.array([1.0, 1.0, 1.0, 0.5])), precision=precision)
+    within = inside(place) & (place[:, 0] > place[:, 1] + 0.1)  # the first of two triangles
+    assert within.sum() > 20
+    assert (share[within] == 0.0).all()
+    assert (share[outside(place)] == 1.0).all()
+
+
 @pytest.mark.long
 def test_a_masked_card_casts_its_hole(opened):
     share, place = shares(opened, card(alpha_cutoff=0.5, texture=holed(), uvs=UVS))

@@ -6,7 +6,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, slivers, soup, sphere
-from kernel_stages import OTHER_LANES, mask
+from kernel_stages import OTHER_LANES, Probe, mask
 
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.hierarchy import Hierarchy
@@ -221,3 +221,102 @@ def test_the_ends_of_a_segment(device):
     found = hierarchy.hidden(np.zeros((1, 3)), np.array([0]), ends[None])
     assert found[0].tolist() == [False] * 4 + [True] * 5
     assert hierarchy.frame.unit * 1e20 > SHADOW_REACH
+
+
+SINGLY = """
+#include "single_rays.clh"
+
+#define RECEIVER 5
+
+// Rays to points that are `toward` away from the first `point`.
+SingleRays rays_of(global const float *toward, global const float *point)
+{
+    float each[3][LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        for (int k = 0; k < 3; ++k)
+            each[k][lane] = toward[3 * (get_global_id(0) * LANES + lane) + k];
+    ShadowRay ray;
+    ray.toward.x.high = LOAD_LANES(each[0]), ray.point.x.high = (floats)(point[0]);
+    ray.toward.y.high = LOAD_LANES(each[1]), ray.point.y.high = (floats)(point[1]);
+    ray.toward.z.high = LOAD_LANES(each[2]), ray.point.z.high = (floats)(point[2]);
+    SingleRays rays;
+    find_single_rays(&rays, &ray, 1.0f, RECEIVER);
+    return rays;
+}
+
+kernel void triangles(global const float *toward, global const float *point, global const float *leaf, global uint *out)
+{
+    SingleRays rays = rays_of(toward, point);
+    LeafCorners corners;
+    find_leaf_corners(&corners, &rays, leaf);
+    for (int lane = 0; lane < LANES; ++lane) {
+        uint sure, opened = triangles_met_by(&rays, lane, &corners, leaf, &sure);
+        out[2 * (get_global_id(0) * LANES + lane)] = opened;
+        out[2 * (get_global_id(0) * LANES + lane) + 1] = sure;
+    }
+}
+
+kernel void boxes(global const float *toward, global const float *point, global const float *node, global uint *out)
+{
+    SingleRays rays = rays_of(toward, point);
+    for (int lane = 0; lane < LANES; ++lane)
+        out[get_global_id(0) * LANES + lane] = children_met_by(&rays, lane, node);
+}
+"""
+
+
+def bits_of(numbers: Array) -> Array:
+    """Return the lowest 16 bits of numbers (K,), the lowest first: (K, 16) bool."""
+    return (numbers[:, None] >> np.arange(16, dtype=np.uint32) & 1) == 1
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES[:1] + (16,))
+def test_single_rays_are_decided_without_the_predicate(device, lanes):
+    """But for those that pass within rounding of a border, in coordinates that fill the frame."""
+    rng = np.random.default_rng(6)
+    point, toward = rng.uniform(-1e4, 1e4, 3).astype(np.float32), rng.normal(size=(4000, 3)).astype(np.float32)
+    toward *= np.float32(3e4)
+    corners = rng.uniform(-4e4, 4e4, (16, 3, 3)).astype(np.float32)
+    leaf = np.concatenate([corners.reshape(16, 9).T, np.arange(16, dtype=np.int32).view(np.float32)[None]])
+    opened, sure = map(
+        bits_of, Probe(device, SINGLY, lanes=lanes)("triangles", toward, point, leaf, width=2, dtype=np.uint32).T
+    )
+    a, b, c = (corners[:, k].astype(float) - point for k in range(3))
+    ray = toward.astype(float)[:, None]
+    volumes = np.stack([(np.cross(*ends) * ray).sum(axis=2) for ends in ((b, c), (c, a), (a, b))], axis=-1)
+    whole = volumes.sum(axis=2)
+    share, way = volumes / whole[..., None], (np.cross(b - a, c - a) * a).sum(axis=1) / whole
+    from_border = np.minimum(share.min(axis=2), np.minimum(way, 1.0 - way))
+    expected = (from_border > 0.0) & (np.arange(16) != 5)
+    clear = abs(from_border) > 1e-3
+    assert clear.mean() > 0.98
+    assert np.array_equal(opened[clear], expected[clear])
+    assert np.array_equal(sure[clear], expected[clear])
+    assert not (sure & ~opened).any()
+    assert expected.mean() > 0.01
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES[:1] + (16,))
+def test_boxes_that_single_rays_meet(device, lanes):
+    """And no others, but for rounding; also rays along axes."""
+    rng = np.random.default_rng(7)
+    point, toward = rng.uniform(-1e4, 1e4, 3).astype(np.float32), rng.normal(size=(4000, 3)).astype(np.float32)
+    toward *= np.float32(3e4)
+    toward[::5, 1], toward[::7, 0] = 0.0, 0.0
+    ends = rng.uniform(-4e4, 4e4, (16, 2, 3)).astype(np.float32)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    node = np.concatenate([low.T, high.T])
+    found = bits_of(Probe(device, SINGLY, lanes=lanes)("boxes", toward, point, node, dtype=np.uint32))
+
+    def met(wider: float) -> Array:
+        with np.errstate(divide="ignore"):
+            ways = [
+                (side - point.astype(float))[None] / toward.astype(float)[:, None]
+                for side in (low - wider, high + wider)
+            ]
+        start, end = np.minimum(*ways).max(axis=2), np.maximum(*ways).min(axis=2)
+        return np.maximum(start, 0.0) <= np.minimum(end, 1.0)
+
+    assert not (met(0.0) & ~found).any()
+    assert not (found & ~met(1.0)).any()
+    assert 0.02 < found.mean() < 0.5

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernel_stages import OTHER_LANES
 
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
 from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.pipeline.depth_order import DepthOrder
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
-from clshade.pipeline.scene_drawing import SceneDrawing
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -82,14 +83,14 @@ def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
     meshes = [square(z, color=(RED, GREEN, BLUE)[z % 3], opacity=0.3) for z in range(12)]
     given = scene(*meshes, square(12, color=RED, blend=False))
     expected = draw(device, given, visibility="painter")
-    write_ranks = SceneDrawing._write_ranks
+    write_ranks = DepthOrder._write_ranks
 
-    def further(self, order):
-        write_ranks(self, order)
-        with self._inputs.ranks.writing() as ranks:
+    def further(self, *arguments):
+        write_ranks(self, *arguments)
+        with self.ranks.writing() as ranks:
             ranks += first
 
-    monkeypatch.setattr(SceneDrawing, "_write_ranks", further)
+    monkeypatch.setattr(DepthOrder, "_write_ranks", further)
     assert same_bits(draw(device, given, visibility="painter"), expected)
 
 
@@ -102,6 +103,128 @@ def test_of_layers_in_one_plane_the_later_is_nearer(device, turned):
     assert (draw(device, scene(*meshes[::-1])).rgba[6:14, 8:12] == [0.5, 0.25, 0, 0.75]).all()
     assert (draw(device, scene(meshes[0], wall)).rgba[6:14, 8:12] == [0, 0, 1, 1]).all()
     assert (draw(device, scene(wall, meshes[0])).rgba[6:14, 8:12] == [0.5, 0, 0.5, 1]).all()
+
+
+@pytest.mark.parametrize("lanes", OTHER_LANES)
+@pytest.mark.parametrize(
+    ("orthographic", "tilt", "planes"),
+    [(False, 0.0, 1), (True, 0.0, 1), (True, 1 / 64, 1), (True, 0.0, 2), (True, 1 / 64, 2), (True, 0.0, 300)],
+)
+def test_many_layers_in_one_plane(device, lanes, orthographic, tilt, planes):
+    """Up to some eighty at a pixel, all equally near: the later face is nearer, whatever rounding makes of them. Of several
+    planes one is in front of another by less than float32 tells apart, with every second face in it, or with one face."""
+    columns, rows, count, alpha = 40, 36, 300, 0.3
+    generator = np.random.default_rng(5)
+    x, y = generator.integers(-5000, 15000, (2, count, 3))  # in 1/256 px, y down
+    behind = np.arange(count) % planes != 0
+    z = 40.0 + tilt * x / 256 + behind[:, None] * 2.0**-18
+    verts = np.stack([columns / 2 - x / 256, rows / 2 - y / 256, z], axis=-1)
+    colors = generator.random((count, 3))
+    mesh = Mesh(
+        verts.reshape(-1, 3),
+        np.arange(3 * count).reshape(-1, 3),
+        colors=np.repeat(colors, 3, axis=0),
+        material=Material(color=1.0, blend=True, opacity=alpha),
+    )
+    focal = 1.0 if orthographic else 40.0  # a unit is a pixel
+    camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), focal, (rows, columns), (columns, rows), orthographic=orthographic)
+    given = Scene((mesh,), camera, (), ambient=0.0, background=0.0)
+    frame = draw(device, given, lanes, shader="nolight", near=0.5, samples=1)
+    expected, through = np.zeros((rows, columns, 3)), np.ones((rows, columns))
+    at_x, at_y = np.meshgrid(256 * np.arange(columns) + 128, 256 * np.arange(rows) + 128)
+    for k in sorted(range(count), key=lambda k: (behind[k], -k)):
+        turn = np.sign((x[k, 1] - x[k, 0]) * (y[k, 2] - y[k, 0]) - (x[k, 2] - x[k, 0]) * (y[k, 1] - y[k, 0]))
+        sides = [
+            turn * ((x[k, b] - x[k, a]) * (at_y - y[k, a]) - (y[k, b] - y[k, a]) * (at_x - x[k, a]))
+            for a, b in ((0, 1), (1, 2), (2, 0))
+        ]
+        share = through * alpha * (np.min(sides, axis=0) > 0)
+        expected += share[..., None] * colors[k]
+        through -= share
+    assert abs(frame.rgb - expected).max() < 2e-6
+    assert abs(frame.alpha - (1 - through)).max() < 2e-6
+
+
+@pytest.mark.parametrize("nearer_first", [False, True])
+def test_layers_that_float32_does_not_tell_apart(device, nearer_first):
+    """Tilted, cut along different diagonals, one 2^-24 of its depth before the other: at some pixels rounding to float32
+    turns their order around."""
+    corners = np.array([[-1.0, -1, 0.3], [1, -1, 0.9], [1, 1, 1.7], [-1, 1, 1.1]])
+    panes = [
+        Mesh(corners + [0, 0, ahead], faces, material=Material(color=color, blend=True, opacity=0.5))
+        for ahead, faces, color in (
+            (0.0, [[0, 1, 2], [0, 2, 3]], RED),
+            (-4 * 2.0**-24, [[0, 1, 3], [1, 2, 3]], GREEN),
+        )
+    ]
+    camera = replace(CAMERA, orthographic=True, plane=(1.7, 1.7), resolution=(40, 40))
+    frame = draw(device, Scene(panes[:: -1 if nearer_first else 1], camera, background=None), shader="nolight")
+    assert np.allclose(frame.rgba, [0.25, 0.5, 0.0, 0.75])
+
+
+def test_tilted_layers_in_one_plane(device):
+    """As many as a round takes, cut along two diagonals: their pairs differ by rounding, and the later face is nearer."""
+    corners = np.array([[-1.0, -1, 0.3], [1, -1, 0.9], [1, 1, 1.7], [-1, 1, 1.1]])
+    cuts = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
+    colors = np.random.default_rng(3).random((8, 3))
+    panes = [
+        Mesh(corners, cuts[k % 2], material=Material(color=color, blend=True, opacity=0.5))
+        for k, color in enumerate(colors)
+    ]
+    camera = replace(CAMERA, orthographic=True, plane=(2.5, 2.5), resolution=(40, 40))  # the corners lie between pixels
+    frame = draw(device, Scene(tuple(panes), camera, background=0.0), shader="nolight")
+    expected = sum(0.5 ** (8 - k) * color for k, color in enumerate(colors))
+    assert abs(frame.rgb[5:35, 5:35] - expected).max() < 1e-6
+
+
+def test_each_sample_has_its_own_owner(device):
+    """A pane in the plane of two walls, before one and behind the other, which share a column of pixels."""
+    x, y = 0.1, 1.0
+    left, right = (
+        Mesh(
+            [[a, -y, 0], [b, -y, 0], [b, y, 0], [a, y, 0]],
+            [[0, 1, 2], [0, 2, 3]],
+            material=Material(ka=1, kd=0, color=color),
+        )
+        for a, b, color in ((-1.0, x, BLUE), (x, 1.0, RED))
+    )
+    pane = square(0, color=GREEN, opacity=0.5)
+    walls, both = (draw(device, scene(*meshes), samples=4).rgb[7:13] for meshes in ((left, right), (left, pane, right)))
+    red, blue = walls[..., :1], walls[..., 2:]
+    assert ((red > 0) & (blue > 0)).any()
+    assert np.allclose(both, red * RED + blue * (GREEN + BLUE) / 2)
+
+
+@pytest.mark.parametrize("shared", ["mesh", "meshes", "instances"])
+def test_panes_in_one_plane(device, shared):
+    """The same whether they are faces of one mesh, meshes, or instances."""
+    count, alpha = 32, 0.05
+    generator = np.random.default_rng(1)
+    at, half = generator.uniform(-1, 1, (count, 2)), generator.uniform(0.3, 1.2, (count, 2))
+    unit = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    corners = unit[:, :2] * half[:, None] + at[:, None]
+    verts, faces = np.dstack([corners, np.zeros((count, 4))]), np.array([[0, 1, 2], [0, 2, 3]])
+    material = Material(color=1.0, blend=True, opacity=alpha)
+    placements = np.tile(np.eye(4), (count, 1, 1))
+    placements[:, 0, 0], placements[:, 1, 1], placements[:, :2, 3] = half[:, 0], half[:, 1], at
+    meshes = {
+        "mesh": (
+            Mesh(verts.reshape(-1, 3), (faces + 4 * np.arange(count)[:, None, None]).reshape(-1, 3), material=material),
+        ),
+        "meshes": tuple(Mesh(each, faces, material=material) for each in verts),
+        "instances": (Mesh(unit, faces, material=material, instances=placements),),
+    }[shared]
+    camera = Camera((0, 0, 7.3), (0, 0, 0), (0, 1, 0), 7.3, (3.2, 3.2), (64, 64))
+    frame = draw(device, Scene(meshes, camera, (), background=0.0), shader="nolight", samples=1)
+    place = (np.arange(64) + 0.5) * 3.2 / 64 - 1.6
+    x, y = place[None, :, None], -place[:, None, None]
+    inside = [np.abs(p - at[:, k]) - half[:, k] for k, p in enumerate((x, y))]
+    layers = np.all(np.broadcast_arrays(*(each < 0 for each in inside)), axis=0).sum(axis=2)
+    at_an_edge = np.any(np.broadcast_arrays(*(np.abs(each) < 0.01 for each in inside)), axis=(0, 3))
+    wrong = abs(frame.alpha - (1 - (1 - alpha) ** layers)) > 1e-5
+    assert layers.max() > 10
+    assert (~at_an_edge).mean() > 0.3
+    assert not (wrong & ~at_an_edge).any()
 
 
 @pytest.mark.parametrize("depth", [1e-3, 0.0])

@@ -12,7 +12,7 @@ import pytest
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.pipeline.camera_space import CameraSpace, Extent
-from clshade.pipeline.frame_state import Progress
+from clshade.pipeline.frame_state import FrameInFlight
 
 
 def looking(size: int, back: float) -> Camera:
@@ -72,7 +72,7 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
     with Renderer(scene, device=device, resolution=(32, 32)) as renderer:
         expected = renderer.render(large).rgba.copy()
         renderer.render()
-        tiles, calls = Progress.tiles.fget, []
+        tiles, calls = FrameInFlight.tiles.fget, []
 
         def interrupted(self):
             calls.append(1)
@@ -81,7 +81,7 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
             return tiles(self)
 
         with monkeypatch.context() as patch:
-            patch.setattr(Progress, "tiles", property(interrupted))
+            patch.setattr(FrameInFlight, "tiles", property(interrupted))
             with pytest.raises(KeyboardInterrupt):
                 renderer.render(large)
         assert np.array_equal(renderer.render(large).rgba, expected)
@@ -91,7 +91,7 @@ def test_buffers_that_were_replaced_are_freed(device):
     scene = cloud()
     with Renderer(scene, device=device, shader="nolight") as renderer:
         renderer.render()
-        before = weakref.ref(renderer._drawing._made.triangles)
+        before = weakref.ref(renderer._drawing._source.made.triangles)
         renderer.render(looking(96, -0.5))  # pieces need more room
         gc.collect()
         assert before() is None

@@ -158,4 +158,4 @@ def test_the_command_line_writes_the_table(opened, tmp_path, capsys):
     assert "b_visible.csv: cannot be written" in capsys.readouterr().err
     assert not (tmp_path / "b.exr").exists()
     assert main([*command, "--visible", "csv", "--sheet", "-o", str(tmp_path / "c")]) == 2
-    assert "--visible: expected none with --sheet" in capsys.readouterr().err
+    assert "--visible: cannot go with --sheet" in capsys.readouterr().err

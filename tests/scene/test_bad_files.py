@@ -15,7 +15,8 @@ from processes import PEAK
 
 from clshade.cli.main import main
 from clshade.pipeline.renderer import Renderer
-from clshade.scene.formats.load import EXTENSIONS, load
+from clshade.scene.formats.load import load
+from clshade.scene.formats.table import EXTENSIONS
 
 FOLDER = pathlib.Path(os.environ.get("CLSHADE_DATA", "."))
 needs_data = pytest.mark.skipif("CLSHADE_DATA" not in os.environ, reason="CLSHADE_DATA names no folder with scenes")

@@ -10,7 +10,7 @@ import pytest
 from clshade.errors import InputError
 from clshade.scene import geometry
 from clshade.scene.builtin.scenes import builtin
-from clshade.scene.normals import against_normals, crease_normals, welded
+from clshade.scene.normals import against_normals, crease_normals, seamless_normals, welded
 from clshade.scene.triangulate import strips, triangulated
 
 RNG = np.random.default_rng(8)
@@ -51,6 +51,25 @@ def roof(degrees: float) -> tuple[np.ndarray, np.ndarray]:
     angle = math.radians(degrees)
     verts = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0], [math.cos(angle), 0, -math.sin(angle)]])
     return verts, np.array([[0, 1, 2], [1, 0, 3]])
+
+
+def test_seams_of_a_sphere_vanish_and_edges_of_a_cube_stay():
+    mesh = builtin("icosphere", level=3).meshes[0]
+    pieces = np.asarray(mesh.verts, float)[mesh.faces].reshape(-1, 3)
+    apart = np.arange(len(pieces), dtype=np.int32).reshape(-1, 3)
+    whole = geometry.vertex_normals(np.asarray(mesh.verts, float), mesh.faces)[mesh.faces]
+    np.testing.assert_allclose(seamless_normals(pieces, apart)[apart], whole, atol=1e-12)
+    corners, sides = CUBE[FACES].reshape(-1, 3), np.arange(36, dtype=np.int32).reshape(-1, 3)
+    flat = geometry.vertex_normals(corners, sides)
+    np.testing.assert_allclose(seamless_normals(corners, sides), flat, atol=1e-15)
+    assert seamless_normals(CUBE, FACES) is None
+
+
+@pytest.mark.parametrize(("angle", "count"), [(29, 1), (31, 2)])
+def test_the_angle_of_a_seam(angle, count):
+    verts, faces = roof(angle)
+    found = seamless_normals(verts[faces].reshape(-1, 3), np.arange(6).reshape(2, 3))
+    assert (found is None) == (count == 2)
 
 
 @pytest.mark.parametrize(("angle", "crease", "count"), [(20, 30, 4), (40, 30, 6), (30, 30, 4), (179, 178, 6)])

@@ -14,7 +14,7 @@ from clshade.errors import InputError
 from clshade.farm import orbit, parse_frames
 from clshade.scene.adjust_camera import adjusted, camera_of, refitted
 from clshade.scene.fitting import FILL, fitted
-from clshade.scene.framing import default_camera
+from clshade.scene.framing import default_camera, framed
 from clshade.scene.geometry import camera_axes
 from clshade.scene.ground import with_ground
 
@@ -138,3 +138,39 @@ def test_fit_ignores_the_camera_of_a_file(tmp_path):
     scene = clshade.load(path, fit=True)
     assert scene.fitted
     assert seen(scene.camera, scene.meshes)[1].max() == pytest.approx(FILL, rel=1e-6)
+
+
+@pytest.mark.parametrize("resolution", [(431, 977), (1131, 860)], ids=str)
+def test_default_lights_do_not_depend_on_the_resolution(resolution):
+    mesh = Mesh(np.array([[0.1, 0.2, 0.3], [1.7, 0.4, 0.9], [0.6, 2.1, 0.2]]), np.array([[0, 1, 2]]))
+    lights = [framed((mesh,), "", size).lights for size in (None, resolution)]
+    for one, other in zip(*lights, strict=True):
+        np.testing.assert_array_equal(one.position, other.position)
+
+
+def same_camera(one, other):
+    fields = [[getattr(camera, name) for name in vars(camera)] for camera in (one, other)]
+    return all(map(np.array_equal, *fields))
+
+
+def test_scenes_without_a_camera_get_the_one_of_files(tmp_path):
+    teapot = clshade.builtin("teapot").meshes
+    scene = Scene(teapot)
+    assert scene.fitted
+    assert same_camera(scene.camera, default_camera(teapot))
+    assert Scene(teapot, scene.camera).fitted is False
+    assert same_camera(Scene(teapot, None).camera, scene.camera)
+    assert replace(scene, name="a").fitted
+    scene.to_json(tmp_path / "a.json")
+    loaded = clshade.load(tmp_path / "a.json")
+    assert loaded.fitted
+    assert same_camera(loaded.camera, scene.camera)
+    scene.to_glb(tmp_path / "a.glb")
+    np.testing.assert_allclose(clshade.load(tmp_path / "a.glb").camera.eye, scene.camera.eye, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "meshes", [(), Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)), Mesh(np.ones((3, 3)), [[0, 1, 2]])]
+)
+def test_scenes_without_extent_have_a_camera_too(meshes):
+    assert np.isfinite(Scene(meshes).camera.eye).all()

@@ -305,7 +305,7 @@ def test_vertices_is_another_name_of_verts():
         mesh.vertices = CORNERS
     for given in ((CORNERS, FACES), ()):
         fields = {} if given else {"verts": CORNERS, "faces": FACES}
-        with pytest.raises(InputError, match=r"^Mesh: vertices: expected none beside verts, which is the same, found "):
+        with pytest.raises(InputError, match=r"^Mesh: vertices: cannot go with verts, which is the same"):
             Mesh(*given, vertices=CORNERS, **fields)
     with pytest.raises(TypeError, match="verts"):
         Mesh(faces=FACES)

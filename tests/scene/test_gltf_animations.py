@@ -184,10 +184,12 @@ def test_an_animation_is_chosen_by_name_by_number_or_all_of_them(tmp_path):
     refusal(path, "load: animation: expected a name or a whole number", animation=True)
     for time in (-1, math.nan, "1", None.__class__):
         refusal(path, "load: time: expected a finite number of at least 0", time=time)
-    refusal(triangle().glb(tmp_path / "b.glb"), "b.glb: animations: expected at least one", "found none", time=0)
+    refusal(
+        triangle().glb(tmp_path / "b.glb"), "b.glb: animations: expected an animation to show", "found none", time=0
+    )
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    refusal(tmp_path / "a.obj", "load: time: expected none but for .gltf and .glb files, found 1", time=1)
-    refusal(tmp_path / "a.obj", "load: animation: expected none", animation="Run")
+    refusal(tmp_path / "a.obj", "load: time: expected one only for .gltf and .glb files, found 1", time=1)
+    refusal(tmp_path / "a.obj", "load: animation: expected one only for .gltf", animation="Run")
 
 
 def test_what_an_extension_animates_is_named(tmp_path):

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from every_light import EVERY
 from mesh_writers import textured, triangle
 from scene_files import course_dict, save_npy
 
@@ -20,7 +21,8 @@ from clshade.scene.formats.glb import Glb
 from clshade.scene.formats.gltf_writer_meshes import in_float32, unified
 from clshade.scene.geometry import bounding_box, camera_axes, vertex_normals
 from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
-from clshade.scene.metallic_roughness import TEXTURES
+from clshade.scene.material import TERMS
+from clshade.scene.metallic_roughness import MAPS
 from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 
 RNG = np.random.default_rng(11)
@@ -98,7 +100,7 @@ def assert_same_material(found: Material, expected: Material) -> None:
     assert_same_texture(found.texture, expected.texture)
     for field in fields(MetallicRoughness):
         one, other = getattr(found.microfacets, field.name), getattr(expected.microfacets, field.name)
-        if field.name in TEXTURES:
+        if field.name in MAPS:
             assert_same_texture(one, other)
         else:
             np.testing.assert_allclose(one, other, rtol=1e-12, err_msg=field.name)
@@ -410,6 +412,7 @@ def test_phong_becomes_what_shader_pbr_draws(tmp_path):
         "ka": [0.2] * 3,
         "kd": [0.5, 0.25, 0.125],
         "ks": [0.5, 0.25, 0.0],
+        **dict.fromkeys(list(TERMS)[2:], [0.0] * 3),
         "n": 30.0,
         "color": [1.0, 0.5, 0.25],
         "two_sided": False,
@@ -516,6 +519,14 @@ def test_lights_come_back_up_to_one_factor(tmp_path):
     again = clshade.load(tmp_path / "b.glb")
     for found, expected in zip(again.lights, back.lights, strict=True):
         np.testing.assert_allclose(found.intensity, expected.intensity, rtol=1e-12)
+
+
+def test_every_kind_comes_back_as_the_type_that_it_names(tmp_path):
+    for light in EVERY:
+        (found,) = written(tmp_path, mesh(), lights=(replace(light, intensity=(1, 1, 1)),))[0].lights
+        assert (found.gltf, found.gltf_loss) == (light.gltf, "")
+        if light.axis is not None:
+            np.testing.assert_allclose(found.axis, light.axis, atol=1e-12)
 
 
 def test_lights_without_attenuation_are_as_bright_at_the_center(tmp_path):

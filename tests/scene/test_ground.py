@@ -97,7 +97,7 @@ def test_the_command_line(capsys):
     assert found.camera.eye.tolist() == alone.camera.eye.tolist()
     code, out, lines = run(capsys, "render", "icosphere", "--ground", "--edges", "all")
     assert (code, out, len(lines)) == (2, "", 1)
-    assert "--ground: expected none with --edges" in lines[0]
+    assert "--ground: cannot go with --edges" in lines[0]
 
 
 def test_scenes_without_lights_or_faces_and_of_any_size():

@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from every_light import EVERY
 
 import clshade
 from clshade import DirectionalLight, PointLight, RectangleLight, Settings, SpotLight
 from clshade.errors import InputError
 from clshade.scene import adjust_lights
 from clshade.scene.contents import format_contents, scene_contents
-from clshade.scene.lights import front_of, has_size, is_plain, plain_lights, unit_direction
+from clshade.scene.lights import LIGHTS, PlacedLight, plain_lights
 from clshade.scene.model import Mesh, Scene
 from clshade.scene.views import named_cameras, seen_by
 
@@ -28,7 +29,7 @@ MESH = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
 
 
 def test_what_is_kept():
-    for light in (LAMP, SUN, SPOT, BALL, PANEL):
+    for light in (LAMP, SUN, SPOT, BALL, PANEL, *EVERY):
         for name in ("position", "direction", "right", "up", "intensity"):
             if hasattr(light, name):
                 values = getattr(light, name)
@@ -39,9 +40,9 @@ def test_what_is_kept():
     plain = SpotLight((0, 0, 0), (0, 0, 1))
     assert (plain.inner_cone, plain.outer_cone, plain.attenuation, plain.range) == (0.0, 45.0, "none", None)
     every = (PointLight((0, 0, 0)), LAMP, SUN, SPOT, plain, BALL, PANEL)
-    assert [is_plain(light) for light in every] == [True, *[False] * 6]
-    assert [has_size(light) for light in every] == [*[False] * 5, True, True]
-    assert front_of(PANEL).tolist() == [1.0, 0.0, 0.0]
+    assert [light.is_plain for light in every] == [True, *[False] * 6]
+    assert [light.has_size for light in every] == [*[False] * 5, True, True]
+    assert PANEL.axis.tolist() == [1.0, 0.0, 0.0]
 
 
 def test_their_texts():
@@ -70,7 +71,7 @@ def test_their_texts():
         (lambda: DirectionalLight((0, 0, 0)), "DirectionalLight: direction: expected a vector other than 0"),
         (lambda: DirectionalLight((0, 1, np.inf)), "DirectionalLight: direction: expected three finite numbers"),
         (lambda: replace(SPOT, direction=(0, 0, 0)), "SpotLight: direction: expected a vector other than 0"),
-        (lambda: replace(SPOT, inner_cone=-1), "SpotLight: inner_cone: expected a finite number of at least 0"),
+        (lambda: replace(SPOT, inner_cone=-1), "SpotLight: inner_cone: expected degrees from 0 to 90"),
         (lambda: replace(SPOT, outer_cone=90.1), "SpotLight: outer_cone: expected degrees from 0 to 90"),
         (lambda: replace(BALL, radius=-1e-9), "PointLight: radius: expected a finite number of at least 0"),
         (lambda: replace(BALL, radius=np.nan), "PointLight: radius: expected a finite number of at least 0"),
@@ -93,7 +94,7 @@ def test_their_texts():
         ),
         (
             lambda: adjust_lights.sized_lights(Scene(MESH, CAMERA, [SUN]), 1.0, "--light-radius"),
-            "--light-radius: expected a scene with point lights, found none",
+            "--light-radius: the scene has no point lights",
         ),
         (
             lambda: replace(SPOT, inner_cone=30),
@@ -116,11 +117,25 @@ def test_refusals(make, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("light", EVERY, ids=lambda light: type(light).__name__)
+def test_every_kind(light):
+    """Whatever the kind: a turn and its opposite leave it as it is, and so do a scale and its inverse."""
+    turn, center = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 1, 1])
+    assert repr(light.turned(center, turn).turned(center, turn.T)) == repr(light) != repr(light.turned(center, turn))
+    assert repr(light.rescaled(4.0, 2.0).rescaled(0.25, -0.5)) == repr(light)
+    assert light.facts()["kind"] in repr(light)
+    if isinstance(light, PlacedLight) and light.axis is not None:
+        assert np.linalg.norm(light.axis) == pytest.approx(1.0)
+        assert np.all(light.profile(light.axis) >= light.profile(-light.axis))
+
+
+def test_every_kind_has_an_example():
+    assert {type(light) for light in EVERY} == set(LIGHTS)
+
+
 @pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
 def test_directions_of_any_length(length):
-    np.testing.assert_allclose(
-        unit_direction(DirectionalLight(np.array([0, -3, 4]) * length)), [0, -0.6, 0.8], rtol=1e-15
-    )
+    np.testing.assert_allclose(DirectionalLight(np.array([0, -3, 4]) * length).axis, [0, -0.6, 0.8], rtol=1e-15)
 
 
 def test_the_view_turns_positions_and_directions():
@@ -145,11 +160,11 @@ def test_factors_and_growing_scenes():
         [0, 0, 0],
         [8, 10, 12],
     ]
-    moved = adjust_lights.rescaled_light(LAMP, 10.0, 1.0)
+    moved = LAMP.rescaled(10.0, 1.0)
     assert (moved.position.tolist(), moved.intensity.tolist(), moved.range) == ([11, 21, 31], [400, 500, 600], 70)
-    assert adjust_lights.rescaled_light(SUN, 10.0, 1.0) is SUN
-    assert adjust_lights.rescaled_light(BALL, 10.0, 1.0).radius == 2.5
-    panel = adjust_lights.rescaled_light(PANEL, 10.0, 1.0)
+    assert repr(SUN.rescaled(10.0, 1.0)) == repr(SUN)
+    assert BALL.rescaled(10.0, 1.0).radius == 2.5
+    panel = PANEL.rescaled(10.0, 1.0)
     assert (panel.right.tolist(), panel.up.tolist(), panel.range) == ([0, 0, -20], [0, 5, 0], 70)
     spheres = adjust_lights.sized_lights(Scene(MESH, CAMERA, (SUN, LAMP, PANEL)), 0.5).lights
     assert spheres[0] is SUN
@@ -162,7 +177,7 @@ def test_what_inspect_says():
     contents = scene_contents(scene)
     sized = format_contents(scene_contents(Scene(MESH, CAMERA, (BALL, PANEL))))
     assert "radius 0.25" in sized
-    assert "4 x 1" in sized
+    assert "right 0 0 -2, up 0 0.5 0" in sized
     assert contents["lights"] == 3
     assert contents["each_light"][0] == {"kind": "DirectionalLight", "direction": [0, -3, 4], "intensity": [2, 2, 2]}
     text = format_contents(contents)

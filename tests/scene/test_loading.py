@@ -6,6 +6,7 @@ import gc
 import math
 import os
 import pathlib
+import re
 import tracemalloc
 
 import numpy as np
@@ -16,7 +17,8 @@ from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 import clshade
 from clshade.errors import InputError
 from clshade.scene import framing, geometry
-from clshade.scene.formats.load import EXTENSIONS, load
+from clshade.scene.formats.load import load
+from clshade.scene.formats.table import BY_EXTENSION, EXTENSIONS, extensions_with, listed
 
 CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)) + "f 1 2 4 3\nf 5 6 8 7\n"
 
@@ -55,6 +57,32 @@ def test_unknown_extensions_are_told_the_known_ones(tmp_path):
     for name in ("a.xyz", "a", "a.obj.gz", ".obj"):
         refusal(write(tmp_path / name, CUBE), f"{name}: extension: ", *EXTENSIONS)
     assert load(write(tmp_path / "A.OBJ", CUBE)).name == "A"
+
+
+SOME = {
+    "texture": np.zeros((1, 1, 3)),
+    "focal": 2.0,
+    "crease": 30,
+    "flat": True,
+    "weld": True,
+    "up": "x",
+    "time": 0.0,
+    "animation": "a",
+}
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_what_a_format_does_not_take_is_refused(tmp_path, extension):
+    path = write(tmp_path / f"a{extension}", "not read")
+    for name in SOME.keys() - BY_EXTENSION[extension].takes:
+        *_, last = extensions_with(name)
+        refusal(path, f"load: {name}: expected one only for ", f"{last} files, found ", **{name: SOME[name]})
+    assert set(BY_EXTENSION[extension].takes) <= SOME.keys()
+
+
+def test_the_formats_in_one_line():
+    assert re.fullmatch(r"\.npy course scene; \.obj .* meshes; \.json saved scene", listed())
+    assert set(re.findall(r"\.\w+", listed())) == set(EXTENSIONS)
 
 
 @pytest.mark.parametrize("path", [None, 3, b"cube.obj", ["cube.obj"]])

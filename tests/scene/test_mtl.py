@@ -109,6 +109,9 @@ def test_masks(tmp_path):
         ("d -halo 0.5", 0.5),
         ("d 1", 1.0),
         ("Tr 0", 1.0),
+        ("d 0.5\nTr 1", 0.5),
+        ("Tr 0.9\nd 1", 1.0),
+        ("d 0\nTr 0", 0.0),
         ("d -3", 0.0),
         ("d 7", 1.0),
     ],
@@ -117,6 +120,13 @@ def test_opacity(tmp_path, text, opacity):
     mesh, scene, messages = material_of(tmp_path, text + "\n")
     assert (mesh.material.opacity, mesh.material.blend) == (opacity, opacity < 1.0)
     assert (scene.ignored, messages) == ((), [])
+
+
+def test_full_transparency_alone_counts_as_opaque(tmp_path):
+    mesh, _, messages = material_of(tmp_path, "Tr 1.0\nnewmtl m2\nTr 1\n")
+    assert (mesh.material.opacity, mesh.material.blend) == (1.0, False)
+    (message,) = messages
+    assert message.endswith("a.obj: materials with Tr 1 and without d are read as opaque")
 
 
 @pytest.mark.parametrize("text", ["d", "d half", "Tr nan", "d 0.5 0.5"])
@@ -139,6 +149,11 @@ def test_models_of_illumination(tmp_path):
     assert (flat.ka * AMBIENT * flat.color).tolist() == [1, 0.5, 0.25]
     assert not flat.kd.any()
     assert material_of(tmp_path, "illum 7\n")[1].ignored == ("reflection and refraction (illum)",)
+
+
+def test_an_exponent_of_0_is_no_highlight(tmp_path):
+    for text, ks in (("Ks 1 1 1\nNs 0\n", 0.0), ("Ns 0.0\nKs 1\n", 0.0), ("Ks 1\nNs 1\n", 1.0), ("Ks 1\n", 1.0)):
+        assert material_of(tmp_path, text)[0].material.ks.tolist() == [ks] * 3, text
 
 
 def test_what_is_not_rendered_is_told_once(tmp_path):
@@ -184,5 +199,5 @@ def test_course_files_take_no_mesh_options(tmp_path):
     from scene_files import course_dict, save_npy
 
     path = save_npy(tmp_path / "a.npy", course_dict())
-    refusal(path, "load: crease, flat, up: ", crease=30)
+    refusal(path, "load: crease: expected one only for .obj", crease=30)
     assert load(path, two_sided=True).meshes[0].material.two_sided

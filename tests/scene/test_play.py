@@ -70,7 +70,7 @@ def test_the_number_of_frames(tmp_path):
         ({"fps": 0}, "load_animation: fps: expected a finite number above 0, found 0"),
         ({"fps": 1e9}, "load_animation: fps: expected at most 1000000 frames, found 2 s of 1e+09"),
         ({"count": 0}, "load_animation: count: expected a whole number from 1 to 1000000, found 0"),
-        ({"crease": 3.0, "flat": True}, "load_animation: crease: expected none beside flat"),
+        ({"crease": 3.0, "flat": True}, "load_animation: crease: expected either crease or flat"),
         ({"crease": 181}, "load_animation: crease: expected degrees"),
         ({"flat": 1}, "load_animation: flat: expected True or False"),
         ({"up": "w"}, "load_animation: up: expected one of"),
@@ -89,7 +89,7 @@ def test_the_number_of_frames(tmp_path):
     assert load_animation(still.glb(tmp_path / "b.glb")).times == (0.0,)
     with pytest.raises(InputError, match=r"b\.obj: extension: expected one of \.gltf, \.glb, which have animations"):
         load_animation("b.obj")
-    with pytest.raises(InputError, match=r"c.glb: animations: expected at least one"):
+    with pytest.raises(InputError, match=r"c.glb: animations: expected an animation to show"):
         load_animation(triangle().glb(tmp_path / "c.glb"))
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
+from clshade.images.layers import LAYERS
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
-from clshade.scene.model import LAYERS, Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
 CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0))
 EYE = ((0, 0, 0), (0, 0, 1), (0, 1, 0))
@@ -108,7 +109,7 @@ CASES = {
         lambda: Settings(ao_distance=np.inf),
         "Settings: ao_distance: expected a finite number above 0, found inf",
     ),
-    "AO of no rays": (lambda: Settings(layers="AO"), "Settings: layers: expected AO only with ambient_occlusion"),
+    "AO of no rays": (lambda: Settings(layers="AO"), "Settings: layers: expected ambient_occlusion with the layer AO"),
     "ambient": (lambda: Scene((), CAMERA, ambient=[1.0]), "Scene: ambient: expected a number or three"),
     "fov": (lambda: Camera.from_fov(*EYE, "x"), "Camera.from_fov: fov: "),
     "fov resolution=5": (lambda: Camera.from_fov(*EYE, 45, 5), "Camera.from_fov: resolution: "),

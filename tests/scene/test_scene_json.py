@@ -6,15 +6,19 @@ import dataclasses
 import hashlib
 import json
 import os
+import signal
 import struct
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from command_line import needs_device
+from every_light import EVERY, default_of
 from mapped_scenes import mapped, mapped_scene, normal_image, sheet
 from mesh_writers import spheres
+from processes import python, started
 from scene_files import course_dict, refusal, save_npy
 
 import clshade
@@ -26,22 +30,23 @@ from clshade import (
     Mesh,
     MetallicRoughness,
     PointLight,
-    RectangleLight,
     Scene,
-    SpotLight,
     Texture,
 )
-from clshade.errors import ClshadeError, InputError, OutputError
+from clshade.errors import InputError, OutputError
 from clshade.pipeline.frame import same_bits
 from clshade.scene.formats import scene_json, scene_json_writer
 from clshade.scene.formats.load import load
+from clshade.scene.lights import LIGHTS
+from clshade.scene.material import TERMS
+from clshade.scene.metallic_roughness import MAPS
 
 VERTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.1]])
 FACES = [[0, 1, 2], [1, 3, 2]]
 CAMERA = Camera((0.5, 0.5, 4), (0.5, 0.5, 0), (0, 1, 0), 1.0, (0.6, 0.8), (32, 24))
 CLASSES = (
     *(Scene, Mesh, Material, MetallicRoughness, Texture, Camera, Environment),
-    *(PointLight, DirectionalLight, SpotLight, RectangleLight),
+    *LIGHTS,
 )
 
 
@@ -60,10 +65,12 @@ def full_scene() -> Scene:
     pbr = MetallicRoughness(
         *(0.25, 1 / 3, texture(2), 1.4, 0.5, (0.1, 0.2, 0.3), 0.7),
         *(Texture(normal_image(4, 5), coordinates=1), 0.1 + 0.2, texture(4, filter="nearest"), 0.75, texture(6)),
+        **{name: texture(6) for name in list(MAPS)[4:]},
     )
     material = Material(
         *((0.1, 0.2, 1e-320), 0.3, 0.4, 7.5, texture(1, wrap=("clamp", "mirror"), name="Löwe"), "Ω \ud800 \u2028", 0.9),
         *("front", True, 0.3, pbr, True, 0.5),
+        **dict.fromkeys(list(TERMS)[2:], 0.7),
     )
     broken = np.array([*VERTS.tolist(), [np.nan, 0, 0]])
     mesh = Mesh(
@@ -76,16 +83,10 @@ def full_scene() -> Scene:
     names = ("left", "\u00e9", "")
     material = Material(texture=texture(1, lookup="course"))
     shiny = Mesh(VERTS, FACES, material=material, instances=moved(2.0, 3.0, 4.0), instance_names=names)
-    lights = (
-        PointLight((1, 2, 3), 0.1 * np.ones(3), "inverse-square", 9.5, 0.25),
-        DirectionalLight((0, -3, 1), (1, 2, -1)),
-        SpotLight((1, 2, 3), (0, 0, -2), (3, 2, 1), 10.0, 30.0, "inverse-square", 5.0),
-        RectangleLight((0, 2, 0), (1, 0, 0), (0, 0, 1), (2, 2, 2), "inverse-square", 7.0),
-    )
     camera = dataclasses.replace(CAMERA, principal=(0.4, 0.6), orthographic=True, focal=2.0)
     around = Environment(np.arange(24, dtype=np.float32).reshape(2, 4, 3), 33.3, 0.5, (0.3, 0.7, -0.2), "sky")
     return Scene(
-        *((mesh, shiny, shiny), camera, lights, (0.1, 0.2, 0.3), None, "pbr", "all of it", ("points", "lines"), around),
+        *((mesh, shiny, shiny), camera, EVERY, (0.1, 0.2, 0.3), None, "pbr", "all of it", ("points", "lines"), around),
         *(False, True, 0.125, ("walk", "")),
     )
 
@@ -143,10 +144,7 @@ def test_the_scene_of_this_test_has_every_field():
         Texture: Texture(np.zeros((1, 1, 3))),
         Camera: Camera((0, 0, 5), (0, 0, 0), (0, 1, 1), 1.5, (1, 1)),
         Environment: Environment(np.zeros((1, 1, 3))),
-        PointLight: PointLight((0, 0, 0)),
-        DirectionalLight: DirectionalLight((1, 0, 0)),
-        SpotLight: SpotLight((0, 0, 0), (1, 0, 0)),
-        RectangleLight: RectangleLight((0, 0, 0), (0, 1, 0), (1, 0, 0)),
+        **{type(light): default_of(light) for light in EVERY},
     }
     assert set(plain) == set(CLASSES)
     parts = parts_of(full_scene())
@@ -167,7 +165,7 @@ def test_what_is_shared_is_shared_again(tmp_path):
     assert [numbers[id(mesh.material)] for mesh in found] == [3, 4, 2, 3, 4]
     assert found[0].material.texture is found[2].material.texture
     written = json.loads((tmp_path / "again.json").read_text())
-    assert (len(written["materials"]), len(written["textures"])) == (3, 5)
+    assert (len(written["materials"]), len(written["textures"])) == (3, 1 + len(MAPS))
 
 
 def test_directions_are_not_normalized_twice(tmp_path):
@@ -185,7 +183,7 @@ def test_the_same_scene_gives_the_same_bytes(tmp_path):
         full_scene().to_json(tmp_path / name)
     load(tmp_path / "a.json").to_json(tmp_path / "c.json")
     texts = [(tmp_path / f"{name}.json").read_text().replace(f"{name}.json", "x") for name in "abc"]
-    binaries = [(tmp_path / f"{name}.json.bin").read_bytes() for name in "abc"]
+    binaries = [arrays_of(tmp_path / f"{name}.json").read_bytes() for name in "abc"]
     assert len(set(texts)) == len(set(binaries)) == 1
 
 
@@ -290,9 +288,9 @@ def test_options_of_loading(tmp_path):
     assert all(mesh.material.two_sided for mesh in load(path, two_sided=True).meshes)
     assert load(path, fit=True).camera.resolution == scene.camera.resolution
     for name, value in {"texture": np.zeros((1, 1, 3)), "focal": 2.0, "time": 1.0, "animation": "walk"}.items():
-        refusal(path, f"load: {name}: expected none", **{name: value})
+        refusal(path, f"load: {name}: expected ", **{name: value})
     for name, value in {"crease": 30.0, "up": "z", "flat": True}.items():
-        refusal(path, "load: crease, flat, up: expected none for a .json file", **{name: value})
+        refusal(path, f"load: {name}: expected one only for .obj, .gltf, .glb, .ply", **{name: value})
 
 
 # Refusals
@@ -314,11 +312,24 @@ def changed(path, *keys: Any, value: Any) -> str:
     return str(path)
 
 
+def arrays_of(path: Path) -> Path:
+    """Return the file of arrays that a scene file names."""
+    return path.with_name(json.loads(path.read_text())["arrays"]["file"])
+
+
 @pytest.fixture
 def saved(tmp_path):
     """Return the path of a scene file with all that a scene may hold."""
     full_scene().to_json(tmp_path / "a.json")
     return tmp_path / "a.json"
+
+
+@pytest.mark.parametrize("value", [REMOVED, None])
+def test_a_file_without_a_camera_gets_a_fitted_one(saved, value):
+    changed(saved, "scene", "camera", value=value)
+    scene = clshade.load(saved)
+    assert scene.fitted
+    assert scene.camera.eye.tolist() == Scene(scene.meshes).camera.eye.tolist()
 
 
 MESH = ("scene", "meshes", 0)
@@ -340,8 +351,7 @@ MESH = ("scene", "meshes", 0)
         (("scene",), [1], "scene: expected an object, found 1 values"),
         (("scene", "camra"), 1, "scene: expected one of meshes, camera, "),
         (("scene", "camra"), 1, "found 'camra': did you mean 'camera'?"),
-        (("scene", "camera"), REMOVED, "scene.camera: expected this key, found none"),
-        (("scene", "camera"), None, "scene: Scene: camera: expected a Camera, found None"),
+        (("scene", "camera"), 1, "scene.camera: expected an object"),
         (("scene", "camera", "eyes"), 1, "scene.camera: expected one of eye, lookat"),
         (("scene", "camera", "eye"), REMOVED, "scene.camera.eye: expected this key, found none"),
         (("scene", "camera", "eye"), [1, 2], "scene.camera: Camera: eye: expected three finite numbers"),
@@ -386,6 +396,7 @@ MESH = ("scene", "meshes", 0)
         ((*MESH, "faces", "shape"), 5, "scene.meshes[0].faces.shape: expected a list, found 5"),
         ((*MESH, "faces", "shape"), [], "scene.meshes[0].faces: expected 1 to 3 dimensions"),
         ((*MESH, "faces", "shape"), [1, 1, 1, 1], "scene.meshes[0].faces: expected 1 to 3 dimensions"),
+        ((*MESH, "faces", "shape"), [1] * 1000, "scene.meshes[0].faces: expected 1 to 3 dimensions"),
         ((*MESH, "faces", "shape"), [-1, 3], "scene.meshes[0].faces.shape: expected a whole number from 0 to"),
         ((*MESH, "faces", "shape"), [1 << 29, 1 << 29], "scene.meshes[0].faces: expected 1 to 3 dimensions"),
         ((*MESH, "faces", "shape"), [1 << 30, 0], "scene.meshes[0].faces.shape: expected a whole number from 0 to"),
@@ -398,7 +409,7 @@ MESH = ("scene", "meshes", 0)
         (("arrays", "sha256"), REMOVED, "arrays.sha256: expected this key, found none"),
         (("arrays", "sha256"), 5, "arrays.sha256: expected a text, found 5"),
         (("arrays", "bytes"), 1.5, "arrays.bytes: expected a whole number from 0 to 34359738368, found 1.5"),
-        (("arrays", "bytes"), 8, "arrays.bytes: expected 8 bytes in 'a.json.bin', found "),
+        (("arrays", "bytes"), 8, "arrays.bytes: expected 8 bytes in 'a.json."),
         (("arrays", "file"), None, "arrays.file: expected a text, found none"),
         (("arrays", "file"), "no.bin", "arrays.file: expected an existing file, found no file 'no.bin'"),
         (
@@ -453,7 +464,7 @@ def test_texts_that_are_no_scene(tmp_path, text, message):
 
 
 def test_another_file_of_arrays_is_refused(saved):
-    binary = saved.with_name("a.json.bin")
+    binary = arrays_of(saved)
     data = bytearray(binary.read_bytes())
     data[-1] ^= 1
     binary.write_bytes(data)
@@ -465,7 +476,7 @@ def test_another_file_of_arrays_is_refused(saved):
 
 
 def test_a_link_out_of_the_folder_is_refused(saved, tmp_path_factory):
-    binary = saved.with_name("a.json.bin")
+    binary = arrays_of(saved)
     elsewhere = tmp_path_factory.mktemp("elsewhere") / "a.bin"
     binary.rename(elsewhere)
     binary.symlink_to(elsewhere)
@@ -474,7 +485,7 @@ def test_a_link_out_of_the_folder_is_refused(saved, tmp_path_factory):
 
 def test_a_file_of_arrays_is_not_read_unless_its_size_is_right(saved, monkeypatch):
     """A sparse file of 1 TiB."""
-    os.truncate(saved.with_name("a.json.bin"), 1 << 40)
+    os.truncate(arrays_of(saved), 1 << 40)
     refusal(saved, "arrays.bytes: expected ", f"found {1 << 40}")
     refusal(changed(saved, "arrays", "bytes", value=1 << 40), "arrays.bytes: expected a whole number from 0 to")
 
@@ -499,26 +510,99 @@ def test_names_that_no_file_could_refer_to(tmp_path):
 
 
 def test_both_files_are_written_or_none(tmp_path):
-    (tmp_path / "a.json").write_text("earlier")
-    (tmp_path / "a.json.bin").mkdir()
-    with pytest.raises(ClshadeError):
-        full_scene().to_json(tmp_path / "a.json")
     with pytest.raises(OutputError, match="there is no folder"):
         full_scene().to_json(tmp_path / "none" / "a.json")
     (tmp_path / "b.json").mkdir()
-    (tmp_path / "b.json.bin").write_bytes(b"earlier")
     with pytest.raises(OutputError, match="it is a folder"):
         full_scene().to_json(tmp_path / "b.json")
-    assert (tmp_path / "a.json").read_text() == "earlier"
-    assert (tmp_path / "b.json.bin").read_bytes() == b"earlier"
-    assert sorted(os.listdir(tmp_path)) == ["a.json", "a.json.bin", "b.json", "b.json.bin"]
+    assert os.listdir(tmp_path) == ["b.json"]
 
 
 def test_earlier_files_are_replaced(tmp_path):
     full_scene().to_json(tmp_path / "a.json")
+    full_scene().to_json(tmp_path / "a.json.json")  # a name that begins alike
     scene = seen_through()
     scene.to_json(tmp_path / "a.json")
     assert same(load(tmp_path / "a.json"), scene)
+    assert same(load(tmp_path / "a.json.json"), full_scene())
+    names = {path.name for file in ("a.json", "a.json.json") for path in (tmp_path / file, arrays_of(tmp_path / file))}
+    assert set(os.listdir(tmp_path)) == names
+
+
+KILLED = """
+import os, signal, sys, clshade
+place, calls = os.replace, []
+def replaced(*names):
+    calls.append(names)
+    if len(calls) == int(sys.argv[2]):
+        os.kill(os.getpid(), signal.SIGKILL)
+    place(*names)
+os.replace = replaced
+clshade.builtin("icosphere", level=2).to_json(sys.argv[1])
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed by signals")
+@pytest.mark.parametrize("call", [1, 2])
+def test_a_killed_process_leaves_the_earlier_scene(tmp_path, call):
+    """Killed before the first or the second of two files is renamed."""
+    path, earlier = tmp_path / "a.json", seen_through()
+    earlier.to_json(path)
+    done = python(KILLED, "", str(path), str(call))
+    assert done.returncode == -signal.SIGKILL
+    assert same(load(path), earlier)
+    full_scene().to_json(path)
+    assert same(load(path), full_scene())
+    left = {name for name in os.listdir(tmp_path) if name.endswith(".bin")}
+    assert left == {arrays_of(path).name}
+
+
+def test_a_scene_replaced_twice_while_it_is_read(tmp_path, monkeypatch):
+    """By another and by the same again: its JSON is what it was, the arrays were missing in between."""
+    path = tmp_path / "a.json"
+    first, second = (clshade.builtin("quads", count=count) for count in (20, 30))
+    first.to_json(path)
+    read, reads = scene_json.read_file, []
+
+    def replacing(name, most):
+        data = read(name, most)
+        reads.append(name)
+        if len(reads) == 1:
+            second.to_json(path)
+        return data
+
+    def found(*arguments):
+        given = beside(*arguments)
+        if len(reads) == 1:
+            first.to_json(path)
+        return given
+
+    beside = scene_json.beside
+    monkeypatch.setattr(scene_json, "read_file", replacing)
+    monkeypatch.setattr(scene_json, "beside", found)
+    assert same(load(path), first)
+
+
+WRITING = """
+import sys, clshade
+scenes = [clshade.builtin("quads", count=count) for count in (20, int(sys.argv[2]))]
+for k in range(40):
+    scenes[k % 2].to_json(sys.argv[1])
+"""
+
+
+def test_several_processes_write_one_scene_file(tmp_path):
+    """Whoever reads it meanwhile finds a whole scene."""
+    path = tmp_path / "a.json"
+    clshade.builtin("quads", count=20).to_json(path)
+    writers = [started(WRITING, "", str(path), str(count)) for count in (30, 40, 30)]
+    seen = set()
+    while any(writer.poll() is None for writer in writers):
+        seen.add(load(path).face_count)
+    assert [writer.wait() for writer in writers] == [0, 0, 0]
+    assert seen >= {load(path).face_count}
+    assert seen <= {40, 60, 80}
+    assert len([name for name in os.listdir(tmp_path) if name.endswith(".bin")]) == 1
 
 
 @pytest.mark.parametrize(

@@ -255,6 +255,20 @@ def test_room_fills_the_image_and_its_lamp_is_brighter_than_white():
     assert math.isclose(frame.rgb.max(), 6.0)
 
 
+def test_the_lamp_of_the_soft_room_lights_it():
+    scene = scenes.box_room(2, resolution=(40, 30), soft=True)
+    light, fill = scene.lights
+    lamp = mesh_of(scene, "lamp").verts
+    assert (np.cross(light.right, light.up) < 0.0).tolist() == [False, True, False]  # it shines down
+    assert light.position[1] < lamp[:, 1].min()
+    corners = light.position + [[x, 0.0, z] for x in (-0.4, 0.4) for z in (-0.3, 0.3)]
+    assert np.allclose(np.sort(corners[:, [0, 2]], axis=0), np.sort(lamp[:, [0, 2]], axis=0))
+    assert (fill.position == scene.camera.eye).all()
+    for value in (1, None, "yes"):
+        with pytest.raises(InputError, match="box_room: soft: expected"):
+            scenes.box_room(soft=value)
+
+
 def test_room_boxes_stand_in_it():
     scene = scenes.box_room()
     boxes = mesh_of(scene, "boxes")

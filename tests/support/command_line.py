@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
+import numpy as np
 import pytest
 from devices import working_devices
 from processes import ROOT
@@ -15,6 +17,7 @@ import clshade
 from clshade.cli.commands import scene_options
 from clshade.cli.commands.arguments import with_values
 from clshade.cli.main import _parser, main
+from clshade.pipeline import look
 
 # With these options the scene needs the program that tests of frames build anyway.
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course", "--layers", "Z,id")
@@ -35,10 +38,11 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 
 def scene_of(*arguments: object) -> clshade.Scene:
-    """Return the scene selected by a command line of `render`."""
+    """Return the scene selected by a command line of `render`; a contact shadow, which takes a device, is nowhere dark."""
     given = with_values(["render", *map(str, arguments)])
     parsed = _parser(given).parse_args(given)
-    return scene_options.load_scene(parsed, parsed.scenes[0])
+    with mock.patch.object(look, "_open_sky", lambda *_: np.ones((2, 2))):
+        return scene_options.load_scene(parsed, parsed.scenes[0])
 
 
 def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:

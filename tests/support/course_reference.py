@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clshade.oracle import coverage, shade
+from clshade.oracle.terms import Surface
 from clshade.scene.model import Scene
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
@@ -46,10 +47,12 @@ def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -
     extent = np.abs(point - eye).max(axis=-1)
     around = extent, np.where(length > 0.0, length, 1.0)
     kappa = shade.conditioning(point, *around, eye, positions)
-    budget = shade.budget(np.asarray(color, np.float64), k_a, np.asarray(k_d), np.asarray(k_s), intensities)
-    jump = shade.jumps(point, normal, *around, np.float64(n), eye, positions, np.reshape(intensities, (-1, 3)))
+    k = {name: np.asarray(each, np.float64) * np.ones(3) for name, each in (("kd", k_d), ("ks", k_s))}
+    surface = Surface(np.float64(n), np.asarray(k_a, np.float64), k)
+    budget = shade.budget(np.asarray(color, np.float64), surface, intensities)
+    jump = shade.jumps(point, normal, *around, surface, eye, positions, np.reshape(intensities, (-1, 3)))
     share = np.minimum(FACTOR * np.sqrt(max(n, 1.0)) * HALF_ULP * kappa, 1.0)
-    return share[..., None] * budget + jump * np.abs(np.asarray(color) * k_s) + TINY
+    return share[..., None] * budget + jump * np.abs(color) + TINY
 
 
 def triangle(shader: str, verts_p, verts_n, verts_c, around: tuple, X) -> tuple[Array, Array, Array]:

@@ -9,7 +9,8 @@ from functools import cache
 import pytest
 
 from clshade.errors import DeviceError
-from clshade.pipeline.opencl.device import Device, list_devices
+from clshade.pipeline.opencl.device import Device, found_devices
+from clshade.pipeline.opencl.probe import recall, tried_out
 
 
 def needs_float64(device: Device) -> None:
@@ -25,8 +26,10 @@ def is_tested(platform: str) -> bool:
 
 @cache
 def working_devices() -> tuple[str, ...]:
-    """Return the indices "P:D" of the devices that work; empty if there is none."""
+    """Return the indices "P:D" of the devices that work, as remembered, or else tried out; empty if there is none."""
     try:
-        return tuple(info.index for info in list_devices() if info.works and is_tested(info.platform))
+        found = [info for info, _ in found_devices("") if is_tested(info.platform)]
     except DeviceError:
         return ()
+    verdicts = ((info, recall(info)) for info in found)
+    return tuple(info.index for info, verdict in verdicts if (verdict and verdict.works) or tried_out(info).works)

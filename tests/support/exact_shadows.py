@@ -25,13 +25,13 @@ def integers(pairs: Array) -> Array:
     return _integers((pairs[..., :3].astype(np.float64) + pairs[..., 3:]) / SHADOW_GRID)
 
 
-def _cross(a: Array, b: Array) -> tuple[Array, Array]:
+def cross(a: Array, b: Array) -> tuple[Array, Array]:
     """Return cross products (..., 3), and the sums of the magnitudes of each component's terms."""
     left, right = a[..., [1, 2, 0]] * b[..., [2, 0, 1]], a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
     return left - right, abs(left) + abs(right)
 
 
-def _dot(normal: tuple[Array, Array], v: Array) -> tuple[Array, Array]:
+def dot(normal: tuple[Array, Array], v: Array) -> tuple[Array, Array]:
     return (normal[0] * v).sum(axis=-1), (normal[1] * abs(v)).sum(axis=-1)
 
 
@@ -76,7 +76,7 @@ class ExactShadows:
         rank = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)[self.faces]
         self.forward = rank < np.roll(rank, -1, axis=1)  # sides that lead from the end that comes first
         a, b, c = np.moveaxis(self.corners, 1, 0)
-        self.normals = _cross(b - a, c - a)
+        self.normals = cross(b - a, c - a)
 
     def of(self, points: Array, receivers: Array, light: Array) -> Array:
         """Return LIT, DARK or EITHER for points (K, 3) on faces (K,) and a light (4,)."""
@@ -92,18 +92,18 @@ class ExactShadows:
         first = self.corners[receiver, 0]
 
         def light_side(normal: tuple[Array, Array], corner: Array) -> Signs:
-            d, of_d = _dot(normal, toward)
-            p, of_p = _dot(normal, corner - point)
+            d, of_d = dot(normal, toward)
+            p, of_p = dot(normal, corner - point)
             return signs(np.array(d - w * p), np.array(of_d + w * of_p), _TWO)
 
         side = light_side(own, first)
-        heights = [signs(*_dot(own, self.corners[:, k] - first), _ONE) for k in range(3)]
+        heights = [signs(*dot(own, self.corners[:, k] - first), _ONE) for k in range(3)]
         above = [np.array([side[i] * h[j] > 0 for h in heights]).any(axis=0) for i in (0, 1) for j in (0, 1)]
         may, must = np.any(above, axis=0), np.all(above, axis=0)
 
         a = self.corners[:, 0]
         of_light = light_side(self.normals, a)
-        height, magnitude = _dot(self.normals, a - point)
+        height, magnitude = dot(self.normals, a - point)
         bound = _ONE[0] * magnitude + (RECEIVER_UNITS * abs(self.normals[0]).sum(axis=-1) << 48)  # times 2^48
         exact, size = _sign(-height), abs(height) << 48
         near = size <= 2 * bound, 2 * size <= bound  # may be, must be
@@ -121,11 +121,11 @@ class ExactShadows:
             start, end = np.where(forward, *ends), np.where(forward, *ends[::-1])
             turn = np.where(self.forward[:, k], 1, -1)
             toward_inside = Signs(turn * of_light.one, turn * of_light.other)
-            volume, magnitude = _dot(_cross(start - point, end - start), toward)
+            volume, magnitude = dot(cross(start - point, end - start), toward)
             direct = _alike(toward_inside, signs(volume, magnitude, _ONE))
             central = _alike(toward_inside, self._centroid_sides(receiver, start, end - start, toward, w, point))
             size = abs(volume) << _ONE[1]
-            off = RECEIVER_UNITS * abs(_cross(end - start, toward)[0]).sum(axis=-1) << _ONE[1]
+            off = RECEIVER_UNITS * abs(cross(end - start, toward)[0]).sum(axis=-1) << _ONE[1]
             most, least = (_ONE[0] * magnitude + np.where(each, off, 0) for each in (near_may, near_must))
             zero_may, zero_must = np.asarray(size <= 2 * most, bool), np.asarray(2 * size <= least, bool)
             tie_may, tie_must = near_may & zero_may, near_must & zero_must
@@ -142,7 +142,7 @@ class ExactShadows:
     def _beside(self, toward: Array, w: int, point: Array) -> tuple[Array, Array]:
         """Return where, seen along an axis, all corners may lie on one side of the line, and where they must."""
         corners = self.corners - point
-        value, magnitude = _cross(corners, np.broadcast_to(toward, corners.shape))
+        value, magnitude = cross(corners, np.broadcast_to(toward, corners.shape))
         off = abs(toward) + w * abs(corners)
         bound = _ONE[0] * magnitude + (RECEIVER_UNITS * (off[..., [1, 0, 0]] + off[..., [2, 2, 1]]) << _ONE[1])
 
@@ -157,9 +157,9 @@ class ExactShadows:
         """Return on which sides of planes through the light and triangles' sides a receiver's centroid lies."""
         moved = w * (start - point)
         light, of_light = toward - moved, abs(toward) + abs(moved)
-        normal = _cross(side, light)[0], _cross(abs(side), of_light)[1]
+        normal = cross(side, light)[0], cross(abs(side), of_light)[1]
         own = self.corners[receiver] - start[:, None]
-        return signs(-_dot(normal, own.sum(axis=1))[0], _dot(normal, abs(own).sum(axis=1))[1], _CENTROID)
+        return signs(-dot(normal, own.sum(axis=1))[0], dot(normal, abs(own).sum(axis=1))[1], _CENTROID)
 
 
 def _exact(number: np.float32) -> int:

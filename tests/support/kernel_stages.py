@@ -18,6 +18,7 @@ from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
 from clshade.pipeline.surface_inputs import SurfaceInputs
 from clshade.scene.camera import Camera
+from clshade.scene.material import TERMS
 
 LANES = (1, 4, 8, 16)
 # Besides 16: scalars always; other vector widths, each of which needs another program, with -m long.
@@ -62,7 +63,7 @@ def mask(**overrides: int) -> Features:
     overrides = {"SORTED": 1, **overrides}
     unknown = set(overrides) - {*CHOICES, *OPTIONAL}
     assert not unknown, f"no such feature: {unknown}"
-    return Features(tuple((name, int(overrides.get(name, 0))) for name in CHOICES + OPTIONAL))
+    return Features.of([name for name, value in overrides.items() if value])
 
 
 def bits(array: Array) -> Array:
@@ -110,9 +111,10 @@ def boxes_of(bounds: Array) -> Array:
     return (bounds["box"][:, None] >> np.array([0, 16, 32, 48], np.uint64) & np.uint64(0xFFFF)).astype(np.int64)
 
 
-def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0) -> Buffer:
+def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0, **features: int) -> Buffer:
     """Return the struct_layout.SINGLE.View of a camera, with the oracle's axes."""
     view = np.zeros(1, struct_layout.SINGLE.View)
+    view["needs"] = mask(ORTHOGRAPHIC=camera.orthographic, **features).needs
     view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
     view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
     view["plane_height"], view["plane_width"] = camera.plane
@@ -139,10 +141,9 @@ def image_of(
 
 def project(device: Device, positions: Array, camera: Camera, near: float, scale: float = 1.0) -> VertexBuffers:
     """Run the stage `project` on world positions (V, 3), float32 or float64."""
-    features = mask(DOUBLE_POSITIONS=positions.dtype == np.float64, ORTHOGRAPHIC=camera.orthographic)
-    stages = Stages(device, build(device, features, ("project.cl",)))
+    stages = Stages(device, build(device, mask(), ("project.cl",)))
     vertices, points = VertexBuffers(device, len(positions)), Buffer(device, positions)
-    view = view_of(device, camera, near, scale)
+    view = view_of(device, camera, near, scale, DOUBLE_POSITIONS=positions.dtype == np.float64)
     stages.project(points, view, vertices, len(positions))
     vertices.projected.to_host()
     vertices.relative.to_host()
@@ -201,18 +202,19 @@ class Pipeline:
         self.device, self.features = device, mask(**features)
         self.stages = Stages(device, build(device, self.features, files, lanes=lanes))
         self.resolution, self.structs = resolution, self.stages.structs
-        self.image = image_of(device, resolution, self.structs, **(image or {}))
+        self.image = image_of(device, resolution, self.structs, needs=self.features.needs, **(image or {}))
         self.tiles = int(self.image.array["tiles"][0])
 
     def set_up(self, vertices: VertexBuffers, faces: Array, near: float = 0.0) -> Any:
         """Run `setup`; return the counters."""
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
         self.made = TriangleBuffers(self.device, len(faces), 0, self.structs)
+        self.counted = Buffer(self.device, np.zeros(1, self.structs.Counters))
         table = np.zeros(1, self.structs.View)
         table["near"] = near
         view = Buffer(self.device, table)
-        self.stages.setup(self.faces, vertices, view, self.image, self.made, len(faces))
-        self.counters = self.made.counters.to_host()[0].copy()
+        self.stages.setup(self.faces, vertices, view, self.image, self.made, self.counted, len(faces))
+        self.counters = self.counted.to_host()[0].copy()
         self.visible = int(self.counters["visible"])
         return self.counters
 
@@ -241,24 +243,24 @@ class Pipeline:
         # Prior contents of memory must not matter, and empty tiles add to the count so far.
         counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles + 1), 7, np.uint32))
         split = Chunks(self.visible, chunk, chunks, counts, Buffer(self.device, np.zeros(chunks, np.uint32)))
-        empty = int(self.made.counters.to_host()["empty_tiles"][0])
+        empty = int(self.counted.to_host()["empty_tiles"][0])
         self.stages.bin_count(self.order, self.made, self.image, split)
         table = counts.to_host()[:, :-1].copy()
         self.starts = Buffer(self.device, np.full(self.tiles + 1, 7, np.uint32))
         sums = Buffer(self.device, np.full(parts, 7, np.uint64))
         if parts > 1:
             self.stages.bin_sums(self.image, split, sums)
-        self.stages.bin_scan(self.image, sums, split, self.starts, self.made, stops_to_clip=False)
+        self.stages.bin_scan(self.image, sums, split, self.starts, self.counted, stops_to_clip=False)
         # Ordered by tile, then by chunk, each begins where the previous one ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
         assert np.array_equal(counts.to_host()[:, :-1], begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
-        assert self.made.counters.to_host()["entries"] == begin[-1]
-        assert self.made.counters.array["empty_tiles"] == empty + np.count_nonzero(table.sum(axis=0) == 0)
+        assert self.counted.to_host()["entries"] == begin[-1]
+        assert self.counted.array["empty_tiles"] == empty + np.count_nonzero(table.sum(axis=0) == 0)
         self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
-        self.stages.bin_fill(self.order, self.made, self.image, split, self.lists)
+        self.stages.bin_fill(self.order, self.made, self.image, split, self.lists, self.counted)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> SurfaceInputs:
@@ -284,15 +286,15 @@ class Pipeline:
         # A guard row before and after the image reveals writes out of bounds.
         around = np.full((rows + 2, columns, 4), np.nan, self.structs.real), np.full((rows + 2, columns), -2, np.int32)
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
-        with self.made.counters.writing() as table:
+        with self.counted.writing() as table:
             table["next_tile"] = table["saturated"] = 0
-        tile = (self.lists, self.starts, rgba, owners, self.made.counters)
+        tile = (self.lists, self.starts, rgba, owners, self.counted, None)
         surface = self.surface(**arrays)._replace(corner_light=corner_light)
         if self.features["PHONG"]:
             self.stages.phong(surface, tile, self.tiles)
         else:
             self.stages.gouraud(surface, tile, self.tiles)
-        self.counters = self.made.counters.to_host()[0].copy()
+        self.counters = self.counted.to_host()[0].copy()
         found = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()
         assert (around[1][[0, -1]] == -2).all()
@@ -307,12 +309,21 @@ class Pipeline:
 
 
 def material_rows(count: int = 1, **fields: Any) -> Array:
-    """Return struct_layout.SINGLE.Material rows with the given members; kd, ks and n are 1 by default."""
+    """Return struct_layout.SINGLE.Material rows with the given members and coefficients of TERMS; kd, ks and n are 1 by
+    default."""
     rows = np.zeros(count, struct_layout.SINGLE.Material)
-    rows["texture"], rows["kd"], rows["ks"], rows["n"] = -1, 1.0, 1.0, 1.0
-    for name, value in fields.items():
-        rows[name] = value
+    rows["texture"] = -1
+    for name, value in {"kd": 1.0, "ks": 1.0, "n": 1.0, **fields}.items():
+        if name in TERMS:
+            coefficients(rows)[name][:] = value
+        else:
+            rows[name] = value
     return rows
+
+
+def coefficients(rows: Array) -> dict[str, Array]:
+    """Return the coefficients of TERMS, (..., 3), in rows of materials."""
+    return {name: rows["k"][..., 3 * number : 3 * number + 3] for number, name in enumerate(TERMS)}
 
 
 def light_rows(positions: Array, intensities: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,24 @@ def mixed(**fields: Any) -> Scene:
     meshes = (floor(), nothing, dome(), wedge(), tile)
     given: dict[str, Any] = {"camera": CAMERA, "lights": (PointLight((2, 3, 4)),), "background": None}
     return Scene(meshes, **{**given, **fields})
+
+
+def matrices(count: int, rng: np.random.Generator, *, reach: float = 6.0, size: float = 0.6) -> np.ndarray:
+    """Return random placements, half of which mirror; the last one is the identity."""
+    found = np.tile(np.eye(4), (count, 1, 1))
+    found[:, :3, :3] = size * rng.normal(size=(count, 3, 3))
+    found[:, :3, 3] = rng.uniform(-reach, reach, (count, 3))
+    found[-1] = np.eye(4)
+    return found
+
+
+def crowd(count: int = 100) -> Scene:
+    """Return many instances of the meshes of `mixed`, some of which are behind the camera, beside the image, or cross the
+    near plane."""
+    rng = np.random.default_rng(1)
+    floor, nothing, dome, wedge, tile = mixed().meshes
+    many, some = replace(dome, instances=matrices(count, rng)), replace(wedge, instances=matrices(20, rng))
+    return replace(mixed(), meshes=(floor, nothing, many, some, tile))
 
 
 # Scenes and options that take all ways to a frame.

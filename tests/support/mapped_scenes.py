@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clshade import Camera, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture
+from clshade.scene.metallic_roughness import MAPS
 
 CAMERA = Camera((0.4, 0.3, 4.0), (0.05, 0.0, 0.0), (0, 1, 0), 1.6, (1.0, 1.0), (61, 47))
 LIGHTS = (PointLight((3, 4, 5), (1.0, 0.9, 0.7)), PointLight((-4, 1, 2), (0.2, 0.3, 0.8)))
@@ -35,6 +36,7 @@ def mapped(**changes: Any) -> MetallicRoughness:
         "occlusion_strength": 0.7,
         "emission_texture": Texture(noise(7, 6, 3), wrap="mirror"),
         "metallic_roughness_texture": Texture(noise(6, 4, 4)),
+        **{name: Texture(noise(4, number, 5)) for number, name in enumerate(MAPS) if number > 3},
     }
     return MetallicRoughness(**{**given, **changes})
 

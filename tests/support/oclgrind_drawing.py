@@ -41,9 +41,7 @@ def told(text: str) -> str:
 
 # Oclgrind evaluates a vector's `mask ? a : b` as `(a & mask) | (b & ~mask)`, which reads b even if the mask is all
 # ones. If only an uninitialized b is initialized, the reports vanish and the image is the same.
-_UNCHOSEN = (
-    ("    Surface s;\n", "    Surface s = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f};\n"),
-)
+_UNCHOSEN = (("    Surface s;\n", "    Surface s = {{(reals)(0.0f)}};\n"),)
 # OpenCL 1.2 has no atomic load, so a word in which other work-items set bits is read by an ordinary one, which Oclgrind
 # reports as a data race. An older value gives the same image: the kernel finds again what it does not know.
 _LOADED = (("uint known = own[from / 32];", "uint known = atomic_or(own + from / 32, 0u);"),)

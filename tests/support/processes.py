@@ -6,23 +6,33 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from clshade.pipeline.programs import QUICK
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def python(
-    code: str, cache: Path | str, *, timeout: float = 60.0, **variables: str
-) -> subprocess.CompletedProcess[str]:
-    """Run Python code in a process with a minimal environment; `cache` becomes XDG_CACHE_HOME."""
+def _command(code: str, arguments: tuple[str, ...], cache: Path | str, **variables: str) -> dict[str, Any]:
+    """Return what `subprocess` runs Python code with; `cache` becomes XDG_CACHE_HOME."""
     path = os.pathsep.join([str(ROOT), *filter(None, sys.path)])
     base = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": path, "XDG_CACHE_HOME": str(cache)}
     base[QUICK] = os.environ.get(QUICK, "")  # an empty one is left out
     environment = {name: value for name, value in {**base, **variables}.items() if value}
-    return subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=timeout
-    )
+    return {"args": [sys.executable, "-c", code, *arguments], "env": environment}
+
+
+def python(
+    code: str, cache: Path | str, *arguments: str, timeout: float = 60.0, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run Python code in a process with a minimal environment; `cache` becomes XDG_CACHE_HOME."""
+    how = _command(code, arguments, cache, **variables)
+    return subprocess.run(**how, capture_output=True, text=True, timeout=timeout)
+
+
+def started(code: str, cache: Path | str, *arguments: str) -> subprocess.Popen[bytes]:
+    """Start the same without waiting."""
+    return subprocess.Popen(**_command(code, arguments, cache))
 
 
 OPEN = """

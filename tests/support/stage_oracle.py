@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from kernel_stages import Pipeline, float32, four, light_rows, material_rows, vertices_at
+from kernel_stages import Pipeline, coefficients, float32, four, light_rows, material_rows, vertices_at
 
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
+from clshade.oracle.terms import Surface
 from clshade.pipeline import struct_layout
+from clshade.scene.material import TERMS
 
 Array = np.ndarray
 EXPONENTS = (1.0, 20.0, 200.0, 1e4)
@@ -71,7 +73,8 @@ def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inp
     normals = -points / np.linalg.norm(points, axis=2, keepdims=True) + 0.4 * rng.normal(size=(count, 3, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     materials = material_rows(len(EXPONENTS), n=EXPONENTS)
-    materials["ambient"], materials["kd"], materials["ks"] = rng.uniform(0, 0.6, (3, len(EXPONENTS), 3))
+    for name in ("ambient", "k"):
+        materials[name] = rng.uniform(0, 0.6, materials[name].shape)
     positions = float32([[0.3, 0.2, 0.1], [-2.0, 3.0, 1.0], [1.5, -2.0, 2.0]])
     return Inputs(
         xy=xy,
@@ -130,19 +133,11 @@ def as_kernels_see(z: Array) -> Array:
     return 1.0 / float32(1.0 / z).astype(np.float64)
 
 
-@dataclass(frozen=True)
-class Surface:
-    """Material of some faces in float64: ka_Ia, kd, ks (..., 3), n (...)."""
-
-    ka_Ia: Array
-    kd: Array
-    ks: Array
-    n: Array
-
-    @classmethod
-    def of(cls, inputs: Inputs, face: Array) -> Surface:
-        rows = inputs.materials[inputs.face_materials[face]]
-        return cls(*(rows[name].astype(np.float64) for name in ("ambient", "kd", "ks", "n")))
+def surface_of(inputs: Inputs, face: Array) -> Surface:
+    """Return the materials of some faces in float64."""
+    rows = inputs.materials[inputs.face_materials[face]]
+    n, ambient = (rows[name].astype(np.float64) for name in ("n", "ambient"))
+    return Surface(n, ambient, {name: k.astype(np.float64) for name, k in coefficients(rows).items()})
 
 
 def light_of(inputs: Inputs) -> tuple[Array, Array]:
@@ -171,14 +166,15 @@ def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inp
     """Return the light without ambient at points (K, 3), and the quantities of its error bound."""
     positions, intensities = light_of(inputs)
     eye = np.zeros(3)
-    light = shade.reflected(point, normal, eye, surface.kd, surface.ks, surface.n, positions, intensities)
+    light = shade.reflected(point, normal, eye, surface, positions, intensities)
     length = np.sqrt((normal * normal).sum(axis=-1))
     place = point, normal, extent, length
+    steepness = shade.steepness(point, normal, surface, eye, positions)
     return {
         "rgb": color * light,
-        "budget": shade.budget(color, surface.ka_Ia, surface.kd, surface.ks, intensities),
-        "conditions": shade.conditions(point, extent, length, eye, positions),
-        "jump": np.abs(color * surface.ks) * shade.jumps(*place, surface.n, eye, positions, intensities),
+        "budget": shade.budget(color, surface, intensities),
+        "conditions": shade.conditions(point, extent, length, eye, positions, steepness=steepness),
+        "jump": np.abs(color) * shade.jumps(*place, surface, eye, positions, intensities),
         "exponent": surface.n,
     }
 
@@ -186,7 +182,7 @@ def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inp
 def phong(inputs: Inputs, owners: Array, *, centroid: bool, interpolation: str, tinted: bool) -> OracleFrame:
     """Return the image (M, N) of the phong stage, row 0 at the top, over black."""
     at, face, weights = owned(inputs, owners, interpolation)
-    surface = Surface.of(inputs, face)
+    surface = surface_of(inputs, face)
     point = blend(weights, corner_points(inputs, centroid)[face])
     color = blend(weights, inputs.colors[face])
     extent = np.abs(inputs.points[face].astype(np.float64)).max(axis=(1, 2))
@@ -198,7 +194,7 @@ def phong(inputs: Inputs, owners: Array, *, centroid: bool, interpolation: str, 
 def gouraud_corners(inputs: Inputs, *, centroid: bool, tinted: bool) -> dict[str, Array]:
     """Return the light of each corner, without the ambient light not multiplied by a color: rgb (F, 3, 3) and the
     quantities of its error bound."""
-    surface = Surface.of(inputs, np.repeat(np.arange(len(inputs.z)), 3))
+    surface = surface_of(inputs, np.repeat(np.arange(len(inputs.z)), 3))
     point, normal, color = (
         a.astype(np.float64).reshape(-1, 3) for a in (corner_points(inputs, centroid), inputs.normals, inputs.colors)
     )
@@ -242,5 +238,5 @@ def with_exponent(inputs: Inputs, n: float) -> Inputs:
 
 def options(**chosen: Any) -> dict[str, Any]:
     """Return features with every term of the light on, and those chosen."""
-    parts = ("LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS", "MATERIALS", "OWNERS")
-    return {**dict.fromkeys(parts, 1), **chosen}
+    parts = ("LIT", "AMBIENT", "POWER", "VERTEX_COLORS", "MATERIALS", "OWNERS")
+    return {**dict.fromkeys((*parts, *(term.feature for term in TERMS.values())), 1), **chosen}

@@ -188,9 +188,9 @@ def test_a_full_disk_and_ctrl_c_leave_the_earlier_film(folder, capsys, monkeypat
 REFUSED = [
     (("-o", "a.mov"), ("--output", "'a.mov'", "did you mean '.mp4'?")),
     (("-o", "a.##.gif"), ("--output", "without #")),
-    (("-o", "a.####.exr", "--fps", "24"), ("--fps", "expected a film as --output", "a.####.exr")),
-    (("-o", "a.####.exr", "--bit-depth", "8"), ("--bit-depth", "expected a film")),
-    (("-o", "a.####.exr", "--keep-frames"), ("--keep-frames", "expected a film")),
+    (("-o", "a.####.exr", "--fps", "24"), ("--fps", "needs a film as --output", "a.####.exr")),
+    (("-o", "a.####.exr", "--bit-depth", "8"), ("--bit-depth", "needs a film")),
+    (("-o", "a.####.exr", "--keep-frames"), ("--keep-frames", "needs a film")),
     (("-o", "a.gif", "--fps", "fast"), ("--fps", "0.1 to 50 for .gif", "'fast'")),
     (("-o", "a.gif", "--bit-depth", "10"), ("--bit-depth", "expected 8 for .gif", ".mp4 can have 10")),
     (("-o", "a.gif", "--bit-depth", "x"), ("--bit-depth", "'x'")),
@@ -249,6 +249,15 @@ def test_a_digest_is_the_same_in_every_process():
     assert done.stdout.strip() == digest_of(scene, Settings(), cameras), done.stderr
     assert digest_of(scene, Settings(), cameras) != digest_of(scene, Settings(shader="gouraud"), cameras)
     assert digest_of(scene, cameras) != digest_of(scene, orbit(scene.camera, turn.numbers, turn, 90.0))
+
+
+def test_a_digest_does_not_depend_on_which_values_are_one_object():
+    text, array = "two words", np.arange(12.0).reshape(3, 4)
+    others = ["".join(["two", " words"]), np.asfortranarray(array)]
+    assert digest_of(text, text, array, array) == digest_of(text, others[0], array, others[1])
+    assert digest_of(array) != digest_of(array.reshape(4, 3))
+    assert digest_of(array) != digest_of(array.view(np.int64))
+    assert digest_of(array) != digest_of(np.nextafter(array, 99.0))
 
 
 @pytest.mark.parametrize("record", ["", "[]", "{", '{"digest": 3}', "\xff"])

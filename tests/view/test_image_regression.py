@@ -96,7 +96,7 @@ def test_a_project_is_kept_passes_fails_and_is_renewed(project, pytester, run):
     made = folder / "failures" / "test_pot" / "test_pot"
     names = [f"{name}.{kind}" for name in ("difference", "reference", "result") for kind in ("exr", "png")]
     assert listing(made) == [*names[:2], "index.html", *names[2:]]
-    lines = out[out.index("image_regression: test_pot differs from test_pot_images.json") :].splitlines()
+    lines = out[out.index("clshade_image_regression: test_pot differs from test_pot_images.json") :].splitlines()
     colors = re.fullmatch(r"  RGB: (\d+) of 15617 pixels differ, most at column (\d+), row (\d+) .*", lines[1])
     assert lines[2].startswith("  settings, background: expected none, found (0.0331")
     assert lines[3].startswith("  result, reference, difference as EXR and PNG, ")
@@ -123,8 +123,8 @@ def test_a_project_is_kept_passes_fails_and_is_renewed(project, pytester, run):
 
 ONE = f"""
 import clshade
-def test_pot(image_regression):
-    image_regression(clshade.builtin("teapot"), {DRAWN})
+def test_pot(clshade_image_regression):
+    clshade_image_regression(clshade.builtin("teapot"), {DRAWN})
 """
 
 
@@ -140,10 +140,10 @@ def test_a_single_bit_is_noticed(kept, pytester, run):
     pytester.makepyfile(
         test_pot=f"""
         import clshade
-        def test_pot(image_regression):
+        def test_pot(clshade_image_regression):
             frame = clshade.render(clshade.builtin("teapot"), {DRAWN})
             frame["Z"].view("u4")[50, 80] ^= 1
-            image_regression(frame)
+            clshade_image_regression(frame)
         """
     )
     out = run(failed=1)
@@ -200,9 +200,13 @@ def fixture(opened, request, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "given", "message"),
     [
-        ((3,), {}, "image_regression: scene: expected a Scene or a Frame, found 3"),
-        (("teapot", ""), {}, "image_regression: name: expected 1 to 60 letters, digits, _, - and ., or None, found ''"),
-        (("teapot", "a/b"), {}, "image_regression: name: expected 1 to 60 letters"),
+        ((3,), {}, "clshade_image_regression: scene: expected a Scene or a Frame, found 3"),
+        (
+            ("teapot", ""),
+            {},
+            "clshade_image_regression: name: expected 1 to 60 letters, digits, _, - and ., or None, found ''",
+        ),
+        (("teapot", "a/b"), {}, "clshade_image_regression: name: expected 1 to 60 letters"),
         (("teapot",), {"smaples": 4}, "did you mean 'samples'?"),
         (("teapot",), {"nme": "x"}, "did you mean 'name'?"),
         (("teapot",), {"samples": 65}, "Settings: samples: expected"),
@@ -301,7 +305,7 @@ def test_bad_libraries(fixture, tmp_path, text, message):
     for update in (False, True):
         with pytest.raises(pytest.fail.Exception) as caught:
             fixture(update=update)(flat())
-        assert str(caught.value).startswith(f"image_regression: {path}: ")
+        assert str(caught.value).startswith(f"clshade_image_regression: {path}: ")
         assert message in str(caught.value)
         assert "\n" not in str(caught.value)
         assert path.read_text() == text.replace("%s", DIGEST)
@@ -385,19 +389,29 @@ def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch)
     pytester.runpytest_subprocess(*others).assert_outcomes(passed=1)
 
 
-def test_another_plugin_keeps_its_fixture_of_the_same_name(pytester, run):
+@pytest.mark.parametrize("plugin", ["regressions", "others"])
+def test_another_plugin_keeps_its_fixture_of_the_same_name(pytester, run, plugin):
     pytester.makepyfile(
-        regressions="import pytest\n@pytest.fixture\ndef image_regression():\n    return 'theirs'\n",
+        **{plugin: "import pytest\n@pytest.fixture\ndef image_regression():\n    return 'theirs'\n"},
         test_both="def test(image_regression, clshade_image_regression):\n"
-        "    assert (image_regression, str(clshade_image_regression)) == ('theirs', '<image_regression of test>')\n",
+        "    assert (image_regression, str(clshade_image_regression)) == ('theirs', '<clshade_image_regression of test>')\n",
     )
     pytester.syspathinsert()
-    run("-p", "regressions", passed=1)
+    run("-p", plugin, passed=1)
+
+
+def test_the_short_name_is_the_same_fixture(pytester, run):
+    pytester.makepyfile(
+        "def test(image_regression, clshade_image_regression):\n    assert image_regression is clshade_image_regression"
+    )
+    run(passed=1)
 
 
 def test_the_fixtures_are_listed_with_what_they_do(pytester, run):
     out, usage = (pytester.runpytest_inprocess("-p", PLUGIN, each).stdout.str() for each in ("--fixtures", "--help"))
-    assert re.search(r"^image_regression -- .*\n    Draw a scene and compare image and layers, bit for bit", out, re.M)
+    assert re.search(
+        r"^clshade_image_regression -- .*\n    Draw a scene and compare image and layers, bit for bit", out, re.M
+    )
     assert {options.UPDATE, options.OUT} <= set(re.findall(r"--clshade-\w+", usage))
 
 

@@ -8,6 +8,7 @@ import shlex
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,9 @@ STILL = "live.header?.last && !live.viewer.frame && !live.controls.turning"
 def served(*arguments: object) -> Iterator[LiveServer]:
     """Serve a scene in a thread with a loop of its own."""
     with listen(None) as listening:
-        server = LiveServer(LiveScene(source_of(*arguments)), listening, lambda host: live_page("a scene", host))
+        server = LiveServer(
+            partial(LiveScene, source_of(*arguments)), listening, lambda host: live_page("a scene", host)
+        )
         loop, ready = asyncio.new_event_loop(), threading.Event()
         task = loop.create_task(server.serve(ready.set))
 
@@ -162,11 +165,11 @@ def test_controls(browser):
         page.keyboard.press("r")  # back to the scene's own
         assert page.evaluate("[viewer.settings.operator, viewer.settings.exposure]") == [tonemap, 1.0]
         page.evaluate("viewer.set({ exposure: 0 })")
-        page.click("#live .toggles button:text-is('Z')")
+        page.click("#layers .toggles button:text-is('Z')")
         at_rest(page)
         depth = clshade.render(clshade.builtin("quads"), resolution=(160, 120), samples=4, layers="Z")["Z"]
         np.testing.assert_array_equal(channel(page, "Z"), depth)
-        page.click("#layers button:text-is('Z')")  # pictures in motion are then those of the layer
+        page.click("#layers table button:text-is('Z')")  # pictures in motion are then those of the layer
         until(page, "JSON.parse(live.display).as_floats")
         at_rest(page)
         page.keyboard.press("t")
@@ -174,7 +177,7 @@ def test_controls(browser):
         page.keyboard.press("t")
         page.click("#live .buttons button:text-is('Reset')")
         at_rest(page)
-        page.click("#layers button:text-is('RGB')")
+        page.click("#layers table button:text-is('RGB')")
         at_rest(page)
         np.testing.assert_array_equal(channel(page, "R"), before)
         page.click(".light input[type=checkbox] >> nth=0")
@@ -202,6 +205,59 @@ def test_controls(browser):
           return sent;
         }""")
         assert sent == ["shown", "failed"]
+
+
+def test_the_picture_has_the_window_s_pixels(browser):
+    with served("teapot", "--samples", "1") as server:
+        page = browser.new_page(viewport={"width": 700, "height": 300}, device_scale_factor=2)
+        page.server = server
+        page.goto(server.url)
+        until(page, STILL)
+        sizes = "[live.header.full, [live.viewer.canvas.width, live.viewer.canvas.height], live.viewer.view]"
+        full, canvas, view = page.evaluate(sizes)
+        assert full == canvas
+        assert canvas[1] == 600
+        assert view == {"x": 0, "y": 0, "zoom": 1}
+        page.set_viewport_size({"width": 660, "height": 250})
+        until(page, "live.header.full[1] === 500 && live.header.last")
+        at_rest(page)
+        full, canvas, view = page.evaluate(sizes)
+        assert full == canvas
+        assert channel(page, "R").shape == (500, canvas[0])
+        page.close()
+
+
+def test_switches_and_the_command_that_draws_this(browser, tmp_path, capsys):
+    path = write(tmp_path / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with shown(browser, path, "--resolution", "80,60", "--samples", "1") as page:
+        at_rest(page)
+        for switch in (
+            "#live .switch:has-text('Shadows')",
+            "#live .switch:has-text('Ground')",
+            "#live .choose:has-text('Occlusion') button:text-is('16')",
+            "#live .choose:has-text('Background') button:text-is('Color')",
+        ):
+            before = channel(page, "R")
+            page.click(switch)
+            at_rest(page)
+            if "Shadows" not in switch:  # on the ground alone
+                assert not np.array_equal(channel(page, "R"), before), switch
+        assert page.is_hidden("#live .choose:has-text('Environment')")
+        command = until(
+            page,
+            "live.panel.commandText.textContent.includes('background') && live.panel.commandText.firstChild.textContent",
+        )
+        assert {"--ground", "--shadows", "--ambient-occlusion=16"} <= set(shlex.split(command))
+        assert main([*shlex.split(command)[1:], "-o", str(tmp_path / "again")]) == 0, capsys.readouterr()
+        np.testing.assert_array_equal(channel(page, "R"), exr.read(tmp_path / "again.exr")[0]["R"])
+        page.click("#live .choice button:text-is('Metallic-roughness')")
+        until(page, "!document.querySelector('#live .switch').checkVisibility()")  # the studio lights it
+        assert (
+            page.evaluate(
+                "[...document.querySelectorAll('h2')].filter((each) => each.innerText.startsWith('Layers')).length"
+            )
+            == 1
+        )
 
 
 def test_a_file_that_changes_and_the_end_of_the_server(browser, tmp_path):

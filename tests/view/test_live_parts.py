@@ -107,9 +107,9 @@ def test_names_of_scenes(tmp_path, monkeypatch):
     [
         (("teapot", "a.exr"), "expected one scene, or images, found teapot and a.exr"),
         (("teapot", "quads"), "expected one scene, or images, found teapot and quads"),
-        (("a.exr", "--port", "80"), "--port: expected a scene to view, found images"),
-        (("a.exr", "--half"), "--half: expected a scene to view, found images"),
-        (("a.exr", "--samples", "4"), "--samples: expected a scene to view, found images"),
+        (("a.exr", "--port", "80"), "--port: is for a scene, not for images"),
+        (("a.exr", "--half"), "--half: is for a scene, not for images"),
+        (("a.exr", "--samples", "4"), "--samples: is for a scene, not for images"),
     ],
 )
 def test_scenes_and_images_are_not_mixed(capsys, arguments, expected):
@@ -125,18 +125,17 @@ def test_the_name_of_a_scene_is_no_markup():
 
 
 def test_options_that_commands_repeat():
-    source = source_of(
-        "teapot", "--lights", "0,1", "--resolution", "40x30", "--crop", "--device", "pocl", "--orthographic"
-    )
-    assert source.options == ("--device=pocl", "--lights=0,1", "--resolution=40,30", "--orthographic", "--crop")
+    options = ("--resolution=40,30", "--lights=0,1", "--light-radius=0.5", "--orthographic", "--device=pocl", "--crop")
+    source = source_of("teapot", *options, "--light-intensity", "2", "--camera-view-up", "0,0,1", "--port", "8000")
+    assert source.options == options
     assert source.settings["samples"] == 64
     assert source.output == "teapot"
     colored = ("--scalars", "q", "--colormap", "jet", "--clim", "-1,2", "--nan-color", "red", "--colorbar")
-    expected = ("--scalars=q", "--colormap=jet", "--nan-color=red", "--clim=-1.0,2.0", "--colorbar")
+    expected = ("--scalars=q", "--colormap=jet", "--clim=-1.0,2.0", "--nan-color=red", "--colorbar")
     assert source_of("teapot", *colored).options == expected
     lines = ("--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0", "--edges-only")
-    expected = ("--edge-width=2.0", "--edge-color=1,0,0", "--edges=feature,silhouette", "--edges-only")
+    expected = ("--edges=feature,silhouette", "--edge-width=2.0", "--edge-color=1,0,0", "--edges-only")
     assert source_of("teapot", *lines).options == expected
     files = source_of("teapot", "--layers", "id", "--formats", "npz,depth", "--depth-scale", "0.01")
-    assert files.options == ("--depth-scale=0.01", "--formats=npz,depth")
+    assert files.options == ("--formats=npz,depth", "--depth-scale=0.01")
     assert files.settings["layers"] == ("id", "Z")

@@ -25,25 +25,39 @@ from scene_files import write
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not installed")
 
+from clshade.base import compiling  # noqa: E402
+from clshade.base.extras import how_to_install  # noqa: E402
 from clshade.cli.commands import live_view  # noqa: E402
+from clshade.errors import InputError  # noqa: E402
 from clshade.view import live_server  # noqa: E402
 from clshade.view.live_page import live_page  # noqa: E402
 from clshade.view.live_scene import LiveScene  # noqa: E402
 from clshade.view.live_server import HOST, LiveServer, listen  # noqa: E402
+from clshade.view.live_session import Session  # noqa: E402
 
 pytestmark = needs_device
 SECONDS = 60.0  # for anything that is waited for: the first picture may compile kernels
 
 
 @contextlib.asynccontextmanager
-async def serving(*arguments: object) -> AsyncIterator[LiveServer]:
+async def serving(
+    *arguments: object, opened: Callable[[], Any] = lambda: None, ends: bool = False
+) -> AsyncIterator[LiveServer]:
+    """Serve a scene, whose loading begins with `opened`. ends: the server ends by itself."""
+
+    def open_scene() -> LiveScene:
+        opened()
+        return LiveScene(source_of(*(arguments or SMALL)))
+
     with listen(None) as listening:
-        server = LiveServer(LiveScene(source_of(*(arguments or SMALL))), listening, lambda host: live_page("x", host))
+        server = LiveServer(open_scene, listening, lambda host: live_page("x", host))
         ready = asyncio.Event()
         task = asyncio.create_task(server.serve(ready.set))
         await asyncio.wait_for(ready.wait(), SECONDS)
         try:
             yield server
+            if ends:
+                await asyncio.wait([task], timeout=SECONDS)
         finally:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
@@ -147,6 +161,52 @@ def test_the_page_keeps_its_address_to_itself():
             assert len(server.token) >= 32
 
     in_loop(check)()
+
+
+def test_the_page_is_there_before_the_scene_and_says_what_it_waits_for(monkeypatch):
+    begun, compiled, draw = threading.Event(), threading.Event(), Session.draw
+
+    def slow(*arguments: Any) -> Any:
+        with compiling.at_work():
+            assert compiled.wait(SECONDS)
+        return draw(*arguments)
+
+    monkeypatch.setattr(Session, "draw", slow)
+
+    async def check() -> None:
+        async with serving(opened=lambda: begun.wait(SECONDS)) as server, client(server) as one:
+            async with aiohttp.ClientSession() as session, session.get(server.url) as answer:
+                assert answer.status == 200
+            found, _ = await one.next("state")
+            assert found["state"] == "loading"
+            await one.send(type="orbit", right=1.0)  # nothing happens yet
+            begun.set()
+            await one.next("scene")
+            while found["state"] != "compiling":
+                found, _ = await one.next("state")
+            compiled.set()
+            await one.next("image")
+            while found["state"] != "idle":
+                found, _ = await one.next("state")
+
+    in_loop(check)()
+
+
+def test_a_scene_that_cannot_be_loaded_ends_the_view_and_clients_hear_why():
+    begun = threading.Event()
+
+    def fail() -> None:
+        begun.wait(SECONDS)
+        raise InputError("of a\n scene")
+
+    async def check() -> None:
+        async with serving(opened=fail, ends=True) as server, client(server) as one:
+            await one.next("state")
+            begun.set()
+            assert (await one.next("failed"))[0]["text"] == "of a scene"
+
+    with pytest.raises(InputError, match="of a"):
+        in_loop(check)()
 
 
 def test_it_listens_on_loopback_alone():
@@ -323,6 +383,31 @@ def test_a_file_that_changes_is_announced_and_read_again_on_request(tmp_path):
     in_loop(check)()
 
 
+def test_the_view_ends_quietly_while_it_draws_for_clients_that_have_gone(monkeypatch, caplog, capsys):
+    begun, ended = threading.Event(), threading.Event()
+
+    def probe(*_: object) -> dict[str, Any]:
+        begun.set()
+        ended.wait(SECONDS)
+        return {}
+
+    monkeypatch.setattr(Session, "probe", probe)
+
+    async def check() -> None:
+        async with serving() as server, client(server) as one:
+            await one.next("scene")
+            await one.send(type="probe", column=1, row=1)
+            await _until(begun.is_set)
+            one.ws._response.connection.transport.abort()
+            (gone,) = server.clients
+            await _until(lambda: gone._transport is None or gone._transport.is_closing())
+
+    in_loop(check)()  # which cancels what is left
+    ended.set()
+    assert not caplog.records
+    assert capsys.readouterr().err == ""
+
+
 def test_a_port_that_is_taken(capsys):
     with socket.create_server((HOST, 0)) as taken:
         port = taken.getsockname()[1]
@@ -337,7 +422,7 @@ def test_without_aiohttp_one_line_names_the_extra(capsys, monkeypatch):
     monkeypatch.delattr("clshade.view.live_server")
     code, out, err = run(capsys, "view", *SMALL)
     assert (code, out, len(err)) == (2, "", 1)
-    assert "pip install 'clshade[view]'" in err[0]
+    assert f"`{how_to_install('view')}`" in err[0]
 
 
 def test_open_shows_the_page_in_the_browser(monkeypatch, capsys):

@@ -20,7 +20,7 @@ from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.pipeline.frame import same_bits
 from clshade.view.live_command import render_command
-from clshade.view.live_scene import LiveScene
+from clshade.view.live_scene import MOST_PIXELS, LiveScene
 from clshade.view.live_session import Session, Task
 from clshade.view.live_stats import LiveStats
 
@@ -123,6 +123,102 @@ def test_slow_pictures_get_coarser_in_motion_and_finer_again():
     assert [moved(400.0) for _ in range(5)][-1] == 1  # a coarser picture would be no faster
 
 
+def test_a_picture_has_the_size_of_its_window():
+    session, clock = session_of("teapot", "--samples", "1")
+    session.handle({"type": "size", "columns": 61, "rows": 40})
+    assert all_drawings(session, clock)[-1].frame.rgba.shape == (40, 61, 4)
+    assert "--resolution=61,40" in session.command()
+    assert "--camera-view-angle" not in session.command()
+    version = session.version
+    session.handle({"type": "size", "columns": 61, "rows": 40})
+    assert session.version == version  # nothing to draw again
+    # A narrow window shows as much from left to right as the scene's own picture does.
+    session.handle({"type": "size", "columns": 30, "rows": 40})
+    height, width = session.view.camera.plane
+    own_height, own_width = session._scene.scene.camera.plane
+    focal = session._scene.scene.camera.focal
+    assert width / session.view.camera.focal == pytest.approx(own_width / focal)
+    assert height / session.view.camera.focal > own_height / focal
+    session.handle({"type": "size", "columns": 8000, "rows": 4000})
+    columns, rows = session.view.camera.resolution
+    assert columns * rows <= MOST_PIXELS < 1.01 * columns * rows
+    assert columns / rows == pytest.approx(2.0, rel=1e-3)
+    for size in ({}, {"columns": 0, "rows": 1}, {"columns": 1, "rows": 1e9}):
+        with pytest.raises(InputError, match="size"):
+            session.handle({"type": "size", **size})
+    session, _ = session_of(*SMALL)
+    session.handle({"type": "size", "columns": 61, "rows": 40})
+    assert session.view.camera.resolution == (40, 30)
+
+
+@pytest.mark.parametrize("size", [(61, 40), (30, 40)], ids=str)
+@pytest.mark.parametrize("kind", ["obj", "glb", "built in"])
+def test_a_command_draws_the_picture_of_a_window(tmp_path, monkeypatch, capsys, kind, size):
+    monkeypatch.chdir(tmp_path)
+    name = "teapot"
+    if kind == "obj":
+        name = write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n")
+    elif kind == "glb":
+        scene = clshade.builtin("icosphere", level=2)
+        scene.to_glb(name := str(tmp_path / "a.glb"))
+    session, clock = session_of(name, "--samples", "1", "-o", "a")
+    session.handle({"type": "orbit", "right": 10.0})
+    session.handle({"type": "size", "columns": size[0], "rows": size[1]})
+    session.handle({"type": "orbit", "right": 10.0})
+    drawn = all_drawings(session, clock)[-1].frame
+    assert main(shlex.split(session.command("again"))[1:]) == 0, capsys.readouterr()
+    for name, plane in exr.flatten(drawn.channels()).items():
+        np.testing.assert_array_equal(exr.read("again.exr")[0][name], plane, err_msg=name)
+
+
+LOOKS = [
+    ("teapot", {"ground": True, "shadows": True, "lights": [0.3, 1.0, 0.0]}),
+    ("teapot", {"shader": "pbr", "environment": "studio", "background": "environment"}),
+    ("icosphere", {"ground": True, "background": "#336699", "ambient_occlusion": 16}),
+    ("a.obj", {"shader": "pbr", "environment": "none", "ground": True}),
+]
+
+
+@pytest.mark.parametrize(("name", "looks"), LOOKS, ids=str)
+def test_switches_change_the_picture_and_its_command(tmp_path, monkeypatch, capsys, name, looks):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n")
+    session, clock = session_of(name, "--resolution", "40,30", "--samples", "1")
+    before = all_drawings(session, clock)[-1].frame
+    session.handle({"type": "set", **looks})
+    drawn = all_drawings(session, clock)[-1].frame
+    assert not same_bits(before, drawn)
+    options = session.options()["settings"]
+    assert {field: options[field] for field in looks if field not in ("lights", "background")} == {
+        field: value for field, value in looks.items() if field not in ("lights", "background")
+    }
+    assert main(shlex.split(session.command("again"))[1:]) == 0, capsys.readouterr()
+    for channel, plane in exr.flatten(drawn.channels()).items():
+        np.testing.assert_array_equal(exr.read("again.exr")[0][channel], plane, err_msg=channel)
+
+
+def test_switches_are_those_that_the_scene_allows():
+    session, _ = session_of("teapot", "--resolution", "40,30")
+    choices = session.options()["choices"]
+    assert (choices["environment"], choices["background"]) == ([], ["scene", None, "color"])
+    assert choices["shadows"]
+    assert choices["ground"]
+    session.handle({"type": "set", "shader": "pbr", "environment": "studio", "background": "environment"})
+    choices = session.options()["choices"]
+    assert choices["environment"] == [(None, "none"), ("studio", "studio")]
+    assert "environment" in choices["background"]
+    session.handle({"type": "set", "environment": None})  # nothing is left to see behind the surfaces
+    assert session.view.settings.background == "scene"
+    session.handle({"type": "set", "shader": "nolight"})
+    choices = session.options()["choices"]
+    assert not choices["shadows"]
+    assert not choices["ambient_occlusion"]
+    session, _ = session_of("teapot", "--edges", "feature")
+    assert not session.options()["choices"]["ground"]
+    with pytest.raises(InputError, match="ground"):
+        session.handle({"type": "set", "ground": True})
+
+
 def test_the_elevation_stays_short_of_the_poles():
     session, _ = session_of()
     for up in (60.0, 60.0, 1e6, -1e6, -500.0):
@@ -157,6 +253,10 @@ def test_the_elevation_stays_short_of_the_poles():
         {"type": "set", "lights": 1},
         {"type": "set", "layers": ["Y"]},
         {"type": "set", "output": "/etc/passwd"},
+        {"type": "set", "environment": "/etc/passwd"},
+        {"type": "set", "environment": ["studio"]},
+        {"type": "set", "ground": 1},
+        {"type": "set", "background": "environment"},
         {"type": "fly", "forward": 1e308},
     ],
     ids=str,
@@ -198,6 +298,7 @@ OPTIONS = [
                 "none",
             ),
             ("icosphere", "--fit", "--camera-view-angle", "50", "--background", "#336699"),
+            ("box_room", "--samples", "4"),
             ("teapot", "--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0"),
             ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
             ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),
@@ -365,6 +466,7 @@ def test_a_file_that_changes_is_read_again_and_the_camera_stays(tmp_path):
 def test_bad_options_are_refused_in_one_line(tmp_path, monkeypatch, capsys, arguments, parts):
     pytest.importorskip("aiohttp")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("clshade.view.live_server.QUIET_SECONDS", 60.0)  # on a machine however busy
     code, out, err = run(capsys, "view", *arguments)
     assert (code, out, len(err)) == (2, "", 1), err
     assert all(part in err[0] for part in parts), err

@@ -183,6 +183,15 @@ def test_the_command_writes_a_page(files, tmp_path, capsys):
     assert images_of(tmp_path / "b.html") == ["a.exr", "other/a.exr", "a.exr (2)"]
 
 
+def test_an_existing_page_is_replaced_when_asked_alone(files, tmp_path, capsys):
+    page = tmp_path / "a.html"
+    page.write_text("mine")
+    assert_refused(run(capsys, "view", "a.exr"), "a.html exists already: -o a.html replaces it")
+    assert page.read_text() == "mine"
+    assert run(capsys, "view", "a.exr", "-o", "a.html")[0] == 0
+    assert images_of(page) == ["a.exr"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
@@ -190,7 +199,7 @@ def test_the_command_writes_a_page(files, tmp_path, capsys):
         (("a.exr", "text.txt"), ("text.txt", "expected an OpenEXR or PNG image")),
         (("a.exr", "-o", "a.png"), ("--output", ".html")),
         (("a.exr", "-o", "none/a.html"), ("none/a.html", "no folder")),
-        (("a.exr", "-o", "link.html"), ("--output", "another file than is read")),
+        (("a.exr", "-o", "link.html"), ("--output", "is read: choose another file")),
         (("a.exr", "--exposure", "nan"), ("exposure", "nan")),
         (("a.exr", "--tonemap", "film"), ("tonemap", "expected one of none, srgb", "film")),
     ],

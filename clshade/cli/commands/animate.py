@@ -9,14 +9,17 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ...errors import InputError
+from .arguments import refuse
 from .farm_options import FPS, draw, output_options, worker_options
 from .scene_options import (
     SAMPLES_HELP,
     arranged,
     camera_options,
     chosen_camera,
+    has_ground,
     load_options,
     load_scene,
+    look_of,
     scene_options,
     setting_options,
     tell_of_file,
@@ -61,11 +64,10 @@ def _fly(arguments: argparse.Namespace, frames: Frames | None) -> int:
     """Draw the scene as the cameras of the file see it."""
     from ...farm import read_cameras
 
-    if arguments.count is not None:
-        raise InputError("--count: expected an animation to play, which CAMERAS.json is none of, found both")
+    refuse(arguments, ("count",), "is for the animation of a glTF file, and cannot go with CAMERAS.json")
     scene = load_scene(arguments)
     cameras = read_cameras(arguments.cameras, scene.camera, arguments.resolution)
-    numbers = _numbers(frames, arguments, len(cameras), "have a camera", f"the cameras of {arguments.cameras}")
+    numbers = _numbers(frames, arguments, len(cameras), arguments.cameras)
     return draw(arguments, scene, {number: cameras[number - 1] for number in numbers})
 
 
@@ -74,30 +76,35 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
     from ...base import console
     from ...base.atomic_files import shown
     from ...scene import adjust_camera
-    from ...scene.formats.load import ANIMATED, load_animation
+    from ...scene.formats.load import load_animation
+    from ...scene.formats.table import extensions_with
 
     name = arguments.scene
-    if not name.lower().endswith(ANIMATED):
-        found = f"the scene {shown(name)}, which has no animation"
-        raise InputError(f"CAMERAS.json: expected a file of cameras, or a glTF file to play, found {found}")
+    if not name.lower().endswith(extensions_with("animation")):
+        raise InputError(f"CAMERAS.json: a file of cameras is missing, and {shown(name)} has no animation to play")
     options = load_options(arguments)
     for option in ("time", "focal"):
         if option in options:
-            raise InputError(f"--{option}: expected none with an animation that is played, found {options[option]:g}")
+            raise InputError(f"--{option}: cannot go with an animation that is played")
+    fit = arguments.camera == "fit"
     played = load_animation(
-        name, count=arguments.count, fps=_rate(arguments), resolution=arguments.resolution, fit=arguments.fit, **options
+        name, count=arguments.count, fps=_rate(arguments), resolution=arguments.resolution, fit=fit, **options
     )
     tell_of_file(played.scene, arguments, name)
     count = len(played.times)
     console.note(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
-    numbers = _numbers(frames, arguments, count, "are of the animation", "these")
-    whole = played.stage if played.scene.fitted or arguments.fit or arguments.ground else played.scene
-    stage = arranged(whole, arguments)
+    numbers = _numbers(frames, arguments, count, "the animation")
+    whole = (
+        played.stage
+        if played.scene.fitted or fit or has_ground(look_of(played.scene, arguments), arguments)
+        else played.scene
+    )
+    stage = arranged(whole, arguments, moving=True)
     shared, staged = len(played.scene.meshes), len(whole.meshes)
     scene = replace(stage, meshes=(*stage.meshes[:shared], *stage.meshes[staged:]))  # the last may be a ground
 
     def camera(frame: int) -> Camera:
-        if played.scene.fitted or arguments.fit:
+        if played.scene.fitted or fit:
             return scene.camera
         moved = replace(played.scene, camera=played.cameras[frame])
         return adjust_camera.camera_of(moved, chosen_camera(arguments))
@@ -127,13 +134,11 @@ def _rate(arguments: argparse.Namespace) -> float:
     return rate
 
 
-def _numbers(frames: Frames | None, arguments: argparse.Namespace, count: int, which: str, owner: str) -> Sequence[int]:
-    """Return the numbers of the frames to draw, of `count`. which, owner: words for the error."""
+def _numbers(frames: Frames | None, arguments: argparse.Namespace, count: int, owner: str) -> Sequence[int]:
+    """Return the numbers of the frames to draw, of `count`. owner: what has them, for the error."""
     numbers: Sequence[int] = range(1, count + 1) if frames is None else frames.numbers
     if not 1 <= numbers[0] <= numbers[-1] <= count:
-        raise InputError(
-            f"--frames: expected frames that {which}, found {arguments.frames}, and {owner} are 1..{count}"
-        )
+        raise InputError(f"--frames: {arguments.frames} goes beyond the frames of {owner}, 1..{count}")
     return numbers
 
 

@@ -7,7 +7,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ...base.spelling import hint
@@ -117,6 +117,14 @@ def limit_options(group: argparse._ArgumentGroup) -> None:
     )
 
 
+def refuse(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Raise InputError for the first of these options that was given. why: what it needs, or cannot go with."""
+    for name in names:
+        value = getattr(arguments, name, None)
+        if value != arguments.parser.get_default(name):
+            raise InputError(f"--{'no-' * (value is False)}{name.replace('_', '-')}: {why}")
+
+
 def device_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--device",
@@ -158,7 +166,7 @@ def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]
     atomic_files.check(output)
     for name in inputs:
         if os.path.exists(output) and os.path.exists(name) and os.path.samefile(output, name):
-            raise InputError(f"{option}: expected another file than is read, found {atomic_files.shown(output)}")
+            raise InputError(f"{option}: {atomic_files.shown(output)} is read: choose another file")
 
 
 def with_values(arguments: Sequence[str]) -> list[str]:

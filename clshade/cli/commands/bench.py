@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 from ...errors import InputError
 from ...measure.defaults import BENCH_FRAMES, BENCH_TURN, CREW_FRAMES, VIEWS
 from . import DONE, FAILED
 from .arguments import device_option, numbers, output_name
 
-# What benchmarks of their own do not take together.
-_OF_MODES = (
-    "shadows",
-    "views",
-    "instances",
-    "processors",
-    "workers",
-    "scheduler",
-    "workloads",
-    "scaling",
-    "peers",
-    "turn",
-    "targets",
-)
+_OF_ALL = ("list", "frames", "out", "device")  # what benchmarks of their own take too
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    first = len(parser._actions)
     parser.add_argument("workloads", nargs="*", metavar="WORKLOAD", help="these only (default: all)")
     parser.add_argument("--list", action="store_true", help="name all workloads and peers")
     parser.add_argument(
@@ -81,8 +70,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL,...",
         help="kernels as PyPI's PoCL compiles them for other processors: images, calls of functions, times (default: all)",
     )
+    parser.add_argument(
+        "--features",
+        action="store_true",
+        help="percentage of a frame that is saved if kernels are compiled without what a scene does not need",
+    )
     parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
+    parser.set_defaults(of_modes=parser._actions[first:])
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -92,23 +87,18 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list:
         print(bench.listing())
         return DONE
-    if arguments.shadows:
-        return _run_shadows(arguments)
-    if arguments.views is not None:
-        return _run_views(arguments)
-    if arguments.instances:
-        return _run_instances(arguments)
-    if arguments.processors is not None:
-        return _run_processors(arguments)
-    if arguments.workers or arguments.scheduler:
-        return _run_crews(arguments)
+    for mode, (measure, taken) in _MODES.items():
+        value = getattr(arguments, mode)
+        if value is not None and value is not False:
+            _check_alone(arguments, mode, *taken)
+            return DONE if measure(arguments) else FAILED
     named = [name.strip() for name in (arguments.peers or "").split(",")]
     peers = DEFAULT if arguments.peers is None else () if named == ["none"] else tuple(named)
     passed = bench.run(
         arguments.device,
         names=arguments.workloads,
         peers_named=peers,
-        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
+        frames=_frames(arguments, BENCH_FRAMES),
         turn=BENCH_TURN if arguments.turn is None else arguments.turn,
         with_scaling=arguments.scaling,
         targets=arguments.targets,
@@ -119,77 +109,69 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_alone(arguments: argparse.Namespace, *taken: str) -> None:
     """Refuse options of `bench` beside a mode of its own. taken: the mode's option, and those that go with it."""
-    for name in _OF_MODES:
-        value = getattr(arguments, name)
-        if name not in taken and value is not None and value is not False and value != []:
-            mode = f"--{taken[0]}"
-            other = name if name == "workloads" else f"--{name}"
-            raise InputError(f"bench: expected either {mode} or {other}, found both")
+    for action in arguments.of_modes:
+        if action.dest not in (*taken, *_OF_ALL) and getattr(arguments, action.dest) not in (action.default, []):
+            other = action.dest if action.dest == "workloads" else f"--{action.dest}"
+            raise InputError(f"bench: expected either --{taken[0]} or {other}, found both")
 
 
-def _run_crews(arguments: argparse.Namespace) -> int:
-    from ...measure.bench import workers
-
-    _check_alone(arguments, "workers", "scheduler")
-    passed = workers.run(
-        arguments.workers or (1,),
-        scheduler=arguments.scheduler,
-        device=arguments.device,
-        frames=CREW_FRAMES if arguments.frames is None else arguments.frames,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
+def _frames(arguments: argparse.Namespace, usual: int) -> int:
+    frames: int | None = arguments.frames
+    return usual if frames is None else frames
 
 
-def _run_shadows(arguments: argparse.Namespace) -> int:
+def _shadows(arguments: argparse.Namespace) -> bool:
     from ...measure.bench import shadows
 
-    _check_alone(arguments, "shadows", "workloads", "targets")
-    passed = shadows.run(
-        arguments.device,
-        names=arguments.workloads,
-        rounds=BENCH_FRAMES if arguments.frames is None else arguments.frames,
-        targets=arguments.targets,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
+    rounds = _frames(arguments, BENCH_FRAMES)
+    options = {"names": arguments.workloads, "targets": arguments.targets, "out": arguments.out}
+    return shadows.run(arguments.device, rounds=rounds, **options)
 
 
-def _run_views(arguments: argparse.Namespace) -> int:
+def _views(arguments: argparse.Namespace) -> bool:
     from ...measure.bench import views
 
-    _check_alone(arguments, "views")
-    passed = views.run(
-        arguments.views,
-        device=arguments.device,
-        rounds=views.ROUNDS if arguments.frames is None else arguments.frames,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
+    rounds = _frames(arguments, views.ROUNDS)
+    return views.run(arguments.views, device=arguments.device, rounds=rounds, out=arguments.out)
 
 
-def _run_instances(arguments: argparse.Namespace) -> int:
+def _instances(arguments: argparse.Namespace) -> bool:
     from ...measure.bench import instances
 
-    _check_alone(arguments, "instances")
-    passed = instances.run(
-        arguments.instances,
-        device=arguments.device,
-        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
+    frames = _frames(arguments, BENCH_FRAMES)
+    return instances.run(arguments.instances, device=arguments.device, frames=frames, out=arguments.out)
 
 
-def _run_processors(arguments: argparse.Namespace) -> int:
+def _processors(arguments: argparse.Namespace) -> bool:
     from ...measure.bench import processors
 
-    _check_alone(arguments, "processors")
     if arguments.device is not None:
-        raise InputError("bench: --processors: expected no --device, for all are PyPI's PoCL")
-    passed = processors.run(
-        arguments.processors,
-        frames=BENCH_FRAMES if arguments.frames is None else arguments.frames,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
+        raise InputError("bench: --processors: cannot go with --device: it measures PyPI's PoCL")
+    return processors.run(arguments.processors, frames=_frames(arguments, BENCH_FRAMES), out=arguments.out)
+
+
+def _features(arguments: argparse.Namespace) -> bool:
+    from ...measure.bench import features
+
+    rounds = _frames(arguments, features.ROUNDS)
+    return features.run(arguments.device, names=arguments.workloads, rounds=rounds, out=arguments.out)
+
+
+def _crews(arguments: argparse.Namespace) -> bool:
+    from ...measure.bench import workers
+
+    frames = _frames(arguments, CREW_FRAMES)
+    drawn_by = {"scheduler": arguments.scheduler, "device": arguments.device}
+    return workers.run(arguments.workers or (1,), frames=frames, out=arguments.out, **drawn_by)
+
+
+# Benchmarks of their own: the option that asks for one, what measures, and the other options that it takes.
+_MODES: dict[str, tuple[Callable[[argparse.Namespace], bool], tuple[str, ...]]] = {
+    "shadows": (_shadows, ("workloads", "targets")),
+    "views": (_views, ()),
+    "instances": (_instances, ()),
+    "processors": (_processors, ()),
+    "features": (_features, ("workloads",)),
+    "workers": (_crews, ("scheduler",)),
+    "scheduler": (_crews, ()),
+}

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...errors import InputError
 from . import DONE
-from .arguments import device_option, output_name, seconds
-from .saving_options import chosen_saving, matte_option, saving_options
+from .arguments import device_option, output_name, refuse, seconds
+from .saving_options import OUTPUT, chosen_saving, matte_option, saving_options
 from .scene_options import picture_settings
 from .stereo_options import EYES, check_stereo, stereo_options
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def output_options(parser: argparse.ArgumentParser) -> None:
     stereo_options(parser)
-    output = parser.add_argument_group("output")
+    output = parser.add_argument_group(OUTPUT)
     output.add_argument(
         "-o",
         "--output",
@@ -71,7 +71,7 @@ def output_options(parser: argparse.ArgumentParser) -> None:
 
 
 def worker_options(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("who draws")
+    group = parser.add_argument_group("workers: processes and machines that draw")
     either = group.add_mutually_exclusive_group()
     either.add_argument(
         "--workers", type=int, default=1, metavar="N", help="processes on this machine (default: this one alone)"
@@ -93,6 +93,14 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
         "(default: it is waited for)",
     )
     device_option(parser)
+
+
+def drawing_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+    """Return the keyword arguments that `farm.draw_frames` and what draws by it have."""
+    own = ("workers", "scheduler", "timeout", "frame_timeout", "overwrite", "device", "preset")
+    options = {name: getattr(arguments, name) for name in own}
+    options |= {"progress": not arguments.quiet, "saving": chosen_saving(arguments)}
+    return options | picture_settings(arguments, scene)
 
 
 def draw(
@@ -160,41 +168,23 @@ def _draw(
 ) -> Run | Film:
     from ...view.film_format import is_film
 
-    options: dict[str, Any] = {
-        "poses": poses,
-        "workers": arguments.workers,
-        "scheduler": arguments.scheduler,
-        "timeout": arguments.timeout,
-        "frame_timeout": arguments.frame_timeout,
-        "overwrite": arguments.overwrite,
-        "progress": not arguments.quiet,
-        "device": arguments.device,
-        "saving": chosen_saving(arguments),
-        "preset": arguments.preset,
-        **picture_settings(arguments, scene),
-    }
+    options = {"poses": poses, **drawing_options(arguments, scene)}
     if is_film(output):
         if arguments.formats is not None:
-            formats = ",".join(arguments.formats)
-            raise InputError(f"--formats: expected none with a film, found {formats} and {output}")
+            raise InputError(f"--formats: cannot go with a film, {output}")
         from ...view.film import draw_film
 
-        for name in ("flow", "visible", "cryptomatte"):
-            if getattr(arguments, name):
-                expected = "frames as --output, such as out.####.exr"
-                raise InputError(f"--{name}: expected {expected}, found {arguments.output}")
-        options |= {name: value for name, value in _film_options(arguments).items() if value is not None}
+        refuse(
+            arguments,
+            ("flow", "visible", "cryptomatte"),
+            f"needs frames as --output, such as out.####.exr, not {output}",
+        )
+        film = {"fps": arguments.fps, "bits": arguments.bit_depth, "keep_frames": arguments.keep_frames}
+        options |= {name: value for name, value in film.items() if value is not None}
         return draw_film(scene, cameras, output, **options)
     from ...farm import draw_frames
 
-    for name, value in _film_options(arguments).items():
-        if value and not (name == "fps" and poses is not None):
-            flag = {"bits": "bit_depth"}.get(name, name).replace("_", "-")
-            raise InputError(f"--{flag}: expected a film as --output, such as out.mp4, found {output}")
+    of_films = ("bit_depth", "keep_frames", *(("fps",) if poses is None else ()))
+    refuse(arguments, of_films, f"needs a film as --output, such as out.mp4, not {output}")
     own = {"flow": arguments.flow, "visible": arguments.visible, "mattes": arguments.cryptomatte or ()}
     return draw_frames(scene, cameras, output, **own, **options)
-
-
-def _film_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments of `draw_film` that `draw_frames` does not have; None: its default."""
-    return {"fps": arguments.fps, "bits": arguments.bit_depth, "keep_frames": arguments.keep_frames}

@@ -29,7 +29,7 @@ def flow_cameras(scene: Scene, arguments: argparse.Namespace) -> tuple[Camera, .
         return ()
     if arguments.formats is not None and not {"exr", "npz"} & set(arguments.formats):
         formats = ",".join(arguments.formats)
-        raise InputError(f"--flow-to: expected exr or npz of --formats, which hold it, found {formats}")
+        raise InputError(f"--flow-to: needs exr or npz in --formats, which hold the flow, not {formats}")
     from ...farm import read_cameras
 
     base = scene.camera if arguments.resolution is None else scene.camera.with_resolution(arguments.resolution)

@@ -1,4 +1,4 @@
-"""`inspect`: the contents of an image file, or the meshes, scalars, lights and animations of a scene file."""
+"""`inspect`: the contents of an image file, or the contents of a scene."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file",
-        metavar="FILE",
-        help="an EXR, of any program, or a PNG, whose values are code/largest code; or a scene file: its meshes, the "
-        "scalars that `render --scalars` can show, with their ranges, its lights and its animations",
+        metavar="FILE|SCENE",
+        help="an EXR, of any program, or a PNG, whose values are code/largest code; or a scene, a file or a built-in one: "
+        "its meshes, materials, textures, camera, lights, animations, and the scalars that `render --scalars` can show",
     )
     parser.add_argument(
         "--pixel",
@@ -71,19 +71,29 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _is_scene(name: str) -> bool:
-    from ...scene.formats.load import EXTENSIONS
+    from ...scene.builtin.scenes import BUILTINS
+    from ...scene.formats.table import EXTENSIONS
 
-    return Path(name).suffix.lower() in EXTENSIONS
+    return Path(name).suffix.lower() in EXTENSIONS or (name in BUILTINS and not Path(name).exists())
 
 
 def _inspect_scene(arguments: argparse.Namespace) -> int:
+    from ...scene.builtin.scenes import builtin
     from ...scene.contents import format_contents, scene_contents
+    from ...scene.formats.gltf import animations_and_cameras
     from ...scene.formats.load import load
+    from ...scene.formats.table import extensions_with
 
     if arguments.output or arguments.pixel:
         option = "--output" if arguments.output else "--pixel"
-        raise InputError(f"{option}: expected an image beside it, found the scene file {shown(arguments.file)}")
-    contents = scene_contents(load(arguments.file))
+        raise InputError(f"{option}: is for images, not for the scene {shown(arguments.file)}")
+    name: str = arguments.file
+    if not Path(name).suffix:
+        contents = scene_contents(builtin(name))
+    elif name.lower().endswith(extensions_with("animation")):
+        contents = scene_contents(load(name), *animations_and_cameras(name))
+    else:
+        contents = scene_contents(load(name))
     if arguments.json:
         import json
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +15,15 @@ from ...scene.camera import checked_resolution
 from .arguments import device_option
 from .saving_options import chosen_saving
 from .scene_options import (
+    CAMERA_OPTIONS,
     camera_options,
     chosen_camera,
     chosen_settings,
-    load_scene,
+    lit,
+    read_scene,
     scene_changes,
     setting_options,
+    with_components,
 )
 
 if TYPE_CHECKING:
@@ -29,21 +31,19 @@ if TYPE_CHECKING:
     from ...view.live_scene import Source
 
 SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
-# Options that the source of a scene repeats in each command, as they change what is loaded or how it is saved.
-_WITH_VALUES = (
-    *("environment", "environment_rotation", "environment_intensity"),
-    *("texture", "focal", "crease", "up", "time", "animation", "preset", "camera_view_angle", "device"),
-    *("scalars", "colormap", "nan_color", "edge_angle", "edge_width", "edge_color"),
-    "depth_scale",
-)
-_LISTS = ("lights", "components", "resolution", "clim", "edges", "formats")
-_FLAGS = ("fit", "ground", "flat", "orthographic", "half", "crop", "deterministic", "colorbar", "edges_only")
+# Options that commands for snapshots do not repeat: those of the live view alone, and those of which the view itself says
+# what has become of them, as it does of the fields of Settings.
+_OWN = ("port", "open", "stats")
+_IN_VIEW = {*CAMERA_OPTIONS.values(), "light_intensity", "ground", "environment", "look"} - {
+    "camera_view_angle",
+    "orthographic",
+}
 
 
 def is_scene(name: str) -> bool:
     """Return whether a name is that of a scene: built in, or of a file with a scene's extension, or none at all."""
     from ...scene.builtin.scenes import BUILTINS
-    from ...scene.formats.load import EXTENSIONS
+    from ...scene.formats.table import EXTENSIONS
 
     ending = os.path.splitext(name)[1].lower()
     return ending in EXTENSIONS or (not ending and (name in BUILTINS or not os.path.exists(name)))
@@ -52,22 +52,15 @@ def is_scene(name: str) -> bool:
 def live_options(parser: argparse.ArgumentParser) -> list[str]:
     """Add the options of a live view but for its scene and the output; return their names in the namespace."""
     before = {action.dest for action in parser._actions}
-    scene_changes(parser.add_argument_group("scene"))
+    scene_changes(parser, parser.add_argument_group("scene: the file, and how it is read"))
     camera_options(parser)
     setting_options(parser, f"{SAMPLES}, when the view rests")
-    served = parser.add_argument_group("live view")
+    served = parser.add_argument_group("live: the view in the browser")
     served.add_argument("--port", type=int, metavar="N", help="of 127.0.0.1 (default: a free one)")
     served.add_argument("--open", action="store_true", help="open the browser")
     served.add_argument("--stats", action="store_true", help="print at the end what the pictures took, stage by stage")
     device_option(parser)
     return [action.dest for action in parser._actions if action.dest not in before]
-
-
-def refuse_live_options(arguments: argparse.Namespace) -> None:
-    """Raise InputError for an option that was given and is about scenes alone."""
-    for name in arguments.only_scenes:
-        if getattr(arguments, name) != arguments.parser.get_default(name):
-            raise InputError(f"{_option(name)}: expected a scene to view, found images")
 
 
 def run_live(arguments: argparse.Namespace, name: str) -> None:
@@ -79,9 +72,8 @@ def run_live(arguments: argparse.Namespace, name: str) -> None:
     source = source_of(arguments, name)
     listening = live_server.listen(arguments.port)
     with listening:
-        scene = LiveScene(source)
-        scene.prepare()
-        server = live_server.LiveServer(scene, listening, partial(live_page, os.path.basename(name)))
+        opened = partial(LiveScene, source)
+        server = live_server.LiveServer(opened, listening, partial(live_page, os.path.basename(name)))
         try:
             asyncio.run(server.serve(partial(_announce, server.url, arguments.open)))
         finally:
@@ -109,21 +101,29 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
 
     if arguments.resolution is not None:
         checked_resolution("--resolution", arguments.resolution)
+    if arguments.ground and arguments.edges:
+        raise InputError("--ground: cannot go with --edges, which would draw its edges too")
+    if arguments.look not in (None, "plain"):
+        raise InputError(f"--look: {arguments.look} is not for a live view, which shows the scene as it is")
     output = arguments.output or Path(name).stem or "view"
     output = os.path.join(output, Path(name).stem) if output.endswith(os.sep) else output
     saving = chosen_saving(arguments)
-    checks: Any = {key: saving[key] for key in ("tonemap", "exposure", "compression", "files", "depth_scale")}
-    check_output(output, asked=("view", "--output"), **checks)
+    check_output(output, asked=("view", "--output"), **saving)
     settings = {"samples": SAMPLES, **chosen_settings(arguments)}
     settings |= {"preset": arguments.preset, "resolution": arguments.resolution}
     return Source(
         name=name,
-        load=_loader(arguments, name),
+        load=partial(read_scene, arguments, name),
+        arrange=partial(_lit, arguments),
+        finish=partial(with_components, arguments=arguments),
         files=(name,) if os.path.exists(name) else (),
         camera=chosen_camera(arguments),
-        fit=arguments.fit,
+        fit=arguments.camera == "fit",
         settings=settings,
         lights=arguments.light_intensity or (1.0,),
+        ground=bool(arguments.ground),
+        environment=arguments.environment,
+        up=arguments.up,
         device=arguments.device,
         options=_repeated(arguments),
         saving=saving,
@@ -131,32 +131,20 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
     )
 
 
-def _loader(arguments: argparse.Namespace, name: str) -> Callable[[], Scene]:
-    """Return a function that loads the scene with its own camera and the lights as they are in the file."""
-    camera = dict.fromkeys(("camera_position", "camera_focal_point", "camera_view_up", "camera_view_angle"))
-    camera |= {"camera_azimuth_angle": 0.0, "camera_elevation_angle": 0.0, "orthographic": False}
-    own = argparse.Namespace(**{**vars(arguments), **camera, "light_intensity": None})
-    return partial(load_scene, own, name)
+def _lit(arguments: argparse.Namespace, scene: Scene, environment: str | None) -> Scene:
+    """Return the scene with the lights of the command line, at their own intensities, and this environment."""
+    changes: dict[str, Any] = {"light_intensity": None, "environment": environment}
+    if environment == "none" != arguments.environment:
+        changes |= {"environment_rotation": None, "environment_intensity": None}
+    return lit(scene, argparse.Namespace(**{**vars(arguments), **changes}))
 
 
 def _repeated(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return the options of `render` that every snapshot's command repeats."""
-    found: list[str] = []
-    for name in _WITH_VALUES:
-        value = getattr(arguments, name)
-        if value is not None:
-            found.append(f"{_option(name)}={value!r}" if isinstance(value, float) else f"{_option(name)}={value}")
-    for name in _LISTS:
-        value = getattr(arguments, name)
-        if value is not None:
-            found.append(f"{_option(name)}={','.join(map(str, value))}")
-    found += [_option(name) for name in _FLAGS if getattr(arguments, name)]
-    if arguments.two_sided is not None:
-        found.append("--two-sided" if arguments.two_sided else "--no-two-sided")
-    if arguments.compression != "zip":
-        found.append(f"--compression={arguments.compression}")
-    return tuple(found)
+    from ...base.declare import as_option
+    from ...scene.settings import Settings
+    from ...view.live_command import REPEATED
 
-
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")
+    left_out = {*_OWN, *_IN_VIEW, *(Settings.__dataclass_fields__.keys() - REPEATED)}
+    given = {name: getattr(arguments, name) for name in arguments.only_scenes if name not in left_out}
+    return tuple(as_option(name, value) for name, value in given.items() if value != arguments.parser.get_default(name))

@@ -47,15 +47,6 @@ _REMARKS = {
     "version": "`clshade --version` prints it",
 }
 _IMAGES = (".exr", ".png")
-_SCENES = (
-    ".npy",
-    ".obj",
-    ".gltf",
-    ".glb",
-    ".ply",
-    ".stl",
-    ".json",
-)  # formats.load.EXTENSIONS, whose import loads NumPy
 
 
 class Parser(argparse.ArgumentParser):
@@ -82,6 +73,7 @@ class Parser(argparse.ArgumentParser):
     def _command_hint(self, name: str, commands: Sequence[str]) -> str:
         """Return a hint for an unknown command: another command, a file, or the value of an option placed too early."""
         from ...scene.builtin.scenes import BUILTINS
+        from ...scene.formats.table import EXTENSIONS
 
         before = self._given[: self._given.index(name)] if name in self._given else []
         early = next(
@@ -90,7 +82,7 @@ class Parser(argparse.ArgumentParser):
         if early is not None:
             return f": {early} belongs after the command, as in `clshade render {early} ...`"
         ending = os.path.splitext(name)[1].lower()
-        if name in BUILTINS or ending in (*_SCENES, *_IMAGES):
+        if name in BUILTINS or ending in (*EXTENSIONS, *_IMAGES):
             return f": did you mean `clshade {'inspect' if ending in _IMAGES else 'render'} {name}`?"
         return hint(name, commands, _COMMAND_WORDS, remarks=_REMARKS)
 

@@ -8,9 +8,9 @@ import json
 from ...errors import InputError
 from . import DONE
 from .arguments import output_name
-from .farm_options import worker_options
-from .saving_options import chosen_saving, saving_options
-from .scene_options import SAMPLES_HELP, camera_options, load_scene, picture_settings, scene_options, setting_options
+from .farm_options import drawing_options, worker_options
+from .saving_options import OUTPUT, saving_options
+from .scene_options import SAMPLES_HELP, camera_options, load_scene, scene_options, setting_options
 
 TILE = 2048  # view.poster.TILE, whose import loads NumPy
 
@@ -19,7 +19,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser)
     camera_options(parser)
     setting_options(parser, SAMPLES_HELP)
-    output = parser.add_argument_group("output")
+    output = parser.add_argument_group(OUTPUT)
     output.add_argument(
         "-o",
         "--output",
@@ -56,16 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         resolution=asked,
         tile=arguments.tile,
         keep_tiles=arguments.keep_tiles,
-        saving=chosen_saving(arguments),
-        overwrite=arguments.overwrite,
-        workers=arguments.workers,
-        scheduler=arguments.scheduler,
-        timeout=arguments.timeout,
-        frame_timeout=arguments.frame_timeout,
-        progress=not arguments.quiet,
-        device=arguments.device,
-        preset=arguments.preset,
-        **picture_settings(arguments, scene),
+        **drawing_options(arguments, scene),
     )
     print(json.dumps(poster.stats(), indent=2) if arguments.json else "\n".join(poster.lines()))
     return DONE

@@ -15,7 +15,7 @@ from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, limit_options, output_name
 from .flow_options import add_flows, flow_cameras, flow_option
-from .saving_options import chosen_saving, matte_option, saving_options
+from .saving_options import OUTPUT, chosen_saving, matte_option, saving_options
 from .scene_options import (
     SAMPLES_HELP,
     camera_options,
@@ -56,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     view_options(parser)
     stereo_options(parser)
     setting_options(parser, SAMPLES_HELP)
-    output = parser.add_argument_group("output")
+    output = parser.add_argument_group(OUTPUT)
     output.add_argument(
         "-o",
         "--output",
@@ -80,7 +80,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="print all figures as JSON; of several scenes a list, with `error` for one that failed",
     )
-    measured = parser.add_argument_group("measured")
+    measured = parser.add_argument_group("measured: errors and times of the picture")
     measured.add_argument(
         "--check",
         nargs="?",
@@ -212,7 +212,10 @@ def _draw(
 def _render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """Return the keyword arguments of `clshade.render`."""
     limited = arguments.budget is not None or arguments.tolerance is not None  # which choose the samples
-    chosen = chosen_settings(arguments) if limited else picture_settings(arguments, scene)
+    chosen = picture_settings(arguments, scene)
+    if limited:
+        kept = {"shadows", *chosen_settings(arguments)}
+        chosen = {name: value for name, value in chosen.items() if name in kept}
     if arguments.check is not None:
         chosen["layers"] = (*chosen.get("layers", ()), "Z", "id")
     if arguments.flow_to is not None:
@@ -239,13 +242,8 @@ def _check_output(output: str, arguments: argparse.Namespace) -> None:
     from ...base import atomic_files
     from ...pipeline.frame_files import check_output
 
-    saving: Any = {
-        name: value
-        for name, value in chosen_saving(arguments).items()
-        if name in ("tonemap", "exposure", "compression", "files", "depth_scale")
-    }
     for stem in stems_of(output, arguments):
-        check_output(stem, asked=("render", "--output"), **saving)
+        check_output(stem, asked=("render", "--output"), **chosen_saving(arguments))
     for path in files_of(output, arguments):
         atomic_files.check(path)
 

@@ -6,11 +6,10 @@ import argparse
 import os
 from dataclasses import replace
 
-from ...errors import InputError
 from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, limit_options, names, numbers, output_name
-from .scene_options import camera_options, chosen_settings, load_scene, ray_options, scene_options
+from .arguments import device_option, limit_options, names, numbers, output_name, refuse
+from .scene_options import camera_options, chosen_settings, light_options, load_scene, scene_options
 
 RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
 
@@ -20,7 +19,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
     scene_options(parser)
     camera_options(parser)
-    study = parser.add_argument_group("study")
+    study = parser.add_argument_group("study: what is compared, and what is written")
     study.add_argument(
         "-o",
         "--out",
@@ -52,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="W,...",
         help="times and errors at growing sizes, the scene's shape with so many columns (default: 480,960,1920)",
     )
-    ray_options(study)
+    light_options(study)
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
     limit_options(study)
     study.add_argument(
@@ -89,13 +88,10 @@ def _course(arguments: argparse.Namespace) -> int:
     from ... import __version__
     from ...base.atomic_files import shown
     from ...measure.course_report import course_report
+    from ...scene.settings import LIGHT_FIELDS
 
-    unused = ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format")
-    rays = ("shadows", "light_samples", "ambient_occlusion", "ao_distance")
-    for name in (*unused, *rays):
-        if getattr(arguments, name) not in (None, ()):
-            option = name.replace("_", "-")
-            raise InputError(f"--{option}: expected none with --course, which studies no variants, found one")
+    unused = ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
+    refuse(arguments, unused, "cannot go with --course, which studies no variants")
     course_report.output_path(arguments.out)  # its errors come before the scene's
     if arguments.device:
         os.environ["CLSHADE_DEVICE"] = arguments.device

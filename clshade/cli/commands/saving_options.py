@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError
-from .arguments import names
+from .arguments import names, refuse
+
+OUTPUT = "output: files, and what they hold"  # title of the group of options
 
 if TYPE_CHECKING:
     from ...pipeline.frame_files import SavingOptions
 
 
 def saving_options(group: argparse._ArgumentGroup) -> list[str]:
-    """Add the options; return their names, the keyword arguments of `Frame.save`."""
+    """Add the options; return their names in the namespace."""
     from ...images.depth_png import SCALE
     from ...images.exr import COMPRESSIONS
     from ...images.tonemap import OPERATORS
     from ...pipeline.frame_files import KINDS
 
+    before = len(group._group_actions)
     group.add_argument(
         "--formats",
         type=names(KINDS, words={"z": "depth", "numpy": "npz", "openexr": "exr"}),
@@ -47,9 +49,7 @@ def saving_options(group: argparse._ArgumentGroup) -> list[str]:
     )
     group.add_argument("--colorbar", action="store_true", help="add the color map of --scalars to the right of the PNG")
     group.add_argument("--deterministic", action="store_true", help="leave times out of the EXR")
-    return [
-        *("formats", "depth_scale", "tonemap", "exposure", "half", "compression", "crop", "deterministic", "colorbar")
-    ]
+    return [action.dest for action in group._group_actions[before:]]
 
 
 def matte_option(group: argparse._ArgumentGroup) -> None:
@@ -70,18 +70,12 @@ def matte_option(group: argparse._ArgumentGroup) -> None:
 def chosen_saving(arguments: argparse.Namespace) -> SavingOptions:
     """Return the keyword arguments of `Frame.save`."""
     from ...images.depth_png import SCALE
-    from ...pipeline.frame_files import default_files
+    from ...pipeline.frame_files import SAVING, default_files
 
-    if arguments.depth_scale is not None and "depth" not in (arguments.formats or ()):
-        raise InputError("--depth-scale: expected --formats depth beside it, found none")
-    return {
-        "files": arguments.formats or default_files(arguments.output or ""),
-        "depth_scale": SCALE if arguments.depth_scale is None else arguments.depth_scale,
-        "tonemap": arguments.tonemap,
-        "exposure": arguments.exposure,
-        "half": arguments.half,
-        "compression": arguments.compression,
-        "crop": arguments.crop,
-        "deterministic": arguments.deterministic,
-        "colorbar": arguments.colorbar,
-    }
+    if "depth" not in (arguments.formats or ()):
+        refuse(arguments, ("depth_scale",), "needs --formats depth")
+    saving: Any = {name: getattr(arguments, name) for name in SAVING if name != "files"}
+    saving["files"] = arguments.formats or default_files(arguments.output or "")
+    saving["depth_scale"] = SCALE if arguments.depth_scale is None else arguments.depth_scale
+    chosen: SavingOptions = saving
+    return chosen

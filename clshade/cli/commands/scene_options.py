@@ -5,22 +5,49 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base.spelling import hint
 from ...errors import InputError
-from .arguments import background, color, names, numbers, resolution
+from .arguments import background, color, names, numbers, refuse, resolution
 
 if TYPE_CHECKING:
+    from ...base.declare import Declared
     from ...scene.model import Scalars, Scene, Settings
+    from ...scene.settings import Look
 
-# Arguments of clshade.scene.formats.load.load; besides `fit`, which built-in scenes have, too.
-LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "up", "two_sided", "time", "animation")
+# Arguments of clshade.scene.formats.load.load; besides `fit`, see `--camera`.
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "weld", "up", "two_sided", "time", "animation")
+LIGHTS = "lights: which there are, and what they reach"  # title of the group of options
 SAMPLES_HELP = "4, or 1 for scenes of the course, in Python 1"  # `picture_settings`, in words
-COMPONENTS = {"ambient": "ka", "diffuse": "kd", "specular": "ks"}
+# Without a look, these mean the scene as it is: they speak of light, or want data on the scene alone.
+_PLAIN_WITH = (
+    *("preset", "shader", "environment", "components", "lights", "light_intensity", "light_radius", "light_samples"),
+    *("shadows", "ambient_occlusion", "scalars", "edges"),
+    *("layers", "cryptomatte", "visible", "flow_to", "save_scene", "views", "sheet"),
+)
+_LIGHTS_HELP = {
+    "light_samples": "16, or 64 under a rectangle light",
+    "shadows": "yes with preset pbr or under a rectangle light, else no",
+}
+EDGE_OPTIONS = {  # of fields of Edges
+    "kinds": "edges",
+    "angle": "edge_angle",
+    "width": "edge_width",
+    "color": "edge_color",
+    "only": "edges_only",
+}
+CAMERA_OPTIONS = {  # of arguments of `adjust_camera.camera_of`
+    "position": "camera_position",
+    "focal_point": "camera_focal_point",
+    "up": "camera_view_up",
+    "azimuth": "camera_azimuth_angle",
+    "elevation": "camera_elevation_angle",
+    "view_angle": "camera_view_angle",
+    "orthographic": "orthographic",
+}
 
 
 def scene_options(
@@ -31,20 +58,24 @@ def scene_options(
     required: the scene is mandatory, so that another positional argument may follow. default: None, or the scene used
     without one.
     """
-    group = parser.add_argument_group("scene")
+    from ...scene.formats.table import listed
+
+    group = parser.add_argument_group("scene: files, and how they are read")
     group.add_argument(
         "scenes" if several else "scene",
         nargs=None if required else "*" if several else "?",
         default=[default] if several else default,
         metavar="SCENE",
-        help="a file (.npy course scene; .obj .gltf .glb .ply .stl meshes; .json saved scene), or a built-in scene"
-        + ("" if default is None else f" (default: {default})"),
+        help=f"a file ({listed()}), or a built-in scene" + ("" if default is None else f" (default: {default})"),
     )
-    scene_changes(group)
+    scene_changes(parser, group)
 
 
-def scene_changes(group: argparse._ArgumentGroup) -> None:
-    """Add the options that change scenes."""
+def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGroup) -> None:
+    """Add the options that change scenes: to the group, and to one of lights."""
+    from ...scene.framing import UPS
+    from ...scene.settings import LOOKS
+
     group.add_argument("--texture", metavar="FILE", help="image to use as the texture")
     group.add_argument("--focal", type=float, metavar="F", help="focal length of a course file, scene units")
     edges = group.add_mutually_exclusive_group()
@@ -54,13 +85,19 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
     edges.add_argument(
         "--flat", action="store_true", default=None, help="every face is flat, where a mesh has no normals"
     )
-    group.add_argument(
-        "--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="axis that points up (default: z for STL, else y)"
+    edges.add_argument(
+        "--no-weld",
+        dest="weld",
+        action="store_false",
+        default=None,
+        help="keep vertices at one position apart, where an OBJ or PLY file has no normals (default: join them, so that no "
+        "seam shows between faces with at most 30 degrees between them)",
     )
+    group.add_argument("--up", choices=tuple(UPS), help="axis that points up (default: z for STL, y for most)")
     group.add_argument(
         "--two-sided",
         action=argparse.BooleanOptionalAction,
-        help="light both sides of surfaces (default: as glTF files ask, on for OBJ, PLY and STL)",
+        help="light both sides of surfaces (default: as the file asks, on where its format cannot)",
     )
     group.add_argument(
         "--time",
@@ -74,44 +111,15 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
         help="which of a glTF file's animations, by name, number from 0, or all at once (default: the first)",
     )
     group.add_argument(
-        "--lights",
-        type=numbers(int, None, "indices such as 0,2 (all without this option)"),
-        metavar="I,...",
-        help="use these lights only, such as 0,2 (default: all)",
+        "--look",
+        choices=LOOKS,
+        help="studio: lit by the studio, on a ground with a contact shadow; course: as the course draws; plain: as "
+        "the scene is (default: studio for meshes without lights, unless an option speaks of light or layers; else plain)",
     )
     group.add_argument(
-        "--light-intensity",
-        type=numbers(float, None, "factors such as 1,0.5"),
-        metavar="F,...",
-        help="multiply the lights' intensities: one factor for all, or one for each that is used (default: 1)",
-    )
-    group.add_argument(
-        "--light-radius",
-        type=float,
-        metavar="R",
-        help="make spheres of this radius of the point lights, scene units (default: as the scene says, 0 for most)",
-    )
-    group.add_argument(
-        "--environment",
-        metavar="FILE|studio|none",
-        help="light from all around, of shader pbr: an image in latitude and longitude, .exr .hdr .png, or the built-in "
-        "studio (default: the studio for scenes without lights; none: the default lights)",
-    )
-    group.add_argument(
-        "--environment-rotation",
-        type=float,
-        metavar="DEG",
-        help="turn it counterclockwise seen from above (default: 0)",
-    )
-    group.add_argument("--environment-intensity", type=float, metavar="F", help="factor of its radiance (default: 1)")
-    group.add_argument(
-        "--components",
-        type=names(tuple(COMPONENTS)),
-        metavar="NAME,...",
-        help=f"use these only, of {','.join(COMPONENTS)} (default: all)",
-    )
-    group.add_argument(
-        "--ground", action="store_true", help="a round matte floor below the scene, which fades into the background"
+        "--ground",
+        action=argparse.BooleanOptionalAction,
+        help="a round matte floor below the scene, which fades into the background (default: with the look studio)",
     )
     group.add_argument(
         "--resolution",
@@ -119,16 +127,56 @@ def scene_changes(group: argparse._ArgumentGroup) -> None:
         metavar="W,H",
         help="pixels, also WxH (default: the scene's own, 800,600 for meshes)",
     )
+    lights = parser.add_argument_group(LIGHTS)
+    lights.add_argument(
+        "--lights",
+        type=numbers(int, None, "indices such as 0,2 (all without this option)"),
+        metavar="I,...",
+        help="use these lights only, such as 0,2 (default: all)",
+    )
+    lights.add_argument(
+        "--light-intensity",
+        type=numbers(float, None, "factors such as 1,0.5"),
+        metavar="F,...",
+        help="multiply the lights' intensities: one factor for all, or one for each that is used (default: 1)",
+    )
+    lights.add_argument(
+        "--light-radius",
+        type=float,
+        metavar="R",
+        help="make spheres of this radius of the point lights, scene units (default: as the scene says, 0 for most)",
+    )
+    lights.add_argument(
+        "--environment",
+        metavar="FILE|studio|none",
+        help="light from all around, of shader pbr: an image in latitude and longitude, .exr .hdr .png, or the built-in "
+        "studio (default: the studio for scenes without lights; none: the default lights)",
+    )
+    lights.add_argument(
+        "--environment-rotation",
+        type=float,
+        metavar="DEG",
+        help="turn it counterclockwise seen from above (default: 0)",
+    )
+    lights.add_argument("--environment-intensity", type=float, metavar="F", help="factor of its radiance (default: 1)")
+    lights.add_argument(
+        "--components",
+        type=_components,
+        metavar="NAME,...",
+        help="use these terms of the light only, such as ambient,diffuse,specular (default: all)",
+    )
 
 
 def camera_options(parser: argparse.ArgumentParser) -> None:
     point = numbers(float, 3, "three numbers such as 1,2,3")
-    group = parser.add_argument_group("camera (default: the scene's, or one that shows all of it)")
+    group = parser.add_argument_group("camera: by default the scene's, or one that shows all of it")
     group.add_argument(
-        "--fit",
-        action="store_true",
-        help="show all of the scene, from three quarters or as said below, and ignore its camera",
+        "--camera",
+        choices=("fit", "file"),
+        help="fit: show all of the scene, from three quarters or as said below; file: take the file's own (default: fit "
+        "for meshes, but for animations that are played, whose camera may move)",
     )
+    group.add_argument("--fit", action="store_const", const="fit", dest="camera", help="the same as --camera fit")
     group.add_argument("--camera-position", type=point, metavar="X,Y,Z", help="the eye, scene units")
     group.add_argument("--camera-focal-point", type=point, metavar="X,Y,Z", help="what is looked at, scene units")
     group.add_argument("--camera-view-up", type=point, metavar="X,Y,Z", help="what points up in the image")
@@ -142,62 +190,65 @@ def camera_options(parser: argparse.ArgumentParser) -> None:
 
 def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its center") -> None:
     """Add the fields of Settings. samples: how many by default, for the help."""
-    from ...images.layer_words import LAYER_WORDS
     from ...scene import settings
 
-    group = parser.add_argument_group("settings (default: those of the preset)")
+    usual = {"samples": samples, **(_LIGHTS_HELP if samples == SAMPLES_HELP else {})}
+    group = parser.add_argument_group("settings: by default those of the preset")
     group.add_argument(
         "--preset", choices=settings.PRESETS, help="course for course files, pbr for glTF files, else standard"
     )
-    for name, allowed, about in (
-        ("shader", settings.SHADERS, "Phong's model at vertices or pixels, no light, or metallic-roughness"),
-        ("visibility", settings.VISIBILITIES, "what hides what: triangles by mean depth, or each pixel's depth"),
-        ("lighting-at", settings.LIGHTING_AT, "where lights and eye are seen from"),
-        ("interpolation", settings.INTERPOLATIONS, "of colors and normals over a triangle"),
-        ("texture-at", settings.TEXTURE_AT, "where textures are looked up"),
-    ):
-        group.add_argument(f"--{name}", choices=allowed, help=about)
-    group.add_argument(
-        "--texture-filter", choices=settings.TEXTURE_FILTERS, help="trilinear: mip-mapped (default: bilinear)"
-    )
-    group.add_argument("--ambient", choices=settings.AMBIENTS, help="ambient light: ka*Ia, or ka*Ia*color")
-    group.add_argument(
-        "--layers",
-        type=names((*settings.LAYERS, "all"), words=LAYER_WORDS, remarks=settings.LAYER_REMARKS),
-        metavar="NAME,...",
-        help=f"further layers: {','.join(settings.LAYERS)}; or all",
-    )
-    group.add_argument("--cull", action="store_true", default=None, help="leave out triangles seen from behind")
-    ray_options(group)
-    group.add_argument(
-        "--near", type=float, metavar="Z", help="near plane, scene units (default: 1e-4 of the scene's radius)"
-    )
-    group.add_argument(
-        "--samples", type=int, metavar="1..64", help=f"places of each pixel that are looked at (default: {samples})"
-    )
-    group.add_argument("--sample-shading", action="store_true", default=None, help="light every sample")
-    group.add_argument(
-        "--layer-alpha",
-        type=float,
-        metavar="A",
-        help="layers show the nearest surface whose alpha is at least A, 0 to 1 (default: 0.5)",
-    )
-    group.add_argument(
-        "--resolve", choices=settings.RESOLVES, help="how samples become a pixel; weighted: bright ones count less"
-    )
-    group.add_argument(
-        "--precision",
-        choices=settings.PRECISIONS,
-        help="of the arithmetic (default: float32, the same bits everywhere)",
-    )
-    group.add_argument(
-        "--background",
-        type=background,
-        metavar="none|environment|COLOR",
-        help="behind the surfaces: none, which makes the PNG transparent; environment, what lights the scene from all "
-        "around; a name or #rrggbb, sRGB; or R,G,B, linear (default: the scene's)",
-    )
-    group.add_argument("--scalars", metavar="NAME", help="data on the meshes to color them by, with a color map")
+    lights = next((each for each in parser._action_groups if each.title == LIGHTS), group)
+    for each in fields(settings.Settings):
+        if each.name not in ("scalars", "edges"):
+            chosen = lights if each.name in settings.LIGHT_FIELDS else group
+            _setting_option(chosen, each, usual.get(each.name, ""))
+    _scalar_options(parser)
+    _edge_options(parser)
+
+
+def light_options(group: argparse._ArgumentGroup) -> None:
+    """Add the fields of Settings that say which light arrives, for all ways of a study."""
+    from ...scene.settings import LIGHT_FIELDS, Settings
+
+    for each in fields(Settings):
+        if each.name in LIGHT_FIELDS:
+            _setting_option(group, each)
+
+
+def _setting_option(group: argparse._ArgumentGroup, each: Field[Any], usual: str = "", option: str = "") -> None:
+    """Add the option of a field of Settings, or of Edges, as it is declared there.
+
+    usual: its default, where the command has its own. option: its name, if it is another one than the field's.
+    """
+    from ...images.layers import LAYER_REMARKS, LAYER_WORDS
+    from ...scene import settings
+    from ...scene.edges import EDGE_KINDS
+
+    known: Declared = each.metadata["declared"]
+    by_preset = any(each.name in changed for changed in settings.PRESET_FIELDS.values())
+    usual = usual or known.usual
+    if not (usual or by_preset or each.default is None or isinstance(each.default, (bool, tuple))):
+        usual = f"{each.default:g}" if isinstance(each.default, float) else str(each.default)
+    kinds: dict[str, Any] = {
+        "layers": names((*settings.LAYERS, "all"), words=LAYER_WORDS, remarks=LAYER_REMARKS),
+        "kinds": names(EDGE_KINDS),
+        "background": background,
+        "color": color,
+    }
+    how: dict[str, Any] = {"choices": known.choices}
+    if known.read is not None:
+        how = {"type": kinds.get(each.name, known.read), "metavar": known.form}
+    elif not known.choices:  # a flag, which may be taken back where a preset sets it
+        how = {"action": argparse.BooleanOptionalAction if by_preset else "store_true"}
+    about = known.about + (f" (default: {usual})" if usual else "")
+    group.add_argument(f"--{(option or each.name).replace('_', '-')}", default=None, help=about, **how)
+
+
+def _scalar_options(parser: argparse.ArgumentParser) -> None:
+    from ...scene.settings import Settings
+
+    group = parser.add_argument_group("scalars: data on the meshes, shown by a color map")
+    _setting_option(group, Settings.__dataclass_fields__["scalars"])
     group.add_argument(
         "--colormap", metavar="NAME|C,C,...", help="one of Matplotlib's, or colors from low to high (default: viridis)"
     )
@@ -208,68 +259,21 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
         help="values of the color map's ends (default: the least and largest in the scene)",
     )
     group.add_argument("--nan-color", type=color, metavar="COLOR", help="of faces without a number (default: darkgray)")
-    _edge_options(parser)
-
-
-def ray_options(group: argparse._ArgumentGroup) -> None:
-    """Add the fields of Settings that say which light arrives, for the preset or all ways of a study."""
-    group.add_argument(
-        "--shadows",
-        action=argparse.BooleanOptionalAction,
-        default=None,
-        help="lights reach only what no triangle hides (default: yes with preset pbr, else no)",
-    )
-    group.add_argument(
-        "--light-samples",
-        type=int,
-        metavar="1..256",
-        help="points of each light of finite size that its light is the mean of (default: 16)",
-    )
-    group.add_argument(
-        "--ambient-occlusion",
-        type=int,
-        metavar="0..1024",
-        help="rays from each point that look for triangles nearby, which keep ambient light away (default: 0, none)",
-    )
-    group.add_argument(
-        "--ao-distance",
-        type=float,
-        metavar="D",
-        help="how far these rays reach, scene units (default: 0.2 of the scene's diagonal)",
-    )
 
 
 def _edge_options(parser: argparse.ArgumentParser) -> None:
-    from ...scene.edges import EDGE_KINDS, MAX_WIDTH
+    from ...scene.edges import Edges
 
-    group = parser.add_argument_group("edges of the meshes, drawn as lines")
-    group.add_argument(
-        "--edges",
-        type=names(EDGE_KINDS),
-        metavar="KIND,...",
-        help="which: all; feature, between faces at an angle; silhouette; boundary, of one face; nonmanifold, of more "
-        "than two, in red",
-    )
-    group.add_argument("--edge-angle", type=float, metavar="DEG", help="least angle of feature edges (default: 30)")
-    group.add_argument(
-        "--edge-width", type=float, metavar="PIXELS", help=f"of the lines, at most {MAX_WIDTH:g} (default: 1.5)"
-    )
-    group.add_argument(
-        "--edge-color",
-        type=color,
-        metavar="COLOR",
-        help="of the lines: a name, #rrggbb, or R,G,B, linear (default: black)",
-    )
-    group.add_argument(
-        "--edges-only", action="store_true", default=None, help="the lines alone, on white, hidden by the surfaces"
-    )
+    group = parser.add_argument_group("edges: of the meshes, drawn as lines")
+    for name, option in EDGE_OPTIONS.items():
+        _setting_option(group, Edges.__dataclass_fields__[name], option=option)
 
 
 def picture_settings(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
-    """Return the fields of Settings that were given, and the samples of a picture for people."""
-    from ...scene.settings import picture_samples
+    """Return the fields of Settings that were given, and those of a picture for people."""
+    from ...scene.settings import picture_fields
 
-    return {"samples": picture_samples(scene.preset, arguments.preset), **chosen_settings(arguments)}
+    return {**picture_fields(scene.lights, scene.preset, arguments.preset), **chosen_settings(arguments)}
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -288,12 +292,10 @@ def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
 def _chosen_scalars(arguments: argparse.Namespace) -> Scalars | None:
     """Return the scalars and their color map, if scalars were named. Raises InputError for options that need them."""
     names = ("colormap", "clim", "nan_color")
-    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name, None) is not None}
     if getattr(arguments, "scalars", None) is None:
-        for name in (*given, *(("colorbar",) if getattr(arguments, "colorbar", False) else ())):
-            option = name.replace("_", "-")
-            raise InputError(f"--{option}: expected --scalars NAME beside it, found none")
+        refuse(arguments, (*names, "colorbar"), "needs --scalars NAME")
         return None
+    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     from ...scene.model import Scalars
 
     if "," in given.get("colormap", ""):
@@ -305,16 +307,11 @@ def _chosen_edges(arguments: argparse.Namespace) -> Any:
     """Return the Edges that were asked for, or None."""
     from ...scene.edges import Edges
 
-    options = {"angle": "edge_angle", "width": "edge_width", "color": "edge_color", "only": "edges_only"}
-    given: dict[str, Any] = {name: getattr(arguments, option, None) for name, option in options.items()}
-    given = {name: value for name, value in given.items() if value is not None}
-    kinds = getattr(arguments, "edges", None)
-    if kinds is None:
-        for name in given:
-            flag = options[name].replace("_", "-")
-            raise InputError(f"--{flag}: expected --edges with it, such as --edges feature,silhouette, found none")
+    if getattr(arguments, "edges", None) is None:
+        refuse(arguments, EDGE_OPTIONS.values(), "needs --edges, such as --edges feature,silhouette")
         return None
-    return Edges(kinds, **given)
+    given: dict[str, Any] = {name: getattr(arguments, option) for name, option in EDGE_OPTIONS.items()}
+    return Edges(**{name: value for name, value in given.items() if value is not None})
 
 
 def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turning: bool = False) -> Scene:
@@ -322,27 +319,36 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turnin
 
     turning: its camera will go round what it looks at; one that is chosen here shows all of the scene all the time.
     """
+    return arranged(read_scene(arguments, arguments.scene if name is None else name), arguments, turning=turning)
+
+
+def read_scene(arguments: argparse.Namespace, name: str) -> Scene:
+    """Load a scene as it is, with its own camera, lights and environment."""
     from ...base import console
     from ...base.atomic_files import shown
     from ...scene import adjust_camera
     from ...scene.builtin import scenes
 
     start = time.perf_counter()
-    name = arguments.scene if name is None else name
     options = load_options(arguments)
     if name in scenes.BUILTINS and not Path(name).exists():
-        for option in options:
-            flag = option.replace("_", "-")
-            raise InputError(f"--{flag}: expected a scene file to apply it to, found the built-in scene {name!r}")
-        scene = scenes.builtin(name)
-        scene = adjust_camera.refitted(scene, arguments.resolution) if arguments.fit else scene
+        refuse(arguments, LOAD_OPTIONS, f"needs a scene file, not the built-in scene {name!r}")
+        if arguments.camera == "file":
+            raise InputError(f"--camera: file needs a scene file, not the built-in scene {name!r}")
+        scene = scenes.builtin(name, **({"soft": True} if name == "box_room" else {}))
+        scene = adjust_camera.refitted(scene, arguments.resolution) if arguments.camera == "fit" else scene
     else:
         from ...scene.formats import load
+        from ...scene.formats.table import extensions_with
 
         if not Path(name).suffix and not os.path.exists(name):
             near = hint(name, scenes.BUILTINS)
             raise InputError(f"SCENE: expected a file or one of {', '.join(scenes.BUILTINS)}, found {name!r}{near}")
-        scene = load.load(name, resolution=arguments.resolution, fit=arguments.fit, **options)
+        extension = Path(name).suffix.lower()
+        if extension in extensions_with("weld"):
+            options.setdefault("weld", True)
+        fit = arguments.camera == "fit" or (arguments.camera is None and extension in extensions_with("time"))
+        scene = load.load(name, resolution=arguments.resolution, fit=fit, **options)
         tell_of_file(scene, arguments, name)
         if scene.animations and arguments.time is None and arguments.animation is None:
             listed = ", ".join(shown(each) if each else f"number {k}" for k, each in enumerate(scene.animations[:8]))
@@ -353,7 +359,7 @@ def load_scene(arguments: argparse.Namespace, name: str | None = None, *, turnin
             )
     taken = (time.perf_counter() - start) * 1e3
     console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
-    return arranged(scene, arguments, turning=turning)
+    return scene
 
 
 def load_options(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -365,9 +371,20 @@ def tell_of_file(scene: Scene, arguments: argparse.Namespace, name: str) -> None
     """Say what was taken from a file, and what was made of it."""
     from ...base import console
     from ...base.atomic_files import shown
+    from ...scene import framing
+    from ...scene.formats.table import extensions_with
+    from ...scene.geometry import bounding_box
 
-    if not scene.fitted and scene.preset != "course" and arguments.camera_position is None:
+    if arguments.camera == "file" and scene.fitted:
+        raise InputError(f"--camera: expected a file that has one, found none in {shown(name)}")
+    if arguments.camera is None and not scene.fitted and scene.preset != "course" and arguments.camera_position is None:
         console.note(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
+    guessed = {*extensions_with("up")} - {*extensions_with("time")}  # glTF says that y is up
+    if Path(name).suffix.lower() in guessed and arguments.up is None and arguments.camera_view_up is None:
+        taken = framing.up_of(scene.camera)
+        likely = framing.likely_up(*bounding_box(scene), taken)
+        if likely is not None:
+            console.note(f"{shown(name)}: {taken} is up, but its extents suggest {likely}: --up {likely} shows it so")
     if scene.light_scale != 1.0:
         console.note(
             f"{shown(name)}: lights: intensities (candela, lux) times {scene.light_scale:.4g}, so that the strongest has 1 "
@@ -375,22 +392,70 @@ def tell_of_file(scene: Scene, arguments: argparse.Namespace, name: str) -> None
         )
 
 
-def arranged(scene: Scene, arguments: argparse.Namespace, *, turning: bool = False) -> Scene:
-    """Return a scene that was loaded, with the lights, environment, camera, ground and components of the command line."""
+def arranged(scene: Scene, arguments: argparse.Namespace, *, turning: bool = False, moving: bool = False) -> Scene:
+    """Return a scene that was loaded, with the lights, look, environment, camera, ground and components of the command line.
+
+    moving: its meshes will be in other places.
+    """
+    from ...pipeline import look as look_at
     from ...scene import adjust_camera, framing
 
-    scene = with_lights(scene, arguments)
-    scene = _with_environment(scene, arguments)
+    scene = lit(scene, arguments)
+    look = look_of(scene, arguments)
+    up = arguments.up or framing.up_of(scene.camera)
+    scene = look_at.with_look(scene, look, ground=False, up=up)
     if arguments.light_intensity is not None and scene.lights and not _as_drawn(scene, arguments)[0].lights:
         raise InputError(
             "--light-intensity: expected lights to multiply, found none: the environment lights the scene, see "
             "--environment-intensity"
         )
-    up = arguments.up or framing.up_of(scene.camera)
-    camera = adjust_camera.camera_of(scene, chosen_camera(arguments), fit=arguments.fit, turning=turning)
+    camera = adjust_camera.camera_of(scene, chosen_camera(arguments), fit=arguments.camera == "fit", turning=turning)
     scene = replace(scene, camera=camera)
-    scene = _with_ground(scene, arguments, up) if arguments.ground else scene
-    return scene if arguments.components is None else _with_components(scene, arguments.components)
+    if has_ground(look, arguments):
+        if getattr(arguments, "edges", None):
+            raise InputError("--ground: cannot go with --edges, which would draw its edges too")
+        drawn = _as_drawn(scene, arguments)[1]
+        if look == "studio":
+            device = getattr(arguments, "device", None)
+            scene = look_at.with_look(scene, look, contact_shadow=not moving, up=up, settings=drawn, device=device)
+        else:
+            scene = _with_ground(scene, arguments, up)
+    return with_components(scene, arguments)
+
+
+def lit(scene: Scene, arguments: argparse.Namespace) -> Scene:
+    """Return the scene with the lights and the environment of the command line."""
+    return _with_environment(with_lights(scene, arguments), arguments)
+
+
+def look_of(scene: Scene, arguments: argparse.Namespace) -> Look:
+    """Return the look of a scene: the one that was asked for; else the studio, where lights only stand in for missing ones
+    and no option means the scene as it is. Raises InputError for a preset beside a look, and lights beside the studio."""
+    if arguments.look in ("studio", "course") and getattr(arguments, "preset", None):
+        raise InputError(f"--look: {arguments.look} cannot go with --preset, which it chooses")
+    chosen = {name: getattr(arguments, name, None) for name in _PLAIN_WITH}
+    given = [name for name, value in chosen.items() if value or isinstance(value, float)]
+    if arguments.look == "studio":
+        for name in ("lights", "light_intensity", "light_radius", "light_samples"):
+            if name in given:
+                raise InputError(
+                    f"--{name.replace('_', '-')}: cannot go with --look studio, whose environment is the light"
+                )
+        if arguments.environment == "none":
+            raise InputError("--environment: none cannot go with --look studio, whose environment is the light")
+    if arguments.look is not None:
+        asked: Look = arguments.look
+        return asked
+    wants_depth = "depth" in (getattr(arguments, "formats", None) or ())
+    is_cutout = getattr(arguments, "background", None) == "none"
+    is_plain = scene.own_lights or scene.preset == "course" or bool(given) or wants_depth or is_cutout
+    return "plain" if is_plain else "studio"
+
+
+def has_ground(look: Look, arguments: argparse.Namespace) -> bool:
+    """Return whether a scene of this look gets a ground; the studio's only where no edges are drawn."""
+    usual = look == "studio" and not getattr(arguments, "edges", None)
+    return bool(usual if arguments.ground is None else arguments.ground)
 
 
 def with_lights(scene: Scene, arguments: argparse.Namespace) -> Scene:
@@ -417,8 +482,6 @@ def _with_ground(scene: Scene, arguments: argparse.Namespace, up: Any) -> Scene:
     """Return the scene with a ground for the settings that will draw it."""
     from ...scene.ground import with_ground
 
-    if getattr(arguments, "edges", None):
-        raise InputError("--ground: expected none with --edges, which would draw its edges too, found one")
     return with_ground(scene, up, _as_drawn(scene, arguments)[1])
 
 
@@ -430,8 +493,8 @@ def _with_environment(scene: Scene, arguments: argparse.Namespace) -> Scene:
     changes = {"rotation": arguments.environment_rotation, "intensity": arguments.environment_intensity}
     changes = {field: value for field, value in changes.items() if value is not None}
     if name is None or name == "none":
-        for field in changes if name == "none" or scene.own_lights else ():
-            raise InputError(f"--environment-{field}: expected --environment FILE or studio with it, found none")
+        if name == "none" or scene.own_lights:
+            refuse(arguments, ("environment_rotation", "environment_intensity"), "needs --environment FILE or studio")
         if name is None and not changes:
             return scene
     if name == "none":
@@ -453,19 +516,21 @@ def _with_environment(scene: Scene, arguments: argparse.Namespace) -> Scene:
 
 def chosen_camera(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the changes of `adjust_camera.camera_of`."""
-    return {
-        "position": arguments.camera_position,
-        "focal_point": arguments.camera_focal_point,
-        "up": arguments.camera_view_up,
-        "azimuth": arguments.camera_azimuth_angle,
-        "elevation": arguments.camera_elevation_angle,
-        "view_angle": arguments.camera_view_angle,
-        "orthographic": arguments.orthographic,
-    }
+    return {name: getattr(arguments, option) for name, option in CAMERA_OPTIONS.items()}
 
 
-def _with_components(scene: Scene, chosen: Sequence[str]) -> Scene:
-    """Return the scene with all other coefficients of its materials set to 0."""
-    off: dict[str, Any] = {name: 0.0 for component, name in COMPONENTS.items() if component not in chosen}
-    changed = {id(mesh.material): replace(mesh.material, **off) for mesh in scene.meshes}
-    return replace(scene, meshes=tuple(replace(mesh, material=changed[id(mesh.material)]) for mesh in scene.meshes))
+def _components(text: str) -> Any:
+    from ...scene.material import COMPONENTS
+
+    return names(tuple(COMPONENTS))(text)
+
+
+def with_components(scene: Scene, arguments: argparse.Namespace) -> Scene:
+    """Return the scene with the coefficients of its materials that were not chosen set to 0, if any were."""
+    from ...scene.material import COMPONENTS
+    from ...scene.model import with_materials
+
+    if arguments.components is None:
+        return scene
+    off: dict[str, Any] = {name: 0.0 for component, name in COMPONENTS.items() if component not in arguments.components}
+    return with_materials(scene, lambda material: replace(material, **off))

@@ -59,7 +59,7 @@ def save_scene_option(group: argparse._ArgumentGroup) -> None:
         "--save-scene",
         metavar="FILE",
         help="also write the scene as it is drawn, with its lights, camera and preset: all of it to FILE.json, with large "
-        "arrays in FILE.json.bin, or for other programs to FILE.glb",
+        "arrays in a file beside it, or for other programs to FILE.glb",
     )
 
 
@@ -68,17 +68,15 @@ def check_save_scene(arguments: argparse.Namespace, others: Iterable[Path]) -> N
     name = arguments.save_scene
     if name is None:
         return
-    from ...base import atomic_files
-    from ...scene.formats.scene_json_writer import BINARY, ENDING, file_names
+    from ...scene.formats.scene_json_writer import ENDING, checked_name
 
     if len(arguments.scenes) > 1:
-        raise InputError(f"--save-scene: expected one scene with it, found {len(arguments.scenes)}")
+        raise InputError(f"--save-scene: is for one scene, not for {len(arguments.scenes)}")
     check_output_file(name, arguments.scenes, (ENDING, _GLB), "--save-scene")
     if name.lower().endswith(ENDING):
-        atomic_files.check(name + BINARY)
-        file_names(name, ("render", "--save-scene"))
+        checked_name(name, ("render", "--save-scene"))
     if os.path.abspath(name) in map(os.path.abspath, others):
-        raise InputError(f"--save-scene: expected a file of its own, found {shown(name)}, the facts of --sheet")
+        raise InputError(f"--save-scene: {shown(name)} is the file of the facts of --sheet: choose another one")
 
 
 def save_scene(scene: Scene, arguments: argparse.Namespace) -> None:

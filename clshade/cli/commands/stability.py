@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     camera_options(parser)
     setting_options(parser)
     parser.set_defaults(of_scene=parser._actions[before:])
-    cases = parser.add_argument_group("cases, without a SCENE")
+    cases = parser.add_argument_group("cases: without a SCENE")
     first = len(parser._actions)
     cases.add_argument("--case", nargs="+", default=(), metavar="NAME", help="only these, by name or number")
     cases.add_argument("--triangles", type=int, default=TRIANGLES, help="random ones to draw (default: 50000)")
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.axes:
         return _run_axes(arguments)
     if arguments.format is not None:
-        raise InputError(f"stability: --format: expected --axes, whose figure it is for, found {arguments.format[0]!r}")
+        raise InputError("stability: --format: needs --axes, whose figure it is for")
     from ...measure.stability import stability
 
     if arguments.list:
@@ -75,7 +75,7 @@ def _run_axes(arguments: argparse.Namespace) -> int:
     }
     for option, given in others.items():
         if given:
-            raise InputError(f"stability: --axes: expected no {option}, which is for the cases")
+            raise InputError(f"stability: --axes: cannot go with {option}, which is for the cases")
     from ...measure.stability import axes_stability
 
     axes_stability.run(arguments.device, out=arguments.out, formats=arguments.format or ("png",))
@@ -84,11 +84,10 @@ def _run_axes(arguments: argparse.Namespace) -> int:
 
 def _refuse_others(arguments: argparse.Namespace) -> None:
     """Raise InputError for an option of a scene without one, and for one of the cases beside a scene."""
-    found = repr(arguments.scene) if arguments.scene is not None else "none"
-    expected = "a SCENE to apply it to" if arguments.scene is None else "no SCENE, it is for the cases"
+    why = "needs a SCENE" if arguments.scene is None else f"is for the cases, and cannot go with {arguments.scene!r}"
     for action in arguments.of_scene if arguments.scene is None else arguments.of_cases:
         if getattr(arguments, action.dest) != action.default:
-            raise InputError(f"stability: {action.option_strings[0]}: expected {expected}, found {found}")
+            raise InputError(f"stability: {action.option_strings[0]}: {why}")
 
 
 def _run_scene(arguments: argparse.Namespace) -> int:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from ...errors import InputError
+from .arguments import refuse
 
 EYES = ("left", "right")
 
 
 def stereo_options(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("stereo pair")
+    group = parser.add_argument_group("stereo: the images of two eyes")
     group.add_argument(
         "--stereo",
         type=float,
@@ -28,8 +28,8 @@ def stereo_options(parser: argparse.ArgumentParser) -> None:
 
 def check_stereo(arguments: argparse.Namespace, *others: str) -> None:
     """Refuse options that do nothing together. others: names of options that exclude --stereo."""
-    if arguments.convergence is not None and arguments.stereo is None:
-        raise InputError("--convergence: expected --stereo BASELINE beside it, found none")
+    if arguments.stereo is None:
+        refuse(arguments, ("convergence",), "needs --stereo BASELINE")
     for name in others:
-        if arguments.stereo is not None and getattr(arguments, name):
-            raise InputError(f"--stereo: expected none with --{name}, found both")
+        if getattr(arguments, name):
+            refuse(arguments, ("stereo",), f"cannot go with --{name}")

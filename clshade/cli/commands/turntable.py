@@ -18,7 +18,7 @@ FRAMES = "1..120"
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser)
-    turn = parser.add_argument_group("turn, about what points up, through what is looked at")
+    turn = parser.add_argument_group("turn: about what points up, through what is looked at")
     which = turn.add_mutually_exclusive_group()
     which.add_argument(
         "--frames", metavar="1..120", help=f"also 5 (that one), 1..120..2 or 1..10,20 (default: {FRAMES})"

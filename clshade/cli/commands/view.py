@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from ...base.console import printable
 from ...errors import InputError
 from . import DONE
-from .arguments import check_output_file, output_name
-from .live_view import is_scene, live_options, refuse_live_options, run_live
-from .saving_options import saving_options
+from .arguments import check_output_file, output_name, refuse
+from .live_view import is_scene, live_options, run_live
+from .saving_options import OUTPUT, saving_options
 
 if TYPE_CHECKING:
     from ...images.image_file import Picture
@@ -30,14 +30,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="a scene, as for `render`: a file or a built-in one, shown live; or images, each an EXR of any program or a "
         "PNG: several are compared, side by side of a line, in turn, their difference",
     )
-    output = parser.add_argument_group("output")
+    output = parser.add_argument_group(OUTPUT)
     output.add_argument(
         "-o",
         "--output",
         type=output_name,
         metavar="OUT",
-        help="of images: the page, which needs no other file and no network (default: FILE.html here); of a scene: the "
-        "name of snapshots, OUT-1.exr and OUT-1.png and so on (default: the scene's, here)",
+        help="of images: the page, which needs no other file and no network (default: FILE.html here, unless there is one); "
+        "of a scene: the name of snapshots, OUT-1.exr and OUT-1.png and so on (default: the scene's, here)",
     )
     saving = saving_options(output)
     refused = [*live_options(parser), *(name for name in saving if name not in ("tonemap", "exposure"))]
@@ -47,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     scenes = [file for file in arguments.files if is_scene(file)]
     if not scenes:
-        refuse_live_options(arguments)
+        refuse(arguments, arguments.only_scenes, "is for a scene, not for images")
         return _write_page(arguments)
     if len(arguments.files) > 1:
         found = printable(" and ".join(arguments.files))
@@ -63,6 +63,9 @@ def _write_page(arguments: argparse.Namespace) -> int:
     files: list[str] = arguments.files
     output = arguments.output or os.path.splitext(os.path.basename(files[0]))[0] + ".html"
     check_output_file(output, files if arguments.output else (), HTML)
+    if arguments.output is None and os.path.lexists(output):
+        name = atomic_files.shown(output)
+        raise InputError(f"view: {name} exists already: -o {name} replaces it, -o NAME.html writes another file")
     tonemap: Operator = arguments.tonemap or TONEMAP
     page.checked_settings(tonemap, arguments.exposure)
     images = _pictures(files)

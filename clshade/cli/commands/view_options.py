@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base.atomic_files import shown
-from ...errors import InputError
-from .arguments import names, numbers
+from .arguments import names, numbers, refuse
 from .stereo_options import EYES
 
 if TYPE_CHECKING:
@@ -19,18 +18,16 @@ if TYPE_CHECKING:
     from ...pipeline.frame import Frame
     from ...scene.model import Scene
 
-_NOT_WITH_SHEET: dict[str, Any] = {  # options and their defaults
-    **dict.fromkeys(("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to", "cryptomatte")),
-    **dict.fromkeys(("explain", "explain_each", "half", "crop", "colorbar"), False),
-    "compression": "zip",
-    "crop_zoom": [],
-}
+_NOT_WITH_SHEET = (
+    *("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to", "cryptomatte", "explain"),
+    *("explain_each", "half", "crop", "colorbar", "compression", "crop_zoom"),
+)
 
 
 def view_options(parser: argparse.ArgumentParser) -> None:
     from ...scene.views import VIEWS
 
-    group = parser.add_argument_group("views")
+    group = parser.add_argument_group("views: several pictures of a scene, and parts of them")
     group.add_argument(
         "--views",
         type=names(VIEWS),
@@ -70,14 +67,10 @@ def _crop(text: str) -> Crop:
 
 def check_view_options(arguments: argparse.Namespace) -> None:
     """Refuse options that do nothing together."""
-    if arguments.fixed_lights and not (arguments.views or arguments.sheet):
-        raise InputError("--fixed-lights: expected --views or --sheet with it, found neither")
-    for name, default in _NOT_WITH_SHEET.items() if arguments.sheet else ():
-        if getattr(arguments, name) != default:
-            flag = name.replace("_", "-")
-            raise InputError(
-                f"--{flag}: expected none with --sheet, which writes one picture of several views, found one"
-            )
+    if not (arguments.views or arguments.sheet):
+        refuse(arguments, ("fixed_lights",), "needs --views or --sheet")
+    if arguments.sheet:
+        refuse(arguments, _NOT_WITH_SHEET, "cannot go with --sheet, which writes one picture of several views")
 
 
 def files_of(output: str, arguments: argparse.Namespace) -> list[Path]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...pipeline.buffers import Buffer
-from ...pipeline.features import CHOICES, OPTIONAL, Features
+from ...pipeline.features import Features
 from ...pipeline.opencl.device import Device
 from ...pipeline.programs import build_text
 
@@ -84,7 +84,7 @@ def best(*found: Peaks) -> Peaks:
 def peaks(device: Device) -> Peaks:
     """Measure the peaks of a device with a profiling queue: the best of several rounds."""
     width = max(device.lanes, 4)
-    program = build_text(device, Features(tuple((name, 0) for name in CHOICES + OPTIONAL)), _source(width))
+    program = build_text(device, Features.of(), _source(width))
     items = ITEMS[device.is_cpu] * device.compute_units
     source, target, sums = (
         Buffer.empty(device, (n, width), np.float32) for n in (*(COPIED // (4 * width),) * 2, items)

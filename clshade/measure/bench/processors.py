@@ -24,7 +24,7 @@ from ...pipeline import programs
 from ...pipeline.opencl import pocl_target
 from ..report.study import machine
 from .children import ROOT, completed, run_module
-from .tables import paths
+from .tables import paths, show
 from .workloads import pick
 
 
@@ -262,11 +262,5 @@ def _report(found: Sequence[Measured], files: Sequence[Path], stream: TextIO) ->
     header = (*COLUMNS, *(title for name in workloads for title in (f"{name} ms", "llvmpipe")))
     rows = [each.row(workloads) for each in found]
     title, faults = f"{time.strftime('%Y-%m-%d')}, {machine()}", [fault for each in found for fault in each.faults()]
-    lines = text_tables.as_lines(header, rows, 2)
-    print("\n".join([title, "", *lines, "", text_tables.wrapped(NOTE, 2), *faults]), file=stream)
-    markdown = [title, "", *text_tables.as_markdown(header, rows), "", NOTE, *(f"- {fault}" for fault in faults)]
     stats = {"title": title, "models": [asdict(each) for each in found]}
-    texts = (text_tables.as_csv(header, rows), json.dumps(stats, indent=2) + "\n", "\n".join(markdown) + "\n")
-    for path, text in zip(files, texts, strict=False):
-        atomic_files.write_bytes(path, text.encode())
-        print(f"wrote {atomic_files.shown(path)}", file=stream)
+    show(title, header, rows, NOTE, faults, stats, files, stream, left=2)

@@ -22,6 +22,7 @@ from ...pipeline.effective_settings import effective_settings
 from ...pipeline.features import at_lanes
 from ...pipeline.frame import Frame
 from ...pipeline.launches import hierarchy_stages, scene_stages
+from ...pipeline.layer_buffers import layer_features
 from ...pipeline.opencl.device import Device, found_devices, open_untested, shared_device
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
@@ -117,7 +118,8 @@ def compile_alone() -> dict[str, Any]:
     for scene, options in scenes().values():
         chosen, settings = effective_settings(scene, **{**_COMMON, **options})
         packed = scene_buffers.pack(chosen, settings)
-        scene_stages(device, at_lanes(packed.features, device.lanes, None), None, packed.layers.features)
+        features = at_lanes(packed.features, device.lanes, None)
+        scene_stages(device, features, None, layer_features(features, packed.layers.asked))
     hierarchy_stages(device)
     for program in programs.built():
         kernel = next(iter(program.kernels.values()))

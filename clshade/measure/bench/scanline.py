@@ -26,6 +26,7 @@ import numpy as np
 from ... import course
 from ...base.arrays import Array, Floats
 from ...base.validation import value_error
+from ...course.arguments import SHADERS, Shader
 from ...errors import ClshadeError
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
@@ -33,7 +34,6 @@ from ...scene.camera import Camera
 from ...scene.geometry import camera_axes, vertex_normals
 from ...scene.lights import plain_lights
 from ...scene.model import Scene
-from ...scene.settings import SHADERS, Shader
 
 Lights = list[tuple[Array, Array]]  # position and intensity of each
 LightArguments = tuple[Array, Array, Array, Array, float, Lights]  # arguments of `light` from `eye` on

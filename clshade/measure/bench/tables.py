@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, TextIO
 
 from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
@@ -277,6 +279,31 @@ def _compared_row(result: Result, each: Compared) -> dict[str, object]:
 def paths(prefix: str) -> list[Path]:
     """Return the files of a prefix: CSV, JSON, Markdown, figure."""
     return [Path(f"{prefix}.{extension}") for extension in ("csv", "json", "md", "png")]
+
+
+def show(
+    title: str,
+    header: text_tables.Row,
+    rows: Sequence[text_tables.Row],
+    note: str,
+    faults: Sequence[str],
+    stats: dict[str, Any],
+    files: Sequence[Path],
+    stream: TextIO,
+    *,
+    left: int = 1,
+) -> None:
+    """Print a table of a benchmark of its own, and write it into the files: CSV, JSON and Markdown, or none.
+
+    left: its first columns, which are aligned to the left.
+    """
+    lines = text_tables.as_lines(header, rows, left)
+    print("\n".join([title, "", *lines, "", text_tables.wrapped(note, 2), *faults]), file=stream)
+    markdown = [title, "", *text_tables.as_markdown(header, rows), "", note, *(f"- {fault}" for fault in faults)]
+    texts = (text_tables.as_csv(header, rows), json.dumps(stats, indent=2) + "\n", "\n".join(markdown) + "\n")
+    for path, text in zip(files, texts, strict=False):
+        atomic_files.write_bytes(path, text.encode())
+        print(f"wrote {atomic_files.shown(path)}", file=stream)
 
 
 def write(speed: Speed, prefix: str, *, targets: bool = False) -> list[Path]:

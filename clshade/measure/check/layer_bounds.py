@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array, Floats
+from ...images.layers import LAYER_TABLE
 from ...oracle import OracleLayers
 from ...scene.model import Scene, Settings
 from ...scene.scalar_colors import scalar_range
@@ -79,10 +80,9 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
         if name in ("Z", "id"):
             continue
         value, expected = frame[name], getattr(oracle, name)
-        number = name in ("object_id", "material_id", "instance_id")
-        dtype = np.uint32 if number else np.float64 if name == "P" else real
-        assert_array(name, value, expected.shape, dtype, nan=name == "scalar")
-        if number:
+        row = LAYER_TABLE[name]
+        assert_array(name, value, expected.shape, row.dtype(real), nan=name == "scalar")
+        if row.kind == "uint32":
             found[name] = np.where(value == expected, 0.0, np.inf)
         elif name == "scalar":
             found[name] = _scalar_errors(value, expected, bounds[name])

@@ -14,7 +14,7 @@ import numpy as np
 from ...base.arrays import Array, Bools, Floats, Reals
 from ...oracle import OracleFrame, depth_at, nearest_depths
 from ...oracle.corners import usable_uvs
-from ...scene.metallic_roughness import TEXTURES
+from ...scene.metallic_roughness import MAPS
 from ...scene.model import Mesh, Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation
@@ -180,7 +180,7 @@ def texture_side(mesh: Mesh) -> int:
     if mesh.uvs is None:
         return 0
     facets = mesh.material.microfacets
-    textures = [mesh.material.texture, *(getattr(facets, name) for name in TEXTURES)]
+    textures = [mesh.material.texture, *(getattr(facets, name) for name in MAPS)]
     return max((max(texture.image.shape[:2]) for texture in textures if texture is not None), default=0)
 
 

@@ -9,17 +9,17 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from tqdm import tqdm
-
 from ...base import console
 from ...base.arrays import Bytes
 from ...base.atomic_files import shown
+from ...base.progress_bar import Bar
 from ...course import figures
 from ...course.demo import TEXTURE, with_texture
 from ...course.figures import Figure, Missing
 from ...errors import InputError
 from ...images.tonemap import tonemap
 from ...pipeline.opencl.device import Device
+from ...pipeline.programs import running_time
 from ...pipeline.renderer import render
 from ...scene.formats.course_npy import only_mesh
 from ...scene.model import Edges, Scene, Settings
@@ -119,8 +119,10 @@ def gather(scene: Scene, device: Device) -> Content:
         steps.append(partial(_decompose, each, device, decompositions, references))
     comparisons: list[Comparison] = []
     steps.append(lambda: comparisons.extend(compare(scenes[-1], device, detail_side(measured_part))))
-    for step in tqdm(steps, desc="errors", unit="step", leave=False, disable=console.quiet() or None):
-        step()
+    with Bar(len(steps), "errors", clock=running_time, hidden=console.quiet() or None) as bar:
+        for step in steps:
+            step()
+            bar.advance()
     return Content(
         scene=scene,
         device=device.title,
@@ -156,11 +158,13 @@ def _wireframe(scene: Scene, device: Device, part: Part) -> Bytes:
 
 def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:
     """Draw each figure and time further calls; keep the picture, which is smaller than the image."""
-    for each in tqdm(drawable, unit="figure", desc="figures", leave=False, disable=console.quiet() or None):
-        (figure,) = figures.draw_all(scene, [replace(each)])
-        pixels, first = reduced(figure.picture), figure.milliseconds
-        again = spread([figures.milliseconds(scene, figure) for _ in range(ROUNDS)])
-        yield Drawn(each, pixels, first, again)
+    with Bar(len(drawable), "figures", clock=running_time, hidden=console.quiet() or None) as bar:
+        for each in drawable:
+            (figure,) = figures.draw_all(scene, [replace(each)])
+            pixels, first = reduced(figure.picture), figure.milliseconds
+            again = spread([figures.milliseconds(scene, figure) for _ in range(ROUNDS)])
+            yield Drawn(each, pixels, first, again)
+            bar.advance()
 
 
 def _decompose(

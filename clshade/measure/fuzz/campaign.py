@@ -120,20 +120,20 @@ def _run_one(
     what: str, seeds: Sequence[int], first: int, count: int, book: Log, device: Device | None, stream: TextIO
 ) -> int:
     """Run the scenes or the files of all seeds, and return the number of failures."""
-    from tqdm import tqdm
+    from ...base.progress_bar import Bar
+    from ...pipeline.programs import running_time
 
     found: list[Done] = []
-    # None: shown only on a terminal.
-    with tqdm(total=count * len(seeds), desc=what, unit="", disable=console.quiet() or None, leave=False) as bar:
+    with Bar(count * len(seeds), what, clock=running_time, hidden=console.quiet() or None) as bar:
         for seed in seeds:
             mine = []
             for span in ranges(what, [seed], first, count):
                 if span not in book.done:
                     book.add(_look_at(span, device, stream, bar))
                 else:
-                    bar.update(span.count)
+                    bar.skip(span.count)
                     for failure in book.done[span].failures:
-                        bar.write(failure, file=stream)
+                        bar.write(failure, stream)
                 mine.append(book.done[span])
             print(_summary(what, f"seed {seed}", mine), file=stream, flush=True)
             found += mine
@@ -151,8 +151,8 @@ def _look_at(span: Range, device: Device | None, stream: TextIO, bar: Any) -> Do
             failures = fuzz.file_failures([number], span.seed)
         for failure in failures:
             wrong.append(str(failure))
-            bar.write(wrong[-1], file=stream)
-        bar.update()
+            bar.write(wrong[-1], stream)
+        bar.advance()
     return Done(span, tuple(wrong), round(time.perf_counter() - start, 3), tally)
 
 

@@ -21,11 +21,13 @@ import numpy as np
 from ...errors import InputError
 from ...scene.formats.environment import load_environment
 from ...scene.formats.load import load
+from ...scene.formats.table import EXTENSIONS
 from ...scene.model import Scene
 from .seed_files import IMAGES, Sample, pack_glb, png_chunk, samples
 
 SECONDS = 5.0  # of CPU time, for a file of a few KB
 MEMORY = 1 << 30  # bytes that loading may add to the peak memory of the process
+MESSAGE = 500  # characters of a refusal, besides the file's path
 HANGS = 60  # seconds after which loading is aborted
 Random = np.random.Generator
 
@@ -168,6 +170,17 @@ def _json(rng: Random, data: bytes) -> bytes:
     return data[: match.start()] + others[rng.integers(len(others))] + data[match.end() :]
 
 
+def _long_list(rng: Random, data: bytes) -> bytes:
+    """Repeat what a list of the JSON holds, or a text, a thousand times."""
+    found = list(re.finditer(rb'\[([^\[\]{}]+)\]|"(\w+)"', data))
+    if not found:
+        return _flip(rng, data)
+    match = found[rng.integers(len(found))]
+    listed, word = match.groups()
+    longer = b"[%s]" % b",".join([listed] * 1000) if word is None else b'"%s"' % (word * 1000)
+    return data[: match.start()] + longer + data[match.end() :]
+
+
 # Pickles designed to take long; each takes a generator and returns the opcodes of one value.
 _FIRST = 10_000  # first of the memo indices that they use
 
@@ -231,13 +244,11 @@ def _window(rng: Random, data: bytes) -> bytes:
 
 _ANY = (_flip, _flip, _truncate, _lengthen, _number, _number, _word, _part)
 _TEXTS = (*_ANY, _number, _text, _text, _lines, _lines)
-_BY_EXTENSION = {
-    ".obj": _TEXTS,
+_BY_EXTENSION: dict[str, tuple[Any, ...]] = {
+    **dict.fromkeys(EXTENSIONS, _TEXTS),
     ".mtl": _TEXTS,
-    ".ply": _TEXTS,
-    ".stl": _TEXTS,
-    ".gltf": (*_TEXTS, _json, _json, _json),
-    ".json": (*_TEXTS, _json, _json, _json),
+    ".gltf": (*_TEXTS, _json, _json, _json, _long_list),
+    ".json": (*_TEXTS, _json, _json, _json, _long_list),
     ".glb": (*_ANY, _glb, _glb, _glb, _glb, _glb),
     ".exr": (*_ANY, _word, _window, _window, _window),
     ".hdr": _TEXTS,
@@ -336,6 +347,8 @@ def load_problem(folder: Path, sample: Sample) -> str:
             text = str(error)
             if not text.isprintable() or not any(name in text for name in sample.files):
                 found = f"expected one line that names the file, found {text!r}"
+            elif len(text) > MESSAGE + len(str(first)):
+                found = f"a message of {len(text)} characters"
         except _Hung:
             found = f"took more than {HANGS} s"
         except Exception as error:  # any other exception is a finding

@@ -96,10 +96,12 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
 
     Alpha is a mean of at most four texels with weights that double-single gives to 2^-22, and is rounded to float32:
     in total some 2^-21 of the largest alpha, 1. The margin is ten times that. Large texture coordinates add the error
-    of a position in texels along both axes (kernels/texture.clh), times the step of alpha between texels, at most 1.
+    of a position in texels along both axes (kernels/texture.clh), times the step of alpha between texels, at most 1. With
+    filter `nearest` alpha jumps where a position may be on either side of a texel's edge: 2^-24 of a texel is added, see
+    `corners.uv_slack`.
     """
 
-    def moved(sign: float) -> OracleFrame:
+    def moved(sign: float, across: float = 0.0, down: float = 0.0) -> OracleFrame:
         meshes = []
         for mesh in scene.meshes:
             cutoff, texture, material = mesh.material.alpha_cutoff, mesh.material.texture, mesh.material
@@ -109,11 +111,20 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
                     reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
                 margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * reach
                 material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
+                if texture is not None and texture.filter == "nearest" and mesh.uvs is not None:
+                    most = np.abs(usable_uvs(mesh.uvs)).max(initial=1.0)
+                    off = 2.0 * TEXEL_ERROR * most + 2.0**-24 / np.array(texture.image.shape[1::-1])
+                    mesh = replace(mesh, uvs=mesh.uvs.astype(np.float64) + off * [across, down])
             meshes.append(replace(mesh, material=material))
         return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
 
-    less, more = moved(-1.0), moved(1.0)
-    different: Bools = (less.id != more.id) | (less.alpha != more.alpha) | (less.rgb != more.rgb).any(axis=-1)
+    less, others = moved(-1.0), [moved(1.0)]
+    textures = [mesh.material.texture for mesh in scene.meshes if mesh.tests_alpha]
+    if any(texture is not None and texture.filter == "nearest" for texture in textures):
+        others += [moved(1.0, across, down) for across in (-1.0, 1.0) for down in (-1.0, 1.0)]
+    different: Bools = np.zeros(less.id.shape, bool)
+    for other in others:
+        different |= (less.id != other.id) | (less.alpha != other.alpha) | (less.rgb != other.rgb).any(axis=-1)
     return different
 
 

@@ -6,18 +6,19 @@ from dataclasses import replace
 from typing import Any
 
 from ...scene.metallic_roughness import MetallicRoughness
-from ...scene.model import Material, Scene
+from ...scene.model import Material, Scene, with_materials
 from .random_shapes import Random
 
 
 def with_facets(rng: Random, scene: Scene) -> Scene:
     """Return the scene with these parameters for the first mesh's material, and for some others."""
-    made: dict[int, Material] = {}
-    for mesh in scene.meshes:
-        if id(mesh.material) not in made:
-            given = _parameters(rng, all_of_it=not made) if not made or rng.random() < 0.7 else {}
-            made[id(mesh.material)] = _changed(mesh.material, given)
-    return replace(scene, meshes=tuple(replace(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
+    first = scene.meshes[0].material
+
+    def changed(material: Material) -> Material:
+        some = material is first or rng.random() < 0.7
+        return _changed(material, _parameters(rng, all_of_it=material is first) if some else {})
+
+    return with_materials(scene, changed)
 
 
 def _changed(material: Material, given: dict[str, Any]) -> Material:

@@ -1,14 +1,16 @@
-"""Lights of random scenes that are no plain points: directions, cones, attenuation and sizes, also at their limits."""
+"""Lights of random scenes that are no plain points: of any kind, with any values of its fields, also at their limits."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from ...base.arrays import Array
-from ...scene.lights import WIDEST_CONE, Attenuation, DirectionalLight, PointLight, RectangleLight, SpotLight
+from ...errors import InputError
+from ...scene.lights import FIELDS, LIGHTS, Field, PointLight
 from ...scene.model import Light
 from .random_shapes import Random
 
@@ -16,60 +18,48 @@ from .random_shapes import Random
 MOST_INTENSITY, LEAST_SCALE = 3e38, 1e-15
 
 
-def shaped(rng: Random, lights: Sequence[PointLight], scale: float, center: Array) -> tuple[Light, ...]:
-    """Return the lights, some of them with directions, cones and attenuation; the first always. scale, center: size and
-    middle of the scene."""
-    return tuple(
-        _shaped(rng, light, scale, center) if k == 0 or rng.random() < 0.6 else light for k, light in enumerate(lights)
-    )
-
-
-def _shaped(rng: Random, light: PointLight, scale: float, center: Array) -> Light:
-    kind, direction = rng.random(), center - light.position
-    if rng.random() < 0.3 or not direction.any():
-        direction = rng.normal(size=3)
-    direction = direction + scale * rng.uniform(0.0, 0.5) * rng.normal(size=3)
-    if kind < 0.3 and direction.any():
-        return DirectionalLight(direction, light.intensity)
-    attenuation, intensity, end = _attenuation(rng, light, scale)
-    if kind < 0.6 or not direction.any():
-        if attenuation == "none":
-            return DirectionalLight(rng.normal(size=3), light.intensity)
-        return PointLight(light.position, intensity, attenuation, end)
-    inner, outer = sorted(rng.uniform(0.0, WIDEST_CONE, 2))
-    how = rng.random()
-    if how < 0.15:
-        inner = outer
-    elif how < 0.4:
-        inner, outer = 0.0, float(rng.choice((0.0, 1e-3, 1.0, WIDEST_CONE)))
-    return SpotLight(light.position, direction, intensity, inner, outer, attenuation, end)
-
-
-def _attenuation(rng: Random, light: PointLight, scale: float) -> tuple[Attenuation, Array, float | None]:
-    """Return attenuation, intensity and range."""
-    intensity = light.intensity * scale**2
-    if np.abs(intensity).max() > MOST_INTENSITY or scale < LEAST_SCALE or rng.random() < 0.2:
-        return "none", light.intensity, None
-    how = rng.random()
-    end = None if how < 0.4 else scale * (rng.uniform(1.0, 10.0) if how < 0.8 else 10.0 ** rng.uniform(-12, 12))
-    return "inverse-square", intensity, end
-
-
-def sized(rng: Random, lights: Sequence[Light], points: Sequence[PointLight], scale: float) -> tuple[Light, ...]:
-    """Return the lights, some of them spheres and rectangles; the first always. points: the lights as plain points."""
-    found: list[Light] = []
-    for k, (light, point) in enumerate(zip(lights, points, strict=True)):
-        chosen = light if isinstance(light, PointLight) else point
-        found.append(_sized(rng, chosen, scale) if k == 0 or rng.random() < 0.4 else light)
+def replaced(
+    rng: Random, lights: Sequence[Light], points: Sequence[PointLight], sized: bool, scale: float, center: Array
+) -> tuple[Light, ...]:
+    """Return the lights, the first and half of the others replaced by lights of finite size, or by others that are no plain
+    points. points: where these are, and how bright. scale, center: size and middle of the scene."""
+    found = list(lights)
+    for k, point in enumerate(points):
+        if k == 0 or rng.random() < 0.5:
+            found[k] = _light(rng, sized, point, scale, center)
     return tuple(found)
 
 
-def _sized(rng: Random, light: PointLight, scale: float) -> Light:
-    size = scale * (rng.uniform(0.02, 1.0) if rng.random() < 0.7 else 10.0 ** rng.uniform(-8, 6))
-    right, up = rng.normal(size=(2, 3))
-    if rng.random() < 0.5:
-        return replace(light, radius=size)
-    if rng.random() < 0.3:
-        right, up = np.eye(3)[rng.permutation(3)[:2]] * rng.choice((-1.0, 1.0))
-    sides = size * right, size * rng.uniform(0.1, 2.0) * up
-    return RectangleLight(light.position, *sides, light.intensity, light.attenuation, light.range)
+def _light(rng: Random, sized: bool, point: PointLight, scale: float, center: Array) -> Light:
+    """Return a light where a point is, and as bright. Half of those with a direction shine at the scene."""
+    while True:
+        kind = LIGHTS[rng.integers(len(LIGHTS))]
+        given = {each.name: _value(rng, FIELDS[each.name], scale) for each in fields(kind)}
+        known = {"position": point.position, "intensity": point.intensity}
+        if rng.random() < 0.5:
+            known["direction"] = center - point.position + scale * rng.uniform(0.0, 0.5) * rng.normal(size=3)
+        try:
+            light = kind(**{**given, **{name: value for name, value in known.items() if name in given}})
+        except InputError:  # values that do not go together
+            continue
+        if light.attenuates:
+            intensity = light.intensity * scale**2
+            if np.abs(intensity).max() > MOST_INTENSITY or scale < LEAST_SCALE:
+                continue
+            light = replace(light, intensity=intensity)
+        if light.has_size == sized and not light.is_plain:
+            return light
+
+
+def _value(rng: Random, field: Field, scale: float) -> Any:
+    """Return a value of a field: any vector, a value that it names, any length, or one between those that it names."""
+    length = scale * 10.0 ** (rng.uniform(-1.5, 1.0) if rng.random() < 0.7 else rng.uniform(-8.0, 8.0))
+    if field.turns:
+        axis = rng.permutation([0.0, 0.0, rng.choice((-1.0, 1.0))])
+        vector = axis if rng.random() < 0.3 else rng.normal(size=3)
+        return length * vector if field.grows else vector
+    named = field.values[rng.integers(len(field.values))] if field.values else None
+    if field.grows:
+        return named if rng.random() < 0.4 else length
+    ends = [value for value in field.values if isinstance(value, float)]
+    return rng.uniform(min(ends), max(ends)) if len(ends) > 1 and rng.random() < 0.6 else named

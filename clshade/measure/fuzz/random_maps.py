@@ -8,21 +8,22 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...scene.metallic_roughness import MetallicRoughness
-from ...scene.model import WRAPS, Filter, Material, Mesh, Scene, Texture
+from ...scene.metallic_roughness import MAPS, MetallicRoughness
+from ...scene.model import WRAPS, Filter, Material, Mesh, Scene, Texture, with_materials
 from .random_shapes import Random
 
 
 def with_nearest(rng: Random, scene: Scene) -> Scene:
     """Return the scene with the filter nearest for the first mesh's texture, and some others."""
-    made: dict[int, Material] = {}
-    for mesh in scene.meshes:
-        material, texture = mesh.material, mesh.material.texture
-        if id(material) in made or texture is None or texture.lookup == "course" or (made and rng.random() < 0.5):
-            made.setdefault(id(material), material)
-            continue
-        made[id(material)] = replace(material, texture=replace(texture, filter="nearest"))
-    return replace(scene, meshes=tuple(replace(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
+    first = scene.meshes[0].material
+
+    def changed(material: Material) -> Material:
+        texture = material.texture
+        if texture is None or texture.lookup == "course" or (material is not first and rng.random() < 0.5):
+            return material
+        return replace(material, texture=replace(texture, filter="nearest"))
+
+    return with_materials(scene, changed)
 
 
 def with_maps(rng: Random, scene: Scene, nearest: bool) -> Scene:
@@ -58,7 +59,7 @@ def _parameters(rng: Random, nearest: bool, all_of_it: bool) -> MetallicRoughnes
     def wanted() -> bool:
         return all_of_it or bool(rng.random() < 0.5)
 
-    return MetallicRoughness(
+    found = MetallicRoughness(
         metallic=float(rng.choice((0.0, 1.0, 0.5))) if not all_of_it and rng.random() < 0.5 else rng.uniform(0.1, 0.9),
         roughness=float(rng.choice((0.0, 1e-4, 0.05))) if rng.random() < 0.2 else rng.uniform(0.05, 1.0),
         emission=rng.uniform(0.1, 1.0, 3) * (1e30 if rng.random() < 0.05 else 1.0),
@@ -69,6 +70,8 @@ def _parameters(rng: Random, nearest: bool, all_of_it: bool) -> MetallicRoughnes
         emission_texture=_texture(rng, nearest, 1) if wanted() else None,
         metallic_roughness_texture=_texture(rng, nearest) if wanted() else None,
     )
+    more: dict[str, Any] = {name: _texture(rng, nearest) if wanted() else None for name in list(MAPS)[4:]}
+    return replace(found, **more)
 
 
 def _texture(rng: Random, nearest: bool, coordinates: int | None = None) -> Texture:

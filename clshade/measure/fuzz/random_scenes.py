@@ -12,22 +12,17 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
+from ...base.declare import declared
 from ...scene.camera import Camera
 from ...scene.edges import EDGE_KINDS, MAX_WIDTH, Edges
-from ...scene.model import WRAPS, Light, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture
-from ...scene.settings import (
-    AMBIENTS,
-    INTERPOLATIONS,
-    LIGHTING_AT,
-    MAX_SAMPLES,
-    TEXTURE_AT,
-    VISIBILITIES,
-    Preset,
-)
+from ...scene.material import TERMS
+from ...scene.model import WRAPS, Light, Lookup, Material, Mesh, PointLight, Scene, Settings, Texture, with_materials
+from ...scene.settings import MAX_SAMPLES, PRESET_FIELDS, Preset
+from .random_coincidences import aligned, coincident
 from .random_environments import random_environment
 from .random_extremes import stiffened
 from .random_facets import with_facets
-from .random_lights import shaped, sized
+from .random_lights import replaced
 from .random_maps import with_maps, with_nearest
 from .random_scalars import random_map, random_scalars
 from .random_shapes import SHAPES, Random, Shape, blob, triangles
@@ -55,6 +50,7 @@ class Kind:
     own rather than those that follow from Phong's.
     transparent: whether materials blend, with alphas at vertices. backdrop: whether an environment is the background.
     shadowed: whether lights reach only what no triangle hides. occluded: whether triangles nearby keep ambient light away.
+    terms: of Phong's model that are not in every scene, by their coefficients.
     """
 
     settings: Settings
@@ -91,6 +87,7 @@ class Kind:
     shadowed: bool = False
     sized: bool = False
     occluded: bool = False
+    terms: tuple[str, ...] = ()
 
     @property
     def dim(self) -> bool:
@@ -122,13 +119,7 @@ def kind_of(seed: int, block: int) -> Kind:
     if kind_of_settings == "course":
         base = "course"
     elif kind_of_settings == "mixed":
-        choices: dict[str, tuple[str, ...]] = {
-            "visibility": VISIBILITIES,
-            "lighting_at": LIGHTING_AT,
-            "interpolation": INTERPOLATIONS,
-            "texture_at": TEXTURE_AT,
-            "ambient": AMBIENTS,
-        }
+        choices = {name: known.choices for name, known in declared(Settings).items() if name in PRESET_FIELDS["course"]}
         fields.update({name: str(rng.choice(values)) for name, values in choices.items()})
     settings = Settings.from_preset(base, layers="all", cull=often(0.15), **fields)
     preset: Preset = "course" if often(0.3) else "standard"
@@ -195,7 +186,7 @@ def kind_of(seed: int, block: int) -> Kind:
     if lit and often(0.2):
         rays = replace(kind.settings, ambient_occlusion=int(rng.choice((1, 2, 3, 5))))
         kind = replace(kind, settings=rays, occluded=True)
-    return kind
+    return replace(kind, terms=tuple(name for name in list(TERMS)[2:] if lit and often(0.3)))
 
 
 def scene_of(number: int, seed: int = 0) -> RandomScene:
@@ -207,7 +198,8 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
             name: bool(rng.random() < 0.8) for name in ("ambient", "diffuse", "specular", "power", "colored")
         }
         kind = replace(kind, **terms, several=True)
-    camera = _camera(rng, kind)
+    camera, coincides = _camera(rng, kind), number % 4 == 3
+    camera = aligned(camera) if coincides else camera
     materials = [_material(rng, kind, all_of_it=True)]
     if kind.several:
         materials += [_material(rng, kind) for _ in range(rng.integers(1, 4))]
@@ -220,12 +212,13 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         shape = blob if k == 0 else SHAPES[rng.integers(len(SHAPES))]
         meshes.append(_mesh(rng, kind, material, shape(rng, camera)))
     scale, shift = _extremes(rng, kind)
+    scale, shift = (1.0, np.zeros(3)) if coincides else (scale, shift)
     points = [replace(light, position=light.position * scale + shift) for light in _lights(rng, kind, meshes)]
     lights: tuple[Light, ...] = tuple(points)
-    if kind.shaped:
-        lights = shaped(np.random.default_rng([seed, number, 5]), points, scale, camera.lookat * scale + shift)
-    if kind.sized:
-        lights = sized(np.random.default_rng([seed, number, 9]), lights, points, scale)
+    for asked, stream in ((kind.shaped, 5), (kind.sized, 9)):
+        if asked:
+            own, center = np.random.default_rng([seed, number, stream]), camera.lookat * scale + shift
+            lights = replaced(own, lights, points, stream == 9, scale, center)
     scene = Scene(
         tuple(_moved_mesh(mesh, scale, shift, kind.double) for mesh in meshes),
         replace(
@@ -246,6 +239,8 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         samples = int(rng.integers(17, MAX_SAMPLES + 1))
     if number % 2 == 0:
         scene = stiffened(np.random.default_rng([seed, number, 2]), scene, kind.double, kind.dim)
+    if coincides:
+        scene = coincident(np.random.default_rng([seed, number, 12]), scene)
     settings = replace(kind.settings, near=near, samples=samples)
     if kind.scalars:
         own = np.random.default_rng([seed, number, 3])
@@ -259,6 +254,8 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         scene = with_nearest(np.random.default_rng([seed, number, 5]), scene)
     if kind.maps:
         scene = with_maps(np.random.default_rng([seed, number, 6]), scene, kind.nearest)
+    if kind.terms:
+        scene = _with_terms(np.random.default_rng([seed, number, 11]), scene, kind.terms)
     if kind.facets:
         scene = with_facets(np.random.default_rng([seed, number, 8]), scene)
     if kind.around or kind.backdrop:
@@ -269,7 +266,7 @@ def scene_of(number: int, seed: int = 0) -> RandomScene:
         settings = replace(settings, ao_distance=distance)
     if kind.lines:
         settings = replace(settings, edges=_edges(np.random.default_rng([seed, number, 4]), kind))
-    return RandomScene(number, kind, scene, settings, again=number // 2 % 4 == 0)
+    return RandomScene(number, kind, scene, settings, again=number % 8 in (0, 1, 6, 7))  # half of each sort
 
 
 def _edges(rng: Random, kind: Kind) -> Edges:
@@ -359,6 +356,16 @@ def _coefficient(rng: Random, present: bool, needed: bool = False) -> Any:
         return 0.0
     value = rng.uniform(0.05, 1.0, 3) if rng.random() < 0.5 else rng.uniform(0.05, 1.0)
     return value * (rng.choice((1e-3, 5.0)) if rng.random() < 0.1 else 1.0)
+
+
+def _with_terms(rng: Random, scene: Scene, names: tuple[str, ...]) -> Scene:
+    """Return the scene with further coefficients of all materials; those of the first are not 0."""
+    first = scene.meshes[0].material
+
+    def changed(material: Material) -> Material:
+        return replace(material, **{name: _coefficient(rng, True, material is first) for name in names})
+
+    return with_materials(scene, changed)
 
 
 def _exponent(rng: Random, kind: Kind, needed: bool) -> float:

@@ -18,7 +18,7 @@ from ...base.arrays import Array
 from ...images import exr
 from ...scene.camera import Camera
 from ...scene.environment import Environment
-from ...scene.formats.scene_json_writer import BINARY, encoded
+from ...scene.formats.scene_json_writer import encoded
 from ...scene.lights import DirectionalLight, PointLight
 from ...scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 
@@ -445,7 +445,7 @@ def _saved() -> list[Sample]:
     scenes = Scene(small, camera, lights[0], name="small"), Scene((large, large), camera, lights, environment=around)
     found = []
     for scene in scenes:
-        made = encoded(scene, "a.json" + BINARY)
+        made = encoded(scene, "a.json")
         arrays = b"".join(made.binary())
-        found.append(Sample({"a.json": made.text, **({"a.json" + BINARY: arrays} if arrays else {})}))
+        found.append(Sample({"a.json": made.text, **({made.file: arrays} if arrays else {})}))
     return found

@@ -10,7 +10,7 @@ from ...base import console, text_tables
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device, shared_device
 from ...scene.model import Scene, Settings
-from ...scene.settings import Preset
+from ...scene.settings import PRESET_FIELDS, Preset
 from .reference_image import Reference
 from .short_study import Candidate, Limit, ShortStudy, row
 from .thinned_image import Thinned
@@ -150,6 +150,4 @@ def busy_doubt(share: float) -> str:
 
 def preset_fields(preset: Preset) -> set[str]:
     """Return the fields of Settings in which a preset differs from `standard`, and that one from `course`."""
-    other: Preset = "course" if preset == "standard" else "standard"
-    first, second = (vars(Settings.from_preset(each)) for each in (preset, other))
-    return {name for name, value in first.items() if second[name] != value}
+    return set(PRESET_FIELDS["course" if preset == "standard" else preset])

@@ -175,7 +175,6 @@ def of_families(variants: Sequence[Variant], names: Sequence[str]) -> list[Varia
         ways = [each for each in variants if alone(each, name)]
         if len(ways) < 3:
             found = ", ".join(each.name for each in ways) or "none"
-            expected = f"a family with three or more ways that change this scene; {name} has {found}"
-            raise InputError(f"report: --family: expected {expected}")
+            raise InputError(f"report: --family: three ways that change this scene are needed, {name} has {found}")
         chosen += [each for each in ways if each not in chosen]
     return chosen if names else list(variants)

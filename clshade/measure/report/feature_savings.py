@@ -13,7 +13,7 @@ import numpy as np
 
 from ...base.text_tables import as_lines
 from ...pipeline import programs
-from ...pipeline.features import OPTIONAL, finds_casters
+from ...pipeline.features import FEATURES, OPTIONAL
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
 from ...pipeline.shadow_counts import SKIPPED, CountingRenderer, ShadowCounts
@@ -24,42 +24,8 @@ from ..timing import Spread, in_turns, spread
 FRAMES = 21  # per renderer, unless they take longer in total than
 SECONDS = 3.0
 
-WORK = {
-    "LIT": "lighting",
-    "AMBIENT": "ambient light",
-    "DIFFUSE": "diffuse light",
-    "SPECULAR": "highlights",
-    "POWER": "power of highlights",
-    "EMISSION": "emission",
-    "ENVIRONMENT": "image-based light",
-    "LIGHT_SHAPES": "directions, cones and attenuation of lights",
-    "AREA_LIGHTS": "points of lights of finite size",
-    "SHADOWS": "shadows",
-    "SHADOW_ALPHA": "shadows of what is not opaque",
-    "AMBIENT_OCCLUSION": "ambient occlusion",
-    "TWO_SIDED": "normals turned to the side seen",
-    "NORMAL_INDICES": "indices of normals",
-    "VERTEX_COLORS": "colors of vertices",
-    "SCALARS": "color map",
-    "TEXTURED": "texture lookups",
-    "UV_INDICES": "indices of texture coordinates",
-    "MIPMAPS": "mip-map levels",
-    "ALPHA_TEST": "alpha test",
-    "NEAREST": "nearest texels",
-    "NORMAL_MAP": "normal maps",
-    "OCCLUSION_MAP": "occlusion maps",
-    "ROUGHNESS_MAP": "metallic-roughness maps",
-    "EMISSION_MAP": "emission maps",
-    "UV_SETS": "further texture coordinates",
-    "BLEND": "transparent surfaces, in exact order",
-    "VERTEX_ALPHA": "alpha at vertices",
-    "MATERIALS": "material per face",
-    "SIDES": "side of each material that is drawn",
-    "DOUBLE_POSITIONS": "positions in float64",
-    "BACKGROUND": "color of the background",
-    "BACKDROP": "environment as the background",
-    "OWNERS": "owner of each pixel",
-    "SORTED": "depth sort",
+WORK = {feature.name: feature.work for feature in FEATURES if feature.work} | {
+    "BACKDROP": "environment as the background"
 }
 NOT_DRAWN = {
     "behind": "behind the eye",
@@ -216,7 +182,7 @@ def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options
         draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in renderers]
         timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
     rays, counted_identical = None, True
-    if finds_casters(renderers[0].features):
+    if renderers[0].features["CASTERS"]:
         with CountingRenderer(scene, **options) as counting:
             counted, rays = counting.count()
         counted_identical = same_bits(first, counted)

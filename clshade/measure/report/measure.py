@@ -15,7 +15,6 @@ from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
 from ...scene.camera import Camera
-from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 from ..check.check import check
 from ..timing import Spread, in_turns, median_interval, spread
@@ -171,7 +170,7 @@ def _pixels_to_check(image: Frame) -> int | Literal["all"]:
     affordable = SAMPLES_CHECKED // settings.samples
     rays = settings.ambient_occlusion
     if settings.shadows:
-        rays += sum(settings.light_samples if has_size(light) else 1 for light in scene.lights)
+        rays += sum(settings.light_samples if light.has_size else 1 for light in scene.lights)
     if rays:
         # At edges two surfaces are lit.
         rays *= settings.samples if settings.sample_shading else min(settings.samples, 2)

@@ -100,8 +100,9 @@ def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) 
     affordable = [each for each in alternatives if fits(each, budget)]
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
-        expected = f"a time that some variant keeps: the fastest, {fastest.name}, takes {fastest.cost:.3g} ms"
-        raise InputError(f"--budget: expected {expected}, found {budget:g} ms")
+        raise InputError(
+            f"--budget: {budget:g} ms is too short: the fastest way, {fastest.name}, takes {fastest.cost:.3g} ms"
+        )
     used = most_accurate(affordable, known)
     low, high = used.quartiles
     if high > budget:
@@ -123,12 +124,13 @@ def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float =
     """
     best = min(alternatives, key=lambda each: each.error)
     if tolerance < known:
-        expected = f"at least {known:.3g}, which is what the reference is good to (the best, {best.name}, has"
-        raise InputError(f"--tolerance: expected {expected} {best.error:.3g}), found {tolerance:g}")
+        raise InputError(
+            f"--tolerance: {tolerance:g} is below what errors are known to, {known:.3g} (the best way, {best.name}, has "
+            f"{best.error:.3g})"
+        )
     exact = [each for each in alternatives if each.error <= tolerance + known]
     if not exact:
-        expected = f"an error that some variant reaches: the best, {best.name}, has {best.error:.3g}"
-        raise InputError(f"--tolerance: expected {expected}, found {tolerance:g}")
+        raise InputError(f"--tolerance: no way has {tolerance:g} or less: the best, {best.name}, has {best.error:.3g}")
     least = min(each.quartiles[0] for each in exact)
     used = most_accurate([each for each in exact if each.quartiles[0] <= NEARLY * least], known)
     if abs(used.error - tolerance) <= known:

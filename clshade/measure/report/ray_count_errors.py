@@ -12,7 +12,6 @@ from ...images.metrics import rmse
 from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
-from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 from ...scene.settings import MAX_AMBIENT_OCCLUSION, MAX_LIGHT_SAMPLES
 
@@ -52,4 +51,4 @@ class RayCountErrors:
 
 def traced(scene: Scene, settings: Settings, field: RayCount) -> bool:
     """Return whether the number of these rays makes a difference: whether any light has a size, or any are asked for."""
-    return any(map(has_size, scene.lights)) if field == "light_samples" else settings.ambient_occlusion > 0
+    return any(light.has_size for light in scene.lights) if field == "light_samples" else settings.ambient_occlusion > 0

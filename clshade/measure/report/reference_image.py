@@ -17,7 +17,6 @@ from ...images.metrics import rmse
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene.camera import Camera
-from ...scene.lights import has_size
 from ...scene.model import Scene, Settings
 from ...scene.settings import Precision
 from .thinned_image import Thinned, Window
@@ -102,7 +101,7 @@ def reference_windows(
 def _work(scene: Scene, settings: Settings, pixels: int) -> int:
     """Return how many pixels take as long to light: four points of a light as long as a sample, a ray of ambient occlusion
     as long as ten."""
-    sized = any(map(has_size, scene.lights))
+    sized = any(light.has_size for light in scene.lights)
     points = max(settings.light_samples // 4, 1) if sized else 1
     return pixels * (points + 10 * settings.ambient_occlusion)
 

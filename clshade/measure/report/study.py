@@ -13,6 +13,7 @@ from ...base.arrays import Array
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings
+from ...scene.settings import picture_samples
 from .decomposition import Decomposition, decompose
 from .families import Family, families
 from .format_errors import Kept, formats
@@ -108,6 +109,7 @@ def study(
     drawn = render(scene, settings=base, device=device)
     environment = drawn.scene.environment if base.shader == "pbr" else None
     kept = formats(drawn)
+    usual = Settings.from_preset(scene.preset, **{"samples": picture_samples(scene.preset), **given})
     return Study(
         scene,
         device.title,
@@ -117,7 +119,7 @@ def study(
         pictures(scene, device, measured, converged, models),
         tessellation(device),
         tuple(kept),
-        decompose(scene, Settings.from_preset(scene.preset, **given), device, converged, models),
+        decompose(scene, usual, device, converged, models),
         prefiltering=() if environment is None else prefiltering(environment),
         given=given,
     )

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...base import atomic_files, text_tables
+from ...base.declare import as_option
 from ...base.text_tables import digits
 from ...images.metrics import has_flip
 from ...scene.model import Scene, Settings
-from ...scene.settings import PRESETS, Preset, picture_samples
+from ...scene.settings import PRESETS, Preset, picture_fields
 from . import csv_table, sizes
 from .families import ABOUT, Family
 from .measure import Measured
@@ -259,17 +260,11 @@ def used_line(used: Measured, scene: Scene) -> str:
 def render_options(settings: Settings, scene: Scene) -> list[str]:
     """Return the options of `render` for the image's size and for the settings, relative to the scene's preset or a nearer
     one, and to the samples of its pictures."""
-    columns, rows = scene.camera.resolution
 
     def options(preset: Preset) -> list[str]:
-        usual = picture_samples(scene.preset, None if preset == scene.preset else preset)
-        before = vars(Settings.from_preset(preset, samples=usual))
-        changes = {name: value for name, value in vars(settings).items() if value != before[name]}
-        parts = [] if preset == scene.preset else ["--preset", preset]
-        for name, value in changes.items():
-            option = name.replace("_", "-")
-            parts.append(f"--no-{option}" if value is False else f"--{option}")
-            parts += [] if isinstance(value, bool) else [str(value)]
-        return parts
+        usual = picture_fields(scene.lights, scene.preset, None if preset == scene.preset else preset)
+        before = vars(Settings.from_preset(preset, **usual))
+        parts = [] if preset == scene.preset else [as_option("preset", preset)]
+        return [*parts, *(as_option(name, value) for name, value in vars(settings).items() if value != before[name])]
 
-    return ["--resolution", f"{columns},{rows}", *min(map(options, PRESETS), key=len)]
+    return [as_option("resolution", scene.camera.resolution), *min(map(options, PRESETS), key=len)]

@@ -6,7 +6,7 @@ is a factor at a pixel, and the others are 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +134,14 @@ def amplification(of: Mapping[str, Floats]) -> Floats:
     with np.errstate(over="ignore"):
         product: Floats = np.multiply.reduce(list(of.values()))
         return product
+
+
+def bits_lost(factors: Sequence[float]) -> Floats:
+    """Return the bits that a cause costs where it is one, log2 of its factors, at most 64; 0 elsewhere."""
+    given = np.asarray(factors, np.float64)
+    with np.errstate(invalid="ignore"):
+        bits: Floats = np.where(given >= LEAST, np.clip(np.log2(given), 0.0, 64.0), 0.0)
+    return bits
 
 
 def cause_of(of: Mapping[str, float]) -> str:

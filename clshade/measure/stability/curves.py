@@ -11,7 +11,7 @@ import numpy as np
 from ... import oracle
 from ...base.arrays import Array, Bools, Floats
 from ...images import figures
-from ...oracle import coverage, shade, transform
+from ...oracle import coverage, shade, terms, transform
 from ...scene.model import Scene, Settings
 from ..check import oracle_bounds
 from .cases import flat, lit
@@ -89,8 +89,8 @@ def distance(bench: Bench) -> Curve:
         position = (near_light(reach)[0][:1] - eye).astype(F).astype(np.float64)
         lights = position, np.ones((1, 3))
         expected = expected_light(seen, normals, lights, n)
-        n_l, r_v, _ = shade.angles(seen, normals.astype(np.float64), np.zeros(3), position[0])
-        gate = np.minimum(np.abs(n_l), np.abs(r_v)) < shade.GATE
+        at = terms.Directions.at(seen, normals.astype(np.float64), np.zeros(3), position[0])
+        gate = np.minimum(np.abs(at.n_l), np.abs(terms.mirrored(at)[0])) < shade.GATE
         budget = np.where(gate, 1e30, expected.budget[0, :, 0])
         found = bench.light(seen, normals, lights, n=n)[:, 0].astype(np.float64)
         plain = naive_light(seen, normals, position, n, 1.0, 1.0)

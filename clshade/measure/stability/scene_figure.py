@@ -13,7 +13,7 @@ from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
 from ..report.labels import label_points
-from .causes import CAUSES
+from .causes import CAUSES, bits_lost
 from .scene_study import SceneStudy
 
 if TYPE_CHECKING:
@@ -173,8 +173,7 @@ def _bars(axes: Axes, study: SceneStudy) -> None:
     places = np.arange(1, len(study.worst) + 1)
     left = np.zeros(len(places))
     for k, (name, title) in enumerate(CAUSES.items()):
-        with np.errstate(invalid="ignore"):
-            bits = np.clip(np.log2([each.factors[name] for each in study.worst]), 0.0, 64.0)
+        bits = bits_lost([each.factors[name] for each in study.worst])
         if bits.max() > 0.0:
             axes.barh(places, bits, left=left, color=palette(k), label=title)
             left += bits

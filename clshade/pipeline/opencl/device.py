@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...base import console
+from ...base import compiling, console
 from ...errors import DeviceError
 from . import environment
 from .probe import (
@@ -234,7 +234,8 @@ def _try_out(info: DeviceInfo, handle: Any, profiling: bool, trial: Callable[[],
     say.daemon = True
     say.start()
     try:
-        found = tried_out(info, trial() if trial is not None else b"")
+        with compiling.at_work():
+            found = tried_out(info, trial() if trial is not None else b"")
     finally:
         say.cancel()
     if not found.works:

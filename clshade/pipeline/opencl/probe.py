@@ -202,13 +202,13 @@ class Probe:
             raise
 
     def abandon(self) -> None:
-        """End the process."""
+        """End the process, also while another thread waits for it in `finish`."""
+        _running.discard(self)
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
-            self.process.communicate()
+            self.process.wait()
         if self.folder:
             shutil.rmtree(self.folder, ignore_errors=True)
-        _running.discard(self)
 
     def finish(self) -> str:
         """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy. What the process
@@ -219,6 +219,8 @@ class Probe:
         try:
             left = self.started + PROBE_SECONDS - time.monotonic()
             out, err = self.process.communicate(timeout=max(left, 0.0))
+            if self not in _running:  # abandoned by an interrupt, which says nothing of the device
+                raise KeyboardInterrupt
             fault = _fault(self.process.returncode, out, err)
         except TimeoutExpired:
             self.process.kill()

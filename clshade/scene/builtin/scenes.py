@@ -13,9 +13,9 @@ import numpy as np
 
 from ...base import host_memory
 from ...base.arrays import Array
-from ...base.validation import choice, integer, known, value_error
+from ...base.validation import choice, flag, integer, known, value_error
 from ..camera import Camera
-from ..model import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
+from ..model import MAX_FACES, Material, Mesh, PointLight, RectangleLight, Scene, Texture
 from . import teapot as newell
 
 Resolution = tuple[int, int]
@@ -54,7 +54,8 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
     - icosphere: `level`, 0 to 9, default 5: subdivisions of an icosahedron.
     - quads: `count`, 1 to 4096, default 32, quads one behind the other; `seed` of their order,
       0 to 2**32-1, default 1.
-    - box_room: `divisions`, 1 to 256, default 16: cells along each side of a wall.
+    - box_room: `divisions`, 1 to 256, default 16: cells along each side of a wall; `soft`, default
+      False: lit by its lamp, a RectangleLight, as on the command line.
     - course: `level`, 2 to 500, default 8, as for teapot.
 
     Examples
@@ -326,10 +327,12 @@ def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080))
     return Scene((mesh,), camera, lights, name="quads")
 
 
-def box_room(divisions: int = 16, resolution: Resolution = (800, 600)) -> Scene:
+def box_room(divisions: int = 16, resolution: Resolution = (800, 600), soft: bool = False) -> Scene:
     """The inside of a room with a red and a green wall, two boxes and a lamp, under four lights.
 
-    divisions: cells along each side of a wall, 1 to 256; the room has 10*divisions**2 triangles, each box 12.
+    divisions: cells along each side of a wall, 1 to 256; the room has 10*divisions**2 triangles, each box 12. soft: the
+    lights are the lamp, a rectangle, and a dim one at the eye, for shadows without hard edges; the ambient light is
+    brighter.
     The walls extend past the eye, so that the near plane clips triangles.
     """
     divisions = integer("box_room", "divisions", divisions, 1, 256)
@@ -353,7 +356,12 @@ def box_room(divisions: int = 16, resolution: Resolution = (800, 600)) -> Scene:
         ((0.0, 0.9, 1.3), (0.12, 0.12, 0.12)),
     )
     camera = Camera.from_fov((0.0, 1.0, 1.6), (0.0, 0.92, 0.0), (0.0, 1.0, 0.0), 60.0).with_resolution(resolution)
-    return Scene((*meshes, replace(lamp, colors=None, material=glow), boxes), camera, lights, name="box_room")
+    scene = Scene((*meshes, replace(lamp, colors=None, material=glow), boxes), camera, lights, name="box_room")
+    if not flag("box_room", "soft", soft):
+        return scene
+    below = RectangleLight((0.0, 1.99, -0.7), (0.4, 0.0, 0.0), (0.0, 0.0, 0.3), (1.2, 1.08, 0.86))
+    fill = PointLight(camera.eye, (0.16, 0.17, 0.2))  # its shadows are out of sight
+    return replace(scene, lights=(below, fill), ambient=(2.0, 1.8, 1.5))
 
 
 def _wall(name: str, middle: Any, along_rows: Any, along_columns: Any, color: Any, divisions: int) -> Mesh:

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...base.arrays import Floats
 from ..environment import Environment, nearest_axis
-from ..model import Material, Scene
+from ..material import is_unlit
+from ..model import Scene, with_materials
 
 ROWS, COLUMNS = 256, 512
 MEAN = 0.46  # of the radiance over the sphere: a white matte ball is half as bright as white
@@ -73,16 +74,9 @@ def without_stand_ins(scene: Scene) -> Scene:
     if scene.own_lights:
         return scene
     scene = replace(scene, lights=(), environment=scene.environment or studio_for(scene))
-    if not any(_is_unlit(mesh.material) for mesh in scene.meshes):
+    if not any(is_unlit(mesh.material) for mesh in scene.meshes):
         return replace(scene, ambient=0.0)
-    own = {id(mesh.material): mesh.material for mesh in scene.meshes}  # meshes that share a material go on sharing it
-    shown = {key: each if _is_unlit(each) else replace(each, ka=0.0) for key, each in own.items()}
-    return replace(scene, meshes=tuple(replace(mesh, material=shown[id(mesh.material)]) for mesh in scene.meshes))
-
-
-def _is_unlit(material: Material) -> bool:
-    """Return whether a material shows its color by ambient light alone, as glTF's unlit ones do."""
-    return material.pbr is None and not material.kd.any() and not material.ks.any()
+    return with_materials(scene, lambda each: each if is_unlit(each) else replace(each, ka=0.0))
 
 
 @functools.cache

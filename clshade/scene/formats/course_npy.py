@@ -19,7 +19,7 @@ from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values
 from . import safe_pickle
 from .inert_pickle import paused_collection
-from .texture import as_texture
+from .options import Options
 
 MAX_BYTES = 1 << 31  # of a course file
 MAX_LIGHTS = 1 << 15  # a light takes far longer to create than its few bytes take to read
@@ -51,14 +51,10 @@ class _Fields:
 
 
 @paused_collection()
-def read_course(
-    path: Path, *, texture: Any = None, focal: Any = None, resolution: tuple[int, int] | None = None
-) -> Scene:
+def read_course(path: Path, options: Options) -> Scene:
     """Read a course file.
 
-    texture: path of an image (value/255, not decoded from sRGB), array or Texture; it replaces the vertex colors.
-    focal: distance of the image plane, in place of the file's; required for a file without one.
-    resolution: (N, M) in place of the file's; the image plane keeps its height.
+    options.texture replaces the vertex colors. options.focal is required for a file without one.
 
     A file's fields are checked even where an option replaces them. Unknown keys, including `depth`, are ignored.
     `vertex_colors` may be missing if there are uvs. Raises InputError, one line, see clshade.scene.formats.load.load.
@@ -68,16 +64,14 @@ def read_course(
     fields = _Fields(content, owner)
     mesh = _mesh(fields, os.path.splitext(os.path.basename(os.fspath(path)))[0])
     ambient, background = fields.coefficient("Ia"), fields.coefficient("bg_color")
-    camera = _camera(fields, focal)
+    camera = _camera(fields, options.focal)
     scene = Scene((mesh,), camera, _lights(fields), ambient, background, "course", mesh.name)
-    if resolution is not None:
-        scene = replace(scene, camera=camera.with_resolution(resolution))
-    if texture is not None:
+    if options.texture is not None:
         if mesh.uvs is None:
             raise file_error(owner, "uvs", "texture coordinates for the texture", "none")
-        material = replace(mesh.material, texture=as_texture(texture, srgb=False, lookup="course"))
+        material = replace(mesh.material, texture=options.texture)
         scene = replace(scene, meshes=(replace(mesh, material=material),))
-    return scene
+    return options.applied(scene)
 
 
 def _mesh(fields: _Fields, name: str) -> Mesh:
@@ -91,14 +85,12 @@ def _mesh(fields: _Fields, name: str) -> Mesh:
     return Mesh(**arrays, material=Material(ka, kd, ks, values.exponent(fields.owner, fields.get("n"))), name=name)
 
 
-def _camera(fields: _Fields, focal: Any) -> Camera:
+def _camera(fields: _Fields, focal: float | None) -> Camera:
     pose = [fields.get(f"cam_{name}") for name in ("eye", "lookat", "up")]
     size, plane = (fields.get("M"), fields.get("N")), (fields.get("H"), fields.get("W"))
     # The file's value is checked even if it is replaced.
-    distance = fields.number("focal") if "focal" in fields.content or focal is None else None
-    if focal is not None:
-        distance = number("load", "focal", focal, above=0.0)
-    return values.camera(fields.owner, pose, distance, size, plane, prefix="cam_")
+    own = fields.number("focal") if "focal" in fields.content or focal is None else None
+    return values.camera(fields.owner, pose, own if focal is None else focal, size, plane, prefix="cam_")
 
 
 def _lights(fields: _Fields) -> tuple[PointLight, ...]:

@@ -116,7 +116,4 @@ def camera(
 
 def exponent(owner: str, value: Any) -> float:
     """Return the specular exponent n, 0 to 1e9."""
-    found = number(owner, "n", value, least=0.0, expected="a number from 0 to 1e9")
-    if found > 1e9:
-        raise value_error(owner, "n", "a number from 0 to 1e9", value)
-    return found
+    return number(owner, "n", value, least=0.0, most=1e9, expected="a number from 0 to 1e9")

@@ -13,14 +13,13 @@ from ...base.arrays import Array, Floats
 from ...base.validation import choice, value_error
 from ...images.decode import srgb_to_linear
 from .. import framing
-from ..camera import Camera
+from ..camera import Camera, checked_resolution
 from ..framing import UPS, Up
 from ..geometry import vertex_normals
 from ..model import MAX_FACES, Material, Mesh, MetallicRoughness, Scene, Texture
 from ..normals import crease_angle, crease_normals
 from .gltf_materials import phong
-from .obj import DEFAULT_MATERIAL
-from .options import checked_resolution
+from .options import DEFAULT_MATERIAL
 
 _OWNER = "from_trimesh"
 _KINDS = "a Trimesh or Scene of trimesh, a TriangleMesh of Open3D, or a PolyData of PyVista with triangles alone"

@@ -13,6 +13,7 @@ from dataclasses import replace
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted
+from ...errors import InputError
 from .. import fitting, framing
 from ..camera import Camera
 from ..model import Light, Mesh, Scene
@@ -57,6 +58,18 @@ def read_gltf(path: Path, options: Options) -> Scene:
     if options.time is None and options.animation is None:
         return file.scene({})
     return file.scene(file.animation(options.animation).at(options.time or 0.0))
+
+
+def animations_and_cameras(path: Path) -> tuple[list[float | None], int]:
+    """Return the length of each animation of a glTF file, None of a broken one, and how many cameras it has."""
+    document, buffers = open_gltf(path)
+    lengths: list[float | None] = []
+    for number in range(len(names_of(document))):
+        try:
+            lengths.append(read_animation(document, buffers, number, []).seconds)
+        except InputError:
+            lengths.append(None)
+    return lengths, document.count("cameras")
 
 
 class GltfFile:
@@ -113,7 +126,7 @@ class GltfFile:
             meshes,
             self.name,
             self.options.resolution,
-            up=self.options.up or "y",
+            up=self.options.up,
             camera=camera,
             lights=lights,
             sphere=sphere,

@@ -152,7 +152,7 @@ def _animation(document: Item, buffers: Buffers, index: int, ignored: list[str])
 def _chosen(document: Item, wanted: str | int | None) -> int:
     names = names_of(document)
     if not names:
-        raise file_error(document.owner, "animations", "at least one, for a time or an animation", "none")
+        raise file_error(document.owner, "animations", "an animation to show", "none")
     if wanted is None:
         return 0
     if isinstance(wanted, str) and wanted in names:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.arrays import Array, Floats
-from ..lights import Attenuation, DirectionalLight, PointLight, SpotLight
+from ..lights import Attenuation, DirectionalLight, PlacedLight, PointLight, SpotLight
 from ..model import Light
 from .gltf_json import Item
 
@@ -34,11 +34,11 @@ def lights_of(
     for item, matrix in placed:
         light = _light(item, matrix, ignored)
         if light is not None:
-            away = radius
-            if not isinstance(light, DirectionalLight):
-                away = max(math.dist(light.position, center), radius)
             brightest = float(np.abs(light.intensity).max())
-            illuminances.append(brightest if isinstance(light, DirectionalLight) else brightest / away / away)
+            if isinstance(light, PlacedLight):
+                away = max(math.dist(light.position, center), radius)
+                brightest = brightest / away / away
+            illuminances.append(brightest)
             found.append(light)
     if scale is not None:
         return tuple(_brighter(light, scale) for light in found), scale

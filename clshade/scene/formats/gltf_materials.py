@@ -16,7 +16,7 @@ from ...base.input_files import file_error, quoted, read_file
 from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
-from ..metallic_roughness import MOST_SCALE, TEXTURES
+from ..metallic_roughness import MAPS, MOST_SCALE
 from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
 from .gltf_accessors import Buffers
 from .gltf_json import Item
@@ -297,6 +297,6 @@ def with_coordinates(material: Material, uvs: list[Array | None]) -> Material:
 
     facets = material.pbr
     if facets is not None:
-        maps: dict[str, Any] = {name: kept(getattr(facets, name)) for name in TEXTURES}
+        maps: dict[str, Any] = {name: kept(getattr(facets, name)) for name in MAPS}
         facets = replace(facets, **maps)
     return replace(material, texture=kept(material.texture), pbr=facets)

@@ -161,7 +161,7 @@ class MeshBuilder:
             self.ignored.append("textures of meshes without their texture coordinates")
         if colors is not None and not surface.alpha_counts:
             colors = colors[:, :3]
-        material = self.options.lit(with_coordinates(surface.material, uvs), by_file=True)
+        material = self.options.lit(with_coordinates(surface.material, uvs))
         any_uvs = next((each for each in uvs if each is not None), None)
         all_uvs = [] if any_uvs is None else [np.zeros_like(any_uvs) if each is None else each for each in uvs]
         tangents = None

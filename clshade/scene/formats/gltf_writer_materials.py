@@ -11,6 +11,7 @@ import numpy as np
 from ...base.arrays import Bytes, Floats
 from ...images import png
 from ...images.tonemap import srgb_curve
+from ..material import COMPONENTS, is_unlit
 from ..model import Material, MetallicRoughness, Texture, Wrap
 from .glb import Glb
 from .gltf_writer_meshes import named
@@ -35,7 +36,7 @@ class MaterialWriter:
 
     def write(self, material: Material, sets: int) -> int:
         """Return the index of a material, for a mesh with so many sets of texture coordinates."""
-        unlit = _is_unlit(material)
+        unlit = is_unlit(material) and bool(material.ka.any())
         facets = material.microfacets
         color = np.asarray(material.color) * (material.ka * self.ambient if unlit else material.diffuse)
         counts = material.blend or material.alpha_cutoff is not None
@@ -156,12 +157,7 @@ class MaterialWriter:
         return clamped
 
 
-def _is_unlit(material: Material) -> bool:
-    """Return whether a material shows its color by ambient light alone."""
-    return material.pbr is None and not material.kd.any() and not material.ks.any() and bool(material.ka.any())
-
-
 def _phong(material: Material) -> dict[str, Any]:
     """Return what glTF cannot say of a material."""
-    found: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in ("ka", "kd", "ks")}
+    found: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in COMPONENTS.values()}
     return {**found, "n": material.n, "color": np.asarray(material.color).tolist(), "two_sided": material.two_sided}

@@ -11,7 +11,7 @@ from ...base.arrays import Array, Floats
 from ...base.validation import value_error
 from ..camera import Camera
 from ..geometry import camera_axes
-from ..lights import DirectionalLight, PointLight, RectangleLight, SpotLight, attenuates, front_of, unit_direction
+from ..lights import PlacedLight
 from ..model import Light
 from .glb import Glb
 
@@ -19,6 +19,7 @@ _SQUARE = 1e-6  # cosine between the axes of a matrix that is a rotation and a s
 _MOST = 1e300  # of a number in the file: readers refuse larger ones
 _NARROWEST = 1e-6  # radians, of a cone
 _HALF_PI = math.pi / 2
+_IN_GLTF = ("kind", "position", "direction", "intensity", "inner_cone", "outer_cone", "range")  # fields of lights
 
 Sphere = tuple[Array, float]
 
@@ -120,38 +121,25 @@ def _light(light: Light, sphere: Sphere, light_scale: float, lost: list[str]) ->
     strength = float(intensity.max())
     color = (intensity / strength).tolist() if strength else [1.0, 1.0, 1.0]
     strength /= light_scale
-    if isinstance(light, DirectionalLight):
-        return {"type": "directional", "color": color, "intensity": strength}, _towards(unit_direction(light))
-    if not attenuates(light):  # as bright at the center of the meshes
+    entry: dict[str, Any] = {"type": light.gltf, "color": color, "intensity": strength}
+    matrix = np.eye(4) if light.axis is None else _towards(light.axis)
+    if not isinstance(light, PlacedLight):
+        return entry, matrix
+    if light.gltf_loss:
+        lost.append(light.gltf_loss)
+    if not light.attenuates:  # as bright at the center of the meshes
         center, radius = sphere
         away = max(math.dist(light.position, center), radius)
-        strength = min(strength * away * away, _MOST)
-    entry: dict[str, Any] = {"type": "point", "color": color, "intensity": strength}
+        entry["intensity"] = min(strength * away * away, _MOST)
     if light.range is not None:
         entry["range"] = light.range
-    matrix = np.eye(4)
-    if isinstance(light, SpotLight):
-        outer = max(min(math.radians(light.outer_cone), _HALF_PI), _NARROWEST)
-        inner = min(math.radians(light.inner_cone), outer * (1.0 - _NARROWEST))
-        entry |= {"type": "spot", "spot": {"innerConeAngle": inner, "outerConeAngle": outer}}
-        matrix = _towards(unit_direction(light))
-    elif isinstance(light, RectangleLight):
-        lost.append("rectangle lights (spots of 90 degrees)")
-        entry |= {"type": "spot", "spot": {"innerConeAngle": 0.0, "outerConeAngle": _HALF_PI}}
-        matrix = _towards(front_of(light))
-    elif light.radius > 0.0:
-        lost.append("radii of lights (points)")
+    if light.gltf == "spot":
+        angles = np.radians(light.cone or (0.0, 90.0)).tolist()
+        outer = max(min(angles[1], _HALF_PI), _NARROWEST)
+        entry["spot"] = {"innerConeAngle": min(angles[0], outer * (1.0 - _NARROWEST)), "outerConeAngle": outer}
     matrix[:3, 3] = light.position
-    return {**entry, "extras": {"clshade": _light_extras(light)}}, matrix
-
-
-def _light_extras(light: PointLight | SpotLight | RectangleLight) -> dict[str, Any]:
-    found: dict[str, Any] = {"attenuation": light.attenuation}
-    if isinstance(light, PointLight) and light.radius > 0.0:
-        found["radius"] = light.radius
-    if isinstance(light, RectangleLight):
-        found |= {"right": np.asarray(light.right).tolist(), "up": np.asarray(light.up).tolist()}
-    return found
+    others = {name: value for name, value in light.facts().items() if name not in _IN_GLTF}
+    return {**entry, "extras": {"clshade": others}}, matrix
 
 
 def _towards(direction: Floats) -> Floats:

@@ -7,6 +7,8 @@ import os
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from numbers import Integral
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -15,26 +17,23 @@ from numpy.typing import ArrayLike
 from ...base import console
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, size_of
-from ...base.validation import flag, value_error
+from ...base.validation import choice, flag, number, value_error
 from ...base.validation import path as checked_path
 from ...errors import InputError
-from ..adjust_camera import refitted
-from ..framing import Up
+from ..camera import checked_resolution
+from ..framing import UPS, Up
+from ..lights import LIGHTS
 from ..model import Scene, Texture
-from .course_npy import read_course, save_course
-from .gltf import read_gltf
-from .obj import DEFAULT_MATERIAL, read_obj
-from .options import Options, checked_resolution, options_for
+from ..normals import crease_angle
+from .course_npy import save_course
+from .options import Options
 from .play import FPS, Played, play
-from .ply import read_ply
-from .scene_json import read_scene
-from .stl import read_stl
+from .table import BY_EXTENSION, EXTENSIONS, Format, extensions_with
+from .texture import as_texture
 
-__all__ = ["EXTENSIONS", "load", "load_animation", "save_course"]
+__all__ = ["load", "load_animation", "save_course"]
 
 SLOW = 1.0  # seconds of loading before a message on stderr
-EXTENSIONS = (".npy", ".obj", ".gltf", ".glb", ".ply", ".stl", ".json")
-ANIMATED = (".gltf", ".glb")
 IMAGES = (".exr", ".png")
 
 
@@ -47,6 +46,7 @@ def load(
     lights: Sequence[int] | None = None,
     crease: float | None = None,
     flat: bool = False,
+    weld: bool | None = None,
     up: Up | None = None,
     two_sided: bool | None = None,
     fit: bool = False,
@@ -55,9 +55,9 @@ def load(
 ) -> Scene:
     """Load a scene from a file.
 
-    A .npy file is a course scene (preset `course`); .obj, .gltf, .glb, .ply and .stl files are
-    meshes (preset `pbr` of glTF files, `standard` of the others); a .json file is a scene that
-    `Scene.to_json` wrote.
+    A .npy file is a course scene (preset `course`), a .json file a scene that `Scene.to_json`
+    wrote. All others are meshes (preset `pbr` of glTF files, `standard` of the others), see
+    clshade/scene/formats/README.md.
 
     Parameters
     ----------
@@ -79,16 +79,20 @@ def load(
         fill and rim.
     crease : float, optional
         Degrees, 0 to 180: edges with a larger angle between their faces are sharp, where a mesh has
-        no normals of its own. Default: everything is smooth in OBJ and PLY files, flat in glTF (as
-        its specification says) and STL.
+        no normals of its own. Default: everything is smooth, but flat in glTF (as its specification
+        says) and STL.
     flat : bool, default False
         The same as crease=0; not allowed together with `crease`.
+    weld : bool, optional
+        Join vertices at one position, for normals, where an OBJ or PLY file has none and at most 30
+        degrees lie between the faces, so that no seam shows. `crease` joins them in any case.
+        Default: no, but on the command line.
     up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         Axis that points up in the view chosen for a mesh; a camera of a glTF file is not turned.
-        Default: z for STL, y for the others.
+        Default: z for STL, y for most.
     two_sided : bool, optional
         Light surfaces seen from behind like those seen from the front. Default: as the glTF file
-        says; True for OBJ, PLY and STL, which cannot say.
+        says; True where its format cannot say.
     fit : bool, default False
         Ignore the camera of the file, and choose one that shows all of the scene, as for a mesh
         without one.
@@ -130,39 +134,24 @@ def load(
     >>> import clshade
     >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
-    owner, extension = _checked_file("load", path)
+    owner, form = _checked_file("load", path)
     with _refusals(owner), _told_when_slow(owner):
-        if extension in (".npy", ".json"):
-            what = "a course scene" if extension == ".npy" else "a .json file"
-            if (crease, up, flag("load", "flat", flat)) != (None, None, False):
-                raise value_error("load", "crease, flat, up", f"none for {what}", (crease, flat, up))
-            _refuse_time(extension, time, animation)
-            two_sided = None if two_sided is None else flag("load", "two_sided", two_sided)
-            fit = flag("load", "fit", fit)
-            resolution = None if resolution is None else checked_resolution("load", resolution)
-            if extension == ".npy":
-                scene = read_course(path, texture=texture, focal=focal, resolution=resolution)
-            else:
-                scene = _read_scene(path, texture, focal, resolution)
-            scene = scene if two_sided is None else _lit(scene, two_sided)
-            scene = refitted(scene) if fit else scene
-        elif focal is not None:
-            raise value_error("load", "focal", "none for a mesh, whose camera is chosen to fit it", focal)
-        else:
-            options = options_for(
-                "load",
-                texture=texture,
-                resolution=resolution,
-                crease=crease,
-                flat=flat,
-                up=up,
-                two_sided=two_sided,
-                fit=fit,
-                time=time,
-                animation=animation,
-            )
-            _refuse_time(extension, time, animation)
-            scene = _read_mesh(path, extension, options)
+        options = _options(
+            "load",
+            form,
+            texture=texture,
+            focal=focal,
+            resolution=resolution,
+            crease=crease,
+            flat=flat,
+            weld=weld,
+            up=up,
+            two_sided=two_sided,
+            fit=fit,
+            time=time,
+            animation=animation,
+        )
+        scene = form.read(path, options)
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
 
 
@@ -213,12 +202,14 @@ def load_animation(
     >>> run = clshade.load_animation("fox.glb", "Run", fps=24)
     >>> farm.draw_frames(run.scene, run.cameras, "run.##.exr", poses=run.poses)
     """
-    owner, extension = _checked_file("load_animation", path)
-    if extension not in ANIMATED:
-        raise file_error(owner, "extension", f"one of {', '.join(ANIMATED)}, which have animations", quoted(extension))
+    owner, form = _checked_file("load_animation", path)
+    if "animation" not in form.takes:
+        expected = f"one of {', '.join(extensions_with('animation'))}, which have animations"
+        raise file_error(owner, "extension", expected, quoted(_extension(path)))
     with _refusals(owner), _told_when_slow(owner):
-        options = options_for(
+        options = _options(
             "load_animation",
+            form,
             texture=texture,
             resolution=resolution,
             crease=crease,
@@ -231,13 +222,64 @@ def load_animation(
         return play(path, options, count=count, fps=fps)
 
 
-def _checked_file(who: str, path: Path) -> tuple[str, str]:
-    """Return how a file is printed, and its extension. Raises InputError for an unknown one."""
+def _options(
+    who: str,
+    form: Format,
+    *,
+    texture: Any,
+    focal: Any = None,
+    resolution: Any,
+    crease: Any,
+    flat: Any,
+    weld: Any = None,
+    up: Any,
+    two_sided: Any,
+    fit: Any,
+    time: Any = None,
+    animation: Any,
+) -> Options:
+    """Return the options for a file of this format that users give `who`, see `load`. Raises InputError, naming `who`,
+    for one that is refused."""
+    given = {"texture": texture, "focal": focal, "crease": crease, "flat": flag(who, "flat", flat) or None, "up": up}
+    given["weld"] = None if weld is None else flag(who, "weld", weld)
+    for name, value in {**given, "time": time, "animation": animation}.items():
+        if value is not None and name not in form.takes:
+            *most, last = extensions_with(name)
+            others = f"{', '.join(most)} and {last}" if most else last
+            raise value_error(who, name, f"one only for {others} files", value)
+    if flat:
+        if crease is not None:
+            raise InputError(f"{who}: crease: expected either crease or flat, which is a crease of 0, found both")
+        crease = 0.0
+    if isinstance(animation, bool) or not isinstance(animation, (str, Integral, NoneType)):
+        raise value_error(who, "animation", "a name or a whole number", animation)
+    if up is not None:
+        choice(who, "up", up, UPS)
+    return Options(
+        resolution=None if resolution is None else checked_resolution(who, resolution),
+        crease=None if crease is None else crease_angle(who, "crease", crease),
+        weld=bool(weld),
+        focal=None if focal is None else number(who, "focal", focal, above=0.0),
+        up=up or form.up,
+        two_sided=(None if form.has_sides else True) if two_sided is None else flag(who, "two_sided", two_sided),
+        fit=flag(who, "fit", fit),
+        time=None if time is None else number(who, "time", time, least=0.0),
+        animation=int(animation) if isinstance(animation, Integral) else animation,
+        texture=None if texture is None else as_texture(texture, srgb=form.lookup == "standard", lookup=form.lookup),
+    )
+
+
+def _extension(path: Path) -> str:
+    return os.path.splitext(os.fspath(path))[1].lower()
+
+
+def _checked_file(who: str, path: Path) -> tuple[str, Format]:
+    """Return how a file is printed, and its format. Raises InputError for an unknown one."""
     checked_path(who, "path", path)
-    owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
-    if extension not in EXTENSIONS:
+    owner, extension = shown(path), _extension(path)
+    if extension not in BY_EXTENSION:
         raise _no_scene(path, owner, extension)
-    return owner, extension
+    return owner, BY_EXTENSION[extension]
 
 
 @contextlib.contextmanager
@@ -263,38 +305,6 @@ def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     size_of(path)
     image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
     return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
-
-
-def _refuse_time(extension: str, time: Any, animation: Any) -> None:
-    """Raise InputError for a time or an animation of a format that has none."""
-    for name, value in (("time", time), ("animation", animation)):
-        if value is not None and extension not in ANIMATED:
-            raise value_error("load", name, f"none but for {' and '.join(ANIMATED)} files", value)
-
-
-def _read_scene(path: Path, texture: Any, focal: Any, resolution: tuple[int, int] | None) -> Scene:
-    """Read a .json file. Raises InputError for a texture and a focal length, which it has itself."""
-    for name, value in (("texture", texture), ("focal", focal)):
-        if value is not None:
-            raise value_error("load", name, "none for a .json file", value)
-    scene = read_scene(path)
-    return scene if resolution is None else replace(scene, camera=scene.camera.with_resolution(resolution))
-
-
-def _read_mesh(path: Path, extension: str, options: Options) -> Scene:
-    if extension == ".obj":
-        return read_obj(path, options)
-    if extension == ".ply":
-        return read_ply(path, options, DEFAULT_MATERIAL)
-    if extension == ".stl":
-        return read_stl(path, options, DEFAULT_MATERIAL)
-    return read_gltf(path, options)
-
-
-def _lit(scene: Scene, two_sided: bool) -> Scene:
-    """Return the scene with `two_sided` set in every material."""
-    meshes = (replace(mesh, material=replace(mesh.material, two_sided=two_sided)) for mesh in scene.meshes)
-    return replace(scene, meshes=tuple(meshes))
 
 
 @contextlib.contextmanager
@@ -323,9 +333,13 @@ def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
     return tuple(scene.lights[index] for index in kept)
 
 
+# Classes that a scene consists of, whose errors do not name the file.
+_OF_MODEL = {"Camera", "Texture", "Material", "MetallicRoughness", "Mesh", "Scene", *(kind.__name__ for kind in LIGHTS)}
+
+
 def _named(error: InputError, owner: str) -> InputError:
     """Return the error in one line, with the file in front where it names only a class of the scene model."""
     text = " ".join(str(error).split()) if not str(error).isprintable() else str(error)
-    if text.split(":")[0].split(" ")[0] in ("Camera", "PointLight", "Texture", "Material", "Mesh", "Scene"):
+    if text.split(":")[0].split(" ")[0] in _OF_MODEL:
         text = f"{owner}: {text}"
     return InputError(text)

@@ -2,7 +2,7 @@
 
 The color of MTL's own formula, Ka*Ia + sum_l Ip_l*(Kd*(N.L) + Ks*(R.V)^Ns), is kept: ka = Ka, kd = Kd, ks = Ks and
 n = Ns, as most viewers read it; the surface color stays white, so that Kd does not tint the highlight. A material
-without Ka gets its Kd. illum 0 shows Kd independent of the lights, illum 1 has no highlight.
+without Ka gets its Kd. illum 0 shows Kd independent of the lights, illum 1 has no highlight, nor has Ns 0.
 """
 
 from __future__ import annotations
@@ -63,11 +63,12 @@ class _Map:
 
 @dataclass
 class _Found:
-    """The statements of a library on one material. image, mask: its map_Kd and map_d."""
+    """The statements of a library on one material. image, mask: its map_Kd and map_d. transparency: its Tr."""
 
     values: dict[str, Any] = field(default_factory=lambda: dict(DEFAULTS))
     image: _Map | None = None
     mask: _Map | None = None
+    transparency: float | None = None
     model: int = 2
     ignored: list[str] = field(default_factory=list)
 
@@ -88,6 +89,7 @@ class Library:
         self.images: dict[str, Array] = {}
         self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture, bool]] = {}
         self.ignored: list[str] = []
+        self.warned_of_opaque = False
         seen = set()
         for line, text in references:
             if text in seen:
@@ -122,9 +124,10 @@ class Library:
             material.values[_COLORS[keyword]] = _color(rest, owner, where)
         elif keyword == "ns":
             material.values["n"] = _exponent(rest, owner, where)
-        elif keyword in ("d", "tr"):
-            opacity = _opacity(rest, owner, where)
-            material.values["opacity"] = opacity if keyword == "d" else 1.0 - opacity
+        elif keyword == "d":
+            material.values["opacity"] = _opacity(rest, owner, where)
+        elif keyword == "tr":
+            material.transparency = _opacity(rest, owner, where)
         elif keyword == "illum":
             (value,) = _floats(rest, owner, where, (1,), "a number")
             material.model = int(min(max(value, 0.0), 99.0))
@@ -155,9 +158,11 @@ class Library:
         if found is None:
             return None
         self.ignored += found.ignored
-        values = {"ka": found.values["kd"], **found.values}
-        values["blend"] = values.get("opacity", 1.0) < 1.0
-        if found.model == 1:
+        values = {"ka": found.values["kd"], "opacity": self._opacity_of(found), **found.values}
+        values["blend"] = values["opacity"] < 1.0
+        # (R.V)^0 is no highlight but a white half of the surface with a hard edge. Exporters that know none write Ks 1 and
+        # Ns 0; Blender, Unity and Asset Forge draw these without (github.com/castle-engine/castle-engine/issues/178).
+        if found.model == 1 or values["n"] == 0.0:
             values["ks"] = 0.0
         if found.model == 0:
             values.update(color=values["kd"], ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
@@ -172,6 +177,16 @@ class Library:
         moved = np.array([source.scale, source.offset])
         material = Material(**{**values, "blend": values["blend"] or masked}, texture=texture, name=name)
         return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
+
+    def _opacity_of(self, found: _Found) -> float:
+        """Return 1 - Tr for a material without d. Tr 1 alone counts as opaque, with a warning: MeshLab and OpenMVS wrote and
+        read it so, where tinyobjloader, Assimp and three.js find the object invisible."""
+        if found.transparency != 1.0:
+            return 1.0 - (found.transparency or 0.0)
+        if "opacity" not in found.values and not self.warned_of_opaque:
+            self.warned_of_opaque = True
+            warnings.warn(f"{self.owner}: materials with Tr 1 and without d are read as opaque", stacklevel=2)
+        return 1.0
 
     def _texture(self, found: _Found) -> tuple[Texture, bool]:
         """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d."""

@@ -14,14 +14,12 @@ from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file
 from .. import framing, geometry
 from ..model import Material, Mesh, Scene, Texture
-from ..normals import against_normals, crease_normals
+from ..normals import against_normals, crease_normals, seamless_normals
 from .mtl import Library
 from .obj_parser import FaceRun, ObjText, parse_obj
-from .options import Options, warn_ignored
+from .options import DEFAULT_MATERIAL, Options, warn_ignored
 
 MAX_BYTES = 1 << 31  # of a mesh file
-
-DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # for faces without a material in the file
 
 
 def read_obj(path: Path, options: Options) -> Scene:
@@ -29,10 +27,10 @@ def read_obj(path: Path, options: Options) -> Scene:
 
     A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
     are float64. Vertex colors are taken as linear; one that is NaN or infinite becomes white, with a warning. Faces
-    without normals get those computed from all faces of the file, so that no seam shows between meshes; edges above
-    options.crease are sharp, and all are if the file's only smoothing group is `s off`. Faces that are clockwise as
-    seen along the file's normals are reversed. Both sides are lit. A missing material or image is ignored with a
-    warning. See `obj_parser.parse_obj` and `mtl`.
+    without normals get those computed from all faces of the file, so that no seam shows between meshes; options.weld joins
+    vertices at one position (`normals.seamless_normals`); edges above options.crease are sharp, and all are if the file's
+    only smoothing group is `s off`. Faces that are clockwise as seen along the file's normals are reversed. A missing
+    material or image is ignored with a warning. See `obj_parser.parse_obj` and `mtl`.
 
     Raises InputError, one line, see clshade.scene.formats.load.load.
     """
@@ -51,7 +49,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     text.colors = _finite_colors(text.colors, owner)
     meshes = _meshes(text, library, options, name, owner)
     return warn_ignored(
-        framing.framed(meshes, name, options.resolution, up=options.up or "y"), owner, text.ignored + library.ignored
+        framing.framed(meshes, name, options.resolution, up=options.up), owner, text.ignored + library.ignored
     )
 
 
@@ -90,7 +88,7 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         key = (run.material, bool(indices[0, 0, 1] >= 0))
         if key not in materials:
             material, moved = _material(library, *key, options.texture, owner)
-            materials[key] = options.lit(material, by_file=False), moved
+            materials[key] = options.lit(material), moved
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:
@@ -111,7 +109,10 @@ def _normals(text: ObjText, options: Options, whole: bool) -> tuple[Array, Array
     faces = text.indices[:, :, 0]
     if options.crease is not None:
         return crease_normals(text.verts, faces, options.crease)
-    return None if whole else (geometry.vertex_normals(text.verts, faces), None)
+    joined = seamless_normals(text.verts, faces) if options.weld else None
+    if joined is None and not whole:
+        joined = geometry.vertex_normals(text.verts, faces)
+    return None if joined is None else (joined, None)
 
 
 def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:

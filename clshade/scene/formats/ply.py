@@ -19,10 +19,10 @@ from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file
 from ...images.decode import srgb_to_linear
 from .. import framing, geometry
-from ..model import MAX_FACES, Material, Mesh, Scene, Texture
-from ..normals import against_normals, crease_normals
+from ..model import MAX_FACES, Mesh, Scene, Texture
+from ..normals import against_normals, crease_normals, seamless_normals
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
-from .options import Options, warn_ignored
+from .options import DEFAULT_MATERIAL, Options, warn_ignored
 from .ply_parser import Element, read_ply_rows
 from .texture import as_texture
 
@@ -35,17 +35,17 @@ _ALPHAS = ("alpha", "a", "diffuse_alpha")
 _TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
 
 
-def read_ply(path: Path, options: Options, material: Material) -> Scene:
+def read_ply(path: Path, options: Options) -> Scene:
     """Read a PLY file: one Mesh of its faces, followed by its triangle strips.
 
     Polygons are cut by `triangulate.triangulated`. Rendered: positions (as float32, or float64 where the file has
     double or text), normals, colors of vertices or of faces, texture coordinates of vertices or of the corners of faces
     (v = 0 is the bottom), and the image that a comment `TextureFile` names, in the file's folder. Integer colors are
     value/255 (65535) and decoded from sRGB, float colors are linear. Faces with a color each get vertices of their own.
-    Without normals the surface is smooth, except for edges above options.crease; faces that are clockwise as seen along
-    the file's normals are reversed. Both sides are lit. All other properties of vertices and faces that are numbers become
-    Mesh.scalars; where a face's has the name of a vertex's, it is `face_` and that name. Other elements are listed in
-    Scene.ignored.
+    Without normals the surface is smooth, across seams with options.weld, except for edges above options.crease; faces
+    that are clockwise as seen along the file's normals are reversed. All other properties of vertices and
+    faces that are numbers become Mesh.scalars; where a face's has the name of a vertex's, it is `face_` and that name.
+    Other elements are listed in Scene.ignored.
 
     Raises InputError, one line naming the element, property and row, see clshade.scene.formats.load.load.
     """
@@ -68,13 +68,13 @@ def read_ply(path: Path, options: Options, material: Material) -> Scene:
     _add_face_scalars(arrays, elements.get("face"), polygon, ignored)
     if by_file:
         _turn_to_normals(arrays)
-    material = options.lit(material, by_file=False)
+    material = options.lit(DEFAULT_MATERIAL)
     name = os.path.splitext(os.path.basename(owner))[0]
     if texture is not None:
         material = replace(material, texture=texture)
     mesh = Mesh(**arrays, material=material, name=name)
     ignored += [f"element {key[:32]}" for key in elements if key not in ("vertex", "face", "tristrips")]
-    scene = framing.framed((mesh,), name, options.resolution, up=options.up or "y")
+    scene = framing.framed((mesh,), name, options.resolution, up=options.up)
     return warn_ignored(scene, owner, ignored)
 
 
@@ -152,8 +152,12 @@ def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array,
 
 
 def _shade(arrays: dict[str, Any], options: Options) -> None:
-    """Compute normals by the crease angle, if the file has none and one is given."""
-    if arrays["normals"] is None and options.crease is not None:
+    """Compute normals by the crease angle if one is given, or across seams, if the file has none."""
+    if arrays["normals"] is not None:
+        return
+    if options.crease is None:
+        arrays["normals"] = seamless_normals(arrays["verts"], arrays["faces"]) if options.weld else None
+    else:
         normals, normal_faces = crease_normals(arrays["verts"], arrays["faces"], options.crease)
         arrays.update(normals=normals, normal_faces=normal_faces)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import beside, file_error, quoted, read_file, size_of, within
+from ...base.input_files import beside, file_error, quoted, read_file, size_of, stamp, within
 from ...base.spelling import hint
 from ...base.strict_json import found_text, parse_text
 from ...base.validation import set_fields
@@ -22,6 +22,7 @@ from ..camera import Camera
 from ..environment import Environment
 from ..lights import LIGHTS
 from ..model import Material, Mesh, MetallicRoughness, Scene, Texture
+from .options import Options
 from .scene_json_writer import FORMAT, MAX_BINARY_BYTES, MAX_BYTES, SHARED, TYPES, VERSION
 
 _PARTS: dict[str, type] = {"camera": Camera, "environment": Environment, "pbr": MetallicRoughness}
@@ -34,15 +35,26 @@ _LONGEST = (1 << 30) - 1  # side of an array
 _SAME = 2.0**-50  # two unit vectors that differ by less are one, normalized once and twice
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(path: Path, options: Options) -> Scene:
     """Read a scene file that `Scene.to_json` wrote, or a person.
 
     Raises InputError, one line with the file and the place in it, for an unknown version, an unknown, missing or repeated
     key, a value that the scene's classes refuse, and a file of arrays that is missing, outside the folder, or another
     than the one that was written.
     """
+    while True:
+        before = stamp(path)
+        try:
+            return options.applied(_scene_of(read_file(path, MAX_BYTES), path))
+        except InputError:
+            if stamp(path) == before:
+                raise
+            # Another process has replaced it, and removed the arrays of the earlier one.
+
+
+def _scene_of(text: bytes, path: Path) -> Scene:
     owner = shown(path)
-    document = parse_text(read_file(path, MAX_BYTES), owner, "a scene file", unique=True)
+    document = parse_text(text, owner, "a scene file", unique=True)
     found = document.get("format") if isinstance(document, dict) else document
     if not isinstance(document, dict) or found != FORMAT:
         raise file_error(owner, "format", repr(FORMAT), found_text(found))

@@ -5,10 +5,13 @@ It takes the fields of the model's dataclasses as they are, so that a new field 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import os
+import re
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from numbers import Integral, Real
@@ -17,13 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.atomic_files import Path, naming, replacing_all, shown
+from ...base.atomic_files import LEFT_SECONDS, Path, naming, replacing_all, shown
+from ...base.file_lock import folder_locked
 from ...base.input_files import beside, file_error, quoted
 from ...base.strict_json import MAX_VALUES
 from ...base.validation import path as checked_path
 from ...base.validation import value_error
 from ..lights import LIGHTS
-from ..metallic_roughness import TEXTURES
+from ..metallic_roughness import MAPS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -31,7 +35,6 @@ if TYPE_CHECKING:
 FORMAT = "clshade scene"
 VERSION = 1
 ENDING = ".json"
-BINARY = ".bin"  # appended to the name of the JSON file
 MAX_BYTES = 1 << 28  # of the JSON file
 MAX_BINARY_BYTES = 1 << 35  # two textures of the largest size
 TYPES = ("float32", "float64", "int32")  # of arrays in the binary file, little-endian
@@ -39,7 +42,7 @@ ALIGNMENT = 64  # bytes
 INLINE = 16  # numbers of an array in the text, such as a 4x4 matrix
 
 # Fields that hold an object of a table, and the table's name: what is shared in the scene is shared in the file.
-SHARED = {"material": "materials", "texture": "textures", **dict.fromkeys(TEXTURES, "textures")}
+SHARED = {"material": "materials", "texture": "textures", **dict.fromkeys(MAPS, "textures")}
 
 _WIDTH = 110  # characters of a line, where an object or a list fits into one
 
@@ -48,10 +51,12 @@ _WIDTH = 110  # characters of a line, where an object or a list fits into one
 class SceneFile:
     """A scene as it is written.
 
-    text: the JSON, UTF-8. arrays: the content of the binary file in order, each with its first byte; none: no file.
+    text: the JSON, UTF-8. file: name of the binary file, "" without arrays. arrays: its content in order, each with its
+    first byte.
     """
 
     text: bytes
+    file: str
     arrays: tuple[tuple[int, Array], ...]
 
     def binary(self) -> Iterator[bytes | memoryview]:
@@ -59,8 +64,8 @@ class SceneFile:
         return _parts(self.arrays)
 
 
-def file_names(path: Path, asked: tuple[str, str] = ("Scene.to_json", "path")) -> tuple[str, str]:
-    """Return the names of a scene's JSON file and of its binary file.
+def checked_name(path: Path, asked: tuple[str, str] = ("Scene.to_json", "path")) -> str:
+    """Return the name of a scene's JSON file.
 
     asked: function and argument, for messages. Raises InputError for a name that `clshade.load` does not take, or to
     which no scene file may refer.
@@ -71,25 +76,46 @@ def file_names(path: Path, asked: tuple[str, str] = ("Scene.to_json", "path")) -
     folder, own = os.path.split(name)
     if "\\" in own:  # readers take it for a slash
         raise file_error(*asked, "a file in the scene's folder (no backslash)", quoted(own))
-    beside(folder or ".", folder or ".", own + BINARY, *asked)
-    return name, name + BINARY
+    beside(folder or ".", folder or ".", f"{own}.bin", *asked)  # as that of its arrays
+    return name
 
 
 def write_scene(scene: DataclassInstance, path: Path) -> None:
-    """Write a scene, see `Scene.to_json`: both files or none."""
-    text, binary = file_names(path)
-    made = encoded(scene, os.path.basename(binary))
-    with replacing_all(*((binary, text) if made.arrays else (text,))) as files:
-        if made.arrays:
-            with naming(binary):
-                for part in made.binary():
-                    files[0].write(part)
-        with naming(text):
-            files[-1].write(made.text)
+    """Write a scene, see `Scene.to_json`.
+
+    The JSON names its binary file, whose name has its hash: whenever this process ends, and whoever else writes the same
+    scene file, the JSON and what it names are those of one scene.
+    """
+    text = checked_name(path)
+    folder, own = os.path.split(text)
+    made = encoded(scene, own)
+    binary = os.path.join(folder, made.file)
+    with contextlib.ExitStack() as stack:
+        with replacing_all(*((binary, text) if made.arrays else (text,))) as files:
+            if made.arrays:
+                with naming(binary):
+                    for part in made.binary():
+                        files[0].write(part)
+            with naming(text):
+                files[-1].write(made.text)
+            locked = stack.enter_context(folder_locked(folder or "."))  # before both take their places
+        _remove_earlier(folder or ".", own, made.file, at_once=locked)
 
 
-def encoded(scene: DataclassInstance, binary: str) -> SceneFile:
-    """Return a scene as it is written. binary: the name of the file with its arrays, beside that of the text.
+def _remove_earlier(folder: str, own: str, kept: str, *, at_once: bool) -> None:
+    """Remove the binary files of a JSON file but one. at_once: whether no other process can have begun to replace them;
+    else only those left for long."""
+    name = re.compile(re.escape(own) + r"\.[0-9a-f]{16}\.bin")
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if name.fullmatch(entry.name) and entry.name != kept:
+                with contextlib.suppress(OSError):
+                    if at_once or entry.stat().st_mtime < time.time() - LEFT_SECONDS:
+                        os.unlink(entry.path)
+
+
+def encoded(scene: DataclassInstance, name: str) -> SceneFile:
+    """Return a scene as it is written to a JSON file of this name.
 
     Raises InputError for a scene beyond the limits of the format.
     """
@@ -101,13 +127,14 @@ def encoded(scene: DataclassInstance, binary: str) -> SceneFile:
     hashed = hashlib.sha256()
     for part in _parts(arrays):
         hashed.update(part)
-    facts = {"file": binary, "bytes": encoder.size, "sha256": hashed.hexdigest()}
+    file = f"{name}.{hashed.hexdigest()[:16]}.bin" if arrays else ""
+    facts = {"file": file, "bytes": encoder.size, "sha256": hashed.hexdigest()}
     text = (_text({**content, "arrays": facts if arrays else None}) + "\n").encode()
     values = sum(map(text.count, (b",", b"[", b"{")))
     if values > MAX_VALUES or len(text) > MAX_BYTES:
         expected = f"at most {MAX_VALUES} values and {MAX_BYTES} bytes beside its arrays"
         raise value_error("Scene.to_json", "scene", expected, f"{values} values and {len(text)} bytes")
-    return SceneFile(text, arrays)
+    return SceneFile(text, file, arrays)
 
 
 class _Encoder:

@@ -11,9 +11,9 @@ from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file, runs
 from .. import framing
-from ..model import MAX_FACES, Material, Mesh, Scene
+from ..model import MAX_FACES, Mesh, Scene
 from ..normals import crease_normals, welded
-from .options import Options, warn_ignored
+from .options import DEFAULT_MATERIAL, Options, warn_ignored
 from .text_tokens import numbers
 
 MAX_BYTES = 1 << 31
@@ -24,12 +24,11 @@ _FACET = (*_WORDS, b"endloop", b"endfacet")
 _NAMES = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b.*$", re.MULTILINE)
 
 
-def read_stl(path: Path, options: Options, material: Material) -> Scene:
+def read_stl(path: Path, options: Options) -> Scene:
     """Read an STL file: one Mesh with three float32 vertices of its own for each facet, in the file's order.
 
     Facets are flat, as the format intends; with options.crease vertices at equal positions are welded and edges up
-    to that angle are smooth. The file's normals, which many programs write wrong, are ignored. Both sides are lit.
-    z is up unless options.up says otherwise, as is usual in CAD and printing.
+    to that angle are smooth. The file's normals, which many programs write wrong, are ignored.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
     ascii, if it is text. Raises InputError, one line that names the file and the facet, see
@@ -37,7 +36,7 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
     """
     owner = shown(path)
     if options.texture is not None:
-        raise file_error(owner, "texture", "none: an STL file has no texture coordinates", "one")
+        raise file_error(owner, "texture", "no texture, for an STL file has no texture coordinates", "one")
     data = read_file(path, MAX_BYTES)
     ignored = []
     count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
@@ -52,12 +51,12 @@ def read_stl(path: Path, options: Options, material: Material) -> Scene:
             f"{_HEAD + _RECORD * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"
         )
         raise file_error(owner, "facet count", expected, f"{len(data)} bytes")
-    mesh = _mesh(verts, owner, options, material)
-    scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up or "z")
+    mesh = _mesh(verts, owner, options)
+    scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up)
     return warn_ignored(scene, owner, ignored)
 
 
-def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mesh:
+def _mesh(verts: Array, owner: str, options: Options) -> Mesh:
     """Return the Mesh. verts: (3F, 3), corners of the facets."""
     count = len(verts) // 3
     if not 0 < count <= MAX_FACES:
@@ -73,7 +72,7 @@ def _mesh(verts: Array, owner: str, options: Options, material: Material) -> Mes
         verts, faces = verts[kept], which[faces]
         normals, normal_faces = crease_normals(verts, faces, options.crease)
     name = os.path.splitext(os.path.basename(owner))[0]
-    return Mesh(verts, faces, None, normals, normal_faces, material=options.lit(material, by_file=False), name=name)
+    return Mesh(verts, faces, None, normals, normal_faces, material=options.lit(DEFAULT_MATERIAL), name=name)
 
 
 def _ascii(data: bytes, owner: str) -> Array:

@@ -3,14 +3,19 @@
 
 const RATE_SECONDS = 1; // over which frames per second are counted
 const NOTICE_MS = 8000;
+const COMMAND_MS = 200; // that a view has to rest before its command is asked for
+const RESIZE_MS = 150; // that a window has to keep its size
 
 class Live {
   constructor(viewer) {
     this.viewer = viewer;
-    this.connection = new Connection(`ws://${location.host}${location.pathname}live`);
+    viewer.resized();
+    const { width, height } = viewer.canvas;
+    this.connection = new Connection(`ws://${location.host}${location.pathname}live?columns=${width}&rows=${height}`);
     const send = (message) => this.connection.send(message);
     this.send = send;
     this.motion = new MotionPicture(viewer);
+    this.waiting = new Waiting();
     this.panel = new LivePanel(send);
     this.controls = new CameraControls(viewer, send);
     this.panel.turning.addEventListener("click", () => this.controls.turn(!this.controls.turning));
@@ -28,6 +33,10 @@ class Live {
     this.connection.onpicture = (header, arrays) => this.picture(header, arrays);
     this.connection.addEventListener("message", ({ detail }) => this.message(detail));
     this.connection.addEventListener("closed", () => this.ended());
+    viewer.addEventListener("resized", () => {
+      clearTimeout(this.resizeTimer);
+      this.resizeTimer = setTimeout(() => this.tellSize(), RESIZE_MS);
+    });
     viewer.addEventListener("change", () => this.tellDisplay());
     viewer.addEventListener("hover", () => this.probe());
     this.noticeTimer = setTimeout(() => this.notice("", 0), NOTICE_MS); // the viewer may have said something
@@ -36,10 +45,14 @@ class Live {
   message(message) {
     const { type } = message;
     if (type === "scene") this.describe(message);
+    else if (type === "state") this.waiting.set(message);
+    else if (type === "options") this.panel.follow(message);
+    else if (type === "command") this.panel.showCommand(message.command);
     else if (type === "snapshot") this.panel.written(message);
     else if (type === "probe") this.probed(message);
     else if (type === "changed") this.bar.hidden = !message.changed;
     else if (type === "error") this.failed(message.text);
+    else if (type === "failed") this.reason = message.text;
   }
 
   failed(text) {
@@ -55,17 +68,30 @@ class Live {
 
   ended() {
     document.body.classList.add("ended");
-    this.notice("The view has ended. Start it again for another.", 0);
+    this.waiting.end();
+    this.notice(this.reason ?? "The view has ended. Start it again for another.", 0);
   }
 
-  /** Take over the scene. Until its first whole picture is there, the viewer has a black image of its size. */
+  /** Pictures are as large as the canvas, in its own pixels. */
+  tellSize() {
+    const { width, height } = this.viewer.canvas;
+    this.send({ type: "size", columns: width, rows: height });
+  }
+
+  /** Until a whole picture of this size is there, the viewer has a black image. */
+  clear([width, height]) {
+    if (this.viewer.image?.width === width && this.viewer.image.height === height) return;
+    const black = new Float32Array(width * height);
+    this.viewer.pin(null);
+    this.viewer.setImage(this.name, { width, height, channels: { R: black, G: black, B: black }, info: {} });
+  }
+
   describe(scene) {
-    const [width, height] = scene.resolution;
     this.name = scene.name;
     this.bar.hidden = true;
+    this.viewer.fill = scene.fills ? 1 : this.viewer.fill;
     if (!this.viewer.images.size) {
-      const black = () => new Float32Array(width * height);
-      this.viewer.setImage(scene.name, { width, height, channels: { R: black(), G: black(), B: black() }, info: {} });
+      this.clear(scene.resolution);
       Object.assign(this.viewer.initial, { exposure: scene.exposure, operator: scene.tonemap });
       this.viewer.reset();
     }
@@ -84,13 +110,21 @@ class Live {
     if (text === this.display) return;
     this.display = text;
     this.send({ type: "set", ...display });
+    if (this.header?.last) this.askForCommand();
+  }
+
+  askForCommand() {
+    clearTimeout(this.commandTimer);
+    this.commandTimer = setTimeout(() => this.send({ type: "command" }), COMMAND_MS);
   }
 
   picture(header, arrays) {
     this.header = header;
     this.counts.all++;
+    this.waiting.shown();
     if (header.moving) this.counts.moving++;
     if (header.type === "picture") {
+      this.clear(header.full);
       this.motion.show(header, arrays.rgba);
     } else {
       this.motion.hide();
@@ -100,6 +134,7 @@ class Live {
     document.body.classList.toggle("unfinished", !header.last);
     document.documentElement.dataset.version = String(header.version);
     if (header.last) this.probe();
+    if (header.last) this.askForCommand();
     this.panel.times(header, this.panel.state.samples, this.rate(header));
   }
 

@@ -34,6 +34,7 @@ class CameraControls {
 
   /** Return true for an event that moves the camera; with Ctrl it is about the image, as without a live view. */
   pointer(event, pixel) {
+    if (!this.viewer.image) return false; // the scene is not there yet
     if (event.type === "pointerdown") this.turn(false);
     if (event.type === "wheel") {
       if (event.ctrlKey) return false;

@@ -1,15 +1,17 @@
 "use strict";
-// The panel of a live view: shader, samples, layers, lights, snapshot, times.
+// The panel of a live view: shader, samples, shadows and so on, layers, lights, snapshot, times.
 
 const SAMPLE_COUNTS = [1, 4, 16, 64];
 const BRIGHTEST_LIGHT = 4; // factor of a light's intensity at the end of its slider
+const OCCLUSION_RAYS = [0, 16, 64];
+const BACKGROUND_NAMES = { scene: "Scene", environment: "Environment", color: "Color" }; // null: none
 const SHADER_NAMES = { phong: "Phong", gouraud: "Gouraud", nolight: "No light", pbr: "Metallic-roughness" };
 
 class LivePanel {
   /** send: a function of a message. */
   constructor(send) {
     this.send = send;
-    this.section = create("section", { id: "live" });
+    this.section = create("section", { id: "live", hidden: true }); // until the scene is there
     document.querySelector("#panel header").after(this.section);
     const reset = create("button", { type: "button", textContent: "Reset", title: "Back to the first camera" });
     reset.addEventListener("click", () => send({ type: "reset" }));
@@ -17,13 +19,29 @@ class LivePanel {
     this.turning = create("button", { type: "button", textContent: "Turn", title: "Go round the scene (T)", ariaPressed: "false" });
     this.section.append(title("Camera", create("span", { className: "buttons" }, this.turning, reset)), create("p", { className: "meaning", textContent: "Drag: orbit · right drag: pan · wheel: zoom · WASD QE: fly" }));
     const row = (text, hint) => create("div", { className: "choose", title: hint }, create("h2", { textContent: text }));
-    const [shader, samples, layers] = [row("Shader", "Where the scene is lit"), row("Samples", "Per pixel, once the view is still"),
-      row("Layers", "To render with the picture: they can be shown below")];
-    this.shaders = new Choice(shader, (value) => this.set({ shader: value }));
-    this.samples = new Choice(samples, (value) => this.set({ samples: value }));
-    this.layers = create("div", { className: "toggles" });
-    layers.append(this.layers);
-    this.section.append(shader, samples, layers, this.lightsTitle = title("Lights"), this.lights = create("div"));
+    const choose = (name, hint, onchoose) => {
+      const box = row(name, hint);
+      this.section.append(box);
+      const choice = new Choice(box, onchoose);
+      return { choice, update: (choices, chosen) => {
+        choice.update(choices, chosen);
+        box.hidden = choices.length < 2;
+      } };
+    };
+    this.shaders = choose("Shader", "Where the scene is lit", (shader) => this.set({ shader }));
+    this.samples = choose("Samples", "Per pixel, once the view is still", (count) => this.set({ samples: count }));
+    this.occlusion = choose("Occlusion", "Rays that look for what keeps ambient light away", (rays) => this.set({ ambient_occlusion: rays }));
+    this.environment = choose("Environment", "What lights the scene from all around", (name) => this.set({ environment: name }));
+    this.background = choose("Background", "What is seen behind the surfaces", (value) => this.set({ background: value === "color" ? this.color.value : value }));
+    this.color = create("input", { type: "color", value: "#808080", ariaLabel: "Color of the background" });
+    this.color.addEventListener("input", () => this.set({ background: this.color.value }));
+    this.background.choice.box.after(this.color);
+    this.shadows = createSwitch("Shadows", "", (shadows) => this.set({ shadows }));
+    this.ground = createSwitch("Ground", "", (ground) => this.set({ ground }));
+    this.layers = create("div", { className: "toggles", title: "Render with the picture" });
+    document.querySelector("#layers h2").after(this.layers);
+    const switches = create("div", { className: "switches" }, this.shadows.box, this.ground.box);
+    this.section.append(switches, this.lightsTitle = title("Lights"), this.lights = create("div"));
     const snapshot = create("button", { type: "button", id: "snapshot", textContent: "Snapshot",
       title: "Write the EXR and PNG that `clshade render` writes for this view" });
     snapshot.addEventListener("click", () => {
@@ -31,8 +49,10 @@ class LivePanel {
       send({ type: "snapshot" });
     });
     this.result = create("div", { id: "written" });
+    this.commandText = create("div");
+    this.command = create("details", { id: "command", hidden: true }, create("summary", { textContent: "The command that draws this" }), this.commandText);
     this.figures = create("p", { className: "figures", id: "times" });
-    this.section.append(title("Picture", snapshot), this.result, this.figures);
+    this.section.append(title("Picture", snapshot), this.result, this.figures, this.command);
   }
 
   set(changes) {
@@ -42,20 +62,28 @@ class LivePanel {
   }
 
   /** Take over what the server said about the scene. */
-  describe({ settings, layers, lights, lightNames, choices }) {
+  describe({ settings, lights, lightNames, choices }) {
+    this.section.hidden = false;
     this.choices = choices;
-    this.state = { ...settings, layers, lights };
+    this.state = { ...settings, lights };
     this.lightNames = lightNames;
     this.offLights = lights.map((factor) => factor || 1);
     this.update();
     this.buildLights();
   }
 
+  /** Take over what became of settings, and which others are allowed. */
+  follow({ settings, choices }) {
+    this.choices = choices;
+    Object.assign(this.state, settings);
+    this.update();
+  }
+
   update() {
     const { shader, samples, layers } = this.state;
+    this.updateSwitches();
     this.shaders.update(this.choices.shader.map((value) => ({ value, label: SHADER_NAMES[value] ?? value })), shader);
-    const counts = SAMPLE_COUNTS.includes(samples) ? SAMPLE_COUNTS : [...SAMPLE_COUNTS, samples].sort((a, b) => a - b);
-    this.samples.update(counts.map((value) => ({ value, label: String(value) })), samples);
+    this.samples.update(numbered(SAMPLE_COUNTS, samples), samples);
     this.layers.replaceChildren(...this.choices.layers.map((name) => {
       const button = create("button", { type: "button", textContent: name, ariaPressed: String(layers.includes(name)) });
       button.addEventListener("click", () => {
@@ -65,8 +93,23 @@ class LivePanel {
     }));
   }
 
+  /** Show what of the light and the surroundings this scene can have. */
+  updateSwitches() {
+    const { state: { background, environment, ambient_occlusion: rays, shadows, ground }, choices } = this;
+    this.occlusion.update(choices.ambient_occlusion ? numbered(OCCLUSION_RAYS, rays) : [], rays);
+    this.environment.update(choices.environment.map(([value, name]) => ({ value, label: name[0].toUpperCase() + name.slice(1) })), environment);
+    const isNamed = background === null || Object.hasOwn(BACKGROUND_NAMES, background);
+    const kind = isNamed ? background : "color";
+    this.background.update(choices.background.map((value) => ({ value, label: BACKGROUND_NAMES[value] ?? "None" })), kind);
+    this.color.hidden = kind !== "color";
+    this.lightsTitle.hidden = this.lights.hidden = !choices.lights;
+    for (const [{ box, input }, allowed, on] of [[this.shadows, choices.shadows, shadows], [this.ground, choices.ground, ground]]) {
+      box.hidden = !allowed;
+      input.checked = on;
+    }
+  }
+
   buildLights() {
-    this.lightsTitle.hidden = !this.state.lights.length;
     this.lights.replaceChildren(...this.state.lights.map((factor, k) => this.light(factor, k)));
   }
 
@@ -101,6 +144,12 @@ class LivePanel {
     this.set({ lights: this.state.lights.map((each, index) => (index === k ? factor : each)) });
   }
 
+  /** Show the command that draws what is seen. */
+  showCommand(text) {
+    this.command.hidden = false;
+    this.commandText.replaceChildren(...commandElements(text));
+  }
+
   /** Forget the snapshot that was asked for. */
   failed() {
     this.result.replaceChildren();
@@ -108,13 +157,8 @@ class LivePanel {
 
   /** Show a snapshot's files, and the command that makes them. */
   written({ files, command, warnings }) {
-    const copy = create("button", { type: "button", textContent: "Copy" });
-    copy.addEventListener("click", async () => {
-      await navigator.clipboard.writeText(command);
-      copy.textContent = "Copied";
-    });
     const lines = [...files, ...warnings].map((textContent) => create("div", { textContent }));
-    this.result.replaceChildren(...lines, create("code", { textContent: command }), copy);
+    this.result.replaceChildren(...lines, ...commandElements(command));
   }
 
   /** Show what a picture took. rate: frames per second, or null at rest. */
@@ -129,4 +173,19 @@ class LivePanel {
     ];
     this.figures.replaceChildren(...lines.map((textContent) => create("div", { textContent })));
   }
+}
+
+/** Return choices of usual numbers, and of the one in use. */
+function numbered(usual, used) {
+  return [...new Set([...usual, used])].sort((a, b) => a - b).map((value) => ({ value, label: String(value || "Off") }));
+}
+
+/** Return a command's text, and a button that copies it. */
+function commandElements(command) {
+  const copy = create("button", { type: "button", textContent: "Copy" });
+  copy.addEventListener("click", async () => {
+    await navigator.clipboard.writeText(command);
+    copy.textContent = "Copied";
+  });
+  return [create("code", { textContent: command }), copy];
 }

@@ -213,6 +213,7 @@ class Viewer extends Viewport {
     for (const canvas of [this.canvas, this.overlay.canvas]) Object.assign(canvas, { width, height });
     if (this.fitted) this.fit();
     this.draw(); // at once: a resized canvas is blank
+    this.dispatchEvent(new Event("resized"));
   }
 
   requestDraw() {

@@ -20,6 +20,7 @@ class Viewport extends EventTarget {
     this.canvas = canvas;
     this.view = { x: 0, y: 0, zoom: 1 };
     this.fitted = true;
+    this.fill = 0.96; // of the canvas, by an image that is fitted
     this.ratio = window.devicePixelRatio; // pixels of the canvas per CSS pixel, as it was sized last
   }
 
@@ -39,7 +40,7 @@ class Viewport extends EventTarget {
   fit() {
     const { width, height } = this.canvas;
     const image = this.image ?? { width: 1, height: 1 };
-    const zoom = Math.min(width / image.width, height / image.height) * 0.96;
+    const zoom = Math.min(width / image.width, height / image.height) * this.fill;
     this.view.zoom = zoom > 2 ? Math.min(Math.floor(zoom), 16 * this.ratio) : zoom; // pixels of equal size
     this.center();
     this.fitted = true;

@@ -1,4 +1,4 @@
-"""The fixture `image_regression`: draws a scene and compares the bits with those of an earlier run."""
+"""The fixture `clshade_image_regression`: draws a scene and compares the bits with those of an earlier run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ...scene.model import Scene
 from ...scene.settings import FrameOptions
 from . import library
 from .failure import Failure, difference_lines
-from .options import RENEWED, UPDATE
+from .options import FIXTURE, RENEWED, UPDATE
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -58,7 +58,7 @@ class ImageRegression:
         self._compared: set[str] = set()
 
     def __repr__(self) -> str:
-        return f"<image_regression of {self._key('')}>"
+        return f"<{FIXTURE} of {self._key('')}>"
 
     def __call__(self, scene: Scene | Frame, name: str | None = None, **options: Unpack[Options]) -> Frame:
         """Draw a scene, or take a frame, and compare image and layers with the library's.
@@ -99,17 +99,17 @@ class ImageRegression:
         except ClshadeError as error:
             message = str(error)
         if message:
-            pytest.fail(f"image_regression: {message}", pytrace=False)
+            pytest.fail(f"{FIXTURE}: {message}", pytrace=False)
         return frame
 
     def _new_key(self, name: str | None) -> str:
         if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
             expected = "1 to 60 letters, digits, _, - and ., or None"
-            raise value_error("image_regression", "name", expected, name)
+            raise value_error(FIXTURE, "name", expected, name)
         key = self._key(name or "")
         if key in self._compared:
             expected = "another one for each image of a test"
-            raise value_error("image_regression", "name", expected, name, ", for the second time")
+            raise value_error(FIXTURE, "name", expected, name, ", for the second time")
         self._compared.add(key)
         return key
 
@@ -176,14 +176,14 @@ class ImageRegression:
 
 
 def _drawn(scene: Scene | Frame, options: Options) -> Frame:
-    known("image_regression", options, (*_OPTIONS, "name"))
+    known(FIXTURE, options, (*_OPTIONS, "name"))
     if isinstance(scene, Frame):
         for name, value in options.items():
             expected = "no option for a Frame, which is drawn already"
-            raise value_error("image_regression", name, expected, value)
+            raise value_error(FIXTURE, name, expected, value)
         return scene
     if not isinstance(scene, Scene):
-        raise value_error("image_regression", "scene", "a Scene or a Frame", scene)
+        raise value_error(FIXTURE, "scene", "a Scene or a Frame", scene)
     from ...pipeline.renderer import render
 
     return render(scene, **options)

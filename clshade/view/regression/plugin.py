@@ -1,4 +1,4 @@
-"""The pytest plugin `clshade`: its options, the fixture `image_regression`, the summary of what was renewed.
+"""The pytest plugin `clshade`: its options, the fixture `clshade_image_regression`, the summary of what was renewed.
 
 pytest imports this module at the start of every run, so nothing that draws is imported before a test asks for an image.
 """
@@ -15,7 +15,7 @@ from .options import OUT, REFERENCES, RENEWED, STATES, UPDATE
 if TYPE_CHECKING:
     from .image_regression import ImageRegression
 
-_OTHER = "regressions"  # pytest-regressions, which also has a fixture `image_regression`
+_SHORT = "image_regression"  # another name of the fixture, where no other plugin has it
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -41,20 +41,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 class _ShortName:
     @pytest.fixture
     def image_regression(self, clshade_image_regression: ImageRegression) -> ImageRegression:
-        """Draw a scene and compare image and layers, bit for bit, with those of an earlier run."""
+        """`clshade_image_regression` under a short name; pytest-regressions has a fixture of this name."""
         return clshade_image_regression
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
-    if not config.pluginmanager.has_plugin(_OTHER):
-        config.pluginmanager.register(_ShortName(), "clshade-image-regression")
+    if not any(hasattr(plugin, _SHORT) for plugin in config.pluginmanager.get_plugins()):
+        config.pluginmanager.register(_ShortName(), "clshade-short-name")
 
 
 @pytest.fixture
 def clshade_image_regression(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> ImageRegression:
-    """`image_regression` under a name that no other plugin has."""
+    """Draw a scene and compare image and layers, bit for bit, with those of an earlier run."""
     from .image_regression import ImageRegression
 
     out = request.config.getoption(OUT)

@@ -13,9 +13,10 @@ from .... import oracle
 from ....base.arrays import Array
 from ....images import exr
 from ....oracle import OracleFrame, shade
+from ....oracle.terms import Surface
 from ....pipeline import shading_tables
 from ....pipeline.buffers import Buffer
-from ....pipeline.features import CHOICES, OPTIONAL, Features
+from ....pipeline.features import GROUPS, Features
 from ....pipeline.frame import Frame
 from ....pipeline.launches import Stages
 from ....pipeline.opencl.device import Device
@@ -23,13 +24,14 @@ from ....pipeline.programs import build
 from ....pipeline.renderer import Renderer
 from ....pipeline.single_primitive import Lookup
 from ....pipeline.struct_layout import SINGLE
+from ....scene.material import TERMS
 from ....scene.model import Scene, Texture
 from ....scene.settings import Layer
 from ...check import oracle_bounds
 
 LAYERS: tuple[Layer, ...] = ("Z", "id")
 BOUNDS = 32.0  # times sqrt(max(n, 1)) * 2^-24 * kappa * B: allowed color error (oracle_bounds.color_bound)
-_POINT_FEATURES = {"LIT", "DIFFUSE", "SPECULAR", "POWER"}
+_POINT_FEATURES = {"LIT", "POWER", *GROUPS["TERMS"]}
 
 
 @dataclass(frozen=True)
@@ -103,25 +105,26 @@ class Bench:
         lights: tuple[Array, Array],
         *,
         n: float = 1.0,
-        kd: Any = 1.0,
-        ks: Any = 1.0,
         colors: Array | None = None,
+        **k: Any,
     ) -> Array:
         """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3), all converted to
         float32.
 
-        Returns (K, 3) float32. lights: positions (L, 3), intensities (L, 3).
+        Returns (K, 3) float32. lights: positions (L, 3), intensities (L, 3). k: coefficients, see `_coefficients`.
         """
-        stages = Stages(self.device, build(self.device, _features(_POINT_FEATURES), ("light.cl",)))
+        features = Features.of(_POINT_FEATURES)
+        stages = Stages(self.device, build(self.device, features, ("light.cl",)))
         material, table = np.zeros(1, SINGLE.Material), np.zeros(len(lights[0]), SINGLE.Light)
-        material["kd"], material["ks"], material["n"], material["texture"] = kd, ks, n, -1
+        material["k"] = np.concatenate(list(_coefficients(k).values()))
+        material["n"], material["texture"] = n, -1
         table["position"], table["intensity"] = lights
         colors = np.ones_like(points) if colors is None else colors
         # Bound to names, so that the memory outlives the kernel.
         at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, colors))
         surface, shining = Buffer(self.device, material), Buffer(self.device, table)
         found = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
-        stages.light(at, facing, tint, surface, shining, found, 1.0, len(table), len(points))
+        stages.light(at, facing, tint, surface, shining, features.needs, found, 1.0, len(table), len(points))
         lit: Array = found.to_host()[:, :3].copy()
         return lit
 
@@ -139,8 +142,9 @@ class Bench:
             path.unlink(missing_ok=True)
 
 
-def _features(names: set[str]) -> Features:
-    return Features(tuple((name, int(name in names)) for name in CHOICES + OPTIONAL))
+def _coefficients(given: dict[str, float]) -> dict[str, Array]:
+    """Return the coefficients (3,) of TERMS; without those given kd and ks are 1, others 0."""
+    return {name: np.full(3, given.get(name, float(name in ("kd", "ks")))) for name in TERMS}
 
 
 def _four(vectors: Array) -> Array:
@@ -211,23 +215,20 @@ def color_outcome(rgb: Array, expected: OracleFrame, skip: Array | None = None, 
     )
 
 
-def expected_light(
-    points: Array, normals: Array, lights: tuple[Array, Array], n: float, kd: float = 1.0, ks: float = 1.0
-) -> OracleFrame:
+def expected_light(points: Array, normals: Array, lights: tuple[Array, Array], n: float, **k: float) -> OracleFrame:
     """Return the expected result of `Bench.light` for white points, as an image of one row."""
     p, m, positions, intensities = (np.asarray(a, np.float64) for a in (points, normals, *lights))
     eye, count = np.zeros(3), len(p)
+    surface = Surface(np.float64(n), k=_coefficients(k))
+    around, steepness = (np.abs(p).max(axis=1), np.ones(count)), shade.steepness(p, m, surface, eye, positions)
     return OracleFrame(
-        rgb=shade.reflected(p, m, eye, np.full(3, kd), np.full(3, ks), np.float64(n), positions, intensities)[None],
+        rgb=shade.reflected(p, m, eye, surface, positions, intensities)[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
-        budget=np.broadcast_to(
-            shade.budget(np.ones(3), np.zeros(3), np.full(3, kd), np.full(3, ks), intensities), (1, count, 3)
-        ),
-        conditions=shade.conditions(p, np.abs(p).max(axis=1), np.ones(count), eye, positions)[None],
-        jump=ks
-        * shade.jumps(p, m, np.abs(p).max(axis=1), np.ones(count), np.float64(n), eye, positions, intensities)[None],
+        budget=np.broadcast_to(shade.budget(np.ones(3), surface, intensities), (1, count, 3)),
+        conditions=shade.conditions(p, *around, eye, positions, steepness=steepness)[None],
+        jump=shade.jumps(p, m, *around, surface, eye, positions, intensities)[None],
         exponent=np.full((1, count), n),
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),

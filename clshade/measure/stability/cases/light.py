@@ -10,7 +10,7 @@ import numpy as np
 
 from ....base.arrays import Array
 from ....errors import InputError
-from ....oracle import shade
+from ....oracle import terms
 from ....pipeline.features import OPTIONAL
 from ....scene.model import Material
 from . import lit
@@ -53,8 +53,7 @@ def exact_highlights(points: Array, normals: Array, light: Array, n: float) -> A
     try:
         import mpmath
     except ImportError:
-        n_l, r_v, distance2 = shade.angles(points, normals, np.zeros(3), light)
-        return np.where(n_l > 0.0, shade.highlight(r_v, distance2, np.float64(n)), 0.0)
+        return terms.specular(terms.Directions.at(points, normals, np.zeros(3), light), np.float64(n))
     found = np.zeros(len(points))
     with mpmath.workdps(DIGITS):
         for k in range(len(points)):

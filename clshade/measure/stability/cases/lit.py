@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ....base.arrays import Array
-from ....scene.adjust_lights import rescaled_light
 from ....scene.camera import Camera
 from ....scene.model import Material, Mesh, PointLight, Scene
 
@@ -61,7 +60,7 @@ def shifted(scene: Scene, scale: float, shift: float | Array) -> Scene:
     """Return the scene with vertices, camera and lights times `scale` plus `shift`."""
     camera = scene.camera
     eye, lookat = camera.eye * scale + shift, camera.lookat * scale + shift
-    lights = tuple(rescaled_light(light, scale, shift) for light in scene.lights)
+    lights = tuple(light.rescaled(scale, shift) for light in scene.lights)
     meshes = tuple(replace(mesh, verts=mesh.verts * scale + shift) for mesh in scene.meshes)
     return replace(scene, meshes=meshes, lights=lights, camera=replace(camera, eye=eye, lookat=lookat))
 

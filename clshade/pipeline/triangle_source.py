@@ -1,0 +1,155 @@
+"""Where a frame's triangles come from: the faces of a scene's meshes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base.arrays import Array, Floats, Integers
+from .buffers import Buffer, TriangleBuffers, VertexBuffers
+from .frame_state import SceneFrame
+from .launches import Sides, Stages
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """The triangles of a frame, T of them: those of faces, then the pieces of clipped ones.
+
+    made: where they are set up. visible: number of those that may be seen. pieces: (C,) of structs.Piece.
+    """
+
+    made: TriangleBuffers
+    visible: int
+    pieces: Buffer
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Faces to clip, C of them, in order. corners: (C, 3, 3) world space. numbers: (C,). instances: (C,) those that have
+    them, None for faces of the scene."""
+
+    corners: Floats
+    numbers: Integers
+    instances: Integers | None = None
+
+
+class TriangleSource(ABC):
+    """Projects a scene's vertices and sets up its triangles, in memory that is kept from frame to frame.
+
+    room: number of faces that there is memory for at first. made: the memory of faces, and of pieces of clipped ones.
+    sides: see Sides.
+    """
+
+    def __init__(self, stages: Stages, room: int, sides: Sides) -> None:
+        self.stages, self.sides = stages, sides
+        self.made = self._buffers(room, 0)
+
+    @property
+    def room(self) -> int:
+        """Number of faces that there is memory for; pieces follow them."""
+        return len(self.made.to_clip.array)
+
+    def _buffers(self, room: int, pieces: int) -> TriangleBuffers:
+        structs, slack = self.stages.structs, self.stages.lanes
+        return TriangleBuffers(self.stages.device, room, pieces, structs, slack=slack)
+
+    def make_room(self, pieces: int) -> bool:
+        """Make room for pieces, with a margin for the next camera. Return whether there was not enough: then nothing is set
+        up any more."""
+        if pieces <= self.made.piece_capacity:
+            return False
+        self.made = self._buffers(self.room, pieces + pieces // 2)
+        return True
+
+    @property
+    def nbytes(self) -> int:
+        """Size of memory that depends on how many triangles are seen."""
+        return 0
+
+    @property
+    def culled(self) -> dict[str, int]:
+        """Triangles that were found outside of the view before they were set up, by the counter that they are added to."""
+        return {}
+
+    @abstractmethod
+    def sizes(self) -> dict[str, int]:
+        """Return the numbers of triangles and vertices, those of all instances."""
+
+    @abstractmethod
+    def inputs(self, frame: SceneFrame) -> dict[str, Buffer]:
+        """Return the inputs of the pixel stages that come from here, by name."""
+
+    @abstractmethod
+    def project(self, frame: SceneFrame) -> None:
+        """Enqueue the projection of the vertices."""
+
+    @abstractmethod
+    def set_up(self, frame: SceneFrame) -> None:
+        """Enqueue the setup of the triangles, whose keys are written; the frame's counters are 0 before."""
+
+    @abstractmethod
+    def to_clip(self, count: int) -> Faces:
+        """Return the faces that setup listed to be clipped."""
+
+    @abstractmethod
+    def add_pieces(self, faces: Faces, sources: Integers) -> None:
+        """Note which of the faces each of the pieces comes from, (C,)."""
+
+    @abstractmethod
+    def painter_depths(self, triangles: Triangles, index: Array) -> tuple[Floats, Integers]:
+        """Return the exact painter's depths of the triangles in `index`, and numbers in the order of their faces."""
+
+    @abstractmethod
+    def faces_of(self, triangles: Triangles, index: Array) -> Integers:
+        """Return the faces of the triangles in `index`."""
+
+
+class SceneFaces(TriangleSource):
+    """The triangles of a scene's faces, each with its own vertices.
+
+    positions: (V, 3) and faces: (F, 3) of the scene. vertices: projected.
+    """
+
+    def __init__(self, stages: Stages, positions: Buffer, faces: Buffer, sides: Sides) -> None:
+        super().__init__(stages, len(faces.array), sides)
+        self.positions, self.faces = positions, faces
+        self.vertices = VertexBuffers(stages.device, len(positions.array), stages.structs)
+
+    def sizes(self) -> dict[str, int]:
+        return {"triangles": self.room, "vertices": len(self.positions.array)}
+
+    def inputs(self, frame: SceneFrame) -> dict[str, Buffer]:
+        return {"relative": self.vertices.relative, "vertices": self.vertices.projected}
+
+    def project(self, frame: SceneFrame) -> None:
+        if self.room:
+            count = len(self.positions.array)
+            frame.events["project"] = self.stages.project(self.positions, frame.tables.view, self.vertices, count)
+
+    def set_up(self, frame: SceneFrame) -> None:
+        if self.room:
+            arguments = (self.faces, self.vertices, frame.tables.view, frame.image, self.made, frame.counted, self.room)
+            frame.events["setup"] = self.stages.setup(*arguments, self.sides)
+
+    def to_clip(self, count: int) -> Faces:
+        numbers = np.sort(self.made.to_clip.to_host(count))
+        return Faces(self.positions.array[self.faces.array[numbers]], numbers)
+
+    def add_pieces(self, faces: Faces, sources: Integers) -> None:
+        """Do nothing: the table of pieces holds their faces."""
+
+    def painter_depths(self, triangles: Triangles, index: Array) -> tuple[Floats, Integers]:
+        depth, whole = np.empty(len(index)), index < self.room
+        z = self.vertices.projected.to_host()["depth"][self.faces.array[index[whole]]]
+        depth[whole] = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
+        depth[~whole] = triangles.pieces.array["key_depth"][index[~whole].astype(np.int64) - self.room]
+        return depth, self.faces_of(triangles, index)
+
+    def faces_of(self, triangles: Triangles, index: Array) -> Integers:
+        face: Integers = index.astype(np.int64)
+        pieces = face >= self.room
+        if pieces.any():
+            face[pieces] = triangles.pieces.array["face"][face[pieces] - self.room]
+        return face

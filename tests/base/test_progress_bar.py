@@ -1,0 +1,121 @@
+"""Progress bars: what their estimates leave out."""
+
+from __future__ import annotations
+
+import io
+import sys
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from processes import ROOT
+
+from clshade.base import interrupts, progress_bar
+from clshade.base.progress_bar import Bar
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+    @property
+    def states(self) -> list[str]:
+        return [state.strip() for state in self.getvalue().split("\r") if state.strip()]
+
+
+def screen(monkeypatch) -> Screen:
+    """Put a terminal in place of standard error; a fixture cannot, before pytest does the same."""
+    monkeypatch.setattr(sys, "stderr", Screen())
+    return sys.stderr
+
+
+class Clocks:
+    """All clocks, in seconds: the time, and that of work."""
+
+    def __init__(self) -> None:
+        self.now = self.work = 0.0
+
+    def compile(self, seconds: float) -> None:
+        self.now += seconds
+
+    def draw(self, seconds: float) -> None:
+        self.now += seconds
+        self.work += seconds
+
+
+@pytest.fixture
+def clocks(monkeypatch) -> Clocks:
+    clocks = Clocks()
+    monkeypatch.setattr(progress_bar, "time", SimpleNamespace(time=lambda: clocks.now))
+    monkeypatch.setattr("tqdm.std.time", lambda: clocks.now)
+    return clocks
+
+
+def test_the_first_item_and_compiling_do_not_count_in_the_estimate(clocks, monkeypatch):
+    shown = screen(monkeypatch)
+    with Bar(10, "figures", clock=lambda: clocks.work) as bar:
+        clocks.draw(50.0)
+        bar.advance()
+        for seconds in (0.0, 30.0, 0.0, 20.0):
+            clocks.compile(seconds)
+            clocks.draw(1.0)
+            bar.advance()
+    assert [state.partition("[")[2] for state in shown.states] == [
+        "00:00<?]",
+        "00:50<?]",
+        "00:51<00:08]",
+        "01:22<00:07]",
+        "01:23<00:06]",
+        "01:44<00:05]",
+    ]
+    assert shown.states[-1].startswith("figures:  50%|")
+    assert " 5/10 [" in shown.states[-1]
+
+
+def test_items_that_are_there_do_not_count_in_the_estimate(clocks, monkeypatch):
+    shown = screen(monkeypatch)
+    with Bar(300, clock=lambda: clocks.work) as bar:
+        clocks.draw(9.0)
+        bar.advance()
+        bar.skip(200)
+        clocks.draw(2.0)
+        bar.advance()
+    assert "202/300 [00:11<03:16]" in shown.states[-1]
+
+
+def test_a_bar_without_an_estimate(clocks, monkeypatch):
+    shown = screen(monkeypatch)
+    with Bar(3, "programs", clock=None) as bar:
+        for _ in range(3):
+            clocks.compile(10.0)
+            bar.advance()
+    assert "3/3 [00:30]" in shown.states[-1]
+
+
+def test_a_hidden_bar_prints_what_it_is_told_to_alone(clocks, monkeypatch):
+    shown = screen(monkeypatch)
+    found = io.StringIO()
+    with Bar(3, clock=None, hidden=True) as bar:
+        bar.advance()
+        bar.skip(1)
+        bar.clear()
+        bar.write("failed", found)
+    assert (found.getvalue(), shown.states) == ("failed\n", [])
+
+
+def test_the_line_on_an_interrupt_does_not_continue_that_of_a_bar(clocks, monkeypatch):
+    for closed in (False, True):
+        shown = screen(monkeypatch)
+        monkeypatch.setattr(interrupts, "_told", threading.Lock())
+        with Bar(3, clock=None) as bar:
+            if closed:
+                bar.close()
+            interrupts.tell()
+        assert ("]\nclshade: interrupted\n" in shown.getvalue()) is not closed
+
+
+def test_all_bars_are_of_this_class():
+    own = Path(progress_bar.__file__)
+    users = [path for path in (ROOT / "clshade").rglob("*.py") if "import tqdm" in path.read_text("utf-8")]
+    assert users == [own]

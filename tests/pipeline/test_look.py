@@ -1,0 +1,109 @@
+"""Looks: the studio's light, background and ground, and the contact shadow on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade import Camera, Mesh, Scene, with_look
+from clshade.errors import InputError
+from clshade.pipeline.look import BACKGROUND
+from clshade.scene.framing import UPS
+from clshade.scene.ground import MATERIAL
+
+CAMERA = Camera((3.0, 3.0, 8.0), (0.0, 0.5, 0.0), (0.0, 1.0, 0.0), 1.0, (0.6, 0.8), (32, 24))
+FOOT = Mesh([(-0.01, 0, 0), (0.01, 0, 0), (0, 0, 0.01)], [(0, 1, 2)])  # what touches the ground
+
+
+def disc(middle: tuple[float, float], height: float, radius: float) -> Mesh:
+    """Return a horizontal polygon of 64 corners, nearly a circle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    x, z = middle[0] + radius * np.cos(angle), middle[1] + radius * np.sin(angle)
+    corners = np.arange(1, 63)
+    faces = np.stack([0 * corners, corners, corners + 1], axis=1)
+    return Mesh(np.stack([x, np.full(64, height), z], axis=1), faces)
+
+
+def scene_of(*meshes: Mesh, turn: np.ndarray | None = None) -> Scene:
+    """Return the meshes above the plane y = 0, or turned by a rotation."""
+    turn = np.eye(3) if turn is None else turn
+    meshes = tuple(Mesh(np.asarray(m.verts, np.float64) @ turn.T, m.faces) for m in meshes)
+    camera = Camera(turn @ CAMERA.eye, turn @ CAMERA.lookat, turn @ CAMERA.up, 1.0, CAMERA.plane, CAMERA.resolution)
+    return Scene(meshes, camera, (clshade.PointLight((1, 2, 3), (1, 1, 1)),), own_lights=False)
+
+
+def open_at(scene: Scene, place: tuple[float, float, float]) -> float:
+    """Return what the contact shadow leaves of the light at a place on the ground."""
+    ground = scene.meshes[-1]
+    image = ground.material.texture.image[..., 0]
+    # Texture coordinates are linear in the place.
+    linear, *_ = np.linalg.lstsq(np.c_[ground.verts, np.ones(len(ground.verts))], ground.uvs, rcond=None)
+    column, row = ((np.append(place, 1.0) @ linear) * image.shape[0]).astype(int)
+    return float(image[row, column])
+
+
+def test_other_looks():
+    scene = scene_of(FOOT)
+    assert with_look(scene, "plain") is scene
+    assert with_look(scene, "course").preset == "course"
+    with pytest.raises(InputError, match=r"look: expected .*studio.*, found 'stage'"):
+        with_look(scene, "stage")
+    with pytest.raises(InputError, match="scene: expected a Scene"):
+        with_look(3, "studio")
+    with pytest.raises(InputError, match="up: expected"):
+        with_look(scene, "studio", up="w")
+
+
+def test_the_studio_without_a_shadow():
+    scene = with_look(scene_of(FOOT), "studio", ground=False)
+    assert (scene.preset, scene.environment.name, scene.own_lights) == ("pbr", "studio", False)
+    assert scene.background.tolist() == [BACKGROUND] * 3
+    assert len(scene.meshes) == 1
+    ground = with_look(scene, "studio", contact_shadow=False).meshes[-1]
+    assert (ground.material.name, ground.material.texture) == (MATERIAL.name, None)
+    own = clshade.Environment(np.ones((2, 4, 3)))
+    scene = Scene((FOOT,), CAMERA, environment=own)
+    assert with_look(scene, "studio", ground=False).environment is own
+
+
+@pytest.mark.parametrize(("height", "expected"), [(0.5, 0.2), (1.0, 0.5)])
+def test_under_a_disc_the_sky_is_open_as_its_form_factor_says(opened, height, expected):
+    """A disc of radius a at height h covers a^2 / (a^2 + h^2) of the light from above a point below its middle."""
+    found = with_look(scene_of(FOOT, disc((0, 0), height, 1.0)), "studio", device=opened.name)
+    assert open_at(found, (0.0, 0.0, 0.0)) == pytest.approx(expected, abs=0.03)
+    assert open_at(found, (2.2, 0.0, 0.0)) > 0.9
+    image = found.meshes[-1].material.texture.image
+    assert (image[[0, -1]] == 1.0).all()
+    assert (image[:, [0, -1]] == 1.0).all()
+
+
+@pytest.mark.parametrize("up", list(UPS))
+def test_a_shadow_lies_below_what_casts_it(opened, up):
+    turn = np.array(UPS[up], np.float64).T  # from x, y, z to the axes of this `up`
+    scene = scene_of(FOOT, disc((0.9, 0.5), 0.15, 0.4), turn=turn)
+    found = with_look(scene, "studio", device=opened.name, up=up)
+    shares = [open_at(found, turn @ place) for place in ((0.9, 0, 0.5), (-0.9, 0, 0.5), (0.9, 0, -0.5), (0.5, 0, 0.9))]
+    assert shares[0] < 0.2
+    assert min(shares[1:]) > 0.6
+
+
+def test_the_picture_agrees_with_the_oracle(opened):
+    found = with_look(scene_of(FOOT, disc((0, 0), 0.4, 1.0)), "studio", device=opened.name)
+    frame = clshade.render(found, device=opened.name, samples=1)
+    assert clshade.check(frame, pixels="all").passed
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1.0, 1e6), (1e-20, 0.0), (1e20, 1e25)])
+def test_far_from_the_origin_and_at_any_size(opened, scale, shift):
+    near = with_look(scene_of(FOOT, disc((0, 0), 0.5, 1.0)), "studio", device=opened.name)
+    moved = [Mesh(np.asarray(m.verts, np.float64) * scale + shift, m.faces) for m in near.meshes[:-1]]
+    camera = Camera(CAMERA.eye * scale + shift, CAMERA.lookat * scale + shift, CAMERA.up, 1.0, CAMERA.plane, (32, 24))
+    far = with_look(Scene(moved, camera, own_lights=False), "studio", device=opened.name)
+    images = [each.meshes[-1].material.texture.image for each in (near, far)]
+    assert abs(images[0] - images[1]).max() < 0.1
+
+
+def test_nothing_casts_nothing(opened):
+    empty = Scene((Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)),), CAMERA)
+    assert with_look(empty, "studio", device=opened.name).meshes[-1].material.texture is None

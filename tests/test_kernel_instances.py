@@ -1,0 +1,159 @@
+"""instances.cl and placements.clh: what is set up from one copy of each mesh, against copies; normals and tangents."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from devices import needs_float64
+from kernel_stages import Probe, bits, image_of, mask, view_of
+from layer_scenes import crowd, matrices
+
+from clshade.pipeline import instances, placements, scene_buffers
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.camera_space import CameraSpace, Extent
+from clshade.pipeline.launches import Stages
+from clshade.pipeline.layer_buffers import first_instances
+from clshade.pipeline.programs import build_text
+from clshade.pipeline.struct_layout import SINGLE
+from clshade.pipeline.triangle_source import SceneFaces, Triangles
+from clshade.scene.model import Scene, Settings
+
+STAGES = """
+#include "project.cl"
+#include "instances.cl"
+
+// Of one lane.
+kernel void normals(global const Instance *given, global const double4 *own, global real4 *out)
+{
+    int i = get_global_id(0);
+    out[i] = placed_normal(given + i, own[i]);
+}
+
+kernel void tangents(global const Instance *given, global const double4 *own, global real4 *out)
+{
+    int i = get_global_id(0);
+    out[i] = placed_tangent(given + i, own[i]);
+}
+"""
+# Corners by rows, and by scalars in painter's order.
+WAYS = [(None, {"DEPTH_TEST": 1}), (1, {})]
+
+
+@pytest.fixture(autouse=True)
+def _device_with_float64(device, monkeypatch):
+    needs_float64(device)
+    for name, value in {"_LEAST_ROOM": 5, "_ROOM_A_PIXEL": 0, "_ROOM_A_PIXEL_OF_GPU": 0}.items():
+        monkeypatch.setattr(instances, name, value)
+    for name in ("_BLOCK", "_BLOCK_OF_GPU"):
+        monkeypatch.setattr(instances, name, 100)
+
+
+def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNamespace:
+    """Return the triangles of a scene in the order of its faces, as they are set up.
+
+    rows: of structs.Triangle, with the scene's faces. bounds, order, depth: of each, the last in painter's order. to_clip:
+    faces. source, index: where the triangles are, and their numbers. table, of_triangles: of instances.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(instances, "LEAST_COPIES", 1 << 40 if copies else 0)
+        packed = scene_buffers.pack(scene, Settings())
+    table, camera = packed.instances, scene.camera
+    space = CameraSpace.of(camera, Extent(tuple(packed.low), tuple(packed.high), 10.0), None)
+    view = view_of(device, camera, space.near, space.scale, DOUBLE_POSITIONS=packed.positions.dtype == np.float64)
+    image = image_of(device, camera.resolution, needs=mask(SIDES=1).needs)
+    counted = Buffer(device, np.zeros(1, SINGLE.Counters))
+    frame = SimpleNamespace(space=space, tables=SimpleNamespace(view=view), image=image, counted=counted, events={})
+    positions, faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
+    sides = Buffer(device, packed.face_materials), Buffer(device, packed.materials)
+    painter = not stages._features["DEPTH_TEST"]
+    if table is None:
+        source = SceneFaces(stages, positions, faces, sides)
+    else:
+        source = instances.Instances(stages, table, positions, faces, sides, 1, painter=painter)
+    source.project(frame)
+    source.set_up(frame)
+    counters = counted.to_host()[0]
+    found = SimpleNamespace(source=source, table=table)
+    found.counters = {name: int(counters[name]) + source.culled.get(name, 0) for name in counters.dtype.names[:7]}
+    made = source.made
+    lowest = np.uint64((1 << made.index_bits) - 1)
+    keys = made.keys.to_host()[: counters["visible"]]
+    index = (lowest - (keys & lowest)).astype(np.int64)
+    faces_of, clipped = made.triangles.to_host()["face"][index].astype(np.int64), source.to_clip(counters["to_clip"])
+    found.to_clip = clipped.numbers.astype(np.int64)
+    if table is not None:
+        found.of_triangles = source.inputs(frame)["triangle_instances"]
+        faces_of += table.rows["face_shift"][found.of_triangles.to_host()[index]]
+        found.to_clip += table.rows["face_shift"][clipped.instances]
+    by_face = np.argsort(faces_of)
+    found.index = index[by_face]
+    found.order = keys[by_face] >> np.uint64(made.index_bits)
+    found.rows, found.bounds = made.triangles.array[found.index], made.bounds.to_host()[found.index]
+    found.rows["face"] = faces_of[by_face]
+    every = Triangles(made, len(index), Buffer.empty(device, 0, SINGLE.Piece))
+    found.depth = source.painter_depths(every, found.index)[0] if painter else None
+    return found
+
+
+@pytest.mark.parametrize(("lanes", "features"), WAYS)
+def test_the_same_triangles_as_of_copies(device, lanes, features):
+    """In blocks of few vertices, with room for few triangles at first; faces behind, beside the image, seen from behind, and
+    to be clipped."""
+    stages = Stages(device, build_text(device, mask(INSTANCES=1, **features), STAGES, lanes=lanes))
+    scene = crowd()
+    meshes = [replace(mesh, material=replace(mesh.material, sides="front")) for mesh in scene.meshes[-2:]]
+    scene = replace(scene, meshes=(*scene.meshes[:-2], *meshes))
+    expected, found = (set_up(device, stages, scene, copies=copies) for copies in (True, False))
+    assert found.counters == expected.counters
+    assert all(count > 0 for name, count in found.counters.items() if name != "zero_area")
+    assert np.array_equal(np.sort(found.to_clip), expected.to_clip)
+    for name in expected.rows.dtype.names:
+        assert np.array_equal(found.rows[name], expected.rows[name]), name
+    assert np.array_equal(found.bounds, expected.bounds)
+    assert np.array_equal(found.order, expected.order)
+    if not features:
+        assert np.array_equal(found.depth, expected.depth)
+    assert_layers(device, stages, found, scene)
+
+
+def assert_layers(device, stages: Stages, found: SimpleNamespace, scene: Scene) -> None:
+    """Check the layers id and instance_id of the triangles that are set up."""
+    owners = np.concatenate([[-1, -1], found.index, [-1, 0, 0, 0]]).astype(np.int32)
+    count = len(owners) - 3  # nothing is written beyond
+    given, rows = Buffer(device, owners), Buffer(device, found.table.rows)
+    ids, numbers = (Buffer(device, np.full(len(owners), 7, np.uint32)) for _ in range(2))
+    triangles = found.source.made.triangles
+    stages.layer_of_owners("layer_id_of_instances", count, given, triangles, found.of_triangles, rows, ids)
+    stages.layer_of_owners("layer_instance_id", count, given, found.of_triangles, rows, numbers)
+    faces, instance = found.rows["face"], []
+    for mesh, first in zip(scene.meshes, first_instances(scene), strict=True):
+        instance += [first + k for k in range(len(mesh.instances)) for _ in mesh.faces]
+    assert ids.to_host().tolist() == [0, 0, *(faces + 1), 0, 7, 7, 7]
+    assert numbers.to_host().tolist() == [0, 0, *np.array(instance)[faces], 0, 7, 7, 7]
+
+
+def test_normals_and_tangents(device):
+    """The bits of those of copies; of any size, some 0; under placements that mirror, of any scale, and the identity."""
+    rng = np.random.default_rng(2)
+    placed = matrices(40, rng)
+    placed[:-1, :3, :3] *= 10.0 ** rng.uniform(-3.0, 3.0, (39, 1, 1))
+    mirrored = placements.mirroring(placed)
+    rows = np.zeros(40, SINGLE.Instance)
+    rows["rows"], rows["mirrored"], rows["plain"] = placed[:, :3].reshape(-1, 12), mirrored, placements.plain(placed)
+    rows["scale"] = np.ldexp(1.0, -np.frexp(np.abs(placed[:, :3, :3]).max(axis=(1, 2)))[1])
+    own = np.zeros((12, 4))
+    own[:, :3] = placements.about_one(rng.normal(size=(12, 3)))
+    own[3, :3], own[5, 0], own[6, 1:3] = 0.0, 0.0, 0.0
+    probe = Probe(device, STAGES, lanes=1, INSTANCES=1)
+    every, each = np.repeat(rows, 12), np.tile(own, (40, 1))
+    for is_unit in (False, True):
+        each[:, 3] = is_unit
+        expected = placements.placed_normals(own[:, :3], placed, mirrored, np.float32, is_unit=is_unit)
+        found = probe("normals", every, each, width=4)
+        assert np.array_equal(bits(found), bits(np.column_stack([expected, np.zeros(480)])))
+    own[:, 3] = rng.choice([1.0, -1.0], 12)
+    found = probe("tangents", every, np.tile(own, (40, 1)), width=4)
+    assert np.array_equal(found, placements.placed_tangents(own, placed, mirrored).astype(np.float32))
