@@ -31,7 +31,7 @@ def with_look(
     look: Look,
     *,
     ground: bool = True,
-    contact_shadow: bool = True,
+    contact_shadow: bool | Texture = True,
     up: Up | None = None,
     settings: Settings | None = None,
     device: str | None = None,
@@ -48,8 +48,9 @@ def with_look(
         `plain`: the scene as it is.
     ground : bool, default True
         Whether the studio has a ground.
-    contact_shadow : bool, default True
-        Whether the scene darkens it; False for one that will move.
+    contact_shadow : bool or Texture, default True
+        Whether the scene darkens it; False for one that will move. The texture of a ground that it
+        darkened before saves computing it again.
     up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         Axis that points up. Default: the one nearest to the camera's.
     settings : Settings, optional
@@ -88,22 +89,31 @@ def with_look(
     if not ground:
         return scene
     scene = with_ground(scene, up, settings, gray=_GRAY)
-    return _with_contact_shadow(scene, up, device) if contact_shadow and objects_of(scene).face_count else scene
+    if contact_shadow is False or not objects_of(scene).face_count:
+        return scene
+    return _with_contact_shadow(scene, up, device, None if contact_shadow is True else contact_shadow)
 
 
-def _with_contact_shadow(scene: Scene, up: Up, device: str | None) -> Scene:
-    """Return the scene with the shadow of what stands on its ground, the last mesh."""
+def has_ground(look: Look, edges: object = None) -> bool:
+    """Whether a look has a ground on the command line: the studio, unless edges are drawn, which its own would join."""
+    return look == "studio" and not edges
+
+
+def _with_contact_shadow(scene: Scene, up: Up, device: str | None, shadow: Texture | None) -> Scene:
+    """Return the scene with the shadow, if it is known, of what stands on its ground, the last mesh."""
     *others, ground = scene.meshes
     axes = np.array(UPS[up], np.float64)
     low, high = bounding_box(objects_of(scene))
     _, radius = sphere_of_box(low, high)
     middle = ground.verts[0].astype(np.float64)
     right, away = axes[0], -axes[2]
-    gap = float(axes[1] @ ((low if axes[1].sum() > 0.0 else high) - middle))  # below the lowest point
-    image = np.repeat(_open_sky(scene, middle, right, away, radius, gap, device)[..., None], 3, axis=2)
+    if shadow is None:
+        gap = float(axes[1] @ ((low if axes[1].sum() > 0.0 else high) - middle))  # below the lowest point
+        image = np.repeat(_open_sky(scene, middle, right, away, radius, gap, device)[..., None], 3, axis=2)
+        shadow = Texture(image, "clamp", name="contact shadow")
     place = (ground.verts - middle) / (2.0 * _REACH * radius)
     uvs = 0.5 + np.stack([place @ right, place @ away], axis=1)
-    material = replace(ground.material, texture=Texture(image, "clamp", name="contact shadow"))
+    material = replace(ground.material, texture=shadow)
     return replace(scene, meshes=(*others, replace(ground, uvs=uvs, material=material)))
 
 

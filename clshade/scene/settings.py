@@ -17,7 +17,6 @@ from ..images.layers import LAYER_REMARKS, LAYER_TABLE, LAYER_WORDS
 from ..images.layers import LAYERS as LAYERS
 from ..images.layers import Layer as Layer
 from .edges import EDGE_KINDS, AskedKinds, Edges
-from .lights import Light, RectangleLight
 from .scalars import Scalars, as_scalars
 
 if TYPE_CHECKING:
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 MAX_SAMPLES = 64  # per pixel
 MAX_LIGHT_SAMPLES = 256
 MAX_AMBIENT_OCCLUSION = 1024  # rays
-PICTURE_SAMPLES = 4  # of pictures from the command line, see `picture_samples`
-PICTURE_LIGHT_SAMPLES = 64  # of rectangle lights: their grain is not seen
 
 Shader: TypeAlias = Literal["gouraud", "phong", "nolight", "pbr"]
 Visibility: TypeAlias = Literal["painter", "depth"]
@@ -39,13 +36,13 @@ Ambient: TypeAlias = Literal["plain", "tinted"]
 Resolve: TypeAlias = Literal["mean", "weighted"]
 Precision: TypeAlias = Literal["fast", "float32", "float64"]
 Preset: TypeAlias = Literal["course", "standard", "pbr"]
+Look: TypeAlias = Literal["studio", "plain", "course"]  # of a scene, see `pipeline.look`
 NamedBackground: TypeAlias = Literal["scene", "environment"]
 
 SHADERS: tuple[Shader, ...] = get_args(Shader)
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 PRESETS: tuple[Preset, ...] = get_args(Preset)
-Look: TypeAlias = Literal["studio", "plain", "course"]
-LOOKS: tuple[Look, ...] = get_args(Look)  # of a scene, see `pipeline.look`
+LOOKS: tuple[Look, ...] = get_args(Look)
 BACKGROUNDS: tuple[NamedBackground, ...] = get_args(NamedBackground)
 
 # Fields in which a preset differs from the defaults.
@@ -322,18 +319,3 @@ class Settings:
 
 
 Settings.__doc__ = declare.documented(Settings)
-
-
-def picture_samples(scene_preset: Preset, preset: Preset | None = None) -> int:
-    """Return the samples of a picture from the command line that says nothing of them: 1 if the scene's preset or the one
-    that was asked for is `course`, whose pictures are those of the course, else PICTURE_SAMPLES."""
-    return 1 if "course" in (scene_preset, preset) else PICTURE_SAMPLES
-
-
-def picture_fields(lights: Iterable[Light], scene_preset: Preset, preset: Preset | None = None) -> dict[str, Any]:
-    """Return the fields of Settings of a picture from the command line that says nothing of them: `picture_samples`, and
-    under a RectangleLight soft shadows, but in pictures of the course."""
-    samples = picture_samples(scene_preset, preset)
-    if "course" in (scene_preset, preset) or not any(isinstance(light, RectangleLight) for light in lights):
-        return {"samples": samples}
-    return {"samples": samples, "shadows": True, "light_samples": PICTURE_LIGHT_SAMPLES}

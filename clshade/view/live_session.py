@@ -153,11 +153,14 @@ class Session:
             view = replace(view, ground=ground)
         if "environment" in fields:
             view = replace(view, environment=self.checked_environment(fields.pop("environment")))
+        if "environment_intensity" in fields:
+            intensity = number("view", "environment_intensity", fields.pop("environment_intensity"), least=0.0)
+            view = replace(view, environment_intensity=intensity)
         asked = "background" in fields
         if fields:
             known("view", fields, Settings.__dataclass_fields__.keys() - REPEATED)
             view = replace(view, settings=replace(view.settings, **fields))
-        if view.settings.background == "environment" and not self._scene.has_environment(view):
+        if view.settings.background == "environment" and self._scene.surroundings(view) is None:
             if asked:
                 raise value_error("view", "background", "another one, or an environment", "environment, and none")
             view = replace(view, settings=replace(view.settings, background="scene"))
@@ -278,9 +281,7 @@ class Session:
 
     def command(self, output: str | None = None) -> str:
         """Return the command line of `render` that draws this view."""
-        source = self._scene.source
-        lit = self._scene.lit(self.view.environment)
-        arguments = render_command(source, lit, self.view, self.display.tonemap, self.display.exposure)
+        arguments = render_command(self._scene, self.view, self.display.tonemap, self.display.exposure)
         return shlex.join([*arguments, *([] if output is None else ["-o", as_argument(output)])])
 
     def close(self) -> None:
@@ -311,13 +312,15 @@ class Session:
         has_lights = (
             lit and bool(view.lights) and (settings.shader != "pbr" or self._scene.lit(view.environment).own_lights)
         )
-        backgrounds = ["scene", *(["environment"] if self._scene.has_environment(view) else []), None, "color"]
+        surroundings = self._scene.surroundings(view)
+        backgrounds = ["scene", *(["environment"] if surroundings else []), None, "color"]
         return {
             "settings": {
                 **{name: getattr(settings, name) for name in ("shader", "samples", "layers", "shadows")},
                 **{name: getattr(settings, name) for name in ("ambient_occlusion", "background")},
                 "ground": view.ground,
                 "environment": view.environment,
+                "environment_intensity": surroundings.intensity if surroundings else None,
             },
             "choices": {
                 "shader": SHADERS,
@@ -325,6 +328,7 @@ class Session:
                 "background": backgrounds,
                 "environment": list(self._environments().items()) if settings.shader == "pbr" else [],
                 "lights": has_lights,
+                "environment_intensity": settings.shader == "pbr" and surroundings is not None,
                 "shadows": has_lights,
                 "ambient_occlusion": lit,
                 "ground": settings.edges is None,

@@ -177,17 +177,40 @@ def test_samples(tmp_path, square, capsys):
 def test_soft_shadows_under_a_rectangle_light():
     """Of the room, and of any scene with such a light; but not in Python, nor for pictures of the course."""
 
-    def found(*options):
-        parsed = _parser(["render"]).parse_args(["render", *options])
-        fields = picture_settings(parsed, load_scene(parsed, options[0]))
-        return fields.get("shadows"), fields.get("light_samples")
-
-    assert found("box_room") == (True, 64)
-    assert found("box_room", "--no-shadows", "--light-samples", "3") == (False, 3)
-    for options in (("teapot",), ("box_room", "--preset", "course"), ("box_room", "--lights", "1")):
-        assert found(*options) == (None, None)
+    assert fields_of("box_room") == {"shadows": True, "sample_shading": True}
+    assert fields_of("box_room", "--no-shadows") == {"shadows": False}
+    for options in (("icosphere",), ("box_room", "--preset", "course"), ("box_room", "--lights", "1")):
+        assert fields_of(*options) == {}
     assert any(isinstance(light, clshade.RectangleLight) for light in scene_of("box_room").lights)
     assert not any(isinstance(light, clshade.RectangleLight) for light in clshade.builtin("box_room").lights)
+
+
+def fields_of(*options):
+    """Return the fields of Settings of a picture from the command line, but for its samples."""
+    parsed = _parser(["render"]).parse_args(["render", *map(str, options)])
+    fields = picture_settings(parsed, scene_of(*options))
+    del fields["samples"]
+    return fields
+
+
+def test_pictures_of_textures_and_shadows_light_each_sample():
+    """Textures are mip-mapped, and what an environment lights has shadows by ambient occlusion, where asked for."""
+    mipmapped = {"texture_filter": "trilinear", "sample_shading": True}
+    assert fields_of("teapot") == mipmapped
+    assert fields_of("teapot", "--texture-filter", "bilinear", "--no-sample-shading") == {
+        "texture_filter": "bilinear",
+        "sample_shading": False,
+    }
+    assert fields_of("teapot", "--texture-at", "vertex") == {"texture_at": "vertex", "sample_shading": True}
+    assert fields_of("teapot", "--preset", "course") == {}
+    assert fields_of("icosphere", "--shadows") == {"shadows": True, "sample_shading": True}
+    assert fields_of("icosphere", "--preset", "pbr") == {"sample_shading": True}  # which has shadows
+    assert fields_of("icosphere", "--look", "studio") == {}
+    open_ = {"ambient_occlusion": 16, "sample_shading": True}
+    assert fields_of("icosphere", "--look", "studio", "--shadows") == {"shadows": True, **open_}
+    assert fields_of("icosphere", "--ambient-occlusion", "16") == open_
+    assert fields_of("icosphere", "--ambient-occlusion", "0") == {"ambient_occlusion": 0}
+    assert clshade.Settings.from_preset("pbr").sample_shading is False
 
 
 @pytest.mark.parametrize(

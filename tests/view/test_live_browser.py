@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import shlex
 import threading
 import time
@@ -229,35 +230,39 @@ def test_the_picture_has_the_window_s_pixels(browser):
 
 def test_switches_and_the_command_that_draws_this(browser, tmp_path, capsys):
     path = write(tmp_path / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    environment, shadows = (
+        "#live .choose:has-text('Environment') button:text-is('None')",
+        "#live .switch:has-text('Shadows')",
+    )
+    command_text = "live.panel.commandText.firstChild?.textContent"
     with shown(browser, path, "--resolution", "80,60", "--samples", "1") as page:
         at_rest(page)
-        for switch in (
-            "#live .switch:has-text('Shadows')",
-            "#live .switch:has-text('Ground')",
-            "#live .choose:has-text('Occlusion') button:text-is('16')",
-            "#live .choose:has-text('Background') button:text-is('Color')",
+        for action in (  # in the studio, then in the default lights
+            lambda: (
+                page.fill("#live input[type=number][aria-label='Intensity of the environment']", "0.5")
+                or page.keyboard.press("Enter")
+            ),
+            lambda: page.click(environment),
+            lambda: page.click(shadows),
+            lambda: page.click("#live .choice button:text-is('Phong')"),
+            lambda: page.click("#live .choose:has-text('Occlusion') button:text-is('16')"),
+            lambda: page.click("#live .switch:has-text('Ground')"),
+            lambda: page.click("#live .choose:has-text('Background') button:text-is('Color')"),
         ):
-            before = channel(page, "R")
-            page.click(switch)
+            before, former = channel(page, "R"), until(page, command_text)
+            action()
+            until(page, f"{command_text} !== {json.dumps(former)}")
             at_rest(page)
-            if "Shadows" not in switch:  # on the ground alone
-                assert not np.array_equal(channel(page, "R"), before), switch
-        assert page.is_hidden("#live .choose:has-text('Environment')")
-        command = until(
-            page,
-            "live.panel.commandText.textContent.includes('background') && live.panel.commandText.firstChild.textContent",
-        )
-        assert {"--ground", "--shadows", "--ambient-occlusion=16"} <= set(shlex.split(command))
-        assert main([*shlex.split(command)[1:], "-o", str(tmp_path / "again")]) == 0, capsys.readouterr()
-        np.testing.assert_array_equal(channel(page, "R"), exr.read(tmp_path / "again.exr")[0]["R"])
-        page.click("#live .choice button:text-is('Metallic-roughness')")
-        until(page, "!document.querySelector('#live .switch').checkVisibility()")  # the studio lights it
-        assert (
-            page.evaluate(
-                "[...document.querySelectorAll('h2')].filter((each) => each.innerText.startsWith('Layers')).length"
-            )
-            == 1
-        )
+            command = page.evaluate(command_text)
+            assert main([*shlex.split(command)[1:], "-o", str(tmp_path / "again")]) == 0, capsys.readouterr()
+            np.testing.assert_array_equal(channel(page, "R"), exr.read(tmp_path / "again.exr")[0]["R"])
+            assert not np.array_equal(channel(page, "R"), before), command
+        assert page.is_hidden(environment)
+        assert {"--environment=none", "--ambient-occlusion=16", "--shader=phong"} <= set(shlex.split(command))
+        page.click("#live .choice button:text-is('No light')")
+        until(page, "!document.querySelector('#live .switch').checkVisibility()")
+        headings = "[...document.querySelectorAll('h2')].filter((each) => each.innerText.startsWith('Layers')).length"
+        assert page.evaluate(headings) == 1
 
 
 def test_a_file_that_changes_and_the_end_of_the_server(browser, tmp_path):

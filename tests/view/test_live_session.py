@@ -299,6 +299,12 @@ OPTIONS = [
             ),
             ("icosphere", "--fit", "--camera-view-angle", "50", "--background", "#336699"),
             ("box_room", "--samples", "4"),
+            ("pyramid.obj",),
+            ("pyramid.obj", "--no-ground", "--sample-shading"),
+            ("pyramid.obj", "--shadows", "--ground"),
+            ("pyramid.obj", "--light-intensity", "0.5"),
+            ("pyramid.obj", "--look", "course"),
+            ("pyramid.obj", "--look", "studio", "--ambient-occlusion", "4"),
             ("teapot", "--edges", "feature,silhouette", "--edge-width", "2", "--edge-color", "1,0,0"),
             ("teapot", "--orthographic", "--exposure", "-0.5", "--shader", "gouraud"),
             ("teapot", "--preset", "course", "--samples", "4", "--layers", "Z,N", "--near", "0.3"),
@@ -322,9 +328,8 @@ OPTIONS = [
 @pytest.mark.parametrize("given", ["--shadows", "--no-shadows"])
 @pytest.mark.parametrize("preset", ["standard", "pbr"])
 def test_a_command_says_of_shadows_what_its_preset_does_not(preset, given):
-    source = source_of("icosphere", "--preset", preset, given)
-    live = LiveScene(source)
-    named = {"--shadows", "--no-shadows"} & set(render_command(source, live.scene, live.first_view(), None, 0.0))
+    live = LiveScene(source_of("icosphere", "--preset", preset, given))
+    named = {"--shadows", "--no-shadows"} & set(render_command(live, live.first_view(), None, 0.0))
     assert named == (set() if (preset == "pbr") == (given == "--shadows") else {given})
 
 
@@ -345,12 +350,15 @@ def test_names_that_look_like_options(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
 def test_a_snapshot_is_what_its_command_renders(tmp_path, monkeypatch, capsys, options):
     monkeypatch.chdir(tmp_path)
+    write(tmp_path / "pyramid.obj", PYRAMID)
     given = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
     session, clock = session_of(options[0], *given, *options[1:])
     session.handle({"type": "orbit", "right": 33.3, "up": -12.1})
     session.handle({"type": "pan", "right": 0.01, "up": -0.1})
     session.handle({"type": "dolly", "factor": 0.77})
     session.handle({"type": "set", "lights": [0.3, 0.0, 1.5][: len(session.view.lights)]})
+    if session.options()["choices"]["environment_intensity"]:
+        session.handle({"type": "set", "environment_intensity": 0.6})
     drawn = all_drawings(session, clock)[-1].frame
     found = session.snapshot()
     assert found["files"] == ["a b-1.exr", "a b-1.png"]
@@ -368,6 +376,24 @@ def test_a_snapshot_is_what_its_command_renders(tmp_path, monkeypatch, capsys, o
         np.testing.assert_array_equal(plane, rendered[name], err_msg=name)
     assert Path("a b-1.png").read_bytes() == Path("again.png").read_bytes()
     assert session.snapshot()["files"] == ["a b-2.exr", "a b-2.png"]
+
+
+def test_a_mesh_stands_in_the_studio_until_its_lights_are_asked_for(tmp_path):
+    session, _ = session_of(write(tmp_path / "pyramid.obj", PYRAMID), *SMALL[1:])
+    options = session.options()
+    assert options["settings"]["ground"] is True
+    assert options["choices"]["lights"] is False
+    assert options["choices"]["environment"] == [(None, "studio"), ("none", "none")]
+    assert {"--look=studio", "--ground"} & set(session.command().split()) == {"--look=studio"}
+    live = session._scene
+    assert live._arranged(session.view).meshes[-1].material.texture is live._contact_shadow
+    other = replace(session.view, settings=replace(session.view.settings, shader="nolight"))
+    assert live._arranged(other).meshes[-1].material.texture is live._contact_shadow  # computed once
+    session.handle({"type": "set", "environment": "none", "ground": False})
+    assert session.options()["choices"]["lights"] is True
+    assert not any(option.startswith(("--look", "--no-ground")) for option in session.command().split())
+    session.handle({"type": "set", "environment": None})
+    assert {"--look=studio", "--no-ground"} <= set(session.command().split())
 
 
 def test_a_snapshot_that_cannot_be_written(tmp_path):
@@ -416,6 +442,7 @@ def test_renderers_stay_few():
     assert session._scene.open_renderers <= 8
 
 
+PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 1 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 

@@ -16,13 +16,13 @@ from .scene_options import (
     arranged,
     camera_options,
     chosen_camera,
-    has_ground,
     load_options,
     load_scene,
     look_of,
     scene_options,
     setting_options,
     tell_of_file,
+    wants_ground,
     with_lights,
 )
 
@@ -96,7 +96,7 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
     numbers = _numbers(frames, arguments, count, "the animation")
     whole = (
         played.stage
-        if played.scene.fitted or fit or has_ground(look_of(played.scene, arguments), arguments)
+        if played.scene.fitted or fit or wants_ground(look_of(played.scene, arguments), arguments)
         else played.scene
     )
     stage = arranged(whole, arguments, moving=True)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base import console
-from ...errors import InputError
 from ...scene.camera import checked_resolution
 from .arguments import device_option
 from .saving_options import chosen_saving
@@ -21,6 +20,7 @@ from .scene_options import (
     chosen_settings,
     lit,
     read_scene,
+    refuse_grounded_edges,
     scene_changes,
     setting_options,
     with_components,
@@ -28,13 +28,14 @@ from .scene_options import (
 
 if TYPE_CHECKING:
     from ...scene.model import Scene
+    from ...scene.settings import Look
     from ...view.live_scene import Source
 
-SAMPLES = 64  # of a picture at rest, unless --samples says otherwise
+SAMPLES = 64  # of a picture at rest, unless --samples says otherwise: too many to light each
 # Options that commands for snapshots do not repeat: those of the live view alone, and those of which the view itself says
 # what has become of them, as it does of the fields of Settings.
 _OWN = ("port", "open", "stats")
-_IN_VIEW = {*CAMERA_OPTIONS.values(), "light_intensity", "ground", "environment", "look"} - {
+_IN_VIEW = {*CAMERA_OPTIONS.values(), "light_intensity", "ground", "environment", "environment_intensity", "look"} - {
     "camera_view_angle",
     "orthographic",
 }
@@ -101,15 +102,12 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
 
     if arguments.resolution is not None:
         checked_resolution("--resolution", arguments.resolution)
-    if arguments.ground and arguments.edges:
-        raise InputError("--ground: cannot go with --edges, which would draw its edges too")
-    if arguments.look not in (None, "plain"):
-        raise InputError(f"--look: {arguments.look} is not for a live view, which shows the scene as it is")
+    refuse_grounded_edges(arguments)
     output = arguments.output or Path(name).stem or "view"
     output = os.path.join(output, Path(name).stem) if output.endswith(os.sep) else output
     saving = chosen_saving(arguments)
     check_output(output, asked=("view", "--output"), **saving)
-    settings = {"samples": SAMPLES, **chosen_settings(arguments)}
+    settings = {"samples": SAMPLES, "sample_shading": False, **chosen_settings(arguments)}
     settings |= {"preset": arguments.preset, "resolution": arguments.resolution}
     return Source(
         name=name,
@@ -121,8 +119,9 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
         fit=arguments.camera == "fit",
         settings=settings,
         lights=arguments.light_intensity or (1.0,),
-        ground=bool(arguments.ground),
+        ground=arguments.ground,
         environment=arguments.environment,
+        environment_intensity=arguments.environment_intensity,
         up=arguments.up,
         device=arguments.device,
         options=_repeated(arguments),
@@ -131,11 +130,15 @@ def source_of(arguments: argparse.Namespace, name: str) -> Source:
     )
 
 
-def _lit(arguments: argparse.Namespace, scene: Scene, environment: str | None) -> Scene:
-    """Return the scene with the lights of the command line, at their own intensities, and this environment."""
+def _lit(arguments: argparse.Namespace, scene: Scene, environment: str | None) -> tuple[Scene, Look]:
+    """Return the scene with the lights of the command line, at their own intensities, and this environment, as its look
+    shows it, and this look."""
     changes: dict[str, Any] = {"light_intensity": None, "environment": environment}
     if environment == "none" != arguments.environment:
         changes |= {"environment_rotation": None, "environment_intensity": None}
+        changes["look"] = None if arguments.look == "studio" else arguments.look
+    elif arguments.look is None and arguments.light_intensity is not None:
+        changes["look"] = "plain"  # which that option means
     return lit(scene, argparse.Namespace(**{**vars(arguments), **changes}))
 
 

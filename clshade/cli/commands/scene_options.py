@@ -28,8 +28,10 @@ _PLAIN_WITH = (
     *("shadows", "ambient_occlusion", "scalars", "edges"),
     *("layers", "cryptomatte", "visible", "flow_to", "save_scene", "views", "sheet"),
 )
-_LIGHTS_HELP = {
-    "light_samples": "16, or 64 under a rectangle light",
+_PICTURE_HELP = {
+    "sample_shading": "yes where there are textures, shadows or ambient occlusion",
+    "texture_filter": "trilinear",
+    "ambient_occlusion": "0, or 16 with --shadows where an environment is the light",
     "shadows": "yes with preset pbr or under a rectangle light, else no",
 }
 EDGE_OPTIONS = {  # of fields of Edges
@@ -192,7 +194,7 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
     """Add the fields of Settings. samples: how many by default, for the help."""
     from ...scene import settings
 
-    usual = {"samples": samples, **(_LIGHTS_HELP if samples == SAMPLES_HELP else {})}
+    usual = {"samples": samples, **(_PICTURE_HELP if samples == SAMPLES_HELP else {})}
     group = parser.add_argument_group("settings: by default those of the preset")
     group.add_argument(
         "--preset", choices=settings.PRESETS, help="course for course files, pbr for glTF files, else standard"
@@ -238,8 +240,8 @@ def _setting_option(group: argparse._ArgumentGroup, each: Field[Any], usual: str
     how: dict[str, Any] = {"choices": known.choices}
     if known.read is not None:
         how = {"type": kinds.get(each.name, known.read), "metavar": known.form}
-    elif not known.choices:  # a flag, which may be taken back where a preset sets it
-        how = {"action": argparse.BooleanOptionalAction if by_preset else "store_true"}
+    elif not known.choices:  # a flag, which may be taken back where it is usual
+        how = {"action": argparse.BooleanOptionalAction if by_preset or usual else "store_true"}
     about = known.about + (f" (default: {usual})" if usual else "")
     group.add_argument(f"--{(option or each.name).replace('_', '-')}", default=None, help=about, **how)
 
@@ -271,9 +273,9 @@ def _edge_options(parser: argparse.ArgumentParser) -> None:
 
 def picture_settings(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """Return the fields of Settings that were given, and those of a picture for people."""
-    from ...scene.settings import picture_fields
+    from ...pipeline.picture import picture_fields
 
-    return {**picture_fields(scene.lights, scene.preset, arguments.preset), **chosen_settings(arguments)}
+    return picture_fields(scene, arguments.preset, **chosen_settings(arguments))
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -397,35 +399,54 @@ def arranged(scene: Scene, arguments: argparse.Namespace, *, turning: bool = Fal
 
     moving: its meshes will be in other places.
     """
-    from ...pipeline import look as look_at
+    from ...pipeline.look import with_look
     from ...scene import adjust_camera, framing
+    from ...scene.ground import with_ground
 
-    scene = lit(scene, arguments)
-    look = look_of(scene, arguments)
     up = arguments.up or framing.up_of(scene.camera)
-    scene = look_at.with_look(scene, look, ground=False, up=up)
-    if arguments.light_intensity is not None and scene.lights and not _as_drawn(scene, arguments)[0].lights:
-        raise InputError(
-            "--light-intensity: expected lights to multiply, found none: the environment lights the scene, see "
-            "--environment-intensity"
-        )
+    scene, look = lit(scene, arguments)
+    for option, purpose in (("light_intensity", "multiply"), ("light_radius", "give a size")):
+        if getattr(arguments, option) is not None and scene.lights and not _as_drawn(scene, arguments)[0].lights:
+            raise InputError(
+                f"--{option.replace('_', '-')}: expected lights to {purpose}, found none: the environment lights the scene, "
+                "see --environment-intensity"
+            )
     camera = adjust_camera.camera_of(scene, chosen_camera(arguments), fit=arguments.camera == "fit", turning=turning)
     scene = replace(scene, camera=camera)
-    if has_ground(look, arguments):
-        if getattr(arguments, "edges", None):
-            raise InputError("--ground: cannot go with --edges, which would draw its edges too")
+    if wants_ground(look, arguments):
+        refuse_grounded_edges(arguments)
         drawn = _as_drawn(scene, arguments)[1]
         if look == "studio":
-            device = getattr(arguments, "device", None)
-            scene = look_at.with_look(scene, look, contact_shadow=not moving, up=up, settings=drawn, device=device)
+            device, shadow = getattr(arguments, "device", None), not (moving or drawn.ambient_occlusion)
+            scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=drawn, device=device)
         else:
-            scene = _with_ground(scene, arguments, up)
+            scene = with_ground(scene, up, drawn)
     return with_components(scene, arguments)
 
 
-def lit(scene: Scene, arguments: argparse.Namespace) -> Scene:
-    """Return the scene with the lights and the environment of the command line."""
-    return _with_environment(with_lights(scene, arguments), arguments)
+def wants_ground(look: Look, arguments: argparse.Namespace) -> bool:
+    """Return whether a scene of this look gets a ground."""
+    from ...pipeline.look import has_ground
+
+    usual = has_ground(look, getattr(arguments, "edges", None))
+    return usual if arguments.ground is None else bool(arguments.ground)
+
+
+def refuse_grounded_edges(arguments: argparse.Namespace) -> None:
+    """Raise InputError for a ground whose edges would be drawn too."""
+    if arguments.ground and getattr(arguments, "edges", None):
+        raise InputError("--ground: cannot go with --edges, which would draw its edges too")
+
+
+def lit(scene: Scene, arguments: argparse.Namespace) -> tuple[Scene, Look]:
+    """Return the scene with the lights and the environment of the command line, as its look shows it without a ground, and
+    this look."""
+    from ...pipeline.look import with_look
+    from ...scene.framing import up_of
+
+    scene = _with_environment(with_lights(scene, arguments), arguments)
+    look = look_of(scene, arguments)
+    return with_look(scene, look, ground=False, up=arguments.up or up_of(scene.camera)), look
 
 
 def look_of(scene: Scene, arguments: argparse.Namespace) -> Look:
@@ -452,12 +473,6 @@ def look_of(scene: Scene, arguments: argparse.Namespace) -> Look:
     return "plain" if is_plain else "studio"
 
 
-def has_ground(look: Look, arguments: argparse.Namespace) -> bool:
-    """Return whether a scene of this look gets a ground; the studio's only where no edges are drawn."""
-    usual = look == "studio" and not getattr(arguments, "edges", None)
-    return bool(usual if arguments.ground is None else arguments.ground)
-
-
 def with_lights(scene: Scene, arguments: argparse.Namespace) -> Scene:
     """Return the scene with the lights that were chosen, at their intensities."""
     from ...scene import adjust_lights
@@ -478,13 +493,6 @@ def _as_drawn(scene: Scene, arguments: argparse.Namespace) -> tuple[Scene, Setti
     return effective_settings(scene, getattr(arguments, "preset", None), **chosen_settings(arguments))
 
 
-def _with_ground(scene: Scene, arguments: argparse.Namespace, up: Any) -> Scene:
-    """Return the scene with a ground for the settings that will draw it."""
-    from ...scene.ground import with_ground
-
-    return with_ground(scene, up, _as_drawn(scene, arguments)[1])
-
-
 def _with_environment(scene: Scene, arguments: argparse.Namespace) -> Scene:
     """Return the scene with the environment that was asked for, and with preset pbr unless another look was."""
     from ...scene.builtin.studio import studio_for
@@ -493,13 +501,15 @@ def _with_environment(scene: Scene, arguments: argparse.Namespace) -> Scene:
     changes = {"rotation": arguments.environment_rotation, "intensity": arguments.environment_intensity}
     changes = {field: value for field, value in changes.items() if value is not None}
     if name is None or name == "none":
-        if name == "none" or scene.own_lights:
+        if name == "none" or (scene.own_lights and scene.environment is None):
             refuse(arguments, ("environment_rotation", "environment_intensity"), "needs --environment FILE or studio")
         if name is None and not changes:
             return scene
     if name == "none":
         return replace(scene, environment=None, own_lights=True)
-    if name is None or (name == "studio" and not os.path.exists(name)):
+    if name is None:
+        environment = scene.environment or studio_for(scene)
+    elif name == "studio" and not os.path.exists(name):
         environment = studio_for(scene)
     else:
         from ...scene.environment import nearest_axis

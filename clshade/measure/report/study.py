@@ -11,9 +11,9 @@ from typing import Any
 from ...base import atomic_files
 from ...base.arrays import Array
 from ...pipeline.opencl.device import Device
+from ...pipeline.picture import picture_fields
 from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings
-from ...scene.settings import picture_samples
 from .decomposition import Decomposition, decompose
 from .families import Family, families
 from .format_errors import Kept, formats
@@ -109,7 +109,7 @@ def study(
     drawn = render(scene, settings=base, device=device)
     environment = drawn.scene.environment if base.shader == "pbr" else None
     kept = formats(drawn)
-    usual = Settings.from_preset(scene.preset, **{"samples": picture_samples(scene.preset), **given})
+    usual = Settings.from_preset(scene.preset, **picture_fields(scene, **given))
     return Study(
         scene,
         device.title,

@@ -11,8 +11,9 @@ from ...base import atomic_files, text_tables
 from ...base.declare import as_option
 from ...base.text_tables import digits
 from ...images.metrics import has_flip
+from ...pipeline.picture import changed_fields
 from ...scene.model import Scene, Settings
-from ...scene.settings import PRESETS, Preset, picture_fields
+from ...scene.settings import PRESETS, Preset
 from . import csv_table, sizes
 from .families import ABOUT, Family
 from .measure import Measured
@@ -262,9 +263,7 @@ def render_options(settings: Settings, scene: Scene) -> list[str]:
     one, and to the samples of its pictures."""
 
     def options(preset: Preset) -> list[str]:
-        usual = picture_fields(scene.lights, scene.preset, None if preset == scene.preset else preset)
-        before = vars(Settings.from_preset(preset, **usual))
         parts = [] if preset == scene.preset else [as_option("preset", preset)]
-        return [*parts, *(as_option(name, value) for name, value in vars(settings).items() if value != before[name])]
+        return [*parts, *(as_option(name, value) for name, value in changed_fields(settings, scene, preset).items())]
 
     return [as_option("resolution", scene.camera.resolution), *min(map(options, PRESETS), key=len)]

@@ -2,7 +2,7 @@
 // The panel of a live view: shader, samples, shadows and so on, layers, lights, snapshot, times.
 
 const SAMPLE_COUNTS = [1, 4, 16, 64];
-const BRIGHTEST_LIGHT = 4; // factor of a light's intensity at the end of its slider
+const BRIGHTEST_LIGHT = 4; // intensity at the end of a slider: a factor, as the environment's is
 const OCCLUSION_RAYS = [0, 16, 64];
 const BACKGROUND_NAMES = { scene: "Scene", environment: "Environment", color: "Color" }; // null: none
 const SHADER_NAMES = { phong: "Phong", gouraud: "Gouraud", nolight: "No light", pbr: "Metallic-roughness" };
@@ -42,6 +42,9 @@ class LivePanel {
     document.querySelector("#layers h2").after(this.layers);
     const switches = create("div", { className: "switches" }, this.shadows.box, this.ground.box);
     this.section.append(switches, this.lightsTitle = title("Lights"), this.lights = create("div"));
+    this.brightness = this.intensityControls("Intensity of the environment", (value) => this.set({ environment_intensity: value }));
+    this.surroundings = create("div", { className: "light" }, create("label", {}, "Environment"), this.brightness.slider, this.brightness.number);
+    this.section.append(this.surroundings);
     const snapshot = create("button", { type: "button", id: "snapshot", textContent: "Snapshot",
       title: "Write the EXR and PNG that `clshade render` writes for this view" });
     snapshot.addEventListener("click", () => {
@@ -102,7 +105,12 @@ class LivePanel {
     const kind = isNamed ? background : "color";
     this.background.update(choices.background.map((value) => ({ value, label: BACKGROUND_NAMES[value] ?? "None" })), kind);
     this.color.hidden = kind !== "color";
-    this.lightsTitle.hidden = this.lights.hidden = !choices.lights;
+    this.lights.hidden = !choices.lights;
+    this.surroundings.hidden = !choices.environment_intensity;
+    this.lightsTitle.hidden = this.lights.hidden && this.surroundings.hidden;
+    if (choices.environment_intensity) {
+      this.brightness.show(this.state.environment_intensity);
+    }
     for (const [{ box, input }, allowed, on] of [[this.shadows, choices.shadows, shadows], [this.ground, choices.ground, ground]]) {
       box.hidden = !allowed;
       input.checked = on;
@@ -117,27 +125,35 @@ class LivePanel {
   light(factor, k) {
     const name = `Light ${k + 1}`;
     const on = create("input", { type: "checkbox", checked: factor > 0, title: `${name} on or off: ${this.lightNames[k]}`, ariaLabel: name });
-    const most = Math.max(BRIGHTEST_LIGHT, factor);
-    const slider = create("input", { type: "range", min: 0, max: most, step: 0.01, value: this.offLights[k], ariaLabel: `Intensity of light ${k + 1}` });
-    const number = createNumber(`Intensity of light ${k + 1}`, 0.1, (value) => change(Math.max(0, value)));
-    const show = (value) => {
-      slider.value = String(value);
-      number.value = String(Math.round(value * 100) / 100);
-    };
-    const change = (value) => {
+    const { slider, number, show } = this.intensityControls(`Intensity of light ${k + 1}`, (value) => {
       this.offLights[k] = value || 1;
       on.checked = value > 0;
-      show(value);
       this.setLight(k, value);
-    };
-    slider.addEventListener("input", () => change(Number(slider.value)));
-    slider.addEventListener("dblclick", () => change(1));
+    });
     on.addEventListener("change", () => {
       show(this.offLights[k]);
       this.setLight(k, on.checked ? this.offLights[k] : 0);
     });
     show(factor || this.offLights[k]);
     return create("div", { className: "light" }, create("label", {}, on, String(k + 1)), slider, number);
+  }
+
+  /** Controls of an intensity: a slider and a number. */
+  intensityControls(ariaLabel, onchange) {
+    const slider = create("input", { type: "range", min: 0, max: BRIGHTEST_LIGHT, step: 0.01, ariaLabel });
+    const number = createNumber(ariaLabel, 0.1, (value) => change(Math.max(0, value)));
+    const show = (value) => {
+      slider.max = String(Math.max(Number(slider.max), value));
+      slider.value = String(value);
+      number.value = String(Math.round(value * 100) / 100);
+    };
+    const change = (value) => {
+      show(value);
+      onchange(value);
+    };
+    slider.addEventListener("input", () => change(Number(slider.value)));
+    slider.addEventListener("dblclick", () => change(1));
+    return { slider, number, show };
   }
 
   setLight(k, factor) {
