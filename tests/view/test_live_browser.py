@@ -258,7 +258,7 @@ def test_switches_and_the_command_that_draws_this(browser, tmp_path, capsys):
             np.testing.assert_array_equal(channel(page, "R"), exr.read(tmp_path / "again.exr")[0]["R"])
             assert not np.array_equal(channel(page, "R"), before), command
         assert page.is_hidden(environment)
-        assert {"--environment=none", "--ambient-occlusion=16", "--shadows"} <= set(shlex.split(command))
+        assert {"--environment=none", "--ambient-occlusion=16"} <= set(shlex.split(command))
         page.click("#live .choice button:text-is('No light')")
         until(page, "!document.querySelector('#live .switch').checkVisibility()")
         headings = "[...document.querySelectorAll('h2')].filter((each) => each.innerText.startsWith('Layers')).length"
