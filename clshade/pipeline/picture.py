@@ -20,7 +20,6 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
     preset: the one that was asked for, None: the scene's. Pictures of the course stay as it draws them. Others have
 
     - 4 samples, each lit by itself where textures, shadows or occlusion vary inside of triangles;
-    - mip-maps;
     - soft shadows under a RectangleLight;
     - ambient occlusion where shadows are asked for and all light comes from an environment.
     """
@@ -32,8 +31,6 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
         usual["shadows"] = True
     settings = Settings.from_preset(preset, **{**usual, **given})
     is_textured = any(textures_of(mesh, maps=settings.shader == "pbr") for mesh in objects_of(scene).meshes)
-    if is_textured and settings.texture_at == "pixel":
-        usual["texture_filter"] = "trilinear"
     lights_shine = settings.shader != "pbr" or scene.own_lights
     if given.get("shadows") and not lights_shine:
         usual["ambient_occlusion"] = OCCLUSION_RAYS

@@ -194,14 +194,9 @@ def fields_of(*options):
 
 
 def test_pictures_of_textures_and_shadows_light_each_sample():
-    """Textures are mip-mapped, and what an environment lights has shadows by ambient occlusion, where asked for."""
-    mipmapped = {"texture_filter": "trilinear", "sample_shading": True}
-    assert fields_of("teapot") == mipmapped
-    assert fields_of("teapot", "--texture-filter", "bilinear", "--no-sample-shading") == {
-        "texture_filter": "bilinear",
-        "sample_shading": False,
-    }
-    assert fields_of("teapot", "--texture-at", "vertex") == {"texture_at": "vertex", "sample_shading": True}
+    """And what an environment lights has shadows by ambient occlusion, where they are asked for."""
+    assert fields_of("teapot") == {"sample_shading": True}
+    assert fields_of("teapot", "--no-sample-shading") == {"sample_shading": False}
     assert fields_of("teapot", "--preset", "course") == {}
     assert fields_of("icosphere", "--shadows") == {"shadows": True, "sample_shading": True}
     assert fields_of("icosphere", "--preset", "pbr") == {"sample_shading": True}  # which has shadows

@@ -29,10 +29,10 @@ from clshade.measure.report.reference_image import reference
 from clshade.measure.report.tessellation import tessellation
 from clshade.measure.report.variants import BASE, Variant, base_settings, named, variants_for
 from clshade.pipeline.effective_settings import effective_settings
+from clshade.pipeline.picture import SAMPLES
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
-from clshade.scene.settings import PICTURE_SAMPLES
 
 # Measuring
 
@@ -221,7 +221,7 @@ def test_ties_are_marked_and_named(found):
 
 
 def test_causes_are_those_of_the_image_that_render_draws(found):
-    assert found.decomposition.settings.samples == PICTURE_SAMPLES
+    assert found.decomposition.settings.samples == SAMPLES
 
 
 def test_the_front_of_a_study(found):

@@ -30,7 +30,6 @@ _PLAIN_WITH = (
 )
 _PICTURE_HELP = {
     "sample_shading": "yes where there are textures, shadows or ambient occlusion",
-    "texture_filter": "trilinear",
     "ambient_occlusion": "0, or 16 with --shadows where an environment is the light",
     "shadows": "yes with preset pbr or under a rectangle light, else no",
 }
