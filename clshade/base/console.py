@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from typing import Any, TextIO
 
 QUIET, NORMAL, VERBOSE = range(3)
+SLOW = 1.0  # seconds of work that pass without a word
 
 _level = NORMAL
 
@@ -47,6 +49,18 @@ def progress(text: str) -> None:
     """Print a line about slow work, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():
         _print(text)
+
+
+@contextlib.contextmanager
+def told_when_slow(text: str) -> Iterator[None]:
+    """Print a line about the block if it is slow."""
+    timer = threading.Timer(SLOW, progress, (text,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def note(text: str) -> None:

@@ -13,6 +13,7 @@ from devices import working_devices
 from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
 
+from clshade.base import console
 from clshade.cli.commands import DONE, render
 from clshade.cli.commands.scene_options import load_scene
 from clshade.images import exr
@@ -190,7 +191,7 @@ def test_a_slow_file_is_told(tmp_path, capsys, monkeypatch):
     path = write(tmp_path / "a.obj", ROOF)
     load.load(path)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(load, "SLOW", 0.01)
+    monkeypatch.setattr(console, "SLOW", 0.01)
     monkeypatch.setattr("clshade.scene.formats.obj.read_obj", lambda path, options: time.sleep(0.3) or framing)
     assert load.load(path) is framing
     assert capsys.readouterr().err == f"clshade: loading {path} ...\n"

@@ -123,11 +123,12 @@ def test_leftovers_of_probes_that_vanish_meanwhile(fresh_cache, monkeypatch):
 
 INTERRUPTED = """
 import os, signal, sys, threading
+from clshade.base import console
 from clshade.pipeline.opencl import device; from clshade.pipeline.opencl import probe as probing
 from clshade.pipeline.opencl.probe import DeviceInfo
 infos = [DeviceInfo(f"{k}:0", "Portable Computing Language", "CPU") for k in range(3)]
 device.found_devices = lambda name: [(info, None) for info in infos]
-device._connect, device.SLOW = lambda *_: None, 60.0
+device._connect, console.SLOW = lambda *_: None, 60.0
 probing.probe_command = lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
 start = probing.Probe.__init__
 def started(self, info, *more):

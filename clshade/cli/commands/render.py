@@ -180,7 +180,9 @@ def _draw(
         from ...pipeline.mattes import check_mattes, cryptomatte
 
         check_mattes(arguments.cryptomatte, saving["files"] or (), arguments.compression)
-    frame = renderer.render(scene, **options)
+    columns, rows = options["resolution"] or scene.camera.resolution
+    with console.told_when_slow(f"drawing {columns}x{rows} pixels ..."):
+        frame = renderer.render(scene, **options)
     add_flows(frame, cameras, arguments)
     if arguments.cryptomatte:
         frame.mattes = cryptomatte(frame, arguments.cryptomatte, device=arguments.device)

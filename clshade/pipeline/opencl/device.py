@@ -152,9 +152,6 @@ def open_untested(index: str, name: str, lanes: int = 0) -> Device:
 
 # Opening
 
-SLOW = 0.5  # seconds of a test before a message
-
-
 def open_device(
     name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
 ) -> Device:
@@ -230,14 +227,8 @@ class _Broken(DeviceError):
 
 def _try_out(info: DeviceInfo, handle: Any, profiling: bool, trial: Callable[[], bytes] | None) -> Device:
     """Open the device after a test; where its own number of lanes does not work, with fewer."""
-    say = threading.Timer(SLOW, console.progress, (f"trying out {info.platform}: {info.name} ...",))
-    say.daemon = True
-    say.start()
-    try:
-        with compiling.at_work():
-            found = tried_out(info, trial() if trial is not None else b"")
-    finally:
-        say.cancel()
+    with console.told_when_slow(f"trying out {info.platform}: {info.name} ..."), compiling.at_work():
+        found = tried_out(info, trial() if trial is not None else b"")
     if not found.works:
         raise _Broken(found.problem)
     if found.narrowed:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from numbers import Integral
@@ -33,7 +32,6 @@ from .texture import as_texture
 
 __all__ = ["load", "load_animation", "save_course"]
 
-SLOW = 1.0  # seconds of loading before a message on stderr
 IMAGES = (".exr", ".png")
 
 
@@ -135,7 +133,7 @@ def load(
     >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
     owner, form = _checked_file("load", path)
-    with _refusals(owner), _told_when_slow(owner):
+    with _refusals(owner), console.told_when_slow(f"loading {owner} ..."):
         options = _options(
             "load",
             form,
@@ -206,7 +204,7 @@ def load_animation(
     if "animation" not in form.takes:
         expected = f"one of {', '.join(extensions_with('animation'))}, which have animations"
         raise file_error(owner, "extension", expected, quoted(_extension(path)))
-    with _refusals(owner), _told_when_slow(owner):
+    with _refusals(owner), console.told_when_slow(f"loading {owner} ..."):
         options = _options(
             "load_animation",
             form,
@@ -305,18 +303,6 @@ def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     size_of(path)
     image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
     return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
-
-
-@contextlib.contextmanager
-def _told_when_slow(owner: str) -> Iterator[None]:
-    """Print a line on stderr if the block takes longer than a second."""
-    timer = threading.Timer(SLOW, console.progress, (f"loading {owner} ...",))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
