@@ -189,7 +189,8 @@ def _draw(
     if arguments.check is not None:
         from ...measure.check.check import check
 
-        check(frame, arguments.check)
+        with console.told_when_slow("computing pixels again in float64 ..."):
+            check(frame, arguments.check)
     warming.join()
     for warning in frame.write(output, **saving):
         console.warning(warning)
@@ -199,7 +200,8 @@ def _draw(
     if arguments.explain or arguments.explain_each:
         from ...measure.report.feature_savings import explain
 
-        found["explain"] = explain(scene, each=arguments.explain_each, **options)
+        with console.told_when_slow("drawing without leaving things out, to compare ..."):
+            found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
         print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *others]))
         for title, each in found.items():

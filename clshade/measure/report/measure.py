@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -114,9 +114,10 @@ def measure(
     models: ModelErrors | None = None,
     *,
     frames: int,
+    advance: Callable[[], object] = bool,
 ) -> list[Measured]:
     """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
-    settings. frames: see `frame_times`."""
+    settings. frames: see `frame_times`. advance: called after each variant's errors."""
     models = models or ModelErrors(scene, reference.settings, device)
     counts = RayCountErrors(scene, device)
     with ExitStack() as stack:
@@ -132,6 +133,7 @@ def measure(
                 name: counts.error(image, name) for name in MOST if variant.name == RAY_BASE or name in variant.changes
             }
             drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause, rays))
+            advance()
         times = frame_times([each.renderer for each in drawn], frames)
         return [
             Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])

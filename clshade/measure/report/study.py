@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...base import atomic_files
+from ...base import atomic_files, console
 from ...base.arrays import Array
+from ...base.progress_bar import Bar
 from ...pipeline.opencl.device import Device
 from ...pipeline.picture import picture_fields
+from ...pipeline.programs import running_time
 from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings
 from .decomposition import Decomposition, decompose
@@ -103,26 +105,32 @@ def study(
     fields of Settings in place of the scene's own."""
     given = dict(settings or {})
     base = base_settings(scene, **given)
-    converged = reference(scene, base, device)
-    models = ModelErrors(scene, converged.settings, device)
-    measured = measure(scene, variants, base, device, converged, models, frames=frames)
-    drawn = render(scene, settings=base, device=device)
-    environment = drawn.scene.environment if base.shader == "pbr" else None
-    kept = formats(drawn)
     usual = Settings.from_preset(scene.preset, **picture_fields(scene, **given))
-    return Study(
-        scene,
-        device.title,
-        machine(),
-        converged,
-        tuple(measured),
-        pictures(scene, device, measured, converged, models),
-        tessellation(device),
-        tuple(kept),
-        decompose(scene, usual, device, converged, models),
-        prefiltering=() if environment is None else prefiltering(environment),
-        given=given,
-    )
+    with Bar(len(variants) + 4, "report", clock=running_time, hidden=console.quiet() or None) as bar:
+        converged = reference(scene, base, device)
+        bar.advance()
+        models = ModelErrors(scene, converged.settings, device)
+        measured = measure(scene, variants, base, device, converged, models, frames=frames, advance=bar.advance)
+        bar.advance()
+        drawn = render(scene, settings=base, device=device)
+        environment = drawn.scene.environment if base.shader == "pbr" else None
+        causes = decompose(scene, usual, device, converged, models)
+        bar.advance()
+        found = Study(
+            scene,
+            device.title,
+            machine(),
+            converged,
+            tuple(measured),
+            pictures(scene, device, measured, converged, models),
+            tessellation(device),
+            tuple(formats(drawn)),
+            causes,
+            prefiltering=() if environment is None else prefiltering(environment),
+            given=given,
+        )
+        bar.advance()
+    return found
 
 
 def pictures(
