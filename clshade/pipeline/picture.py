@@ -29,12 +29,16 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
     usual: dict[str, Any] = {"samples": SAMPLES}
     if any(isinstance(light, RectangleLight) for light in scene.lights):
         usual["shadows"] = True
-    settings = Settings.from_preset(preset, **{**usual, **given})
-    is_textured = any(textures_of(mesh, maps=settings.shader == "pbr") for mesh in objects_of(scene).meshes)
-    lights_shine = settings.shader != "pbr" or scene.own_lights
+    known = {**vars(Settings.from_preset(preset)), **usual, **given}
+    lights_shine = known["shader"] != "pbr" or scene.own_lights
     if given.get("shadows") and not lights_shine:
         usual["ambient_occlusion"] = OCCLUSION_RAYS
-    if is_textured or (settings.shadows and lights_shine) or {**usual, **given}.get("ambient_occlusion"):
+    varies = (
+        (known["shadows"] and lights_shine)
+        or {**usual, **given}.get("ambient_occlusion")
+        or any(textures_of(mesh, maps=known["shader"] == "pbr") for mesh in objects_of(scene).meshes)
+    )
+    if varies and known["samples"] > 1:
         usual["sample_shading"] = True
     return {**usual, **given}
 
@@ -42,7 +46,9 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
 def changed_fields(settings: Settings, scene: Scene, preset: Preset) -> dict[str, Any]:
     """Return the fields of Settings that `render` has to be given with this preset to draw the scene with these settings."""
     given: dict[str, Any] = {}
-    for _ in range(2):  # what is given may change others
-        usual = vars(Settings.from_preset(preset, **picture_fields(scene, preset, **given)))
-        given |= {name: value for name, value in vars(settings).items() if value != usual[name]}
+    values, last = vars(settings), ("ambient_occlusion", "sample_shading")  # whose usual values depend on others
+    for name in (*(each for each in values if each not in last), *last):
+        usual = {**vars(Settings.from_preset(preset)), **picture_fields(scene, preset, **given)}
+        if values[name] != usual[name]:
+            given[name] = values[name]
     return given
