@@ -62,13 +62,16 @@ def test_a_model_is_known_and_its_library_installed(model, packages):
         (flags_of(1), 0),
         (flags_of(2), 1),
         (flags_of(2) | {"avx", "f16c"}, 2),
-        (flags_of(3), 8),
-        (flags_of(4), 11),
+        (flags_of(3), 7),
+        (flags_of(3) | {"gfni", "avx_vnni"}, 8),
+        (flags_of(4), 8),
+        (flags_of(4) | {*processors._ICELAKE}, 9),
+        (flags_of(4) | {*processors._ICELAKE, "avx_vnni", "avx512_bf16"}, 11),
     ],
 )
 def test_what_a_processor_can_run(monkeypatch, flags, runs):
     monkeypatch.setattr(pocl_target, "processor_flags", lambda: flags)
-    assert [model for model in MODELS if processors.can_run(model)] == list(MODELS)[:runs]
+    assert sum(map(processors.can_run, MODELS)) == runs
 
 
 def test_pocl_compiles_for_the_model(packages, tmp_path):

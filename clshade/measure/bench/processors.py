@@ -42,18 +42,19 @@ class Processor(NamedTuple):
     about: str
 
 
+_ICELAKE = ("gfni", "vaes", "avx512_vbmi2", "avx512_vnni")  # which LLVM uses for the newer processors
 MODELS = {
     "nehalem": Processor("nehalem", "sse41", 2, (), "The oldest processors, without AVX and FMA."),
     "ivybridge": Processor("ivybridge", "avx_f16c", 2, ("avx", "f16c"), "AVX without FMA, Intel 2012."),
     "haswell": Processor("haswell", "avx2", 3, (), "AVX2 and FMA, Intel since 2013."),
     "skylake": Processor("skylake", "avx2", 3, (), "Intel's laptops and desktops, 2015 to 2021."),
-    "alderlake": Processor("alderlake", "avx2", 3, (), "Intel's laptops and desktops since 2021."),
+    "alderlake": Processor("alderlake", "avx2", 3, ("gfni", "avx_vnni"), "Intel's laptops and desktops since 2021."),
     "zen1": Processor("znver1", "avx2", 3, (), "AMD EPYC 7001, Ryzen 1000."),
     "zen3": Processor("znver3", "avx2", 3, (), "AMD EPYC 7003, Ryzen 5000."),
     "zen4": Processor("znver3", "avx512", 3, (), "What LLVM 14 and PoCL make of AMD EPYC 9004 and Ryzen 7000."),
     "skylake-avx512": Processor("skylake-avx512", "avx512", 4, (), "Intel's servers of 2017."),
-    "icelake-server": Processor("icelake-server", "avx512", 4, (), "Intel's servers of 2021."),
-    "sapphirerapids": Processor("sapphirerapids", "avx512", 4, (), "Intel's servers of 2023."),
+    "icelake-server": Processor("icelake-server", "avx512", 4, _ICELAKE, "Intel's servers of 2021."),
+    "sapphirerapids": Processor("sapphirerapids", "avx512", 4, (*_ICELAKE, "avx512_bf16"), "Intel's servers of 2023."),
 }
 _VECTOR_BITS = {"sse41": "128", "avx512": ""}  # of llvmpipe, by library; others 256; "": its own choice
 
