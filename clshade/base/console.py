@@ -11,6 +11,8 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any, TextIO
 
+from . import compiling
+
 QUIET, NORMAL, VERBOSE = range(3)
 SLOW = 1.0  # seconds of work that pass without a word
 
@@ -52,15 +54,21 @@ def progress(text: str) -> None:
 
 
 @contextlib.contextmanager
-def told_when_slow(text: str) -> Iterator[None]:
-    """Print a line about the block if it is slow."""
-    timer = threading.Timer(SLOW, progress, (text,))
-    timer.daemon = True
-    timer.start()
+def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None]:
+    """Print a line about the block if it is slow. after_compiling: not while a compiler is at work, which says so itself."""
+    ended = threading.Event()
+
+    def tell() -> None:
+        while not ended.wait(SLOW):
+            if not (after_compiling and compiling.is_at_work()):
+                progress(text)
+                return
+
+    threading.Thread(target=tell, daemon=True).start()
     try:
         yield
     finally:
-        timer.cancel()
+        ended.set()
 
 
 def note(text: str) -> None:

@@ -31,17 +31,18 @@ def test_each_setting_has_an_option(command):
 
 def test_what_options_say_of_defaults():
     found = {name: option.help.partition(" (default: ")[2].rstrip(")") for name, option in options_of("render").items()}
-    assert found["light_samples"] == "16, or 64 under a rectangle light"
+    assert found["light_samples"] == "16"
     assert found["resolve"] == "mean"
-    assert found["ambient_occlusion"] == "0, none"
+    assert found["ambient_occlusion"] == "0, or 16 with --shadows where an environment is the light"
     assert found["shader"] == found["cull"] == found["scalars"] == ""  # the preset's, off, none
 
 
-def test_flags_that_a_preset_sets_can_be_taken_back():
+def test_flags_that_a_preset_or_pictures_set_can_be_taken_back():
     found = options_of("render")
     by_presets = {name for changed in PRESET_FIELDS.values() for name in changed}
     flags = {each.name for each in fields(Settings) if isinstance(each.default, bool)}
-    assert {name for name in flags if len(found[name].option_strings) == 2} == flags & by_presets == {"shadows"}
+    assert {name for name in flags if len(found[name].option_strings) == 2} == {"shadows", "sample_shading"}
+    assert flags & by_presets == {"shadows"}
 
 
 def test_a_report_takes_the_settings_of_light_alone():

@@ -181,7 +181,7 @@ def _draw(
 
         check_mattes(arguments.cryptomatte, saving["files"] or (), arguments.compression)
     columns, rows = options["resolution"] or scene.camera.resolution
-    with console.told_when_slow(f"drawing {columns}x{rows} pixels ..."):
+    with console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
         frame = renderer.render(scene, **options)
     add_flows(frame, cameras, arguments)
     if arguments.cryptomatte:
@@ -189,7 +189,7 @@ def _draw(
     if arguments.check is not None:
         from ...measure.check.check import check
 
-        with console.told_when_slow("computing pixels again in float64 ..."):
+        with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
             check(frame, arguments.check)
     warming.join()
     for warning in frame.write(output, **saving):
@@ -200,7 +200,7 @@ def _draw(
     if arguments.explain or arguments.explain_each:
         from ...measure.report.feature_savings import explain
 
-        with console.told_when_slow("drawing without leaving things out, to compare ..."):
+        with console.told_when_slow("drawing without leaving things out, to compare ...", after_compiling=True):
             found["explain"] = explain(scene, each=arguments.explain_each, **options)
     if not arguments.json:
         print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *others]))

@@ -152,6 +152,7 @@ def open_untested(index: str, name: str, lanes: int = 0) -> Device:
 
 # Opening
 
+
 def open_device(
     name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
 ) -> Device:
