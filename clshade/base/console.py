@@ -55,14 +55,17 @@ def progress(text: str) -> None:
 
 @contextlib.contextmanager
 def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None]:
-    """Print a line about the block if it is slow. after_compiling: not while a compiler is at work, which says so itself."""
+    """Print a line about the block if it is slow. after_compiling: counted from when no compiler is at
+    work, which says so itself."""
     ended = threading.Event()
 
     def tell() -> None:
-        while not ended.wait(SLOW):
-            if not (after_compiling and compiling.is_at_work()):
-                progress(text)
+        waited = 0
+        while waited < 10:
+            if ended.wait(SLOW / 10):
                 return
+            waited = 0 if after_compiling and compiling.is_at_work() else waited + 1
+        progress(text)
 
     threading.Thread(target=tell, daemon=True).start()
     try:
