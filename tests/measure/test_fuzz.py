@@ -457,3 +457,9 @@ def test_flaws_of_scenes_are_seen():
         broken = replace(mesh)
         object.__setattr__(broken, name, value)
         assert name in file_mutations.flaw(replace(scene, meshes=(broken,)))
+
+
+@pytest.mark.long
+def test_alphas_that_jump_at_texels_edges(device):
+    """Of faces that blend, and where one of the texels has exactly the alpha of the cutoff."""
+    assert fuzz.scene_failures(device, [20359, 24383, 32379]) == []

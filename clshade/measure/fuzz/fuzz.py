@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 import warnings
 from collections.abc import Callable, Iterable
@@ -18,7 +19,7 @@ from ...pipeline.features import OPTIONAL
 from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
-from ...scene.model import Scene, Settings
+from ...scene.model import Mesh, Scene, Settings
 from ..check import oracle_bounds
 from ..check.layer_bounds import assert_layers
 from . import file_mutations
@@ -111,21 +112,26 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
                     reach = float(np.abs(usable_uvs(mesh.uvs)).max(initial=0.0)) * max(texture.image.shape[:2])
                 margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * reach
                 material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
-                if texture is not None and texture.filter == "nearest" and mesh.uvs is not None:
-                    most = np.abs(usable_uvs(mesh.uvs)).max(initial=1.0)
-                    off = 2.0 * TEXEL_ERROR * most + 2.0**-24 / np.array(texture.image.shape[1::-1])
-                    mesh = replace(mesh, uvs=mesh.uvs.astype(np.float64) + off * [across, down])
+            if texture is not None and mesh.uvs is not None and _alpha_jumps(mesh):
+                most = np.abs(usable_uvs(mesh.uvs)).max(initial=1.0)
+                off = 2.0 * TEXEL_ERROR * most + 2.0**-24 / np.array(texture.image.shape[1::-1])
+                mesh = replace(mesh, uvs=mesh.uvs.astype(np.float64) + off * [across, down])
             meshes.append(replace(mesh, material=material))
         return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
 
     less, others = moved(-1.0), [moved(1.0)]
-    textures = [mesh.material.texture for mesh in scene.meshes if mesh.tests_alpha]
-    if any(texture is not None and texture.filter == "nearest" for texture in textures):
-        others += [moved(1.0, across, down) for across in (-1.0, 1.0) for down in (-1.0, 1.0)]
+    if any(map(_alpha_jumps, scene.meshes)):
+        others += [moved(*way) for way in itertools.product((-1.0, 1.0), repeat=3)]
     different: Bools = np.zeros(less.id.shape, bool)
     for other in others:
         different |= (less.id != other.id) | (less.alpha != other.alpha) | (less.rgb != other.rgb).any(axis=-1)
     return different
+
+
+def _alpha_jumps(mesh: Mesh) -> bool:
+    """Return whether alpha jumps between the texels of a texture, and is tested or composited."""
+    texture = mesh.material.texture
+    return texture is not None and texture.filter == "nearest" and (mesh.tests_alpha or mesh.material.blend)
 
 
 def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | None = None) -> str:
@@ -157,10 +163,12 @@ def problem(frame: Frame, expected: OracleFrame | None = None, tally: Tally | No
 
 
 def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
-    """Return the pixels, (M, N) bool, whose alpha test may go either way, if owners or coverage differ; else None."""
+    """Return the pixels, (M, N) bool, whose alpha test or texel may go either way, if owners or alphas differ; else None."""
     scene, settings = frame.scene, frame.settings
-    if all(mesh.material.alpha_cutoff is None for mesh in scene.meshes):
+    if all(mesh.material.alpha_cutoff is None and not _alpha_jumps(mesh) for mesh in scene.meshes):
         return None
+    if not np.allclose(frame.alpha, expected.alpha, rtol=0.0, atol=ALPHA_MARGIN):
+        return decided_by_alpha(scene, settings)
     try:
         oracle_bounds.assert_same_ids(frame, expected, scene, settings)
     except AssertionError:
