@@ -15,6 +15,7 @@ from devices import working_devices
 from processes import OPEN, ROOT, python
 
 from clshade import course
+from clshade.base import console
 from clshade.errors import DeviceError
 from clshade.pipeline import programs
 from clshade.pipeline.opencl import cache_slots, environment
@@ -111,8 +112,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def patient() -> None:
-    """Suppress the notice of slow compilers: whether they have to compile depends on earlier runs."""
-    programs.SLOW = 1e6
+    """Suppress notices of slow compilers and slow steps: both depend on earlier runs and on the machine's load."""
+    programs.SLOW = console.SLOW = 1e6
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -79,8 +79,10 @@ REFUSED = {
 }
 LOAD_ALL = f"""{PEAK}
 import json, os, sys, time, warnings
+from clshade.base import console
 from clshade.errors import InputError
 from clshade.scene.formats.load import load
+console.SLOW = 1e6  # no word about slow files
 warnings.simplefilter("ignore")
 for path in sys.argv[1:]:
     started = time.perf_counter()
