@@ -34,6 +34,7 @@ cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, whi
 # end for one process alone.
 LONGEST = (
     "measure/test_fuzz.py",
+    "measure/test_processors.py",
     "pipeline/test_oclgrind.py",
     "pipeline/test_same_bits.py",
     "measure/test_explain.py",
