@@ -12,6 +12,7 @@ from pathlib import Path
 import course_reference as reference
 import numpy as np
 import pytest
+from command_line import without_notices
 from PIL import Image
 
 import clshade
@@ -184,7 +185,7 @@ def test_help(script, tmp_path):
 def test_bad_input_is_one_line(saved_course, script, words, part):
     done = run(script, saved_course, *words)
     assert done.returncode == 2
-    lines = [line for line in done.stderr.splitlines() if "figure/s" not in line]
+    lines = [line for line in without_notices(done.stderr) if "figure/s" not in line]
     assert len(lines) == 1, done.stderr
     assert part in lines[0]
     assert lines[0].startswith(f"{script}: ")

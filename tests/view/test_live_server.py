@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import needs_device, run, without_compiling
+from command_line import needs_device, run, without_notices
 from live_views import SMALL, source_of, unpacked
 from processes import ROOT
 from scene_files import write
@@ -466,7 +466,7 @@ def test_an_interrupt_ends_the_view(tmp_path):
     asyncio.run(look())
     out, err = process.communicate(timeout=SECONDS)
     assert process.returncode == 130, err
-    assert without_compiling(err) == ["clshade: Ctrl-C ends the view", "clshade: interrupted"]
+    assert without_notices(err) == ["clshade: Ctrl-C ends the view", "clshade: interrupted"]
     assert out.split()[0] == "samples"
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(OSError, match="refused"):

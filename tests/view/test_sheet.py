@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from command_line import SMALL, assert_refused, listing, needs_device, run, without_compiling
+from command_line import SMALL, assert_refused, listing, needs_device, run, without_notices
 
 import clshade
 from clshade.errors import InputError
@@ -190,7 +190,7 @@ QUADS = ("render", "quads", "--resolution", "40,30", "--shader", "nolight", "--t
 def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, *QUADS, "--sheet", "--views", "front,iso", "-o", "s.png")
-    assert (code, without_compiling("\n".join(err))) == (0, [])
+    assert (code, without_notices("\n".join(err))) == (0, [])
     assert listing(tmp_path) == ["s.json", "s.png"]
     facts = json.loads((tmp_path / "s.json").read_text())
     assert [view["name"] for view in facts["views"]] == ["front", "iso"]
