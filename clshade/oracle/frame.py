@@ -521,6 +521,7 @@ def _mean(scene: Scene, settings: Settings, samples: list[OracleFrame]) -> Oracl
     shared = [(every, weight / whole, part) for weight, part in zip(weights, samples, strict=True)]
     budget, jump = _mean_budgets(shared, rgb, settings.resolve)
     worst = np.argmax([part.kappa for part in samples], axis=0)
+    alpha_error = np.mean([part.alpha_error for part in samples], axis=0)
     return replace(
         samples[0],
         rgb=rgb,
@@ -529,7 +530,8 @@ def _mean(scene: Scene, settings: Settings, samples: list[OracleFrame]) -> Oracl
         jump=jump,
         conditions=np.array([part.conditions for part in samples])[worst, every],
         exponent=np.max([part.exponent for part in samples], axis=0),
-        alpha_error=np.mean([part.alpha_error for part in samples], axis=0),
+        # The sum over samples rounds to its own size, also where a few of them are transparent.
+        alpha_error=np.where(alpha_error > 0.0, np.maximum(alpha_error, alpha), 0.0),
     )
 
 

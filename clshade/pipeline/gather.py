@@ -337,6 +337,7 @@ class Gatherer:
         table["texture"][(table["texture"] < 0) | at_corners] = self._white if "TEXTURED" in self._forced else -1
         if "ALPHA_TEST" in self._forced:
             table["alpha_texture"][table["alpha_texture"] < 0] = self._white
+            table["alpha_cutoff"][table["alpha_tested"] == 0] = -1.0  # rounding may give an alpha below 0
             table["alpha_tested"] = 1
         return table
 

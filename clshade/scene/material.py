@@ -59,7 +59,7 @@ class Material:
     two_sided : bool, default False
         Light back faces with their normals reversed.
     alpha_cutoff : float or None, default None
-        Discard pixels whose alpha is below this value (alpha test); None: none.
+        Discard pixels whose alpha is below this value (alpha test); None, and values up to 0: none.
     pbr : MetallicRoughness or None, default None
         Parameters of shader `pbr`, whose base color is color times texture; None: derived from kd,
         ks and n (`scene.metallic_roughness.from_phong`). `ka` holds for both models.

@@ -289,7 +289,7 @@ class Mesh:
     def tests_alpha(self) -> bool:
         """Whether some of its pixels may be discarded by their alpha."""
         cutoff = self.material.alpha_cutoff
-        return cutoff is not None and (self.has_alpha or cutoff > 1.0)
+        return cutoff is not None and cutoff > 0.0 and (self.has_alpha or cutoff > 1.0)
 
     def __repr__(self) -> str:
         counts = _count(len(self.faces), "triangle"), _count(len(self.verts), "vertex", "vertices")

@@ -81,6 +81,19 @@ def test_depths_closer_than_float32_tells(opened):
 
 
 @pytest.mark.long
+def test_sums_of_alphas_over_samples(opened):
+    """Found by the fuzzer: where one of 44 samples is transparent, the sum of their alphas rounds to its own size."""
+    assert listed(fuzz.scene_failures(opened, [60719])) == ""
+
+
+@pytest.mark.long
+def test_alphas_of_0_at_edges(opened):
+    """Found by the fuzzer: with all features forced on, a pixel with an alpha of -1e-19 failed a test that its material
+    has not."""
+    assert listed(fuzz.scene_failures(opened, [20491])) == ""
+
+
+@pytest.mark.long
 def test_corners_saturate_where_float32_cannot_hold_a_scalar(opened):
     """Found by the fuzzer: the oracle interpolated between 1e-77 and 1e239, the layer between what float32 can hold."""
     assert listed(fuzz.scene_failures(opened, [391])) == ""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from mesh_writers import Gltf, png
 
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
+from clshade.scene.material import Material
+from clshade.scene.model import Mesh
 
 MODES = [
     {"alphaMode": "OPAQUE"},
@@ -70,3 +75,12 @@ def test_panels_show_their_alpha(tmp_path, device):
     alpha = 0.5 + 0.5 * 4.5 / (SIZE // 2)
     np.testing.assert_allclose(below[1], alpha * below[0] + (1.0 - alpha) * 0.5, atol=0.05)
     assert (frame.alpha[top + SIZE // 2 + 4, middles] == 1.0).all()
+
+
+@pytest.mark.parametrize("cutoff", [None, 0.0, -1.0])
+def test_a_cutoff_of_0_discards_nothing(cutoff):
+    """No alpha is below it, but rounding may make an interpolated one -1e-9."""
+    colors = np.ones((3, 4)) * [1.0, 1.0, 1.0, 0.0]
+    mesh = Mesh(np.eye(3), [[0, 1, 2]], colors=colors, material=Material(alpha_cutoff=cutoff))
+    assert not mesh.tests_alpha
+    assert replace(mesh, material=Material(alpha_cutoff=1e-9)).tests_alpha
