@@ -14,4 +14,4 @@ FAMILIES = (
     "light-samples",
     "occlusion-rays",
     "precision",
-)  # of ways, which `report` fits powers to
+)  # of variants, which `report` fits powers to

@@ -354,7 +354,7 @@ def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
     """The measurements are written all the same."""
     monkeypatch.setattr(report, "study", lambda *arguments: found)
     with pytest.raises(
-        InputError, match=r"--tolerance: 1e-12 is below what errors are known to, .* \(the best way, .* has .*\)"
+        InputError, match=r"--tolerance: 1e-12 is below what errors are known to, .* \(the best variant, .* has .*\)"
     ):
         report.run(sphere(), device.index, out=tmp_path, tolerance=1e-12, stream=io.StringIO())
     assert (tmp_path / "report.png").exists()
@@ -405,7 +405,7 @@ REFUSED = [
             "did you mean 'samples'",
         ),
     ),
-    (("--family", "filter"), ("--family", "three ways that change this scene are needed", "filter has none")),
+    (("--family", "filter"), ("--family", "three variants that change this scene are needed", "filter has none")),
     (("--out", "figure.pdf"), ("--out", "expected a folder", "--format pdf")),
     (("--out", "page.html"), ("--out", "expected a folder", "--html")),
     (("--budget", "0ms"), ("--budget", "'0ms'")),

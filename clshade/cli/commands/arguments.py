@@ -110,10 +110,13 @@ def limit_options(group: argparse._ArgumentGroup) -> None:
     """Add --budget and --tolerance, which are mutually exclusive."""
     either = group.add_mutually_exclusive_group()
     either.add_argument(
-        "--budget", type=milliseconds, metavar="TIME", help="the most exact way within 5ms, 0.005s or 5 (ms) a frame"
+        "--budget",
+        type=milliseconds,
+        metavar="TIME",
+        help="the most accurate variant within 5ms, 0.005s or 5 (ms) a frame",
     )
     either.add_argument(
-        "--tolerance", type=tolerance, metavar="RMSE", help="the fastest way with at most this error, such as 1e-3"
+        "--tolerance", type=tolerance, metavar="RMSE", help="the fastest variant with at most this error, such as 1e-3"
     )
 
 

@@ -11,13 +11,13 @@ from . import DONE, FAILED
 from .arguments import device_option, limit_options, names, numbers, output_name, refuse
 from .scene_options import camera_options, chosen_settings, light_options, load_scene, scene_options
 
-RESOLUTION = (320, 240)  # default of --resolution: the whole report takes less than a minute
+RESOLUTION = (320, 240)  # default of --resolution: the whole report takes about a minute
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     from ...images.figures import FORMATS
 
-    scene_options(parser)
+    scene_options(parser, size="{},{}".format(*RESOLUTION))
     camera_options(parser)
     study = parser.add_argument_group("study: what is compared, and what is written")
     study.add_argument(

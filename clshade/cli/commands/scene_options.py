@@ -51,13 +51,21 @@ CAMERA_OPTIONS = {  # of arguments of `adjust_camera.camera_of`
 }
 
 
+SIZE = "the scene's own, 800,600 for meshes"
+
+
 def scene_options(
-    parser: argparse.ArgumentParser, *, several: bool = False, required: bool = False, default: str | None = "teapot"
+    parser: argparse.ArgumentParser,
+    *,
+    several: bool = False,
+    required: bool = False,
+    default: str | None = "teapot",
+    size: str = SIZE,
 ) -> None:
     """Add `arguments.scene`, or with `several` the list `arguments.scenes`, and the options that change scenes.
 
     required: the scene is mandatory, so that another positional argument may follow. default: None, or the scene used
-    without one.
+    without one. size: what --resolution is without the option.
     """
     from ...scene.formats.table import listed
 
@@ -69,10 +77,10 @@ def scene_options(
         metavar="SCENE",
         help=f"a file ({listed()}), or a built-in scene" + ("" if default is None else f" (default: {default})"),
     )
-    scene_changes(parser, group)
+    scene_changes(parser, group, size)
 
 
-def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGroup) -> None:
+def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGroup, size: str = SIZE) -> None:
     """Add the options that change scenes: to the group, and to one of lights."""
     from ...scene.framing import UPS
     from ...scene.settings import LOOKS
@@ -126,7 +134,7 @@ def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGrou
         "--resolution",
         type=resolution,
         metavar="W,H",
-        help="pixels, also WxH (default: the scene's own, 800,600 for meshes)",
+        help=f"pixels, also WxH (default: {size})",
     )
     lights = parser.add_argument_group(LIGHTS)
     lights.add_argument(
@@ -208,7 +216,7 @@ def setting_options(parser: argparse.ArgumentParser, samples: str = "1, its cent
 
 
 def light_options(group: argparse._ArgumentGroup) -> None:
-    """Add the fields of Settings that say which light arrives, for all ways of a study."""
+    """Add the fields of Settings that say which light arrives, for all variants of a study."""
     from ...scene.settings import LIGHT_FIELDS, Settings
 
     for each in fields(Settings):

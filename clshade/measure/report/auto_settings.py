@@ -16,7 +16,7 @@ from .short_study import Candidate, Limit, ShortStudy, row
 from .thinned_image import Thinned
 from .variants import BASE, SHORT, variants_for
 
-HEADER = ("way", "outcome", "ms a frame", "95 %", "RMSE", "95 %")
+HEADER = ("variant", "outcome", "ms a frame", "95 %", "RMSE", "95 %")
 BUSY = 0.15  # share of the time waiting for processors from which on times are in doubt
 
 
@@ -50,7 +50,7 @@ class Selection:
         return [
             f"{used.name}{changed}: {used.cost:.3g} ms a frame after the first, RMSE {used.error:.3g}{within}",
             *([f"kept as they are: {kept}"] if kept else []),
-            f"of {len(self.tried)} ways {drawn} drawn, in {self.seconds:.1f} s; errors of {self.thinned.about()}",
+            f"{drawn} of {len(self.tried)} variants drawn, in {self.seconds:.1f} s; errors of {self.thinned.about()}",
             f"reference: {self.reference.about()}",
         ]
 

@@ -64,7 +64,7 @@ ABOUT = {
 
 
 class Member(NamedTuple):
-    """One way of a family. size: what the family varies. error: 0 if nothing was found. known: whether the fit uses it."""
+    """One variant of a family. size: what the family varies. error: 0 if nothing was found. known: the fit uses it."""
 
     name: str
     size: float
@@ -175,6 +175,6 @@ def of_families(variants: Sequence[Variant], names: Sequence[str]) -> list[Varia
         ways = [each for each in variants if alone(each, name)]
         if len(ways) < 3:
             found = ", ".join(each.name for each in ways) or "none"
-            raise InputError(f"report: --family: three ways that change this scene are needed, {name} has {found}")
+            raise InputError(f"report: --family: three variants that change this scene are needed, {name} has {found}")
         chosen += [each for each in ways if each not in chosen]
     return chosen if names else list(variants)

@@ -154,7 +154,7 @@ def _label(axes: Axes, study: Study) -> None:
 
 
 def _named(axes: Axes, ways: Sequence[Measured], errors: Sequence[float], lines: Lines = ()) -> list[Text]:
-    """Name the points of these ways; labels avoid the bars of their times, and lines."""
+    """Name the points of these variants; labels avoid the bars of their times, and lines."""
     bars = [[(each.frame_ms.low, y), (each.frame_ms.high, y)] for each, y in zip(ways, errors, strict=True)]
     names = [each.name for each in ways]
     return label_points(axes, [each.cost for each in ways], errors, names, [*lines, *bars])
@@ -248,7 +248,7 @@ def _causes(axes: Axes, study: Study) -> None:
 
 
 def _precision(axes: Axes, study: Study) -> None:
-    """Plot the error of the arithmetic against time, of the ways that differ in precision alone."""
+    """Plot the error of the arithmetic against time, of the variants that differ in precision alone."""
     axes.set_title("precision: error of the arithmetic")
     ways = _precise(study)
     if not ways:
@@ -267,7 +267,7 @@ def _precision(axes: Axes, study: Study) -> None:
 
 
 def _precise(study: Study) -> list[Measured]:
-    """Return the ways that differ in precision alone."""
+    """Return the variants that differ in precision alone."""
     return [each for each in study.measured if alone(each.variant, PRECISION) and each.arithmetic.rms > 0.0]
 
 

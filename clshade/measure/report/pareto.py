@@ -101,7 +101,7 @@ def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) 
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
         raise InputError(
-            f"--budget: {budget:g} ms is too short: the fastest way, {fastest.name}, takes {fastest.cost:.3g} ms"
+            f"--budget: {budget:g} ms is too short: the fastest variant, {fastest.name}, takes {fastest.cost:.3g} ms"
         )
     used = most_accurate(affordable, known)
     low, high = used.quartiles
@@ -125,12 +125,14 @@ def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float =
     best = min(alternatives, key=lambda each: each.error)
     if tolerance < known:
         raise InputError(
-            f"--tolerance: {tolerance:g} is below what errors are known to, {known:.3g} (the best way, {best.name}, has "
+            f"--tolerance: {tolerance:g} is below what errors are known to, {known:.3g} (the best variant, {best.name}, has "
             f"{best.error:.3g})"
         )
     exact = [each for each in alternatives if each.error <= tolerance + known]
     if not exact:
-        raise InputError(f"--tolerance: no way has {tolerance:g} or less: the best, {best.name}, has {best.error:.3g}")
+        raise InputError(
+            f"--tolerance: no variant has {tolerance:g} or less: the best, {best.name}, has {best.error:.3g}"
+        )
     least = min(each.quartiles[0] for each in exact)
     used = most_accurate([each for each in exact if each.quartiles[0] <= NEARLY * least], known)
     if abs(used.error - tolerance) <= known:

@@ -63,7 +63,7 @@ class Reference:
         each = "lit" if self.settings.shader != "nolight" else "looked up"
         return (
             f"{self.samples} samples a pixel, each {each}, {self.settings.precision}; its own RMSE is estimated at "
-            f"{self.error:.2g}, half of what an image of a quarter of the samples is away"
+            f"{self.error:.2g}, half its distance from an image with a quarter of the samples"
         )
 
     def stats(self) -> dict[str, float]:

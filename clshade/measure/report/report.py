@@ -71,8 +71,8 @@ def run(
         atomic_files.check(path)  # before minutes of measuring
     found = study(scene, opened, variants, frames, settings)
     if growing:
-        ways = variants if names or families else [each for each in variants if each.name in WAYS]
-        found = replace(found, growths=tuple(growths(scene, ways, base, opened, growing)))
+        growing_variants = variants if names or families else [each for each in variants if each.name in WAYS]
+        found = replace(found, growths=tuple(growths(scene, growing_variants, base, opened, growing)))
     choice, unkept = None, None
     try:
         choice = chosen(found.measured, budget, tolerance, found.reference.error)

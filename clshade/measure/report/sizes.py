@@ -1,4 +1,4 @@
-"""Times and errors of some ways of drawing at growing image sizes, and the powers of the number of pixels they follow."""
+"""Times and errors of some variants at growing image sizes, and the powers of the number of pixels they follow."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ WAYS = (
     *(BASE, "fast", "float64", "samples-4", "shaded-4", "shaded-16"),
     *("gouraud", "gouraud-4", "vertex-texture", "trilinear", "course"),
 )
-FRAMES, SECONDS = 11, 10.0  # of each way at each size, in turns
+FRAMES, SECONDS = 11, 10.0  # of each variant at each size, in turns
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One way at one size. times: milliseconds of its frames. error: RMSE against the converged image of this size."""
+    """One variant at one size. times: milliseconds of its frames. error: RMSE against the converged image of this size."""
 
     resolution: tuple[int, int]
     times: tuple[float, ...]
@@ -51,7 +51,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """One way at all sizes, the smallest first."""
+    """One variant at all sizes, the smallest first."""
 
     variant: Variant
     points: tuple[Point, ...]
@@ -118,7 +118,7 @@ def growths(
 
 
 def _at(scene: Scene, ways: Sequence[Variant], base: Settings, device: Device) -> list[Point]:
-    """Measure the ways at the scene's own size; errors in windows of large images."""
+    """Measure the variants at the scene's own size; errors in windows of large images."""
     with ExitStack() as stack:
         renderers = [stack.enter_context(Renderer(scene, settings=way.settings(base), device=device)) for way in ways]
         if not renderers:
@@ -154,7 +154,7 @@ def rows(found: Sequence[Growth]) -> list[Row]:
 
 
 def statements(found: Sequence[Growth]) -> list[str]:
-    """Return, for each way but the first, its time and error relative to the first's, size by size."""
+    """Return, for each variant but the first, its time and error relative to the first's, size by size."""
     base, *others = found
     said = []
     for each in others:

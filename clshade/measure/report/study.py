@@ -62,7 +62,7 @@ class Study:
 
     @property
     def families(self) -> list[Family]:
-        """Families of ways with fitted powers."""
+        """Families of variants with fitted powers."""
         return families(self.measured, self.tessellation, self.reference.error)
 
     @property

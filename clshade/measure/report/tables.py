@@ -104,9 +104,9 @@ def _formats(study: Study) -> list[text_tables.Row]:
 
 FAMILIES = ("family", "size", "error", "power of size", "expected", "power of time")
 WORK_PRECISION = (
-    "Work and precision: errors in families of ways that differ in one size, as powers of that size and of the time of a "
-    "frame, with 95 % intervals; RMSE against the reference, of lights' points and of the sphere against the most of them; "
-    "what the reference cannot tell is left out"
+    "Work and precision: errors in families of variants that differ in one size, as powers of that size and of the time of "
+    "a frame, with 95 % intervals; RMSE against the reference, of lights' points and of the sphere against the most of "
+    "them; what the reference cannot tell is left out"
 )
 
 
