@@ -167,7 +167,7 @@ def _excused_by_alpha(frame: Frame, expected: OracleFrame) -> Array | None:
     scene, settings = frame.scene, frame.settings
     if all(mesh.material.alpha_cutoff is None and not _alpha_jumps(mesh) for mesh in scene.meshes):
         return None
-    if not np.allclose(frame.alpha, expected.alpha, rtol=0.0, atol=ALPHA_MARGIN):
+    if not np.allclose(frame.alpha, expected.alpha, rtol=ALPHA_MARGIN, atol=0.0):  # relative: opacity may be 1e-7
         return decided_by_alpha(scene, settings)
     try:
         oracle_bounds.assert_same_ids(frame, expected, scene, settings)
