@@ -48,7 +48,7 @@ def test_render_obeys(device, capsys, tmp_path):
     code, out, err = run(capsys, *command, "--tolerance", "1000", "--stats", "--deterministic")
     assert code == 0
     err = [line for line in err if not line.startswith("clshade: warning: within noise: ")]
-    assert err[0].split() == ["way", "outcome", "ms", "a", "frame", "95", "%", "RMSE", "95", "%"]
+    assert err[0].split() == ["variant", "outcome", "ms", "a", "frame", "95", "%", "RMSE", "95", "%"]
     chosen = json.loads(out)["chosen"]
     assert [line.split()[0] for line in err[1:]] == [each["variant"] for each in chosen["tried"]]
     assert chosen["tried"][1] == {
@@ -65,7 +65,7 @@ def test_render_obeys(device, capsys, tmp_path):
     assert code == 0
     assert "\nchosen  samples-4 (samples=4): " in out
     assert "kept as they are: near=0.25\n" in out
-    assert "of 3 ways 3 drawn, in " in out
+    assert "3 of 3 variants drawn, in " in out
     assert "RMSE" in out
     assert run(capsys, "--quiet", *command, "--budget", "100s")[2] == []
 
@@ -189,9 +189,9 @@ def test_what_is_only_likely_is_drawn_before_a_refusal(device, monkeypatch):
     monkeypatch.setattr(Planted, "figures", {**dict.fromkeys(NAMES, (30.0, 0.02)), **odd})
     chosen = select(sphere(), tolerance=0.015, device=device)
     assert chosen.used.name == "course"
-    with pytest.raises(InputError, match=r"no way has 0\.005 or less: the best, course, has 0\.01"):
+    with pytest.raises(InputError, match=r"no variant has 0\.005 or less: the best, course, has 0\.01"):
         select(sphere(), tolerance=0.005, device=device)
-    with pytest.raises(InputError, match=r"1 ms is too short: the fastest way, course, takes 4\.04 ms"):
+    with pytest.raises(InputError, match=r"1 ms is too short: the fastest variant, course, takes 4\.04 ms"):
         select(sphere(), budget=1.0, device=device)
     with pytest.raises(InputError, match=r"is below what errors are known to, 0\.0001 "):
         select(sphere(), tolerance=0.00005, device=device)
@@ -356,5 +356,5 @@ def test_a_preset_stays(device, given):
 def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):
     command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
     assert_refused(run(capsys, *command, "--tolerance", "1e-30"), "--tolerance: ", "1e-30", "the best")
-    assert_refused(run(capsys, *command, "--budget", "1us"), "--budget: 0.001 ms is too short: the fastest way, ")
+    assert_refused(run(capsys, *command, "--budget", "1us"), "--budget: 0.001 ms is too short: the fastest variant, ")
     assert not list(tmp_path.iterdir())
