@@ -45,8 +45,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "property the last counts",
     )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--frames", metavar="1..120", help="these only, counted from 1: also 5, 1..120..2 or 1..10,20")
-    which.add_argument("--count", type=int, metavar="N", help="of an animation: so many frames, evenly over its length")
+    which.add_argument("--frames", metavar="1..120", help="the frames to draw, from 1; also 5, 1..120..2 or 1..10,20")
+    which.add_argument(
+        "--count", type=int, metavar="N", help="number of frames, evenly spaced over an animation's length"
+    )
     camera_options(parser)
     setting_options(parser, SAMPLES_HELP)
     output_options(parser)

@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--workers",
         type=numbers(int, None, "whole numbers such as 2,4"),
         metavar="N,...",
-        help="a turntable by so many processes each, in turns with one process",
+        help="a turntable by N processes, in turns with one process",
     )
     parser.add_argument("--scheduler", metavar="tcp://HOST:8786", help="and by the workers of this Dask scheduler")
     parser.add_argument(
@@ -54,13 +54,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=VIEWS,
         metavar="K",
-        help=f"so many views of a mesh by render_many, in turns with loops over render (default: {VIEWS})",
+        help=f"K views of a mesh by render_many, in turns with loops over render (default: {VIEWS})",
     )
     parser.add_argument(
         "--instances",
         type=numbers(int, None, "whole numbers such as 1000,100000"),
         metavar="N,...",
-        help="one mesh drawn so many times, from one copy and from as many copies: time and memory",
+        help="one mesh drawn N times, from one copy and from N copies: time and memory",
     )
     parser.add_argument(
         "--processors",

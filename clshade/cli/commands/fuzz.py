@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ("first", 0, "number of the first scene and file: `--first 7 --scenes 1` draws scene 7 again"),
     ):
         parser.add_argument(f"--{name}", type=int, default=count, metavar="N", help=f"{what} (default: {count})")
-    what = "another seed gives other scenes and files; 1..20: so many of each (default: 0)"
+    what = "another seed gives other scenes and files; 1..20: each of these seeds (default: 0)"
     parser.add_argument("--seed", type=seeds, default=range(1), metavar="N", help=what)
     what = "notes in FILE what is done; started again with it, a run goes on where it was stopped"
     parser.add_argument("--log", metavar="FILE", help=what)

@@ -49,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=(),
         metavar="W,...",
-        help="times and errors at growing sizes, the scene's shape with so many columns (default: 480,960,1920)",
+        help="times and errors at growing sizes: images of W columns in the scene's shape (default: 480,960,1920)",
     )
     light_options(study)
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")

@@ -21,9 +21,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     turn = parser.add_argument_group("turn: about what points up, through what is looked at")
     which = turn.add_mutually_exclusive_group()
     which.add_argument(
-        "--frames", metavar="1..120", help=f"also 5 (that one), 1..120..2 or 1..10,20 (default: {FRAMES})"
+        "--frames", metavar="1..120", help=f"the frames to draw; also 5, 1..120..2 or 1..10,20 (default: {FRAMES})"
     )
-    which.add_argument("--count", type=int, metavar="N", help="so many: the same as --frames 1..N")
+    which.add_argument("--count", type=int, metavar="N", help="number of frames: the same as --frames 1..N")
     turn.add_argument(
         "--turn",
         metavar="1..120",
