@@ -51,7 +51,7 @@ CAMERA_OPTIONS = {  # of arguments of `adjust_camera.camera_of`
 }
 
 
-SIZE = "the scene's own, 800,600 for meshes"
+SIZE = "the scene's own, 800,600 for meshes"  # default of --resolution
 
 
 def scene_options(
@@ -65,7 +65,7 @@ def scene_options(
     """Add `arguments.scene`, or with `several` the list `arguments.scenes`, and the options that change scenes.
 
     required: the scene is mandatory, so that another positional argument may follow. default: None, or the scene used
-    without one. size: what --resolution is without the option.
+    without one. size: the default of --resolution, in words.
     """
     from ...scene.formats.table import listed
 
