@@ -151,7 +151,7 @@ def test_the_slope_of_precision_is_of_the_roundoff(found):
 
 
 def test_the_sphere_is_a_family_too(found):
-    sphere = found.tessellation
+    sphere = found.details.tessellation
     for shader, name in SHADINGS.items():
         one = of(found, found.measured)[name]
         assert one.by_size() == sphere.slope(shader)

@@ -16,12 +16,16 @@ from clshade.measure.report import figure, html_page, tables
 HOSTILE = '<script>alert("x")</script>&$1$\x1b[31m\u202e'
 
 
+def draw_command(settings) -> str:
+    return f"draw <{settings.samples}>"
+
+
 @pytest.fixture(scope="module")
 def page(device, tmp_path_factory):
     found = small_study(device)
     found = replace(found, scene=replace(found.scene, name=HOSTILE))
     path = tmp_path_factory.mktemp("page") / "report.html"
-    html_page.write(found, found.measured[0], figures.blank(1.0, 1.0), path)
+    html_page.write(found, found.measured[0], draw_command, figures.blank(1.0, 1.0), path)
     return found, parsed(path.read_bytes())
 
 
@@ -53,7 +57,10 @@ def test_tables_and_pictures(page):
     for section in tables.sections(found):
         for part in (section.title, *section.header, *section.notes, *(cell for row in section.rows for cell in row)):
             assert part in texts
-    for table, section in zip(tree.all("table"), tables.sections(found), strict=True):
+    answered, *others = tree.all("table")
+    for name, _, command in tables.answer_rows(found, draw_command):
+        assert {name, command} <= {cell.text for row in answered.all("tr") for cell in row.inside}
+    for table, section in zip(others, tables.sections(found), strict=True):
         rows = [[cell.text for cell in row.inside] for row in table.all("tr")]
         assert rows == [[*section.header], *(list(row) for row in section.rows)]
     drawn, *shown = tree.all("img")
@@ -63,4 +70,4 @@ def test_tables_and_pictures(page):
     assert len(tree.all("details")) == len(shown)
     vectors = base64.b64decode(drawn.attributes["src"].partition(",")[2])
     assert vectors == figures.as_vectors(figures.blank(1.0, 1.0), "svg")
-    assert tables.used_line(found.measured[0], found.scene) in texts
+    assert tables.used_line(found.measured[0], draw_command) in texts

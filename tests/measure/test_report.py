@@ -173,7 +173,7 @@ def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study
     measured = [
         replace(
             one,
-            variant=replace(one.variant, name=f"variant-{k}"),
+            variant=Variant(f"variant-{k}", f"variant-{k}", {}),
             frame_ms=timing.Spread(0.95 * cost, cost, 1.05 * cost),
             approximation=replace(error, rmse=rmse_of),
         )
@@ -189,7 +189,7 @@ def found(device) -> study.Study:
 
 def test_the_tables_fit_a_terminal(found):
     """Also with very long names, and times of minutes."""
-    long = [replace(each, variant=replace(each.variant, name="many_letters" * 9)) for each in found.measured]
+    long = [replace(each, variant=replace(each.variant, title="many_letters" * 9)) for each in found.measured]
     slow = [replace(each, frame_ms=timing.Spread(*(1e5 * ms for ms in each.frame_ms))) for each in long]
     lines = "\n".join(tables.lines(replace(found, measured=tuple(slow)))).splitlines()
     assert max(map(len, lines)) <= 100
@@ -221,7 +221,7 @@ def test_ties_are_marked_and_named(found):
 
 
 def test_causes_are_those_of_the_image_that_render_draws(found):
-    assert found.decomposition.settings.samples == SAMPLES
+    assert found.details.decomposition.settings.samples == SAMPLES
 
 
 def test_the_front_of_a_study(found):
@@ -231,7 +231,7 @@ def test_the_front_of_a_study(found):
 
 def test_pictures_show_the_first_way_the_worst_model_and_the_best_way(found):
     standard, gouraud = found.measured
-    assert list(found.pictures) == [f"{BASE}, off by", "gouraud, its model off by"]
+    assert list(found.pictures) == ["1 sample, off by", "Gouraud, its model off by"]
     off, model = found.pictures.values()
     drawn = render(sphere(), settings=standard.settings).rgb
     assert (off == drawn - found.reference.rgb).all()
@@ -310,16 +310,23 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
     written = json.loads((folder / "report.json").read_text(), parse_constant=no_constants)
     assert [each["variant"] for each in written["variants"]] == [BASE, "gouraud"]
     assert written["variants"][0]["approximation"]["rmse"] == found.measured[0].error
-    assert written["use"] == min(found.measured, key=lambda each: each.error).name
+    assert written["use"] == min(found.measured, key=lambda each: each.error).variant.name
     assert written["machine"] == study.machine()
     rows = list(csv.DictReader((folder / "report.csv").open()))
     assert [row["name"] for row in rows if row["study"] == "variant"] == [BASE, "gouraud"]
     assert float(rows[0]["rmse"]) == found.measured[0].error
     assert {row["study"] for row in rows} == {"variant", "cause", "format", "tessellation", "family"}
     shown = text.getvalue()
-    for part in (found.device, found.machine, f"use {written['use']}: ", "PNG 8 bit srgb", "5,120"):
-        assert part in shown
-        assert part in (folder / "report.md").read_text()
+    page = (folder / "report.md").read_text()
+    assert "use 1 sample: " in shown
+    for part in (found.device, found.machine, "use 1 sample: ", "PNG 8 bit srgb", "320"):
+        assert part in page
+    for each in written["answer"]:
+        assert each["command"] in page
+        assert any(line.startswith(each["purpose"]) and line.endswith(each["command"]) for line in shown.splitlines())
+    assert "PNG 8 bit srgb" not in shown
+    assert report.run(sphere(), device.index, out=tmp_path, details=True, stream=text)
+    assert "PNG 8 bit srgb" in text.getvalue()
 
 
 @pytest.mark.parametrize("name", ["course", "teapot", "quads"])
@@ -332,7 +339,7 @@ def test_the_options_named_draw_what_was_measured(device, name):
     base = base_settings(scene)
     parser = _parser(["render"])
     for each in variants_for(scene, base, device):
-        options = tables.render_options(each.settings(base), scene)
+        options = tables.render_options(scene, tables.render_fields(each.settings(base), scene))
         arguments = parser.parse_args(["render", name, *options])
         kept = command._render_options(arguments, own)
         kept.pop("device")
@@ -340,13 +347,11 @@ def test_the_options_named_draw_what_was_measured(device, name):
         assert settings == each.settings(base), each.name
         assert again.camera.resolution == (48, 36)
     standard = ["--samples=1"] if own.preset == "standard" else ["--preset=standard"]
-    assert tables.render_options(Settings(), scene)[1:] == standard
-    unshadowed = ["--samples=1", "--no-shadows"]
-    assert tables.render_options(Settings(shader="pbr"), replace(scene, preset="pbr"))[1:] == unshadowed
-    assert tables.render_options(Settings(shadows=True), replace(scene, preset="standard"))[1:] == [
-        "--samples=1",
-        "--shadows",
-    ]
+    assert tables.render_options(scene, tables.render_fields(Settings(), scene))[1:] == standard
+    unshadowed = {"samples": 1, "shadows": False}
+    assert tables.render_fields(Settings(shader="pbr"), replace(scene, preset="pbr")) == unshadowed
+    shadowed = {"samples": 1, "shadows": True}
+    assert tables.render_fields(Settings(shadows=True), replace(scene, preset="standard")) == shadowed
 
 
 @pytest.mark.usefixtures("no_figure")
@@ -386,7 +391,8 @@ def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
     code, out, err = run(capsys, *command, "--budget", "1000s")
     assert (code, err) == (0, [])
     assert "use " in out
-    scene, _, chosen, frames, settings = given[0]
+    scene, _, chosen, frames, settings, details = given[0]
+    assert details
     assert (scene.camera.resolution, [each.name for each in chosen], frames) == ((320, 240), [BASE], 2)
     assert settings == {}
     code, out, err = run(capsys, "report", "--list")
@@ -438,7 +444,7 @@ def test_refused(device, capsys, tmp_path, monkeypatch, options, parts):
     ids=str,
 )
 def test_settings_that_all_ways_share(device, capsys, tmp_path, monkeypatch, options, expected):
-    def measured(scene, opened, chosen, frames, settings):
+    def measured(scene, opened, chosen, frames, settings, details):
         assert scene.lights[0].radius == 0.25
         assert settings == expected
         for each in chosen:

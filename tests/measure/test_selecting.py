@@ -53,6 +53,7 @@ def test_render_obeys(device, capsys, tmp_path):
     assert [line.split()[0] for line in err[1:]] == [each["variant"] for each in chosen["tried"]]
     assert chosen["tried"][1] == {
         "variant": "gouraud",
+        "about": "Gouraud",
         "settings": {"shader": "gouraud"},
         **{name: chosen["tried"][1][name] for name in ("outcome", "frames", "frame_ms", "frame_ms_quartiles")},
         **{name: chosen["tried"][1][name] for name in ("frame_ms_95", "rmse", "rmse_95")},
@@ -76,7 +77,7 @@ def test_a_real_study_chooses(device):
     scene = builtin("icosphere", level=2)
     best = select(scene, budget=1e6, device=device, resolution=(48, 36))
     assert {each["variant"] for each in best.tried} == NAMES
-    assert best.used.name == "shaded-16"
+    assert best.used.variant.name == "shaded-16"
     tolerance = 2.0 * best.used.error
     kept = select(scene, tolerance=tolerance, device=device, resolution=(48, 36))
     drawn = render(scene, settings=kept.settings, resolution=(48, 36), device=device)
@@ -94,7 +95,7 @@ class Planted(short_study.ShortStudy):
     figures: dict[str, tuple[float, float]]
 
     def _drawn(self, variant: Variant) -> Candidate:
-        ms, error = self.figures.get(variant.shown, (1.0, 0.5))
+        ms, error = self.figures.get(variant.known_as, (1.0, 0.5))
         self._thinned = Thinned(1, (Window(0, 0, 1, 1),), np.ones(1, np.int64), np.ones(1))
         return Candidate(
             variant, [ms, 1.01 * ms, 1.02 * ms], np.zeros((1, 3)), Estimate(error, 0.9 * error, 1.1 * error)
@@ -155,16 +156,17 @@ def test_what_cannot_fit_a_budget_is_not_drawn(device, monkeypatch):
     assert chosen.doubt == ""
     assert outcomes(select(sphere(), budget=20.0, device=device)) == outcomes(chosen)
     lines = chosen.table()
-    assert [line.split()[0] for line in lines[1:]] == list(outcomes(chosen))
-    used = next(line for line in lines if line.startswith("samples-4 "))
-    assert " ".join(used.split()) == "samples-4 used 18.2 18 to 18.4 0.0074 0.00666 to 0.00814"
+    for line, each in zip(lines[1:], chosen.tried, strict=True):
+        assert line.startswith(each["about"])
+    used = next(line for line in lines if line.startswith("4 samples "))
+    assert " ".join(used.split()) == "4 samples used 18.2 18 to 18.4 0.0074 0.00666 to 0.00814"
 
 
 @pytest.mark.usefixtures("unmeasured")
 def test_what_cannot_be_faster_within_a_tolerance_is_not_drawn(device, monkeypatch):
     monkeypatch.setattr(Planted, "figures", FIGURES)
     chosen = select(sphere(), tolerance=0.0095, device=device)
-    assert chosen.used.name == "samples-4"
+    assert chosen.used.variant.name == "samples-4"
     assert outcomes(chosen) == {
         "unchanged": "not accurate enough",
         "gouraud": "not accurate enough",
@@ -173,13 +175,13 @@ def test_what_cannot_be_faster_within_a_tolerance_is_not_drawn(device, monkeypat
         "course": "RMSE likely above 0.01",
         "gouraud-4": "RMSE likely above 0.016",
         "gouraud-16": "RMSE likely above 0.016",
-        **dict.fromkeys(("shaded-4", "samples-16", "shaded-16", "samples-64"), "no faster than samples-4"),
+        **dict.fromkeys(("shaded-4", "samples-16", "shaded-16", "samples-64"), "no faster than 4 samples"),
     }
     near = select(sphere(), tolerance=0.0075, device=device)
-    assert near.used.name == "samples-4"
-    assert near.doubt == "the error of samples-4 is known to 0.0001, and is that near the tolerance"
+    assert near.used.variant.name == "samples-4"
+    assert near.doubt == "the error of 4 samples is known to 0.0001, and is that near the tolerance"
     near = select(sphere(), tolerance=0.0078, device=device)
-    assert near.doubt == "the error of samples-4 is 0.00666 to 0.00814, about the tolerance"
+    assert near.doubt == "the error of 4 samples is 0.00666 to 0.00814, about the tolerance"
 
 
 @pytest.mark.usefixtures("unmeasured")
@@ -188,10 +190,10 @@ def test_what_is_only_likely_is_drawn_before_a_refusal(device, monkeypatch):
     odd = {"unchanged": (6.0, 0.02), "course": (4.0, 0.01), "gouraud": (6.0, 0.05)}
     monkeypatch.setattr(Planted, "figures", {**dict.fromkeys(NAMES, (30.0, 0.02)), **odd})
     chosen = select(sphere(), tolerance=0.015, device=device)
-    assert chosen.used.name == "course"
-    with pytest.raises(InputError, match=r"no variant has 0\.005 or less: the best, course, has 0\.01"):
+    assert chosen.used.variant.name == "course"
+    with pytest.raises(InputError, match=r"no variant has 0\.005 or less: the best, preset course, has 0\.01"):
         select(sphere(), tolerance=0.005, device=device)
-    with pytest.raises(InputError, match=r"1 ms is too short: the fastest variant, course, takes 4\.04 ms"):
+    with pytest.raises(InputError, match=r"1 ms is too short: the fastest variant, preset course, takes 4\.04 ms"):
         select(sphere(), budget=1.0, device=device)
     with pytest.raises(InputError, match=r"is below what errors are known to, 0\.0001 "):
         select(sphere(), tolerance=0.00005, device=device)

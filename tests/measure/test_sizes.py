@@ -57,7 +57,7 @@ def test_an_image_without_error_has_no_power_of_errors():
 
 def test_statements_compare_with_the_base():
     said = statements([growth(1.0, -0.5, spread=0.0), growth(1.0, -0.5, "gouraud", scale=2.0, spread=0.0)])
-    assert said == ["gouraud: 2.00, 2.00, 2.00 times the time of standard, 1.00, 1.00, 1.00 times its error"]
+    assert said == ["Gouraud: 2.00, 2.00, 2.00 times the time of 1 sample, 1.00, 1.00, 1.00 times its error"]
 
 
 def test_resolutions():
@@ -101,8 +101,8 @@ def test_the_tables_hold_them(device):
     lines = "\n".join(tables.lines(found)).splitlines()
     assert max(map(len, lines)) <= 100
     assert any(line.startswith("variant") and "ms, 400x400" in line for line in lines)
-    assert any(line.startswith("gouraud: ") and "times the time of standard" in line for line in lines)
-    assert "## Sizes" in tables.markdown(found, "")
+    assert any(line.startswith("Gouraud: ") and "times the time of 1 sample" in line for line in lines)
+    assert "## Sizes" in tables.markdown(found, str, "")
     rows = list(csv.DictReader(io.StringIO(text_tables.as_csv(csv_table.HEADER, csv_table.rows(found)))))
     sizes = [row for row in rows if row["study"] == "size"]
     assert [(row["name"], row["columns"]) for row in sizes] == [
@@ -120,4 +120,4 @@ def test_the_tables_hold_them(device):
         assert float(row["power"]) == pytest.approx(power, abs=0.1)
         assert float(row["power_low"]) < float(row["power"]) < float(row["power_high"])
     assert [each["variant"] for each in found.stats()["sizes"]] == [BASE, "gouraud"]
-    assert "## Sizes" not in tables.markdown(small_study(device), "")
+    assert "## Sizes" not in tables.markdown(small_study(device), str, "")

@@ -42,6 +42,8 @@ def test_the_base_keeps_what_approximates_nothing():
     assert base_settings(builtin("course")).ambient == "plain"
     assert base_settings(builtin("quads")) == Settings()
     assert base_settings(replace(builtin("quads"), preset="pbr")) == Settings(shader="pbr", shadows=True)
+    assert base_settings(builtin("box_room", soft=True)) == Settings(shadows=True)
+    assert base_settings(builtin("box_room", soft=True), shadows=False) == Settings()
 
 
 def test_unknown_variants(device):

@@ -120,6 +120,14 @@ def limit_options(group: argparse._ArgumentGroup) -> None:
     )
 
 
+def given_options(arguments: argparse.Namespace, names: Iterable[str]) -> list[str]:
+    """Return those of these options that were given, as arguments of a command."""
+    from ...base.declare import as_option
+
+    given = {name: getattr(arguments, name) for name in names}
+    return [as_option(name, value) for name, value in given.items() if value != arguments.parser.get_default(name)]
+
+
 def refuse(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
     """Raise InputError for the first of these options that was given. why: what it needs, or cannot go with."""
     for name in names:

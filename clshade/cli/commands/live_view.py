@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...base import console
 from ...scene.camera import checked_resolution
-from .arguments import device_option
+from .arguments import device_option, given_options
 from .saving_options import chosen_saving
 from .scene_options import (
     CAMERA_OPTIONS,
@@ -144,10 +144,8 @@ def _lit(arguments: argparse.Namespace, scene: Scene, environment: str | None) -
 
 def _repeated(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return the options of `render` that every snapshot's command repeats."""
-    from ...base.declare import as_option
     from ...scene.settings import Settings
     from ...view.live_command import REPEATED
 
     left_out = {*_OWN, *_IN_VIEW, *(Settings.__dataclass_fields__.keys() - REPEATED)}
-    given = {name: getattr(arguments, name) for name in arguments.only_scenes if name not in left_out}
-    return tuple(as_option(name, value) for name, value in given.items() if value != arguments.parser.get_default(name))
+    return tuple(given_options(arguments, [name for name in arguments.only_scenes if name not in left_out]))

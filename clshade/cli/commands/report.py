@@ -4,21 +4,41 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
 
 from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, limit_options, names, numbers, output_name, refuse
-from .scene_options import camera_options, chosen_settings, light_options, load_scene, scene_options
+from .arguments import device_option, given_options, limit_options, names, numbers, output_name, refuse
+from .scene_options import (
+    arranged,
+    camera_options,
+    chosen_settings,
+    light_options,
+    lit,
+    load_scene,
+    look_of,
+    read_scene,
+    scene_options,
+)
 
-RESOLUTION = (320, 240)  # default of --resolution: the whole report takes about a minute
+if TYPE_CHECKING:
+    from ...scene.model import Scene, Settings
+    from ...scene.settings import Look
+
+RESOLUTION = (320, 240)  # default of --resolution: the report takes half a minute, with details a whole one
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     from ...images.figures import FORMATS
 
+    first = len(parser._actions)
     scene_options(parser, size="{},{}".format(*RESOLUTION))
     camera_options(parser)
+    repeated = [action.dest for action in parser._actions[first:] if action.dest not in ("scene", "resolution")]
+    parser.set_defaults(repeated=repeated)
     study = parser.add_argument_group("study: what is compared, and what is written")
     study.add_argument(
         "-o",
@@ -43,6 +63,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
+    study.add_argument(
+        "--details",
+        action="store_true",
+        default=None,
+        help="all variants, causes of the error, families, file formats; print all tables",
+    )
     study.add_argument(
         "--sizes",
         type=numbers(int, None, "whole numbers such as 480,960,1920"),
@@ -70,10 +96,15 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     if arguments.course:
         return _course(arguments)
-    scene = load_scene(arguments)
-    scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution or RESOLUTION))
-    given = {name: getattr(arguments, name) for name in ("out", "frames", "budget", "tolerance", "sizes", "html")}
+    arguments.resolution = arguments.resolution or RESOLUTION
+    read = read_scene(arguments, arguments.scene)
+    look = lit(read, arguments)[1]
+    scene = arranged(read, arguments)
+    scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
+    taken = ("out", "frames", "budget", "tolerance", "sizes", "details", "html")
+    given = {name: getattr(arguments, name) for name in taken}
     given |= {
+        "command": partial(_command, arguments, read, scene, look),
         "settings": chosen_settings(arguments),
         "names": arguments.only,
         "families": arguments.family,
@@ -81,6 +112,21 @@ def run(arguments: argparse.Namespace) -> int:
     }
     options = {name: value for name, value in given.items() if value is not None}
     return DONE if report.run(scene, arguments.device, **options) else FAILED
+
+
+def _command(arguments: argparse.Namespace, read: Scene, scene: Scene, look: Look, settings: Settings) -> str:
+    """Return the command that draws the scene with these settings. read: the scene without its look."""
+    from ...base.declare import as_option
+    from ...measure.report.tables import render_fields, render_options
+    from ...scene.settings import PRESETS
+    from ...view.live_command import as_argument
+
+    given = render_fields(settings, scene, (scene.preset,) if look == "studio" else PRESETS)
+    options = [as_argument(arguments.scene), *given_options(arguments, arguments.repeated)]
+    own = {**vars(arguments), **dict.fromkeys(vars(settings)), **given}
+    if look_of(read, argparse.Namespace(**own)) != look:
+        options.append(as_option("look", look))
+    return shlex.join(["clshade", "render", *options, *render_options(scene, given)])
 
 
 def _course(arguments: argparse.Namespace) -> int:

@@ -58,7 +58,7 @@ class Selection:
         """Return what was tried, and what was not and why, as a table for the terminal."""
         rows = [
             (
-                each["variant"],
+                each["about"],
                 each["outcome"],
                 text_tables.digits(each.get("frame_ms")),
                 _range(each.get("frame_ms_95")),
@@ -73,7 +73,7 @@ class Selection:
         """Return the figures for JSON."""
         used = self.used
         return {
-            "variant": used.name,
+            "variant": used.variant.known_as,
             "settings": used.variant.changes,
             "frame_ms": used.cost,
             "rmse": used.error,

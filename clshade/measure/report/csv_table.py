@@ -8,14 +8,14 @@ from ...base import text_tables
 from ..timing import Spread, median_interval
 from .power_law import Power
 from .sizes import Growth
-from .study import Study
+from .study import Details, Study
 
 Record = dict[str, object]
 # ms_low, ms_high hold half of the frames; the columns of `_95` are intervals of the median, those of rmse and power of 95 %
 # too. of, power: a fitted power, and the power of what it is.
 HEADER = (
     *("study", "name", "settings", "ms", "ms_low", "ms_high", "ms_95_low", "ms_95_high", "build_ms", "upload_ms"),
-    *("rmse", "rmse_low", "rmse_high", "sampling", "model", "share", "png_share", "relmse", "psnr", "flip"),
+    *("rmse", "rmse_low", "rmse_high", "close", "sampling", "model", "share", "png_share", "relmse", "psnr", "flip"),
     *("arithmetic", "arithmetic_rms", "bounds", "bounds_allowed", "wrong", "pixels_checked", "bytes", "largest"),
     *("triangles", "columns", "rows", "of", "power", "power_low", "power_high", "expected"),
 )
@@ -29,12 +29,8 @@ def rows(study: Study) -> list[text_tables.Row]:
 
 def _records(study: Study) -> Iterator[Record]:
     yield from _variants(study)
-    for part in study.decomposition.parts:
-        shares = {"share": part.share, "png_share": part.png_share}
-        yield {"study": "cause", "name": part.cause, "rmse": part.rmse, **shares}
-    for kept in study.kept:
-        yield {"study": "format", **vars(kept), **time_fields(kept.write_ms)}
-    yield from _tessellation(study)
+    if study.details:
+        yield from _details(study.details)
     for family in study.families:
         name, expected = {"study": "family", "name": family.name}, {"expected": family.law.exponent}
         yield {**name, "of": f"error by {family.what}", **power_fields(family.by_size()), **expected}
@@ -62,19 +58,24 @@ def _variants(study: Study) -> Iterator[Record]:
         exact = each.arithmetic
         yield {
             "study": "variant",
-            "name": each.name,
+            "name": each.variant.name,
             "settings": each.variant.changed(),
             **time_fields(each.frame_ms),
             **_interval(*each.interval),
             **{"build_ms": each.build_ms, "upload_ms": each.upload_ms, **vars(each.approximation)},
-            **{"sampling": each.sampling, "model": each.model},
+            **{"close": each.close, "sampling": each.sampling, "model": each.model},
             **{"arithmetic": exact.error, "arithmetic_rms": exact.rms, "wrong": exact.wrong},
             **{"bounds": exact.bounds, "bounds_allowed": exact.allowed, "pixels_checked": exact.pixels},
         }
 
 
-def _tessellation(study: Study) -> Iterator[Record]:
-    found = study.tessellation
+def _details(details: Details) -> Iterator[Record]:
+    for part in details.decomposition.parts:
+        shares = {"share": part.share, "png_share": part.png_share}
+        yield {"study": "cause", "name": part.cause, "rmse": part.rmse, **shares}
+    for kept in details.kept:
+        yield {"study": "format", **vars(kept), **time_fields(kept.write_ms)}
+    found = details.tessellation
     for shader, errors in found.errors.items():
         for count, error, ms in zip(found.triangles, errors, found.ms[shader], strict=True):
             yield {"study": "tessellation", "name": shader, "triangles": count, "rmse": error, **time_fields(ms)}

@@ -51,6 +51,7 @@ LAWS = {
     ),
     **dict.fromkeys(SHADINGS.values(), SMOOTH),
 }
+TITLES = {SAMPLES: "shaded once", SHADED: "each shaded", GOURAUD: "Gouraud", FILTER: "mip maps"}
 ABOUT = {
     SAMPLES: "samples shaded once a pixel",
     SHADED: "samples, each shaded",
@@ -75,11 +76,16 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True)
 class Family:
-    """Ways that differ in one size. what: that size in words. members: by size."""
+    """Variants that differ in one size. what: that size in words. members: by size."""
 
     name: str
     what: str
     members: tuple[Member, ...]
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return TITLES.get(self.name, self.name)
 
     @property
     def law(self) -> Law:
@@ -117,13 +123,15 @@ class Family:
         }
 
 
-def families(measured: Sequence[Measured], sphere: Tessellation, known: float) -> list[Family]:
+def families(measured: Sequence[Measured], sphere: Tessellation | None, known: float) -> list[Family]:
     """Return the families with three or more known errors: of samples, of precision, and of the sphere's triangles.
 
     known: the reference's error; errors of images below it are not known.
     """
     found = [_sampled(name, measured, known) for name in SAMPLED]
-    found += [_precision(measured), *(_tessellated(shader, sphere) for shader in sphere.errors)]
+    found.append(_precision(measured))
+    if sphere is not None:
+        found += [_tessellated(shader, sphere) for shader in sphere.errors]
     return [each for each in found if len(each.fit) > 2]
 
 
@@ -142,7 +150,7 @@ def _sampled(name: str, measured: Sequence[Measured], known: float) -> Family:
     rays = COUNTED.get(name)
     errors = {n: (each.rays.get(rays) or 0.0) if rays else each.error for n, each in ways.items()}
     least = 0.0 if rays else known
-    members = (Member(ways[n].name, n, ways[n].frame_ms, errors[n], errors[n] > least) for n in sorted(ways))
+    members = (Member(ways[n].variant.name, n, ways[n].frame_ms, errors[n], errors[n] > least) for n in sorted(ways))
     return Family(name, f"the number of {COUNTS.get(name, 'samples')}", tuple(members))
 
 
@@ -157,7 +165,7 @@ def _precision(measured: Sequence[Measured]) -> Family:
     for name, roundoff in ROUNDOFF.items():
         if name in ways:
             error = ways[name].arithmetic.rms
-            members.append(Member(ways[name].name, roundoff, ways[name].frame_ms, error, error > 0.0))
+            members.append(Member(ways[name].variant.name, roundoff, ways[name].frame_ms, error, error > 0.0))
     return Family(PRECISION, "the roundoff of an operation", tuple(members))
 
 

@@ -12,18 +12,22 @@ from ...base.arrays import Array, Floats
 from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
+from .decomposition import Decomposition
 from .families import FILTER, GOURAUD, PRECISION, SAMPLES, SHADED, Family, alone
 from .labels import label_points
 from .measure import Measured
-from .study import SHOWN, Study
+from .study import SHOWN, Details, Study
+from .tessellation import Tessellation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
     from matplotlib.text import Text
 
 Lines = Sequence[Sequence[tuple[float, float]]]
-WIDTH, HEIGHT, DPI = 9.0, 10.0, 150  # inches; text of 8 points has 11 pixels where a page shows it 900 pixels wide
+WIDTH, DPI = 9.0, 150  # inches; text of 8 points has 11 pixels where a page shows it 900 pixels wide
+TOP, MIDDLE, BOTTOM = 4.9, 2.5, 1.8  # heights of the rows of panels; details are beside the first and in the second
 STYLE: dict[Any, Any] = {
     **{"font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0, "legend.fontsize": 7.5},
     **{"xtick.labelsize": 7.5, "ytick.labelsize": 7.5, "grid.alpha": 0.2, "axes.linewidth": 0.6},
@@ -49,19 +53,15 @@ def draw(study: Study) -> Figure:
     from matplotlib import rc_context
 
     with rc_context(STYLE):
-        figure = figures.blank(WIDTH, HEIGHT, dpi=DPI)
+        heights = (TOP, MIDDLE, BOTTOM) if study.details else (TOP, BOTTOM)
+        figure = figures.blank(WIDTH, sum(heights) + 0.8, dpi=DPI)
         figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr, call-arg]
-        rows = figure.add_gridspec(3, 1, height_ratios=(4.6, 2.2, 1.6))
-        top, middle = rows[0].subgridspec(1, 2, width_ratios=(1.75, 1.0)), rows[1].subgridspec(1, 3)
+        rows = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+        top = rows[0].subgridspec(1, 2 if study.details else 1, width_ratios=(1.75, 1.0) if study.details else None)
         scatter = figure.add_subplot(top[0])
         _errors_against_time(scatter, study)
-        right = top[1].subgridspec(2, 1, height_ratios=(0.3, 1.0))
-        for place, panel in enumerate((_shares, _causes)):
-            panel(figure.add_subplot(right[place]), study)
-        middle_row = [figure.add_subplot(middle[place]) for place in range(3)]
-        for axes, panel in zip(middle_row, (_precision, _errors_against_triangles, _powers), strict=True):
-            panel(axes, study)
-        row = rows[2].subgridspec(1, PICTURES)
+        precision = _details(figure, study, study.details, top[1], rows[1]) if study.details else None
+        row = rows[len(heights) - 1].subgridspec(1, PICTURES)
         _pictures(figure, [figure.add_subplot(row[k]) for k in range(PICTURES)], study)
         lines = (f"Error against run time: {study.title}", study.device, study.machine)
         title = "\n".join(text_tables.cut(line, TITLE) for line in lines)
@@ -69,9 +69,23 @@ def draw(study: Study) -> Figure:
         figure.canvas.draw()
         figure.set_layout_engine("none")
         _label(scatter, study)
-        ways = _precise(study)
-        _named(middle_row[0], ways, [each.arithmetic.rms for each in ways])
+        if precision is not None:
+            ways = _precise(study)
+            _named(precision, ways, [each.arithmetic.rms for each in ways])
     return figure
+
+
+def _details(figure: Figure, study: Study, details: Details, right: SubplotSpec, middle: SubplotSpec) -> Axes:
+    """Draw the panels of the details to the right of the first panel and in the middle row; return that of precisions."""
+    places = right.subgridspec(2, 1, height_ratios=(0.3, 1.0))
+    _shares(figure.add_subplot(places[0]), details.decomposition)
+    _causes(figure.add_subplot(places[1]), details.decomposition)
+    row = middle.subgridspec(1, 3)
+    precision, tessellation, powers = (figure.add_subplot(row[place]) for place in range(3))
+    _precision(precision, study)
+    _errors_against_triangles(tessellation, details.tessellation)
+    _powers(powers, study)
+    return precision
 
 
 def size(difference: Array) -> Floats:
@@ -176,7 +190,7 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
         power = family.by_time()
-        label = f"{family.name}: time to the power {power.exponent:.2f}" if power.resolved else family.name
+        label = f"{family.title}: time to the power {power.exponent:.2f}" if power.resolved else family.title
         axes.plot(*zip(*points, strict=True), "--", color=FAMILY_COLORS[family.name], lw=1.0, label=label, zorder=1)
     for each, error in errors.items():
         low, median, high = each.frame_ms
@@ -211,10 +225,10 @@ def _limit(axes: Axes, ways: Sequence[Measured], errors: Sequence[float], *other
 # The causes of the error
 
 
-def _shares(axes: Axes, study: Study) -> None:
+def _shares(axes: Axes, found: Decomposition) -> None:
     """Stack the shares of the causes in the error of the image and of its PNG; negative ones to the left."""
     ends = {(bar, positive): 0.0 for bar in range(2) for positive in (False, True)}
-    for part, color in zip(study.decomposition.parts, CAUSE_COLORS, strict=False):
+    for part, color in zip(found.parts, CAUSE_COLORS, strict=False):
         for bar, share in enumerate((part.png_share, part.share or 0.0)):
             start = ends[bar, share > 0.0]
             axes.barh(bar, share, left=start, color=color, height=0.7)
@@ -226,9 +240,8 @@ def _shares(axes: Axes, study: Study) -> None:
     axes.set_title("where the error comes from")
 
 
-def _causes(axes: Axes, study: Study) -> None:
+def _causes(axes: Axes, found: Decomposition) -> None:
     """Plot the causes' errors, in the colors of their shares, and the totals."""
-    found = study.decomposition
     errors = {part.cause: part.rmse for part in found.parts}
     errors |= {"total": found.total, "total, as a PNG": found.png_total}
     colors = [*CAUSE_COLORS[: len(found.parts)], "#555555", "k"]
@@ -276,8 +289,7 @@ def _nothing(axes: Axes) -> None:
     axes.text(0.5, 0.5, "not measured", ha="center", va="center", transform=axes.transAxes, color=figures.MUTED)
 
 
-def _errors_against_triangles(axes: Axes, study: Study) -> None:
-    found = study.tessellation
+def _errors_against_triangles(axes: Axes, found: Tessellation) -> None:
     for (shader, errors), color in zip(found.errors.items(), (figures.OTHER, figures.OURS), strict=True):
         axes.loglog(found.triangles, errors, "o-", ms=3, lw=1.0, color=color, label=shader)
     axes.set(xlabel="triangles of a sphere", ylabel=f"RMSE against {found.finest:,} triangles")
@@ -300,5 +312,5 @@ def _powers(axes: Axes, study: Study) -> None:
         axes.plot([each.law.exponent] * 2, [place - 0.32, place + 0.32], color="k", lw=1.5)
     shown = [*POWERS, *(each.by_size().exponent for each in found)]
     axes.set(xlim=(min(shown), max(shown)), ylim=(len(found) - 0.4, -0.6), xlabel="power of the size that varies, 95 %")
-    axes.set_yticks(range(len(found)), [each.name.replace(", ", ",\n") for each in found])
+    axes.set_yticks(range(len(found)), [each.title.replace(", ", ",\n") for each in found])
     axes.grid(True, axis="x")

@@ -11,6 +11,7 @@ from ...base.arrays import Bytes
 from ...base.markup import Content, data_uri, element, page, table
 from ...images import figures, png
 from . import figure, tables
+from .answer import Command, criterion
 from .measure import Measured
 from .study import Study
 
@@ -42,14 +43,17 @@ SCALE = (
 )
 
 
-def write(study: Study, used: Measured | None, drawn: Figure, path: Path) -> None:
-    """Write the page. used: the variant chosen for the budget or tolerance. drawn: the figure. Raises OutputError."""
+def write(study: Study, used: Measured | None, command: Command, drawn: Figure, path: Path) -> None:
+    """Write the page. used: the variant chosen for the budget or tolerance. command: returns the command that draws
+    settings. drawn: the figure. Raises OutputError."""
     title = f"Error against run time: {study.title}"
     body = element(
         "body",
         element("h1", title),
+        element("div", table(tables.ANSWER, tables.answer_rows(study, command)), class_="wide"),
+        element("p", criterion(study)),
         element("dl", [(element("dt", name), element("dd", value)) for name, value in tables.facts(study).items()]),
-        element("p", tables.used_line(used, study.scene), class_="use") if used is not None else None,
+        element("p", tables.used_line(used, command), class_="use") if used is not None else None,
         element("img", class_="figure", src=data_uri("image/svg+xml", figures.as_vectors(drawn, "svg")), alt=ABOUT),
         element("h2", "Images"),
         element("p", SCALE),

@@ -8,14 +8,18 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
+from ...base.arrays import Bytes
 from ...images.metrics import ImageError, image_error, rms, rmse
+from ...images.tonemap import tonemap
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
 from ...scene.camera import Camera
-from ...scene.model import Scene, Settings
+from ...scene.model import Scene, Settings, default_tonemap
 from ..check.check import check
 from ..timing import Spread, in_turns, median_interval, spread
 from .model_errors import ModelErrors
@@ -25,6 +29,8 @@ from .variants import RAY_BASE, Variant
 
 SECONDS = 12.0  # for the frames of all variants
 SAMPLES_CHECKED = 1 << 17  # of an image, recomputed in float64: a second or less
+FEW_CHECKED = 1 << 13  # the same, without details
+CODES = 2  # of 255: differences that are hardly ever seen
 PAIRS_CHECKED = 1 << 22  # of shadow rays and triangles, all of which the oracle tries: the same
 FEWEST_CHECKED = 8  # pixels
 STEP = 0.05  # degrees that the camera moves between frames
@@ -37,9 +43,10 @@ class Measured:
     frame_ms: time per frame, with the scene resident on the device; interval: of its median, 95 %. build_ms, upload_ms:
     before the first frame: building programs or loading them from the cache; packing and uploading the scene.
     arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference,
-    from all causes. model: RMSE of its model alone, in images of equal and many samples; sampling: RMSE of its sampling
-    alone, against the converged image of the same model. rays: that of few rays alone, see `RayCountErrors`;
-    None if it is not known, or the variant does not belong to that family.
+    from all causes. close: share of the pixels whose 8-bit codes are within CODES of the reference's. model: RMSE of its
+    model alone, in images of equal and many samples; sampling: RMSE of its sampling alone, against the converged image of
+    the same model. rays: that of few rays alone, see `RayCountErrors`; None if it is not known, or the variant does not
+    belong to that family.
     """
 
     variant: Variant
@@ -50,13 +57,15 @@ class Measured:
     upload_ms: float
     arithmetic: Check
     approximation: ImageError
+    close: float
     model: float
     sampling: float
     rays: dict[RayCount, float | None] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        return self.variant.name
+        """For people."""
+        return self.variant.title
 
     @property
     def cost(self) -> float:
@@ -76,8 +85,8 @@ class Measured:
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         return {
-            "variant": self.name,
-            "about": self.variant.about,
+            "variant": self.variant.name,
+            "about": self.variant.title,
             "settings": self.variant.changes,
             "frame_ms": self.frame_ms._asdict(),
             "frame_ms_95": self.interval,
@@ -85,6 +94,7 @@ class Measured:
             "upload_ms": self.upload_ms,
             "arithmetic": self.arithmetic.stats(),
             "approximation": self.approximation.stats(),
+            "close": self.close,
             "model": self.model,
             "sampling": self.sampling,
             "ray_counts": self.rays,
@@ -100,6 +110,7 @@ class _Drawn(NamedTuple):
     upload_ms: float
     arithmetic: Check
     approximation: ImageError
+    close: float
     model: float
     sampling: float
     rays: dict[RayCount, float | None]
@@ -114,11 +125,15 @@ def measure(
     models: ModelErrors | None = None,
     *,
     frames: int,
+    checked: int = SAMPLES_CHECKED,
     advance: Callable[[], object] = bool,
 ) -> list[Measured]:
     """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
-    settings. frames: see `frame_times`. advance: called after each variant's errors."""
+    settings. frames: see `frame_times`. checked: samples of each image that are compared with the oracle. advance: called
+    after each variant's errors."""
     models = models or ModelErrors(scene, reference.settings, device)
+    operator = default_tonemap(scene)
+    codes = tonemap(reference.rgb, operator)
     counts = RayCountErrors(scene, device)
     with ExitStack() as stack:
         drawn = []
@@ -126,13 +141,15 @@ def measure(
             renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
             image = renderer.render()
             once, build_ms = image.stats["times_ms"], image.stats["build_ms"]
-            errors = check(image, _pixels_to_check(image)), image_error(image.rgb, reference.rgb)
+            errors = check(image, _pixels_to_check(image, checked)), image_error(image.rgb, reference.rgb)
+            close = close_share(tonemap(image.rgb, operator), codes)
             model = models.difference(renderer.settings)
             by_cause = rms(model), rmse(image.rgb, reference.rgb + model)
             rays = {
                 name: counts.error(image, name) for name in MOST if variant.name == RAY_BASE or name in variant.changes
             }
-            drawn.append(_Drawn(variant, renderer, build_ms, once["pack"] + once["upload"], *errors, *by_cause, rays))
+            upload_ms = once["pack"] + once["upload"]
+            drawn.append(_Drawn(variant, renderer, build_ms, upload_ms, *errors, close, *by_cause, rays))
             advance()
         times = frame_times([each.renderer for each in drawn], frames)
         return [
@@ -166,10 +183,16 @@ def frame_ms(renderer: Renderer, camera: Camera | None = None) -> float:
     return milliseconds
 
 
-def _pixels_to_check(image: Frame) -> int | Literal["all"]:
-    """Return "all", or the number of pixels that there is time for."""
+def close_share(codes: Bytes, others: Bytes) -> float:
+    """Return the share of the pixels of two 8-bit images, (M, N, 3), no channel of which differs by more than CODES."""
+    apart = np.abs(codes.astype(np.int16) - others).max(axis=2)
+    return float(np.mean(apart <= CODES))
+
+
+def _pixels_to_check(image: Frame, samples: int) -> int | Literal["all"]:
+    """Return "all", or the number of pixels that there is time for. samples: at most."""
     scene, settings = image.scene, image.settings
-    affordable = SAMPLES_CHECKED // settings.samples
+    affordable = max(samples // settings.samples, FEWEST_CHECKED)
     rays = settings.ambient_occlusion
     if settings.shadows:
         rays += sum(settings.light_samples if light.has_size else 1 for light in scene.lights)

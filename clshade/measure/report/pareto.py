@@ -91,6 +91,12 @@ def most_accurate(alternatives: Sequence[A], known: float) -> A:
     return next(each for each in alternatives if each.error <= least + known)
 
 
+def most_accurate_of_fastest(alternatives: Sequence[A], known: float) -> A:
+    """Return the most accurate of those that are nearly as fast as the fastest in a quarter of their frames."""
+    least = min(each.quartiles[0] for each in alternatives)
+    return most_accurate([each for each in alternatives if each.quartiles[0] <= NEARLY * least], known)
+
+
 def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) -> Choice[A]:
     """Choose the most accurate within `budget` milliseconds. One that nearly keeps it in a quarter of its frames counts as
     within; other load on the machine changes their time least. known: uncertainty of the errors.
@@ -133,8 +139,7 @@ def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float =
         raise InputError(
             f"--tolerance: no variant has {tolerance:g} or less: the best, {best.name}, has {best.error:.3g}"
         )
-    least = min(each.quartiles[0] for each in exact)
-    used = most_accurate([each for each in exact if each.quartiles[0] <= NEARLY * least], known)
+    used = most_accurate_of_fastest(exact, known)
     if abs(used.error - tolerance) <= known:
         return Choice(used, f"the error of {used.name} is known to {known:.2g}, and is that near the tolerance")
     others = [each for each in exact if each.cost < used.cost or (each is not used and tied_in_time(each, used))]

@@ -223,7 +223,11 @@ class ShortStudy:
 
 def row(each: Candidate | Dropped, outcome: str = "") -> dict[str, Any]:
     """Return the figures of a variant for JSON. outcome: of one that was drawn."""
-    found: dict[str, Any] = {"variant": each.variant.shown, "settings": each.variant.changes}
+    found: dict[str, Any] = {
+        "variant": each.variant.known_as,
+        "about": each.variant.shown,
+        "settings": each.variant.changes,
+    }
     if isinstance(each, Dropped):
         return {**found, "outcome": each.why}
     low, high = each.quartiles

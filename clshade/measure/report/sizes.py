@@ -143,7 +143,7 @@ def header(found: Sequence[Growth]) -> Row:
 def rows(found: Sequence[Growth]) -> list[Row]:
     return [
         (
-            each.variant.name,
+            each.variant.title,
             *(digits(point.ms.median) for point in each.points),
             str(each.time_power()),
             *(digits(point.error.rmse) for point in each.points),
@@ -162,7 +162,7 @@ def statements(found: Sequence[Growth]) -> list[str]:
             ", ".join(f"{of(own) / of(basic):.2f}" for own, basic in zip(each.points, base.points, strict=True))
             for of in (_median, _rmse)
         )
-        said.append(f"{each.variant.name}: {times} times the time of {base.variant.name}, {errors} times its error")
+        said.append(f"{each.variant.title}: {times} times the time of {base.variant.title}, {errors} times its error")
     return said
 
 

@@ -5,37 +5,56 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...base import atomic_files, console
 from ...base.arrays import Array
 from ...base.progress_bar import Bar
 from ...pipeline.opencl.device import Device
-from ...pipeline.picture import picture_fields
 from ...pipeline.programs import running_time
 from ...pipeline.renderer import render
-from ...scene.model import Scene, Settings
+from ...scene.model import Scene
 from .decomposition import Decomposition, decompose
 from .families import Family, families
 from .format_errors import Kept, formats
-from .measure import Measured, measure
+from .measure import FEW_CHECKED, SAMPLES_CHECKED, Measured, measure
 from .model_errors import ModelErrors
 from .pareto import front, ties
 from .prefiltering import Prefiltering, prefiltering
 from .reference_image import Reference, reference
 from .sizes import Growth
 from .tessellation import Tessellation, tessellation
-from .variants import Variant, base_settings
+from .variants import Variant, base_settings, default_variant, picture_settings
 
 SHOWN = 4  # differences that are kept as pictures
 
 
 @dataclass(frozen=True, eq=False)
+class Details:
+    """What takes longer. kept: file formats. decomposition: of the error of the image that `render` draws. prefiltering: of
+    the environment, if shader pbr shows one."""
+
+    tessellation: Tessellation
+    kept: tuple[Kept, ...]
+    decomposition: Decomposition
+    prefiltering: tuple[Prefiltering, ...] = ()
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "decomposition": self.decomposition.stats(),
+            "tessellation": self.tessellation.stats(),
+            "environment_prefiltering": [each.stats() for each in self.prefiltering],
+            "formats": [each.stats() for each in self.kept],
+        }
+
+
+@dataclass(frozen=True, eq=False)
 class Study:
     """Measurements of one scene. device, machine: descriptions. pictures: differences (M, N, 3) of up to SHOWN
-    images, by what they show. decomposition: of the error of the image that `render` draws.
-    growths: at several sizes, if asked for."""
+    images, by what they show. usual: name of the variant that `render` draws by default. growths: at several sizes, if asked
+    for."""
 
     scene: Scene
     device: str
@@ -43,12 +62,15 @@ class Study:
     reference: Reference
     measured: tuple[Measured, ...]
     pictures: dict[str, Array]
-    tessellation: Tessellation
-    kept: tuple[Kept, ...]
-    decomposition: Decomposition
+    usual: str = ""
+    details: Details | None = None
     growths: tuple[Growth, ...] = ()
-    prefiltering: tuple[Prefiltering, ...] = ()  # of the environment, if shader pbr shows one
     given: Mapping[str, Any] = field(default_factory=dict)  # settings in place of the scene's own
+
+    @property
+    def default(self) -> Measured | None:
+        """The variant that `render` draws by default, if it was measured."""
+        return next((each for each in self.measured if each.variant.name == self.usual), None)
 
     @property
     def front(self) -> list[Measured]:
@@ -63,7 +85,8 @@ class Study:
     @property
     def families(self) -> list[Family]:
         """Families of variants with fitted powers."""
-        return families(self.measured, self.tessellation, self.reference.error)
+        sphere = self.details.tessellation if self.details else None
+        return families(self.measured, sphere, self.reference.error)
 
     @property
     def title(self) -> str:
@@ -83,14 +106,12 @@ class Study:
             "settings": dict(self.given),
             "reference": self.reference.stats(),
             "variants": [each.stats() for each in self.measured],
-            "pareto_front": [each.name for each in self.front],
-            "ties": [[each.name for each in group] for group in self.ties],
+            "default": self.usual,
+            "pareto_front": [each.variant.name for each in self.front],
+            "ties": [[each.variant.name for each in group] for group in self.ties],
             "families": [each.stats() for each in self.families],
-            "decomposition": self.decomposition.stats(),
-            "tessellation": self.tessellation.stats(),
-            "environment_prefiltering": [each.stats() for each in self.prefiltering],
             "sizes": [each.stats() for each in self.growths],
-            "formats": [each.stats() for each in self.kept],
+            **(self.details.stats() if self.details else {}),
         }
 
 
@@ -100,22 +121,22 @@ def study(
     variants: Sequence[Variant],
     frames: int,
     settings: Mapping[str, Any] | None = None,
+    details: bool = True,
 ) -> Study:
-    """Measure the variants (see `measure`), the file formats, the causes of the image's error, and the sphere. settings:
-    fields of Settings in place of the scene's own."""
+    """Measure the variants (see `measure`), and with details the file formats, the causes of the image's error, and the
+    sphere. settings: fields of Settings in place of the scene's own."""
     given = dict(settings or {})
     base = base_settings(scene, **given)
-    usual = Settings.from_preset(scene.preset, **picture_fields(scene, **given))
-    with Bar(len(variants) + 4, "report", clock=running_time, hidden=console.quiet() or None) as bar:
+    with Bar(
+        len(variants) + (4 if details else 2), "report", clock=running_time, hidden=console.quiet() or None
+    ) as bar:
         converged = reference(scene, base, device)
         bar.advance()
         models = ModelErrors(scene, converged.settings, device)
-        measured = measure(scene, variants, base, device, converged, models, frames=frames, advance=bar.advance)
-        bar.advance()
-        drawn = render(scene, settings=base, device=device)
-        environment = drawn.scene.environment if base.shader == "pbr" else None
-        causes = decompose(scene, usual, device, converged, models)
-        bar.advance()
+        checked = SAMPLES_CHECKED if details else FEW_CHECKED
+        measured = measure(
+            scene, variants, base, device, converged, models, frames=frames, checked=checked, advance=bar.advance
+        )
         found = Study(
             scene,
             device.title,
@@ -123,12 +144,18 @@ def study(
             converged,
             tuple(measured),
             pictures(scene, device, measured, converged, models),
-            tessellation(device),
-            tuple(formats(drawn)),
-            causes,
-            prefiltering=() if environment is None else prefiltering(environment),
+            default_variant(scene, base, variants, **given).name,
             given=given,
         )
+        bar.advance()
+        if not details:
+            return found
+        causes = decompose(scene, picture_settings(scene, **given), device, converged, models)
+        bar.advance()
+        drawn = render(scene, settings=base, device=device)
+        environment = drawn.scene.environment if base.shader == "pbr" else None
+        prefiltered = () if environment is None else prefiltering(environment)
+        found = replace(found, details=Details(tessellation(device), tuple(formats(drawn)), causes, prefiltered))
         bar.advance()
     return found
 

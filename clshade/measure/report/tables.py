@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...base import atomic_files, text_tables
 from ...base.declare import as_option
@@ -15,11 +16,16 @@ from ...pipeline.picture import changed_fields
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
 from . import csv_table, sizes
+from .answer import Command, answer, criterion
+from .decomposition import Decomposition
 from .families import ABOUT, Family
+from .format_errors import Kept
 from .measure import Measured
 from .model_errors import SAMPLES as MODEL_SAMPLES
 from .power_law import expected
+from .prefiltering import Prefiltering
 from .study import Study
+from .tessellation import Tessellation
 
 
 class Section(NamedTuple):
@@ -75,20 +81,17 @@ WHERE_FROM = (
 )
 
 
-def _causes(study: Study) -> list[text_tables.Row]:
+def _causes(found: Decomposition) -> list[text_tables.Row]:
     def percent(share: float | None) -> str:
         return "-" if share is None else f"{round(100.0 * share, 1) + 0.0:.1f} %"
 
-    return [
-        (part.cause, digits(part.rmse), percent(part.share), percent(part.png_share))
-        for part in study.decomposition.parts
-    ]
+    return [(part.cause, digits(part.rmse), percent(part.share), percent(part.png_share)) for part in found.parts]
 
 
 FORMATS = ("format", "write ms", "half of them", "kB", "RMSE", "largest")
 
 
-def _formats(study: Study) -> list[text_tables.Row]:
+def _formats(kept: Sequence[Kept]) -> list[text_tables.Row]:
     return [
         (
             each.name,
@@ -98,7 +101,7 @@ def _formats(study: Study) -> list[text_tables.Row]:
             digits(each.rmse),
             digits(each.largest),
         )
-        for each in study.kept
+        for each in kept
     ]
 
 
@@ -128,7 +131,7 @@ def _families(study: Study) -> Section:
     return Section("Work and precision", WORK_PRECISION, FAMILIES, [_family(each) for each in found], notes)
 
 
-def _prefiltering(study: Study) -> Section:
+def _prefiltering(found: Sequence[Prefiltering]) -> Section:
     rows = [
         (
             f"{each.roughness:g}",
@@ -136,13 +139,12 @@ def _prefiltering(study: Study) -> Section:
             f"{each.metal / each.mean:.1%}" if each.mean > 0.0 else "-",
             digits(each.dielectric),
         )
-        for each in study.prefiltering
+        for each in found
     ]
     return Section("Environment's prefiltering", PREFILTERING, PREFILTERED, rows)
 
 
-def _tessellation(study: Study) -> Section:
-    found = study.tessellation
+def _tessellation(found: Tessellation) -> Section:
     columns = [(errors, found.ms[shader]) for shader, errors in found.errors.items()]
     header = ("triangles", *(text for shader in found.errors for text in (shader, "ms")))
     rows = [
@@ -204,21 +206,28 @@ def _sizes(study: Study) -> Section:
 
 def sections(study: Study) -> list[Section]:
     """Return all tables, that of the variants first."""
-    found = [
-        Section("Ways", "", VARIANTS, _variants(study), _notes(study)),
-        Section("Where the error comes from", WHERE_FROM, CAUSES, _causes(study), study.decomposition.lines()),
-    ]
-    if study.prefiltering:
-        found.append(_prefiltering(study))
+    found, details = [Section("Variants", "", VARIANTS, _variants(study), _notes(study))], study.details
+    if details:
+        causes = details.decomposition
+        found.append(Section("Where the error comes from", WHERE_FROM, CAUSES, _causes(causes), causes.lines()))
+        if details.prefiltering:
+            found.append(_prefiltering(details.prefiltering))
     if study.families:
         found.append(_families(study))
-    found += [_tessellation(study), Section("Output formats", "", FORMATS, _formats(study))]
+    if details:
+        found.append(_tessellation(details.tessellation))
+        found.append(Section("Output formats", "", FORMATS, _formats(details.kept)))
     return [*found, _sizes(study)] if study.growths else found
 
 
+def first_lines(study: Study, command: Command) -> list[str]:
+    """Return what is printed first: what to render with."""
+    return [*(each.line(command) for each in answer(study)), "", text_tables.wrapped(criterion(study), 2)]
+
+
 def lines(study: Study) -> list[str]:
-    """Return the tables as lines for the terminal."""
-    found = [text_tables.wrapped(f"{name:<9}  {value}", 11) for name, value in facts(study).items()]
+    """Return what was measured and the tables as lines for the terminal."""
+    found = ["", *(text_tables.wrapped(f"{name:<9}  {value}", 11) for name, value in facts(study).items())]
     for each in sections(study):
         found += ["", *([text_tables.wrapped(each.about, 2)] if each.about else [])]
         found += text_tables.as_lines(each.header, each.rows)
@@ -226,9 +235,10 @@ def lines(study: Study) -> list[str]:
     return found
 
 
-def markdown(study: Study, used: str) -> str:
-    found = ["# Error against run time", "", *(f"- {name}: {value}" for name, value in facts(study).items())]
-    found += [f"- {used}"] if used else []
+def markdown(study: Study, command: Command, used: str) -> str:
+    found = ["# Error against run time", "", *text_tables.as_markdown(ANSWER, answer_rows(study, command)), ""]
+    found += [f"- {each}" for each in (criterion(study), used) if each]
+    found += [f"- {name}: {value}" for name, value in facts(study).items()]
     for each in sections(study):
         found += ["", f"## {each.title}", "", *([f"{each.about}.", ""] if each.about else [])]
         found += text_tables.as_markdown(each.header, each.rows)
@@ -239,31 +249,47 @@ def markdown(study: Study, used: str) -> str:
 FILES = ("report.csv", "report.json", "report.md")
 
 
-def write(study: Study, used: Measured | None, folder: Path) -> list[Path]:
+def write(study: Study, used: Measured | None, command: Command, folder: Path) -> list[Path]:
     """Write FILES. used: the variant chosen for the budget or tolerance."""
+    chosen = {"use": used and used.variant.name, "answer": [each.stats(command) for each in answer(study)]}
     texts = (
         text_tables.as_csv(csv_table.HEADER, csv_table.rows(study)),
-        json.dumps({**study.stats(), "use": used and used.name}, indent=2) + "\n",
-        markdown(study, used_line(used, study.scene) if used else ""),
+        json.dumps({**study.stats(), **chosen}, indent=2) + "\n",
+        markdown(study, command, used_line(used, command) if used else ""),
     )
     for name, text in zip(FILES, texts, strict=True):
         atomic_files.write_bytes(folder / name, text.encode())
     return [folder / name for name in FILES]
 
 
-def used_line(used: Measured, scene: Scene) -> str:
-    """Return a line with the options with which `render` draws the measured image."""
-    options = " ".join(render_options(used.settings, scene))
-    given = f"render with the same scene and camera options and {options}"
-    return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g} ({given})"
+ANSWER = ("for", "settings", "command")
 
 
-def render_options(settings: Settings, scene: Scene) -> list[str]:
-    """Return the options of `render` for the image's size and for the settings, relative to the scene's preset or a nearer
-    one, and to the samples of its pictures."""
+def answer_rows(study: Study, command: Command) -> list[text_tables.Row]:
+    """Return the answer as rows of a table with the header ANSWER."""
+    return [(each.purpose, each.found, command(each.used.settings)) for each in answer(study)]
 
-    def options(preset: Preset) -> list[str]:
-        parts = [] if preset == scene.preset else [as_option("preset", preset)]
-        return [*parts, *(as_option(name, value) for name, value in changed_fields(settings, scene, preset).items())]
 
-    return [as_option("resolution", scene.camera.resolution), *min(map(options, PRESETS), key=len)]
+def used_line(used: Measured, command: Command) -> str:
+    """Return a line with the command that draws the measured image."""
+    return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g}: {command(used.settings)}"
+
+
+def render_command(scene: Scene, options: Sequence[str], settings: Settings) -> str:
+    """Return the command that draws the scene with these settings. options: the scene's name and what it was read with."""
+    return shlex.join(["clshade", "render", *options, *render_options(scene, render_fields(settings, scene))])
+
+
+def render_options(scene: Scene, given: Mapping[str, Any]) -> list[str]:
+    """Return the options of `render` for the image's size and for fields of Settings and the preset."""
+    return [as_option("resolution", scene.camera.resolution), *(as_option(*each) for each in given.items())]
+
+
+def render_fields(settings: Settings, scene: Scene, presets: Sequence[Preset] = PRESETS) -> dict[str, Any]:
+    """Return the fields of Settings that `render` has to be given, relative to the samples of the scene's pictures and to
+    its preset, or to a nearer one of these, which is given too."""
+
+    def changes(preset: Preset) -> dict[str, Any]:
+        return {} if preset == scene.preset else {"preset": preset}
+
+    return min(({**changes(preset), **changed_fields(settings, scene, preset)} for preset in presets), key=len)

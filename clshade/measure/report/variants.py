@@ -10,24 +10,32 @@ from ...base.spelling import hint
 from ...errors import InputError
 from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
+from ...pipeline.picture import picture_fields
 from ...scene.model import Scene, Settings
 from .ray_count_errors import MOST, traced
 
 BASE = "standard"
+UNCHANGED = "unchanged"
 
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One way of drawing. changes: fields of Settings, relative to the preset `standard` or the given base settings."""
+    """One way of drawing. name: for `--only` and programs. title: for people. changes: fields of Settings, relative to the
+    preset `standard` or the given base settings."""
 
     name: str
-    about: str
+    title: str
     changes: dict[str, Any]
 
     @property
-    def shown(self) -> str:
+    def known_as(self) -> str:
         """Its name where the base may be other than the preset `standard`."""
-        return self.name if self.changes else "unchanged"
+        return self.name if self.changes else UNCHANGED
+
+    @property
+    def shown(self) -> str:
+        """Its title, likewise."""
+        return self.title if self.changes else UNCHANGED
 
     def settings(self, base: Settings) -> Settings:
         return replace(base, **self.changes)
@@ -45,33 +53,30 @@ LIGHT_POINTS = (1, 4, 64)  # besides 16, of
 RAY_BASE = "samples-16"
 OCCLUSION_RAYS = (1, 4, 16, 64)  # besides the base's own
 VARIANTS = (
-    Variant(BASE, "the scene's model of reflection, float32, all at the pixel's own point", {}),
-    Variant("fast", "relaxed arithmetic", {"precision": "fast"}),
-    Variant("float64", "double precision", {"precision": "float64"}),
-    *(Variant(f"samples-{n}", f"{n} samples, shaded once", _samples(n)) for n in (4, 16, 64)),
-    *(Variant(f"shaded-{n}", f"{n} samples, each shaded", _samples(n, sample_shading=True)) for n in (4, 16, 64)),
-    Variant("weighted-16", "16 samples, bright ones count less", _samples(16, resolve="weighted")),
-    Variant("gouraud", "light at the corners", {"shader": "gouraud"}),
-    Variant("gouraud-4", "light at the corners, 4 samples", _samples(4, shader="gouraud")),
-    Variant("gouraud-16", "light at the corners, 16 samples", _samples(16, shader="gouraud")),
-    Variant("centroid", "light and eye seen from the triangle's center", {"lighting_at": "centroid"}),
-    Variant("vertex-texture", "textures at the corners", {"texture_at": "vertex"}),
-    Variant("trilinear", "textures filtered by mip maps", {"texture_filter": "trilinear"}),
-    Variant("trilinear-4", "mip maps and 4 samples", _samples(4, texture_filter="trilinear")),
-    Variant("trilinear-16", "mip maps and 16 samples", _samples(16, texture_filter="trilinear")),
+    Variant(BASE, "1 sample", {}),
+    Variant("fast", "precision fast", {"precision": "fast"}),
+    Variant("float64", "precision float64", {"precision": "float64"}),
+    *(Variant(f"samples-{n}", f"{n} samples", _samples(n)) for n in (4, 16, 64)),
+    *(Variant(f"shaded-{n}", f"{n} shaded samples", _samples(n, sample_shading=True)) for n in (4, 16, 64)),
+    Variant("weighted-16", "16 weighted samples", _samples(16, resolve="weighted")),
+    Variant("gouraud", "Gouraud", {"shader": "gouraud"}),
+    Variant("gouraud-4", "4 Gouraud samples", _samples(4, shader="gouraud")),
+    Variant("gouraud-16", "16 Gouraud samples", _samples(16, shader="gouraud")),
+    Variant("centroid", "light at the centroid", {"lighting_at": "centroid"}),
+    Variant("vertex-texture", "textures at corners", {"texture_at": "vertex"}),
+    Variant("trilinear", "mip maps", {"texture_filter": "trilinear"}),
+    Variant("trilinear-4", "4 mip-mapped samples", _samples(4, texture_filter="trilinear")),
+    Variant("trilinear-16", "16 mip-mapped samples", _samples(16, texture_filter="trilinear")),
+    *(Variant(f"light-{n}", f"16 samples and {n} light points", _samples(16, light_samples=n)) for n in LIGHT_POINTS),
     *(
-        Variant(f"light-{n}", f"{n} points of each light, 16 samples", _samples(16, light_samples=n))
-        for n in LIGHT_POINTS
-    ),
-    *(
-        Variant(f"occlusion-{n}", f"{n} rays of ambient occlusion, 16 samples", _samples(16, ambient_occlusion=n))
+        Variant(f"occlusion-{n}", f"16 samples and {n} occlusion rays", _samples(16, ambient_occlusion=n))
         for n in OCCLUSION_RAYS
     ),
-    Variant("painter", "nearest by mean depth", {"visibility": "painter"}),
-    Variant("affine", "linear in the image", {"interpolation": "affine"}),
+    Variant("painter", "painter's order", {"visibility": "painter"}),
+    Variant("affine", "affine interpolation", {"interpolation": "affine"}),
     Variant(
         "course",
-        "as the preset: painter, centroid, affine, vertex",
+        "preset course",
         {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"},
     ),
 )
@@ -82,16 +87,26 @@ SHORT = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
     *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
 )
+# The variants of a report without details: those that are worth their time on some scene.
+COMMON = (
+    *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16", "shaded-64"),
+    *("gouraud", "gouraud-4", "trilinear-4", "light-1", "light-4", "light-64", "occlusion-4", "occlusion-64"),
+)
 # Those that only save time, at the cost of accuracy.
 SAVINGS = ("fast", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene, **given: Any) -> Settings:
-    """Return the preset `standard` with the scene's own ambient term, model of reflection and shadows, which approximate no
-    other. given: fields in place of these."""
-    own = Settings.from_preset(scene.preset)
-    kept = {"ambient": own.ambient, "shader": own.shader, "shadows": own.shadows}
+    """Return the preset `standard` with the ambient term, model of reflection, shadows and ambient occlusion of the scene's
+    pictures, which approximate no other. given: fields in place of these."""
+    usual = picture_settings(scene, **given)
+    kept = {name: getattr(usual, name) for name in ("ambient", "shader", "shadows", "ambient_occlusion")}
     return Settings.from_preset("standard", **{**kept, **given})
+
+
+def picture_settings(scene: Scene, **given: Any) -> Settings:
+    """Return the settings that `render` draws the scene with. given: fields that were given to it."""
+    return Settings.from_preset(scene.preset, **picture_fields(scene, **given))
 
 
 def possible(changes: dict[str, Any], base: Settings, device: Device) -> bool:
@@ -112,14 +127,27 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
 
     base: settings that they change.
     """
-    textured = any(texture_applies(mesh) for mesh in scene.meshes)
-    without = set(() if textured else TEXTURES) | {name for name in MOST if not traced(scene, base, name)}
     found: dict[Settings, Variant] = {}
     for each in VARIANTS:
         if possible(each.changes, base, device):
-            matters = {name: value for name, value in each.changes.items() if name not in without}
-            found.setdefault(replace(base, **matters), each)
+            found.setdefault(_effective(each, scene, base), each)
     return list(found.values())
+
+
+def _effective(variant: Variant, scene: Scene, base: Settings) -> Settings:
+    """Return the settings of a variant without changes that make no difference to the scene."""
+    textured = any(texture_applies(mesh) for mesh in scene.meshes)
+    without = set(() if textured else TEXTURES) | {name for name in MOST if not traced(scene, base, name)}
+    return replace(base, **{name: value for name, value in variant.changes.items() if name not in without})
+
+
+def default_variant(scene: Scene, base: Settings, variants: Sequence[Variant], **given: Any) -> Variant:
+    """Return the variant that `render` draws: one of these, or else a new one. given: as of `base_settings`."""
+    usual = vars(picture_settings(scene, **given))
+    changes = {name: value for name, value in usual.items() if value != getattr(base, name)}
+    found = Variant("default", "default of render", changes)
+    settings = _effective(found, scene, base)
+    return next((each for each in variants if _effective(each, scene, base) == settings), found)
 
 
 def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:

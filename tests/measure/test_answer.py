@@ -1,0 +1,215 @@
+"""The first lines of `report`: what to render with."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import run
+from studies import small_study, sphere
+
+from clshade.cli.commands import render as render_command
+from clshade.cli.commands import scene_options
+from clshade.cli.main import _parser
+from clshade.images.metrics import has_flip
+from clshade.measure import timing
+from clshade.measure.report import report, tables, variants
+from clshade.measure.report.answer import CLOSE, FLIP, answer, criterion, is_unseen
+from clshade.measure.report.measure import CODES, close_share
+from clshade.measure.report.study import Study
+from clshade.measure.report.variants import COMMON, base_settings, default_variant, variants_for
+from clshade.pipeline.effective_settings import effective_settings
+from clshade.pipeline.picture import picture_fields
+from clshade.scene.builtin.scenes import builtin
+from clshade.scene.model import Settings
+
+# Name of a variant: milliseconds, RMSE, share of pixels within CODES, FLIP.
+FIGURES = {
+    "standard": (6.0, 0.02, 0.7, 0.02),
+    "samples-4": (9.0, 0.016, 0.75, 0.015),
+    "shaded-4": (14.0, 0.01, 0.92, 0.008),
+    "samples-64": (40.0, 0.015, 0.76, 0.014),
+    "shaded-16": (50.0, 0.003, 0.995, 0.003),
+    "shaded-64": (180.0, 0.001, 0.999, 0.001),
+}
+
+
+def planted(device, figures=FIGURES, usual: str = "shaded-4") -> Study:
+    """Return a study with these figures."""
+    found = small_study(device)
+    one, base = found.measured[0], base_settings(sphere())
+    known = {each.name: each for each in variants.VARIANTS}
+    measured = [
+        replace(
+            one,
+            variant=known[name],
+            settings=known[name].settings(base),
+            frame_ms=timing.Spread(0.97 * ms, ms, 1.03 * ms),
+            approximation=replace(one.approximation, rmse=error, flip=flip),
+            close=close,
+        )
+        for name, (ms, error, close, flip) in figures.items()
+    ]
+    return replace(found, measured=tuple(measured), usual=usual, reference=replace(found.reference, error=1e-4))
+
+
+def used(study: Study) -> dict[str, str]:
+    return {each.purpose: each.used.variant.name for each in answer(study)}
+
+
+def test_five_lines(device):
+    found = planted(device)
+    assert used(found) == {
+        "no visible error": "shaded-16",
+        "within 16 ms": "shaded-4",
+        "within 100 ms": "shaded-16",
+        "the default": "shaded-4",
+        "more samples": "shaded-16",
+    }
+    lines = [each.line(lambda settings: f"draw {settings.samples}") for each in answer(found)]
+    assert lines[0] == "no visible error: 50 ms, RMSE 0.003: draw 16"
+    assert lines[3] == (
+        "the default:      14 ms, RMSE 0.01; to the above: time x0.28, x1, x0.28, error x3.3, x1, x3.3: draw 4"
+    )
+    assert lines[4] == "more samples:     worth it, time x3.6, error x0.3, which is not visible: draw 16"
+    close = "99% of pixels within 2 of 255 codes of the converged image (99.5%)"
+    assert criterion(found) == f"no visible error: {close}, and FLIP at most 0.005 (0.003)"
+
+
+def test_an_error_is_not_visible_by_both_measures(device):
+    one = planted(device).measured[0]
+    for close, flip, unseen in (
+        (CLOSE, FLIP, True),
+        (0.99 * CLOSE, FLIP, False),
+        (CLOSE, 1.01 * FLIP, False),
+        (CLOSE, None, True),
+    ):
+        of = replace(one, close=close, approximation=replace(one.approximation, flip=flip))
+        assert is_unseen(of) == unseen
+
+
+def test_nothing_is_without_visible_error_and_nothing_is_fast_enough(device):
+    figures = {name: (20.0 * ms, error, 0.8 * close, flip) for name, (ms, error, close, flip) in FIGURES.items()}
+    found = planted(device, figures)
+    assert used(found)["closest"] == "shaded-64"
+    fastest = answer(found)[1]
+    assert (fastest.used.variant.name, fastest.found) == ("standard", "none; the fastest takes 120 ms, RMSE 0.02")
+    assert answer(found)[4].found == "worth it, time x13, error x0.1, which is still visible"
+
+
+def test_samples_that_are_not_worth_their_time(device):
+    assert answer(planted(device, usual="shaded-16"))[4].found == "not worth it, the error is not visible"
+    few = {name: FIGURES[name] for name in ("standard", "samples-4", "samples-64")}
+    (*_, more) = answer(planted(device, few, usual="samples-4"))
+    assert (more.found, more.used.variant.name) == ("not worth it, RMSE falls to 0.015 at most", "samples-4")
+    (*_, more) = answer(planted(device, {"standard": FIGURES["standard"]}, usual="standard"))
+    assert more.found == "not worth it, RMSE falls to 0.02 at most"
+    assert len(answer(planted(device, few, usual="shaded-64"))) == 3  # the default was not measured
+
+
+def test_the_share_of_pixels_that_are_close():
+    codes = np.full((2, 2, 3), 100, np.uint8)
+    others = codes.copy()
+    others[0, 0] = 100 + CODES
+    others[0, 1, 2] = 100 + CODES + 1
+    others[1, 1, 0] = 0
+    assert close_share(codes, others) == close_share(others, codes) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "expected"),
+    [
+        ("teapot", {}, "shaded-4"),
+        ("course", {}, "course"),
+        ("icosphere", {}, "samples-4"),
+        ("box_room", {"soft": True}, "shaded-4"),
+    ],
+)
+def test_the_default_is_what_render_draws(device, name, options, expected):
+    scene = builtin(name, **options)
+    base = base_settings(scene)
+    known = variants_for(scene, base, device)
+    found = default_variant(scene, base, known)
+    assert found.name == expected
+    assert found.settings(base) == Settings.from_preset(scene.preset, **picture_fields(scene))
+    others = [each for each in known if each.name != expected]
+    new = default_variant(scene, base, others)
+    assert (new.name, new.settings(base)) == ("default", found.settings(base))
+
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n"
+SCENES = [
+    ("teapot", ()),
+    ("course", ()),
+    ("box_room", ("--light-intensity", "0.5")),
+    ("a mesh.obj", ("--flat", "--camera-azimuth-angle", "20")),
+    ("a mesh.obj", ("--lights", "0")),
+    ("a mesh.obj", ("--ambient-occlusion", "4")),
+    ("-mesh.obj", ("--look", "plain", "--no-weld", "--fit")),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), SCENES, ids=lambda each: " ".join(each) if isinstance(each, tuple) else each
+)
+def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, name, options):
+    """Also of scenes in the studio, of options that would take them out of it, and of names that need quotes."""
+    monkeypatch.chdir(tmp_path)
+    if name.endswith(".obj"):
+        Path(name).write_text(OBJ)
+    found = []
+
+    def stop(scene, *_, command, settings, **__):
+        found.append((scene, command, settings))
+        return True
+
+    monkeypatch.setattr(report, "run", stop)
+    scene_name = f"./{name}" if name.startswith("-") else name
+    code, _, _ = run(capsys, "report", scene_name, *options, "--resolution", "48,36", "--device", device.index)
+    assert code == 0
+    ((scene, command, settings),) = found
+    base, expected = base_settings(scene, **settings), effective_settings(scene)[0]
+    for each in variants_for(scene, base, device):
+        program, verb, *arguments = shlex.split(command(each.settings(base)))
+        assert (program, verb) == ("clshade", "render")
+        parsed = _parser(["render"]).parse_args(["render", *arguments])
+        again = scene_options.load_scene(parsed, parsed.scenes[0])
+        kept = render_command._render_options(parsed, again)
+        kept.pop("device")
+        drawn, its_settings = effective_settings(again, **kept)
+        its_own = replace(its_settings, ao_distance=None)  # which is the scene's, where none is given
+        assert its_own == each.settings(base), each.name
+        for one, other in ((drawn.camera, expected.camera), *zip(drawn.lights, expected.lights, strict=True)):
+            assert all(np.array_equal(value, getattr(other, field)) for field, value in vars(one).items())
+        assert [mesh.vertices.shape for mesh in drawn.meshes] == [mesh.vertices.shape for mesh in expected.meshes]
+        assert (drawn.environment is None) == (expected.environment is None)
+
+
+def test_without_details_only_variants_that_may_be_worth_their_time_are_measured(device, tmp_path, monkeypatch):
+    chosen = []
+
+    def stop(scene, opened, variants, frames, settings, details):
+        chosen.append(([each.name for each in variants], details))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, "study", stop)
+    for options, expected in (({}, False), ({"details": True}, True), ({"names": ["fast"]}, True)):
+        with pytest.raises(KeyboardInterrupt):
+            report.run(sphere(), device.index, out=tmp_path, **options)
+        assert chosen[-1][1] == expected
+    assert {"samples-4"} < set(chosen[0][0]) < set(COMMON)
+    assert set(chosen[1][0]) > {*chosen[0][0], "float64", "painter"}
+    with pytest.raises(KeyboardInterrupt):
+        report.run(builtin("course"), device.index, out=tmp_path)
+    assert "course" in chosen[-1][0]
+
+
+@pytest.mark.skipif(not has_flip(), reason="flip-evaluator is not installed")
+def test_without_flip_the_codes_decide(device, monkeypatch):
+    found = planted(device, {name: (*figures[:3], None) for name, figures in FIGURES.items()})
+    assert used(found)["no visible error"] == "shaded-16"
+    assert criterion(found).endswith("(not measured)")
+    assert tables.first_lines(found, str)[-1].replace("\n  ", " ") == criterion(found)
