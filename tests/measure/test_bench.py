@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from speeds import made_up
 
-from clshade.measure.bench import bench, children, choices, device_peaks, starting, tables
+from clshade.measure.bench import bench, children, device_peaks, starting, tables
 from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, FrameTiming, draw
 from clshade.measure.bench.peers import PEERS
 from clshade.measure.bench.workloads import SCALING, WORKLOADS, Workload, knot, thing
@@ -121,27 +121,6 @@ def test_starts_are_with_a_warm_cache_and_with_empty_ones(monkeypatch):
         *[("warm", True), ("empty-1", False)],
     ]
     assert started.rounds == 2
-
-
-def test_choices_are_counted(monkeypatch):
-    """Each limit in so many processes, after one that may compile."""
-    asked, said = [], []
-
-    def fake(*arguments, cwd):
-        asked.append(arguments[3:5])
-        name = "samples-4" if len(asked) == 3 else "unchanged"
-        return json.dumps(
-            {"chosen": {"variant": name, "seconds": 0.5 * len(asked), "doubt": "near" * (len(asked) == 3)}}
-        )
-
-    monkeypatch.setattr(choices, "run_module", fake)
-    found = choices.choices("0:0", said.append, runs=2)
-    assert asked == [limit for limit in choices.LIMITS for _ in range(3)]
-    assert said == [
-        "choices --budget 20ms: unchanged 1 times, samples-4 1 times, in 1.0 to 1.5 s; within noise 1 times",
-        "choices --tolerance 0.01: unchanged 2 times, in 2.5 to 3.0 s; within noise 0 times",
-    ]
-    assert found[0].stats()["names"] == ("unchanged", "samples-4")
 
 
 @pytest.mark.long

@@ -15,7 +15,7 @@ from speeds import SMALL, drawn_with, made_up, small_speed
 from clshade.base import text_tables
 from clshade.errors import ClshadeError
 from clshade.images import png
-from clshade.measure.bench import bench, choices, figure, results, scaling, starting, tables, workloads
+from clshade.measure.bench import bench, figure, results, scaling, starting, tables, workloads
 from clshade.measure.bench.peers import PEERS
 from clshade.measure.bench.workloads import SCALING, WAYS, Workload
 
@@ -95,16 +95,6 @@ def test_targets_are_said_if_asked_for():
     assert not any(word in line for line in plain for word in ("asked for", "target"))
     assert any(line.startswith("phong-triangles ") and "0.9" in line for line in plain)
     assert any(line.startswith("empty  ") and "4.00" in line for line in plain)  # start-up
-
-
-def test_choices_are_in_the_tables():
-    made = choices.Choices("--budget 20ms", ("a", "a", "b"), (1.0, 3.0, 2.0), ("", "about", ""))
-    found = replace(small_speed(), choices=(made,))
-    assert any(
-        line.split("  ")[0] == "--budget 20ms" and "a 2 times, b 1 times" in line for line in tables.lines(found)
-    )
-    assert "## Choices" in tables.markdown(found)
-    assert made.line() == "choices --budget 20ms: a 2 times, b 1 times, in 1.0 to 3.0 s; within noise 1 times"
 
 
 def test_the_tables_hold_what_was_found():

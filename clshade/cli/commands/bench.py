@@ -75,6 +75,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="percentage of a frame that is saved if kernels are compiled without what a scene does not need",
     )
+    parser.add_argument(
+        "--limits",
+        action="store_true",
+        help="what --budget and --tolerance are asked for, and what is got: 12 scenes, five levels each",
+    )
     parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
     parser.set_defaults(of_modes=parser._actions[first:])
@@ -157,6 +162,12 @@ def _features(arguments: argparse.Namespace) -> bool:
     return features.run(arguments.device, names=arguments.workloads, rounds=rounds, out=arguments.out)
 
 
+def _limits(arguments: argparse.Namespace) -> bool:
+    from ...measure.bench import limits
+
+    return limits.run(arguments.device, names=arguments.workloads, out=arguments.out)
+
+
 def _crews(arguments: argparse.Namespace) -> bool:
     from ...measure.bench import workers
 
@@ -172,6 +183,7 @@ _MODES: dict[str, tuple[Callable[[argparse.Namespace], bool], tuple[str, ...]]] 
     "instances": (_instances, ()),
     "processors": (_processors, ()),
     "features": (_features, ("workloads",)),
+    "limits": (_limits, ("workloads",)),
     "workers": (_crews, ("scheduler",)),
     "scheduler": (_crews, ()),
 }

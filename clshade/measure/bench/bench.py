@@ -21,7 +21,7 @@ from ...scene.model import Scene
 from ..defaults import BENCH_FRAMES, BENCH_TURN
 from ..report.study import machine
 from ..timing import in_turns, ratio_interval, spread, turns_of
-from . import choices, shadow_rays, starting, tables
+from . import shadow_rays, starting, tables
 from .children import draw_apart
 from .device_peaks import best, peaks
 from .frame_timing import PATH, SECONDS, FrameTiming, cameras, draw, warm_renderer
@@ -34,13 +34,12 @@ from .workloads import WORKLOADS, Workload, pick
 
 T = TypeVar("T")
 SLOW = 500.0  # ms, of a peer's frame, from which on turns are of single frames
-PROCESSES = (starting, choices)  # measured in processes of their own
-NAMES = (*(each.name for each in WORKLOADS), *(each.NAME for each in PROCESSES))
+NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
 
 
 def listing() -> str:
     """Return the list of all workloads and peers with their descriptions."""
-    rows = [(each.name, each.about) for each in WORKLOADS] + [(each.NAME, each.ABOUT) for each in PROCESSES]
+    rows = [*((each.name, each.about) for each in WORKLOADS), (starting.NAME, starting.ABOUT)]
     peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
     listed = [text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows]
     traced = [f"  {each.name:<14} {each.about}" for each in shadow_rays.WORKLOADS]
@@ -121,11 +120,6 @@ def measure_all(
         started = start_up(device.index) if starting.NAME in names else None
     except ClshadeError as error:
         failed.append(f"{starting.NAME}: {error}")
-    chosen: tuple[choices.Choices, ...] = ()
-    try:
-        chosen = choices.choices(device.index, say) if choices.NAME in names else ()
-    except ClshadeError as error:
-        failed.append(f"{choices.NAME}: {error}")
     try:
         series = scaling(draw_point, device.memory) if with_scaling else ()
     except ClshadeError as error:
@@ -136,7 +130,6 @@ def measure_all(
         peaks=most,
         results=tuple(results),
         started=started,
-        choices=chosen,
         series=series,
         failed=tuple(failed),
     )

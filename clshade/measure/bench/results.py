@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ..timing import Spread
-from .choices import Choices
 from .device_peaks import Peaks
 from .frame_timing import FrameTiming
 from .peers.agreement import Agreement
@@ -117,7 +116,6 @@ class Speed:
     peaks: Peaks
     results: tuple[Result, ...]
     started: Started | None = None
-    choices: tuple[Choices, ...] = ()
     series: tuple[Series, ...] = ()
     failed: tuple[str, ...] = ()
 
@@ -152,7 +150,6 @@ class Speed:
             "float32_flops": self.peaks.flops,
             "workloads": [each.stats() for each in self.results],
             "start_up": self.started and self.started.stats(),
-            "choices": [each.stats() for each in self.choices],
             "scaling": [each.stats() for each in self.series],
             "bars": [each.stats() for each in self.verdicts()],
             "failed": list(self.failed),

@@ -32,7 +32,6 @@ PEERS = (
 )
 TARGETS = ("target", "what", "found", "asked for", "kept")
 STARTS = ("start-up, kernel cache", "s", "half of them", "rounds")
-CHOICES = ("choices", "chosen", "s", "within noise")
 EXPONENTS = ("grows", "power of time", "beyond the fixed cost", "of memory beyond it")
 NOTES = (
     "ms: median of frames, from the call to the float32 RGBA image in NumPy memory that is used again; the camera moves a "
@@ -162,7 +161,6 @@ def _tables(speed: Speed, targets: bool) -> list[tuple[str, int, text_tables.Row
         ("Scaling", 1, ("grows", "size", "ms", "peak MiB"), _series(speed)),
         ("Exponents", 1, EXPONENTS, [(each.name, *map(digits, each.exponents().values())) for each in speed.series]),
         ("Start-up", 1, STARTS, _starts(speed)),
-        ("Choices", 1, CHOICES, [each.row() for each in speed.choices]),
         ("Targets", 2, TARGETS, [verdict_row(each) for each in speed.verdicts()] if targets else []),
     ]
     return [each for each in found if each[3]]

@@ -14,7 +14,7 @@ from ...scene.settings import PRESET_FIELDS, Preset
 from .reference_image import Reference
 from .short_study import Candidate, Limit, ShortStudy, row
 from .thinned_image import Thinned
-from .variants import BASE, SHORT, variants_for
+from .variants import BASE, SHORT, Variant, variants_for
 
 HEADER = ("variant", "outcome", "ms a frame", "95 %", "RMSE", "95 %")
 BUSY = 0.15  # share of the time waiting for processors from which on times are in doubt
@@ -110,13 +110,7 @@ def select(
     """
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
-    scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
-    fixed = set(fields) | (
-        preset_fields(preset or scene.preset) if preset is not None or scene.preset != BASE else set()
-    )
-    variants = [
-        each for each in variants_for(scene, base, opened) if each.name in SHORT and not fixed & set(each.changes)
-    ]
+    scene, base, fixed, variants = selectable(scene, opened, preset, resolution, **fields)
     study = ShortStudy(scene, base, opened, Limit(budget, tolerance), fixed)
     choice = study.choose(variants)
     used = choice.used
@@ -134,6 +128,18 @@ def select(
         time.perf_counter() - start,
         doubt,
     )
+
+
+def selectable(
+    scene: Scene, device: Device, preset: Preset | None = None, resolution: tuple[int, int] | None = None, **fields: Any
+) -> tuple[Scene, Settings, set[str], list[Variant]]:
+    """Return what `select` chooses from: the effective scene, the base settings, the fields that are kept, the variants."""
+    scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
+    fixed = set(fields)
+    if preset is not None or scene.preset != BASE:
+        fixed |= preset_fields(preset or scene.preset)
+    known = variants_for(scene, base, device)
+    return scene, base, fixed, [each for each in known if each.name in SHORT and not fixed & set(each.changes)]
 
 
 def thinning_doubt(used: Candidate, tolerance: float | None) -> str:
