@@ -58,7 +58,7 @@ def test_what_is_said(choices, passed, said):
 
 
 def test_an_unknown_scene_is_refused():
-    with pytest.raises(InputError, match="workload: expected names of teapot, torus_knot, .*'teapott': did you mean"):
+    with pytest.raises(InputError, match=r"workload: expected names of teapot, torus_knot, .*'teapott': did you mean"):
         limits.run(names=["teapott"])
 
 
