@@ -32,6 +32,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="instead, error and time against exponents, distance from the origin and aspect, in every precision",
     )
     cases.add_argument(
+        "--functions",
+        action="store_true",
+        help="instead, the error of every function of one number, such as 1/sqrt(x), for every float32: some minutes",
+    )
+    cases.add_argument(
         "--format",
         type=names(FORMATS),
         metavar="NAME,...",
@@ -57,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _run_axes(arguments)
     if arguments.format is not None:
         raise InputError("stability: --format: needs --axes, whose figure it is for")
+    if arguments.functions:
+        return _run_functions(arguments)
     from ...measure.stability import stability
 
     if arguments.list:
@@ -80,6 +87,16 @@ def _run_axes(arguments: argparse.Namespace) -> int:
 
     axes_stability.run(arguments.device, out=arguments.out, formats=arguments.format or ("png",))
     return DONE
+
+
+def _run_functions(arguments: argparse.Namespace) -> int:
+    others = {"--case": arguments.case, "--list": arguments.list, "--triangles": arguments.triangles != TRIANGLES}
+    for option, given in others.items():
+        if given:
+            raise InputError(f"stability: --functions: cannot go with {option}, which is for the cases")
+    from ...measure.stability import functions
+
+    return DONE if functions.run(arguments.device, out=arguments.out) else FAILED
 
 
 def _refuse_others(arguments: argparse.Namespace) -> None:
