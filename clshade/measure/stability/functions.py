@@ -23,6 +23,7 @@ from ...base.progress_bar import Bar
 from ...base.text_tables import digits
 from ...images.joint_tonemaps import JOINT
 from ...images.tonemap import OPERATORS, Operator, display_values, mapped
+from ...pipeline.buffers import Buffer
 from ...pipeline.features import Features
 from ...pipeline.opencl.device import Device
 from ...pipeline.programs import build_text
@@ -144,21 +145,16 @@ class Kernels:
     """The functions on a device in one precision, called by one thread at a time."""
 
     def __init__(self, device: Device, precision: Precision) -> None:
-        import pyopencl as cl
-
-        self._cl = cl
         self._program = build_text(device, Features.of(["FAST"] if precision == "fast" else []), TEXT)
-        self._queue = cl.CommandQueue(device.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-        self._out = cl.Buffer(device.context, cl.mem_flags.WRITE_ONLY, 4 * CHUNK)
-        self._items, self._lock = CHUNK // self._program.lanes, threading.Lock()
+        self._queue, self._items = device.queue, CHUNK // self._program.lanes
+        self._out, self._lock = Buffer.empty(device, (CHUNK,), np.float32), threading.Lock()
         self.seconds = 0.0
 
     def __call__(self, name: str, first: int) -> Floats32:
         """Return the function of the CHUNK bit patterns from `first` on."""
-        found = np.empty(CHUNK, np.float32)
         with self._lock:
-            event = self._program[name](self._queue, (self._items,), None, np.uint32(first), self._out)
-            self._cl.enqueue_copy(self._queue, found, self._out)
+            event = self._program[name](self._queue, (self._items,), None, np.uint32(first), self._out.memory)
+            found = self._out.to_host().copy()
             self.seconds += (event.profile.end - event.profile.start) / 1e9
         return found
 
