@@ -154,7 +154,7 @@ class Kernels:
         """Return the function of the CHUNK bit patterns from `first` on."""
         with self._lock:
             event = self._program[name](self._queue, (self._items,), None, np.uint32(first), self._out.memory)
-            found = self._out.to_host().copy()
+            found: Floats32 = self._out.to_host().copy()
             self.seconds += (event.profile.end - event.profile.start) / 1e9
         return found
 
