@@ -11,6 +11,7 @@ from typing import Any, TextIO
 
 from ...base import atomic_files, console, text_tables
 from ...base.atomic_files import shown
+from ...base.declare import as_option
 from ...errors import InputError
 from ...images import figures
 from ...pipeline.opencl.device import open_device
@@ -22,12 +23,18 @@ from .families import of_families
 from .pareto import chosen
 from .sizes import WAYS, growths, resolutions
 from .study import study
-from .variants import COMMON, VARIANTS, base_settings, default_variant, named, variants_for
+from .variants import COMMON, VARIANTS, Variant, base_settings, default_variant, named, variants_for
 
 
 def listing() -> str:
-    """Return the list of all variants with their descriptions."""
-    return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.title}", 17) for each in VARIANTS)
+    """Return the list of all variants: names, titles, options."""
+    return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.title}{_options(each)}", 17) for each in VARIANTS)
+
+
+def _options(variant: Variant) -> str:
+    """Return the options of `render` that make a variant."""
+    options = " ".join(as_option(name, value) for name, value in variant.changes.items())
+    return f": {options}" if options else ""
 
 
 def run(

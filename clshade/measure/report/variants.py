@@ -67,9 +67,12 @@ VARIANTS = (
     Variant("trilinear", "mip maps", {"texture_filter": "trilinear"}),
     Variant("trilinear-4", "4 mip-mapped samples", _samples(4, texture_filter="trilinear")),
     Variant("trilinear-16", "16 mip-mapped samples", _samples(16, texture_filter="trilinear")),
-    *(Variant(f"light-{n}", f"16 samples and {n} light points", _samples(16, light_samples=n)) for n in LIGHT_POINTS),
     *(
-        Variant(f"occlusion-{n}", f"16 samples and {n} occlusion rays", _samples(16, ambient_occlusion=n))
+        Variant(f"light-{n}", f"16 samples and {n} light point{'s' * (n > 1)}", _samples(16, light_samples=n))
+        for n in LIGHT_POINTS
+    ),
+    *(
+        Variant(f"occlusion-{n}", f"16 samples and {n} occlusion ray{'s' * (n > 1)}", _samples(16, ambient_occlusion=n))
         for n in OCCLUSION_RAYS
     ),
     Variant("painter", "painter's order", {"visibility": "painter"}),
