@@ -48,6 +48,10 @@ def _samples(count: int, **more: Any) -> dict[str, Any]:
     return {"samples": count, **more}
 
 
+def _with(count: int, what: str) -> str:
+    return f"16 samples and {count} {what}{'s' * (count > 1)}"
+
+
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
 LIGHT_POINTS = (1, 4, 64)  # besides 16, of
 RAY_BASE = "samples-16"
@@ -67,14 +71,8 @@ VARIANTS = (
     Variant("trilinear", "mip maps", {"texture_filter": "trilinear"}),
     Variant("trilinear-4", "4 mip-mapped samples", _samples(4, texture_filter="trilinear")),
     Variant("trilinear-16", "16 mip-mapped samples", _samples(16, texture_filter="trilinear")),
-    *(
-        Variant(f"light-{n}", f"16 samples and {n} light point{'s' * (n > 1)}", _samples(16, light_samples=n))
-        for n in LIGHT_POINTS
-    ),
-    *(
-        Variant(f"occlusion-{n}", f"16 samples and {n} occlusion ray{'s' * (n > 1)}", _samples(16, ambient_occlusion=n))
-        for n in OCCLUSION_RAYS
-    ),
+    *(Variant(f"light-{n}", _with(n, "light point"), _samples(16, light_samples=n)) for n in LIGHT_POINTS),
+    *(Variant(f"occlusion-{n}", _with(n, "occlusion ray"), _samples(16, ambient_occlusion=n)) for n in OCCLUSION_RAYS),
     Variant("painter", "painter's order", {"visibility": "painter"}),
     Variant("affine", "affine interpolation", {"interpolation": "affine"}),
     Variant(
