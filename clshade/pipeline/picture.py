@@ -43,11 +43,14 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
     return {**usual, **given}
 
 
-def changed_fields(settings: Settings, scene: Scene, preset: Preset) -> dict[str, Any]:
-    """Return the fields of Settings that `render` has to be given with this preset to draw the scene with these settings."""
-    given: dict[str, Any] = {}
+def changed_fields(settings: Settings, scene: Scene, preset: Preset, **given: Any) -> dict[str, Any]:
+    """Return the fields of Settings that `render` has to be given with this preset to draw the scene with these settings.
+    given: those that it is given in any case."""
     values, last = vars(settings), ("ambient_occlusion", "sample_shading")  # whose usual values depend on others
-    for name in (*(each for each in values if each not in last), *last):
+    for name in (
+        *(each for each in values if each not in (*last, *given)),
+        *(each for each in last if each not in given),
+    ):
         usual = {**vars(Settings.from_preset(preset)), **picture_fields(scene, preset, **given)}
         if values[name] != usual[name]:
             given[name] = values[name]

@@ -319,7 +319,7 @@ def test_run_writes_all(found, device, tmp_path, monkeypatch):
     shown = text.getvalue()
     page = (folder / "report.md").read_text()
     assert "use 1 sample: " in shown
-    for part in (found.device, found.machine, "use 1 sample: ", "PNG 8 bit srgb", "320"):
+    for part in (found.device, found.machine, "use 1 sample: ", "PNG 8 bit srgb", "320 triangles"):
         assert part in page
     for each in written["answer"]:
         assert each["command"] in page

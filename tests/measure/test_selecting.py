@@ -50,7 +50,8 @@ def test_render_obeys(device, capsys, tmp_path):
     err = [line for line in err if not line.startswith("clshade: warning: within noise: ")]
     assert err[0].split() == ["variant", "outcome", "ms", "a", "frame", "95", "%", "RMSE", "95", "%"]
     chosen = json.loads(out)["chosen"]
-    assert [line.split()[0] for line in err[1:]] == [each["variant"] for each in chosen["tried"]]
+    for line, each in zip(err[1:], chosen["tried"], strict=True):
+        assert line.startswith(f"{each['about']} ")
     assert chosen["tried"][1] == {
         "variant": "gouraud",
         "about": "Gouraud",
@@ -64,7 +65,7 @@ def test_render_obeys(device, capsys, tmp_path):
         assert f"{name}={value}" in settings
     code, out, err = run(capsys, *command, "--budget", "100s", "--near", "0.25")
     assert code == 0
-    assert "\nchosen  samples-4 (samples=4): " in out
+    assert "\nchosen  4 samples (samples=4): " in out
     assert "kept as they are: near=0.25\n" in out
     assert "3 of 3 variants drawn, in " in out
     assert "RMSE" in out
@@ -95,7 +96,7 @@ class Planted(short_study.ShortStudy):
     figures: dict[str, tuple[float, float]]
 
     def _drawn(self, variant: Variant) -> Candidate:
-        ms, error = self.figures.get(variant.known_as, (1.0, 0.5))
+        ms, error = self.figures.get(variant.shown_name, (1.0, 0.5))
         self._thinned = Thinned(1, (Window(0, 0, 1, 1),), np.ones(1, np.int64), np.ones(1))
         return Candidate(
             variant, [ms, 1.01 * ms, 1.02 * ms], np.zeros((1, 3)), Estimate(error, 0.9 * error, 1.1 * error)

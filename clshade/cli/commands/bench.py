@@ -165,7 +165,8 @@ def _features(arguments: argparse.Namespace) -> bool:
 def _limits(arguments: argparse.Namespace) -> bool:
     from ...measure.bench import limits
 
-    return limits.run(arguments.device, names=arguments.workloads, out=arguments.out)
+    frames = _frames(arguments, limits.FRAMES)
+    return limits.run(arguments.device, names=arguments.workloads, frames=frames, out=arguments.out)
 
 
 def _crews(arguments: argparse.Namespace) -> bool:

@@ -13,13 +13,13 @@ from ...measure.defaults import FAMILIES, FRAMES
 from . import DONE, FAILED
 from .arguments import device_option, given_options, limit_options, names, numbers, output_name, refuse
 from .scene_options import (
-    arranged,
     camera_options,
     chosen_settings,
     light_options,
     lit,
     load_scene,
     look_of,
+    placed,
     read_scene,
     scene_options,
 )
@@ -38,7 +38,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     scene_options(parser, size="{},{}".format(*RESOLUTION))
     camera_options(parser)
     repeated = [action.dest for action in parser._actions[first:] if action.dest not in ("scene", "resolution")]
-    parser.set_defaults(repeated=repeated)
     study = parser.add_argument_group("study: what is compared, and what is written")
     study.add_argument(
         "-o",
@@ -86,6 +85,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="of a course scene instead: its figures 1 to 19, errors and times on one HTML page, --out",
     )
     device_option(parser)
+    parser.set_defaults(repeated=[*repeated, "device"])
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -98,8 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _course(arguments)
     arguments.resolution = arguments.resolution or RESOLUTION
     read = read_scene(arguments, arguments.scene)
-    look = lit(read, arguments)[1]
-    scene = arranged(read, arguments)
+    shown, look = lit(read, arguments)
+    scene = placed(shown, look, arguments)
     scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
     taken = ("out", "frames", "budget", "tolerance", "sizes", "details", "html")
     given = {name: getattr(arguments, name) for name in taken}
@@ -118,10 +118,13 @@ def _command(arguments: argparse.Namespace, read: Scene, scene: Scene, look: Loo
     """Return the command that draws the scene with these settings. read: the scene without its look."""
     from ...base.declare import as_option
     from ...measure.report.tables import render_fields, render_options
-    from ...scene.settings import PRESETS
+    from ...scene.settings import LIGHT_FIELDS, PRESETS
     from ...view.live_command import as_argument
 
-    given = render_fields(settings, scene, (scene.preset,) if look == "studio" else PRESETS)
+    presets = PRESETS if look == "plain" else (scene.preset,)
+    light = {name: getattr(arguments, name) for name in LIGHT_FIELDS}
+    light = {name: value for name, value in light.items() if value is not None and value == getattr(settings, name)}
+    given = render_fields(settings, scene, presets, **light)
     options = [as_argument(arguments.scene), *given_options(arguments, arguments.repeated)]
     own = {**vars(arguments), **dict.fromkeys(vars(settings)), **given}
     if look_of(read, argparse.Namespace(**own)) != look:
@@ -136,7 +139,7 @@ def _course(arguments: argparse.Namespace) -> int:
     from ...measure.course_report import course_report
     from ...scene.settings import LIGHT_FIELDS
 
-    unused = ("only", "family", "sizes", "frames", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
+    unused = ("only", "details", "family", "sizes", "frames", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
     refuse(arguments, unused, "cannot go with --course, which studies no variants")
     course_report.output_path(arguments.out)  # its errors come before the scene's
     if arguments.device:

@@ -282,7 +282,7 @@ def picture_settings(arguments: argparse.Namespace, scene: Scene) -> dict[str, A
     """Return the fields of Settings that were given, and those of a picture for people."""
     from ...pipeline.picture import picture_fields
 
-    return picture_fields(scene, arguments.preset, **chosen_settings(arguments))
+    return picture_fields(scene, getattr(arguments, "preset", None), **chosen_settings(arguments))
 
 
 def chosen_settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -406,12 +406,18 @@ def arranged(scene: Scene, arguments: argparse.Namespace, *, turning: bool = Fal
 
     moving: its meshes will be in other places.
     """
+    return placed(*lit(scene, arguments), arguments, turning=turning, moving=moving)
+
+
+def placed(
+    scene: Scene, look: Look, arguments: argparse.Namespace, *, turning: bool = False, moving: bool = False
+) -> Scene:
+    """Return a scene that is `lit`, with the camera, ground and components of the command line."""
     from ...pipeline.look import with_look
     from ...scene import adjust_camera, framing
     from ...scene.ground import with_ground
 
     up = arguments.up or framing.up_of(scene.camera)
-    scene, look = lit(scene, arguments)
     for option, purpose in (("light_intensity", "multiply"), ("light_radius", "give a size")):
         if getattr(arguments, option) is not None and scene.lights and not _as_drawn(scene, arguments)[0].lights:
             raise InputError(
@@ -424,7 +430,8 @@ def arranged(scene: Scene, arguments: argparse.Namespace, *, turning: bool = Fal
         refuse_grounded_edges(arguments)
         drawn = _as_drawn(scene, arguments)[1]
         if look == "studio":
-            device, shadow = getattr(arguments, "device", None), not (moving or drawn.ambient_occlusion)
+            occluded = picture_settings(arguments, scene).get("ambient_occlusion")
+            device, shadow = getattr(arguments, "device", None), not (moving or occluded)
             scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=drawn, device=device)
         else:
             scene = with_ground(scene, up, drawn)

@@ -43,7 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"of the figure of --axes: {','.join(FORMATS)} (default: png)",
     )
     parser.set_defaults(of_cases=parser._actions[first:])
-    parser.add_argument("--device", help="as for render, or `all`: every device that works (cases only)")
+    parser.add_argument("--device", help="as for render, or `all`: every device that works (not for a SCENE or --axes)")
     parser.add_argument(
         "-o",
         "--out",
@@ -74,26 +74,29 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_axes(arguments: argparse.Namespace) -> int:
-    others = {
-        "--case": arguments.case,
-        "--list": arguments.list,
-        "--triangles": arguments.triangles != TRIANGLES,
-        "--device all": arguments.device == "all",
-    }
-    for option, given in others.items():
-        if given:
-            raise InputError(f"stability: --axes: cannot go with {option}, which is for the cases")
+    _refuse_options_of_cases(arguments, "--axes", {"--device all": arguments.device == "all"})
     from ...measure.stability import axes_stability
 
     axes_stability.run(arguments.device, out=arguments.out, formats=arguments.format or ("png",))
     return DONE
 
 
-def _run_functions(arguments: argparse.Namespace) -> int:
-    others = {"--case": arguments.case, "--list": arguments.list, "--triangles": arguments.triangles != TRIANGLES}
+def _refuse_options_of_cases(arguments: argparse.Namespace, mode: str, more: dict[str, bool] | None = None) -> None:
+    """Raise InputError for an option of the cases beside another mode. more: further options, and whether they are given."""
+    others = {
+        "--case": arguments.case,
+        "--list": arguments.list,
+        "--triangles": arguments.triangles != TRIANGLES,
+        "--functions": arguments.functions and mode != "--functions",
+        **(more or {}),
+    }
     for option, given in others.items():
         if given:
-            raise InputError(f"stability: --functions: cannot go with {option}, which is for the cases")
+            raise InputError(f"stability: {mode}: cannot go with {option}")
+
+
+def _run_functions(arguments: argparse.Namespace) -> int:
+    _refuse_options_of_cases(arguments, "--functions")
     from ...measure.stability import functions
 
     return DONE if functions.run(arguments.device, out=arguments.out) else FAILED

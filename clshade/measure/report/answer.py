@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...base.text_tables import digits
-from ...errors import InputError
 from ...scene.model import Settings
 from .measure import CODES, Measured
-from .pareto import most_accurate_of_fastest, within_budget
+from .pareto import most_accurate, most_accurate_of_fastest
 from .study import Study
 
 CLOSE, FLIP = 0.99, 0.005  # share of pixels within CODES at least, and mean FLIP at most: such an error is not visible
@@ -34,10 +34,8 @@ class Advice:
 
     def stats(self, command: Command) -> dict[str, Any]:
         """Return it for JSON."""
-        return {**self._texts(command), "variant": self.used.variant.name}
-
-    def _texts(self, command: Command) -> dict[str, str]:
-        return {"purpose": self.purpose, "found": self.found, "command": command(self.used.settings)}
+        used = {"variant": self.used.variant.name, "command": command(self.used.settings)}
+        return {"purpose": self.purpose, "found": self.found, **used}
 
 
 def is_unseen(measured: Measured) -> bool:
@@ -47,12 +45,14 @@ def is_unseen(measured: Measured) -> bool:
 
 
 def criterion(study: Study) -> str:
-    """Return what `is_unseen` asks for, and what the chosen variant has of it."""
+    """Return what `is_unseen` asks for, and what the variant of the first line has of it."""
     used = _unseen(study)[0]
-    close = f"{CLOSE:.0%} of pixels within {CODES} of 255 codes of the converged image ({used.close:.1%})"
     flip = used.approximation.flip
-    found = "not measured" if flip is None else digits(flip, 2)
-    return f"no visible error: {close}, and FLIP at most {FLIP:g} ({found})"
+    asked = f"at least {CLOSE:.0%} of pixels within {CODES} of 255 codes of the converged image"
+    if flip is None:
+        return f"no visible error: {asked}; the first line has {used.close:.1%} (FLIP is not measured)"
+    has = f"the first line has {used.close:.1%} and {digits(flip, 2)}"
+    return f"no visible error: {asked}, and FLIP at most {FLIP:g}; {has}"
 
 
 def answer(study: Study) -> list[Advice]:
@@ -83,35 +83,45 @@ def _unseen(study: Study) -> tuple[Measured, bool]:
 def _within(study: Study, budget: float) -> Advice:
     """Return the most accurate variant within a budget; the fastest of all if none is."""
     purpose = f"within {budget:g} ms"
-    try:
-        used = within_budget(study.measured, budget, study.reference.error).used
+    kept = [each for each in study.measured if each.cost <= budget]
+    if kept:
+        used = most_accurate(kept, study.reference.error)
         return Advice(purpose, used, _cost(used))
-    except InputError:
-        used = min(study.measured, key=lambda each: each.cost)
-        return Advice(purpose, used, f"none; the fastest takes {_cost(used)}")
+    used = min(study.measured, key=lambda each: each.cost)
+    return Advice(purpose, used, f"none; the fastest takes {_cost(used)}")
 
 
 def _compared(default: Measured, others: Sequence[Advice]) -> str:
     """Return the time and the error of the default in those of other variants."""
     times = (default.cost / each.used.cost for each in others)
-    errors = (default.error / each.used.error if each.used.error > 0.0 else 1.0 for each in others)
+    errors = (_ratio(default.error, each.used.error) for each in others)
     time, error = (", ".join(f"x{digits(ratio, 2)}" for ratio in ratios) for ratios in (times, errors))
-    return f"; to the above: time {time}, error {error}"
+    return f"; compared with the lines above: time {time}, error {error}"
+
+
+def _ratio(error: float, other: float) -> float:
+    return error / other if other > 0.0 else math.inf if error > 0.0 else 1.0
 
 
 def _more_samples(study: Study, default: Measured) -> Advice:
-    """Return whether more samples than the default has pay: whether the difference is then not seen, or much smaller."""
-    purpose = "more samples"
-    more = [each for each in study.measured if _samples(each) > _samples(default) and each.error < default.error]
+    """Return whether more samples of the default's model pay: whether the error is then not visible, or much smaller."""
+    purpose, model = "more samples", _model(default)
+    more = [each for each in study.measured if _model(each) == model and _samples(each) > _samples(default)]
     if is_unseen(default):
         return Advice(purpose, default, "not worth it, the error is not visible")
     enough = [each for each in more if is_unseen(each)]
-    best = min(enough or more, key=lambda each: each.cost if enough else each.error, default=default)
-    if not enough and best.error > WORTH * default.error:
-        return Advice(purpose, default, f"not worth it, RMSE falls to {digits(best.error, 2)} at most")
-    time, error = (f"x{digits(ratio, 2)}" for ratio in (best.cost / default.cost, best.error / default.error))
-    seen = "not visible" if enough else "still visible"
-    return Advice(purpose, best, f"worth it, time {time}, error {error}, which is {seen}")
+    best = min(enough or more, key=lambda each: each.cost if enough else each.error, default=None)
+    if best is None:
+        return Advice(purpose, default, "not measured")
+    time, error = best.cost / default.cost, _ratio(best.error, default.error)
+    ratios = f"time x{digits(time, 2)}, error x{digits(error, 2)}"
+    if not enough and error > WORTH:
+        return Advice(purpose, best, f"not worth it, {ratios}")
+    return Advice(purpose, best, f"worth it, {ratios}, which is {'not' if enough else 'still'} visible")
+
+
+def _model(measured: Measured) -> Settings:
+    return replace(measured.settings, samples=1, sample_shading=False)
 
 
 def _samples(measured: Measured) -> tuple[int, bool]:

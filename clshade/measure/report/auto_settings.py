@@ -73,7 +73,7 @@ class Selection:
         """Return the figures for JSON."""
         used = self.used
         return {
-            "variant": used.variant.known_as,
+            "variant": used.variant.shown_name,
             "settings": used.variant.changes,
             "frame_ms": used.cost,
             "rmse": used.error,

@@ -144,13 +144,16 @@ def alone(variant: Variant, family: str) -> bool:
 
 
 def _sampled(name: str, measured: Sequence[Measured], known: float) -> Family:
-    ways = {_size(each, name): each for each in measured if alone(each.variant, name)}
-    if 1 not in ways:
+    variants = {_size(each, name): each for each in measured if alone(each.variant, name)}
+    if 1 not in variants:
         return Family(name, "", ())
     rays = COUNTED.get(name)
-    errors = {n: (each.rays.get(rays) or 0.0) if rays else each.error for n, each in ways.items()}
+    errors = {n: (each.rays.get(rays) or 0.0) if rays else each.error for n, each in variants.items()}
     least = 0.0 if rays else known
-    members = (Member(ways[n].variant.name, n, ways[n].frame_ms, errors[n], errors[n] > least) for n in sorted(ways))
+    members = (
+        Member(each.variant.name, n, each.frame_ms, errors[n], errors[n] > least)
+        for n, each in sorted(variants.items())
+    )
     return Family(name, f"the number of {COUNTS.get(name, 'samples')}", tuple(members))
 
 
@@ -160,12 +163,12 @@ def _size(each: Measured, family: str) -> int:
 
 
 def _precision(measured: Sequence[Measured]) -> Family:
-    ways = {each.settings.precision: each for each in measured if alone(each.variant, PRECISION)}
+    variants = {each.settings.precision: each for each in measured if alone(each.variant, PRECISION)}
     members = []
     for name, roundoff in ROUNDOFF.items():
-        if name in ways:
-            error = ways[name].arithmetic.rms
-            members.append(Member(ways[name].variant.name, roundoff, ways[name].frame_ms, error, error > 0.0))
+        if name in variants:
+            error = variants[name].arithmetic.rms
+            members.append(Member(variants[name].variant.name, roundoff, variants[name].frame_ms, error, error > 0.0))
     return Family(PRECISION, "the roundoff of an operation", tuple(members))
 
 
@@ -180,9 +183,9 @@ def of_families(variants: Sequence[Variant], names: Sequence[str]) -> list[Varia
     fit."""
     chosen: list[Variant] = []
     for name in names:
-        ways = [each for each in variants if alone(each, name)]
-        if len(ways) < 3:
-            found = ", ".join(each.name for each in ways) or "none"
+        own = [each for each in variants if alone(each, name)]
+        if len(own) < 3:
+            found = ", ".join(each.name for each in own) or "none"
             raise InputError(f"report: --family: three variants that change this scene are needed, {name} has {found}")
-        chosen += [each for each in ways if each not in chosen]
+        chosen += [each for each in own if each not in chosen]
     return chosen if names else list(variants)

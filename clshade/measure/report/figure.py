@@ -70,8 +70,8 @@ def draw(study: Study) -> Figure:
         figure.set_layout_engine("none")
         _label(scatter, study)
         if precision is not None:
-            ways = _precise(study)
-            _named(precision, ways, [each.arithmetic.rms for each in ways])
+            variants = _precise(study)
+            _named(precision, variants, [each.arithmetic.rms for each in variants])
     return figure
 
 
@@ -167,11 +167,11 @@ def _label(axes: Axes, study: Study) -> None:
         text.set_color(figures.OURS if each in best else "#444444")
 
 
-def _named(axes: Axes, ways: Sequence[Measured], errors: Sequence[float], lines: Lines = ()) -> list[Text]:
+def _named(axes: Axes, variants: Sequence[Measured], errors: Sequence[float], lines: Lines = ()) -> list[Text]:
     """Name the points of these variants; labels avoid the bars of their times, and lines."""
-    bars = [[(each.frame_ms.low, y), (each.frame_ms.high, y)] for each, y in zip(ways, errors, strict=True)]
-    names = [each.name for each in ways]
-    return label_points(axes, [each.cost for each in ways], errors, names, [*lines, *bars])
+    bars = [[(each.frame_ms.low, y), (each.frame_ms.high, y)] for each, y in zip(variants, errors, strict=True)]
+    names = [each.name for each in variants]
+    return label_points(axes, [each.cost for each in variants], errors, names, [*lines, *bars])
 
 
 def _curves(study: Study) -> dict[Family, list[tuple[float, float]]]:
@@ -209,13 +209,13 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=2, frameon=False, borderaxespad=0.2)
 
 
-def _limit(axes: Axes, ways: Sequence[Measured], errors: Sequence[float], *others: float) -> None:
+def _limit(axes: Axes, variants: Sequence[Measured], errors: Sequence[float], *others: float) -> None:
     """Make axes, without anything yet, logarithmic, and wide enough if the values are all about the same.
 
     others: further errors to show.
     """
     axes.set(xscale="log", yscale="log")
-    times = [ms for each in ways for ms in each.quartiles]
+    times = [ms for each in variants for ms in each.quartiles]
     for values, more, set_limits in ((times, (), axes.set_xlim), (errors, others, axes.set_ylim)):
         if max(values) < 1.1 * min(values):
             shown = (*values, *more)
@@ -263,13 +263,13 @@ def _causes(axes: Axes, found: Decomposition) -> None:
 def _precision(axes: Axes, study: Study) -> None:
     """Plot the error of the arithmetic against time, of the variants that differ in precision alone."""
     axes.set_title("precision: error of the arithmetic")
-    ways = _precise(study)
-    if not ways:
+    variants = _precise(study)
+    if not variants:
         _nothing(axes)
         return
-    _limit(axes, ways, [each.arithmetic.rms for each in ways])
+    _limit(axes, variants, [each.arithmetic.rms for each in variants])
     axes.set(xlabel="time of a frame, ms", ylabel="RMS of |value - oracle| / light")
-    for each in ways:
+    for each in variants:
         low, median, high = each.frame_ms
         error = each.arithmetic.rms
         axes.errorbar(median, error, xerr=[[median - low], [high - median]], fmt="o", ms=4, color=figures.OURS, lw=0.8)

@@ -36,7 +36,7 @@ summary { list-style: none; cursor: zoom-in } details[open] summary { cursor: zo
 summary::-webkit-details-marker { display: none }
 details img { width: 100%; display: block; image-rendering: pixelated } details span { font-size: .9rem }
 """
-ABOUT = "Error against time, causes of the error, precision, tessellation, fitted powers and error images"
+ABOUT = "Error against time, and error images"
 SCALE = (
     f"Click to enlarge. Differences are drawn on a logarithmic scale: black is {figure.LEAST:g} or less, the brightest "
     f"color {figure.MOST:g} or more, where display white is 1."

@@ -21,9 +21,9 @@ from . import figure, html_page, tables
 from .answer import Command
 from .families import of_families
 from .pareto import chosen
-from .sizes import WAYS, growths, resolutions
+from .sizes import GROWING, growths, resolutions
 from .study import study
-from .variants import COMMON, VARIANTS, Variant, base_settings, default_variant, named, variants_for
+from .variants import COMMON, SHORT, VARIANTS, Variant, base_settings, default_variant, named, variants_for
 
 
 def listing() -> str:
@@ -61,8 +61,8 @@ def run(
 
     names: variants; default: those that may be worth their time, with details all that change the image of this scene.
     frames: number per variant. budget: milliseconds. tolerance: RMSE. sizes: columns of growing images, empty for the usual
-    ones; None for none. families: only the variants of these. details: measure more, and print all tables, as names,
-    families and sizes ask for, too. formats: of the figure. html: write one page with tables and figures too. settings:
+    ones; None for none. families: only the variants of these. details: measure more and print all tables; implied by names,
+    families and sizes. formats: of the figure. html: write one page with tables and figures too. settings:
     fields of Settings that all variants share but those that change them, in place of the scene's own. command: returns the
     command that draws the scene with some settings. Raises DeviceError, OutputError and InputError; the last also if no
     variant meets the budget or tolerance, but only after all files are written.
@@ -77,7 +77,8 @@ def run(
     details = details or bool(names or families or sizes is not None)
     if not names and not families:
         default = default_variant(scene, base, variants, **given)
-        variants = [each for each in variants if details or each is default or each.name in COMMON]
+        usual = {*COMMON, *(SHORT if budget or tolerance else ()), default.name, f"{default.name}-16"}
+        variants = [each for each in variants if details or each.name in usual]
         variants += [default] if default not in variants else []
     growing = [] if sizes is None else resolutions(scene, sizes)
     if Path(out).suffix[1:].lower() in (*figures.FORMATS, "html") and not Path(out).is_dir():
@@ -90,14 +91,14 @@ def run(
         atomic_files.check(path)  # before minutes of measuring
     found = study(scene, opened, variants, frames, settings, details)
     if growing:
-        growing_variants = variants if names or families else [each for each in variants if each.name in WAYS]
+        growing_variants = variants if names or families else [each for each in variants if each.name in GROWING]
         found = replace(found, growths=tuple(growths(scene, growing_variants, base, opened, growing)))
     choice, unkept = None, None
     try:
         choice = chosen(found.measured, budget, tolerance, found.reference.error)
     except InputError as error:
         unkept = error
-    draws = command or partial(tables.render_command, scene, [scene.name or "SCENE"])
+    draws = command or partial(tables.render_command, scene)
     print("\n".join([*tables.first_lines(found, draws), *(tables.lines(found) if details else [])]), file=stream)
     written = tables.write(found, choice.used if choice else None, draws, folder)
     drawn = figure.draw(found)

@@ -39,7 +39,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        return self.variant.shown
+        return self.variant.shown_title
 
     @property
     def cost(self) -> float:
@@ -224,8 +224,8 @@ class ShortStudy:
 def row(each: Candidate | Dropped, outcome: str = "") -> dict[str, Any]:
     """Return the figures of a variant for JSON. outcome: of one that was drawn."""
     found: dict[str, Any] = {
-        "variant": each.variant.known_as,
-        "about": each.variant.shown,
+        "variant": each.variant.shown_name,
+        "about": each.variant.shown_title,
         "settings": each.variant.changes,
     }
     if isinstance(each, Dropped):

@@ -25,7 +25,7 @@ from .variants import BASE, Variant
 WIDTHS = (480, 960, 1920)  # columns of the images
 MOST_ROWS = 1080  # of the widest by default
 LEAST_WIDTH, MOST_WIDTH = 64, 1 << 14
-WAYS = (
+GROWING = (
     *(BASE, "fast", "float64", "samples-4", "shaded-4", "shaded-16"),
     *("gouraud", "gouraud-4", "vertex-texture", "trilinear", "course"),
 )
@@ -114,13 +114,15 @@ def growths(
 ) -> list[Growth]:
     """Measure the variants at these sizes. base: settings that they change."""
     found = [_at(replace(scene, camera=scene.camera.with_resolution(size)), variants, base, device) for size in sizes]
-    return [Growth(way, tuple(points)) for way, points in zip(variants, zip(*found, strict=True), strict=True)]
+    return [Growth(each, tuple(points)) for each, points in zip(variants, zip(*found, strict=True), strict=True)]
 
 
-def _at(scene: Scene, ways: Sequence[Variant], base: Settings, device: Device) -> list[Point]:
+def _at(scene: Scene, variants: Sequence[Variant], base: Settings, device: Device) -> list[Point]:
     """Measure the variants at the scene's own size; errors in windows of large images."""
     with ExitStack() as stack:
-        renderers = [stack.enter_context(Renderer(scene, settings=way.settings(base), device=device)) for way in ways]
+        renderers = [
+            stack.enter_context(Renderer(scene, settings=each.settings(base), device=device)) for each in variants
+        ]
         if not renderers:
             return []
         first = renderers[0].render().rgb

@@ -106,7 +106,7 @@ class Study:
             "settings": dict(self.given),
             "reference": self.reference.stats(),
             "variants": [each.stats() for each in self.measured],
-            "default": self.usual,
+            "default": self.default and self.usual,
             "pareto_front": [each.variant.name for each in self.front],
             "ties": [[each.variant.name for each in group] for group in self.ties],
             "families": [each.stats() for each in self.families],

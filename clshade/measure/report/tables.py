@@ -236,7 +236,8 @@ def lines(study: Study) -> list[str]:
 
 
 def markdown(study: Study, command: Command, used: str) -> str:
-    found = ["# Error against run time", "", *text_tables.as_markdown(ANSWER, answer_rows(study, command)), ""]
+    rows = [(*texts, f"`{line}`") for *texts, line in answer_rows(study, command)]
+    found = ["# Error against run time", "", *text_tables.as_markdown(ANSWER, rows), ""]
     found += [f"- {each}" for each in (criterion(study), used) if each]
     found += [f"- {name}: {value}" for name, value in facts(study).items()]
     for each in sections(study):
@@ -275,9 +276,9 @@ def used_line(used: Measured, command: Command) -> str:
     return f"use {used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g}: {command(used.settings)}"
 
 
-def render_command(scene: Scene, options: Sequence[str], settings: Settings) -> str:
-    """Return the command that draws the scene with these settings. options: the scene's name and what it was read with."""
-    return shlex.join(["clshade", "render", *options, *render_options(scene, render_fields(settings, scene))])
+def render_command(scene: Scene, settings: Settings) -> str:
+    """Return the command that draws a built-in scene with these settings."""
+    return shlex.join(["clshade", "render", scene.name, *render_options(scene, render_fields(settings, scene))])
 
 
 def render_options(scene: Scene, given: Mapping[str, Any]) -> list[str]:
@@ -285,11 +286,13 @@ def render_options(scene: Scene, given: Mapping[str, Any]) -> list[str]:
     return [as_option("resolution", scene.camera.resolution), *(as_option(*each) for each in given.items())]
 
 
-def render_fields(settings: Settings, scene: Scene, presets: Sequence[Preset] = PRESETS) -> dict[str, Any]:
+def render_fields(
+    settings: Settings, scene: Scene, presets: Sequence[Preset] = PRESETS, **given: Any
+) -> dict[str, Any]:
     """Return the fields of Settings that `render` has to be given, relative to the samples of the scene's pictures and to
-    its preset, or to a nearer one of these, which is given too."""
+    its preset, or to a nearer one of these, which is given too. given: fields that it is given in any case."""
 
     def changes(preset: Preset) -> dict[str, Any]:
         return {} if preset == scene.preset else {"preset": preset}
 
-    return min(({**changes(preset), **changed_fields(settings, scene, preset)} for preset in presets), key=len)
+    return min(({**changes(preset), **changed_fields(settings, scene, preset, **given)} for preset in presets), key=len)

@@ -28,12 +28,12 @@ class Variant:
     changes: dict[str, Any]
 
     @property
-    def known_as(self) -> str:
+    def shown_name(self) -> str:
         """Its name where the base may be other than the preset `standard`."""
         return self.name if self.changes else UNCHANGED
 
     @property
-    def shown(self) -> str:
+    def shown_title(self) -> str:
         """Its title, likewise."""
         return self.title if self.changes else UNCHANGED
 
@@ -56,6 +56,7 @@ TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is
 LIGHT_POINTS = (1, 4, 64)  # besides 16, of
 RAY_BASE = "samples-16"
 OCCLUSION_RAYS = (1, 4, 16, 64)  # besides the base's own
+COURSE = {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"}
 VARIANTS = (
     Variant(BASE, "1 sample", {}),
     Variant("fast", "precision fast", {"precision": "fast"}),
@@ -78,8 +79,9 @@ VARIANTS = (
     Variant(
         "course",
         "preset course",
-        {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"},
+        COURSE,
     ),
+    Variant("course-16", "16 samples of preset course", _samples(16, **COURSE)),
 )
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from ...base import atomic_files, console, text_tables
 from ...base.arrays import Array, Floats, Floats32, Integers
 from ...base.atomic_files import shown
+from ...base.json_values import plain
 from ...base.progress_bar import Bar
 from ...base.text_tables import digits
 from ...images.joint_tonemaps import JOINT
@@ -106,14 +107,14 @@ FUNCTIONS = (
 
 @dataclass(frozen=True)
 class Histogram:
-    """Errors of a function. inputs: how many. largest: in ulp or codes; at: the first input that has it. within: how many
-    inputs have errors up to each of EDGES. rate: numbers per second; None of tone maps."""
+    """Errors of a function. inputs: how many. largest: in ulp or codes; at: the first input that has it, None without any
+    error. within: how many inputs have errors up to each of EDGES. rate: numbers per second; None of tone maps."""
 
     name: str
     precision: str
     inputs: int
     largest: float
-    at: float
+    at: float | None
     within: tuple[int, ...]
     allowed: float
     rate: float | None = None
@@ -125,13 +126,14 @@ class Histogram:
     def row(self) -> text_tables.Row:
         shares = (f"{100.0 * count / max(self.inputs, 1):.4g}" for count in self.within)
         largest = f"{digits(self.largest)}{'' if self.passed else ' !'} of {self.allowed:g}"
-        ends = (f"{self.inputs:,}", largest, f"{self.at:.9g}", *shares)
+        ends = (f"{self.inputs:,}", largest, digits(self.at, 9), *shares)
         return (self.name, self.precision, *ends, "-" if self.rate is None else digits(self.rate / 1e9))
 
 
 def histogram(name: str, precision: str, allowed: float, parts: Iterator[tuple[Floats32, Array]]) -> Histogram:
     """Return the histogram of parts: inputs and their errors, (N,) each; an error that is NaN counts as infinite."""
-    inputs, largest, at, within = 0, 0.0, 0.0, np.zeros(len(EDGES), np.int64)
+    inputs, largest, within = 0, 0.0, np.zeros(len(EDGES), np.int64)
+    at: float | None = None
     for x, error in parts:
         worst = int(np.argmax(error))
         if np.isnan(error[worst]) or error[worst] > largest:
@@ -238,18 +240,20 @@ def run(
     paths = [folder / name for name in FILES]
     for path in paths:
         atomic_files.check(path)
-    found = {each.title: list(measure(each, every)) for each in opened}
-    found["NumPy"] = list(tone_maps(every))
+    found = [(each.title, list(measure(each, every))) for each in opened]
+    found.append(("NumPy", list(tone_maps(every))))
     markdown: list[str] = []
-    for title, histograms in found.items():
+    for title, histograms in found:
         rows = [each.row() for each in histograms]
         print("\n".join(["", title, *text_tables.as_lines(HEADER, rows, left=2)]), file=stream)
         markdown += ["", f"## {title}", "", *text_tables.as_markdown(HEADER, rows)]
     print("\n".join(["", text_tables.wrapped(ABOUT, 2)]), file=stream)
-    rows = [(title, *each.row()) for title, histograms in found.items() for each in histograms]
-    figures = {title: [vars(each) for each in histograms] for title, histograms in found.items()}
+    rows = [(title, *each.row()) for title, histograms in found for each in histograms]
+    figures = plain(
+        [{"device": title, "functions": [vars(each) for each in histograms]} for title, histograms in found]
+    )
     texts = (text_tables.as_csv(("device", *HEADER), rows), json.dumps(figures, indent=2) + "\n")
     for path, text in zip(paths, (*texts, "\n".join([ABOUT, *markdown, ""])), strict=True):
         atomic_files.write_bytes(path, text.encode())
         print(f"wrote {shown(path)}", file=stream)
-    return all(each.passed for histograms in found.values() for each in histograms)
+    return all(each.passed for _, histograms in found for each in histograms)
