@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ...scene.model import Scene, Settings
     from ...scene.settings import Look
 
-RESOLUTION = (320, 240)  # default of --resolution: the report takes half a minute, with details a whole one
+RESOLUTION = (320, 240)  # default of --resolution: the report takes less than half a minute
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +66,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--details",
         action="store_true",
         default=None,
-        help="all variants, causes of the error, families, file formats; print all tables",
+        help="all variants, causes of the error, tessellation, file formats; print all tables",
     )
     study.add_argument(
         "--sizes",
