@@ -27,7 +27,7 @@ from .ray_count_errors import MOST, RayCount, RayCountErrors
 from .reference_image import Reference
 from .variants import RAY_BASE, Variant
 
-SECONDS = 12.0  # for the frames of all variants
+SECONDS, FEW_SECONDS = 12.0, 5.0  # for the frames of all variants; without details
 SAMPLES_CHECKED = 1 << 17  # of an image, recomputed in float64: a second or less
 FEW_CHECKED = 1 << 13  # the same, without details
 CODES = 2  # of 255: differences that are hardly ever seen
@@ -126,11 +126,12 @@ def measure(
     *,
     frames: int,
     checked: int = SAMPLES_CHECKED,
+    seconds: float = SECONDS,
     advance: Callable[[], object] = bool,
 ) -> list[Measured]:
     """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
-    settings. frames: see `frame_times`. checked: samples of each image that are compared with the oracle. advance: called
-    after each variant's errors."""
+    settings. frames, seconds: see `frame_times`. checked: samples of each image that are compared with the oracle. advance:
+    called after each variant's errors."""
     models = models or ModelErrors(scene, reference.settings, device)
     operator = default_tonemap(scene)
     codes = tonemap(reference.rgb, operator)
@@ -151,7 +152,7 @@ def measure(
             upload_ms = once["pack"] + once["upload"]
             drawn.append(_Drawn(variant, renderer, build_ms, upload_ms, *errors, close, *by_cause, rays))
             advance()
-        times = frame_times([each.renderer for each in drawn], frames)
+        times = frame_times([each.renderer for each in drawn], frames, seconds)
         return [
             Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])
             for each, ms in zip(drawn, times, strict=True)

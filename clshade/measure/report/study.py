@@ -18,7 +18,7 @@ from ...scene.model import Scene
 from .decomposition import Decomposition, decompose
 from .families import Family, families
 from .format_errors import Kept, formats
-from .measure import FEW_CHECKED, SAMPLES_CHECKED, Measured, measure
+from .measure import FEW_CHECKED, FEW_SECONDS, SAMPLES_CHECKED, SECONDS, Measured, measure
 from .model_errors import ModelErrors
 from .pareto import front, ties
 from .prefiltering import Prefiltering, prefiltering
@@ -133,10 +133,9 @@ def study(
         converged = reference(scene, base, device)
         bar.advance()
         models = ModelErrors(scene, converged.settings, device)
-        checked = SAMPLES_CHECKED if details else FEW_CHECKED
-        measured = measure(
-            scene, variants, base, device, converged, models, frames=frames, checked=checked, advance=bar.advance
-        )
+        checked, seconds = (SAMPLES_CHECKED, SECONDS) if details else (FEW_CHECKED, FEW_SECONDS)
+        effort: dict[str, Any] = {"frames": frames, "checked": checked, "seconds": seconds}
+        measured = measure(scene, variants, base, device, converged, models, advance=bar.advance, **effort)
         found = Study(
             scene,
             device.title,
