@@ -6,7 +6,9 @@ import argparse
 import os
 from dataclasses import replace
 
+from ...errors import InputError
 from ...measure.defaults import FAMILIES, FRAMES
+from ...measure.peers import PEERS
 from . import DONE, FAILED
 from .arguments import device_option, limit_options, names, numbers, output_name, refuse
 from .scene_options import camera_options, chosen_settings, light_options, load_scene, scene_options
@@ -59,12 +61,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="of a course scene instead: its figures 1 to 19, errors and times on one HTML page, --out",
     )
+    study.add_argument(
+        "--peers",
+        type=names(tuple(PEERS)),
+        nargs="?",
+        const=(),
+        metavar="NAME,...",
+        help=f"other renderers on the same scenes, of which --only names some: {','.join(PEERS)} (default: all)",
+    )
     device_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     from ...measure.report import report
 
+    if arguments.peers is not None:
+        return _peers(arguments)
     if arguments.list:
         print(report.listing())
         return DONE
@@ -81,6 +93,25 @@ def run(arguments: argparse.Namespace) -> int:
     }
     options = {name: value for name, value in given.items() if value is not None}
     return DONE if report.run(scene, arguments.device, **options) else FAILED
+
+
+def _peers(arguments: argparse.Namespace) -> int:
+    """Measure other renderers on scenes of their own."""
+    from ...measure.peers import peers
+    from ...scene.settings import LIGHT_FIELDS
+
+    if arguments.scene != arguments.parser.get_default("scene"):
+        raise InputError("report: SCENE: cannot go with --peers, which draws scenes of its own: --only names some")
+    unused = ("course", "family", "sizes", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
+    refuse(arguments, unused, "cannot go with --peers, which draws scenes of its own")
+    if arguments.list:
+        print(peers.listing())
+        return DONE
+    resolution = arguments.resolution or RESOLUTION
+    options = {} if arguments.frames is None else {"rounds": arguments.frames}
+    device, scenes = arguments.device, arguments.only
+    passed = peers.run(arguments.peers, device, out=arguments.out, scenes=scenes, resolution=resolution, **options)
+    return DONE if passed else FAILED
 
 
 def _course(arguments: argparse.Namespace) -> int:
