@@ -39,10 +39,14 @@ def fake(fault="pass", start="pass"):
 
 def failure(command, limit=30.0):
     """Return the message of the first error of a renderer that is asked for two frames."""
-    with pytest.raises(PeerError) as raised:
+
+    def draw_twice():
         made = Process("fake", command, limit=limit)
         made.draw()
         made.draw()
+
+    with pytest.raises(PeerError) as raised:
+        draw_twice()
     message = str(raised.value)
     assert "\n" not in message
     return message

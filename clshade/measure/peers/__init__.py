@@ -25,10 +25,13 @@ class Renderer(NamedTuple):
 
 
 _MESA = ("LP_NUM_THREADS",)
-OURS = ("clshade", "clshade-float64")
+OURS = ("clshade", "clshade-float64", "clshade-shaded")  # which are the others' peers
 PEERS = {
     "clshade": Renderer("clshade.measure.peers.ours", "clshade in float32", True, THREADS),
     "clshade-float64": Renderer("clshade.measure.peers.ours", "clshade with --precision float64", True, THREADS),
+    "clshade-shaded": Renderer(
+        "clshade.measure.peers.ours", "clshade in float32, each sample lit: --sample-shading", True, THREADS
+    ),
     "llvmpipe": Renderer("clshade.measure.peers.opengl", "Mesa's software rasterizer, by OpenGL", False, _MESA),
     "vtk": Renderer(
         "clshade.measure.peers.vtk_window",

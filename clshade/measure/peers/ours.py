@@ -1,21 +1,29 @@
-"""clshade itself, drawn as its peers are: `clshade` in float32, `clshade-float64`."""
+"""clshade itself, drawn as its peers are."""
 
 from __future__ import annotations
 
 from importlib import metadata
+from typing import Any
 
 from ...pipeline.renderer import Renderer
 from ...scene.model import Scene
 from .drawing import Picture
 
+# As `render` draws it: a pixel's samples of one triangle share their light, unless each is lit.
+OPTIONS: dict[str, dict[str, Any]] = {
+    "clshade": {},
+    "clshade-float64": {"precision": "float64"},
+    "clshade-shaded": {"sample_shading": True},
+}
+
 
 class Ours:
-    """A resident scene; `samples` of each pixel, of which a triangle's share one light, as `render` does."""
+    """A scene that stays on the device."""
 
     def __init__(self, name: str, scene: Scene, samples: int) -> None:
-        precision = "float64" if name.endswith("float64") else "float32"
-        self._renderer = Renderer(scene, samples=samples, precision=precision, layers=("Z",))  # type: ignore[arg-type]
-        self.title = f"clshade {metadata.version('clshade')}, {precision}, {self._renderer.device.title}"
+        self._renderer = Renderer(scene, samples=samples, layers=("Z",), **OPTIONS[name])
+        precision, device = self._renderer.settings.precision, self._renderer.device.title
+        self.title = f"clshade {metadata.version('clshade')}, {precision}, {device}"
 
     def draw(self) -> Picture:
         frame = self._renderer.render()
