@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import pickle
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
 from command_line import run
 
-from clshade.measure.peers import PEERS, drawing, figure, measure, peers, process, scenes, tables
+from clshade.measure.peers import PEERS, drawing, figure, measure, opener_of, peers, process, scenes, tables
 from clshade.measure.peers.drawing import Larger, Picture
 from clshade.measure.peers.exact import Exact, exact
 from clshade.measure.peers.measure import Errors, Failure, Result
@@ -161,7 +160,7 @@ def test_the_converged_image_has_the_area_and_light_of_the_scene(opened):
 
 
 def test_a_larger_image_gives_the_mean():
-    opener = import_module(PEERS["numpy"].module).open_for
+    opener = opener_of("numpy")
     picture = Larger(opener, "numpy", known_scene(), 0).draw()
     assert picture.rgb.shape == (*SIZE[::-1], 3)
     assert picture.alpha.sum() == pytest.approx(40.0, abs=0.7)
@@ -181,7 +180,7 @@ def test_lambert_without_normal_or_behind_is_dark():
 
 @pytest.mark.parametrize("name", ["clshade", "numpy"])
 def test_a_renderer_samples_the_centers_of_pixels(name, opened):
-    assert_known(import_module(PEERS[name].module).open_for(name, known_scene(), 1, 0).draw())
+    assert_known(opener_of(name)(name, known_scene(), 1, 0).draw())
 
 
 @pytest.mark.long

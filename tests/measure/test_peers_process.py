@@ -80,6 +80,16 @@ def test_a_renderer_that_hangs_is_ended():
     assert failure(fake("time.sleep(60) if self.frames == 2 else None"), limit=3.0) == "fake: no answer within 3 s"
 
 
+def test_a_renderer_that_closes_its_output_and_stays_is_ended():
+    deaf = [sys.executable, "-c", "import os, time; os.close(1); time.sleep(60)"]
+    assert failure(deaf, limit=1.0) == "fake: no answer within 1 s"
+
+
+def test_what_a_renderer_says_is_escaped():
+    said = failure([sys.executable, "-c", r"import sys; sys.exit('an \x1b[31merror')"])
+    assert said == r"fake: ended with exit code 1: an \x1b[31merror"
+
+
 def test_what_a_renderer_prints_is_no_answer():
     made = Process("fake", fake("print('{}'); os.write(1, b'garbage')", "print('hello')"))
     assert made.draw() >= 0.0

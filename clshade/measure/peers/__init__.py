@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from importlib import import_module
+from typing import TYPE_CHECKING, NamedTuple
 
 from ...pipeline.opencl.environment import THREADS
+
+if TYPE_CHECKING:
+    from .drawing import Opener
 
 
 class Renderer(NamedTuple):
@@ -49,3 +53,9 @@ PEERS = {
     ),
     "numpy": Renderer("clshade.measure.peers.numpy_arrays", "whole arrays in NumPy", single=True),
 }
+
+
+def opener_of(name: str) -> Opener:
+    """Return what opens a scene with the renderer of this name."""
+    opener: Opener = import_module(PEERS[name][0]).open_for
+    return opener

@@ -13,20 +13,19 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import ClshadeError
-from . import PEERS
-from .drawing import Drawer, Larger, Opener
+from . import PEERS, opener_of
+from .drawing import Drawer, Larger
 
 
 def opened(name: str, path: str, samples: int, threads: int) -> Drawer:
     """Return the renderer of this name with a pickled scene, which this process's parent has written."""
     scene = pickle.loads(Path(path).read_bytes())
-    opener: Opener = import_module(PEERS[name][0]).open_for
+    opener = opener_of(name)
     if samples > 1 and not PEERS[name].samples:
         return Larger(opener, name, scene, threads)
     return opener(name, scene, samples, threads)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -184,19 +184,20 @@ def _opened(name: str, path: Path, samples: int, limit: float, stack: ExitStack)
     """Open a renderer twice, with one thread and with all; the first is closed. Raises PeerError."""
     of_one = None
     if not PEERS[name].single:
-        alone, of_one = _process(name, path, samples, 1, limit)
-        alone.close()
-    running, picture = _process(name, path, samples, 0, limit)
-    stack.callback(running.close)
+        with closing(_process(name, path, samples, 1, limit)) as alone:
+            of_one = alone.picture()
+    running = stack.enter_context(closing(_process(name, path, samples, 0, limit)))
+    picture = running.picture()
     running.draw()
-    again = running.picture()
-    return _Open(running, picture, same_bits(picture, again), None if of_one is None else same_bits(picture, of_one))
+    same_runs = same_bits(picture, running.picture())
+    return _Open(running, picture, same_runs, None if of_one is None else same_bits(picture, of_one))
 
 
-def _process(name: str, path: Path, samples: int, threads: int, limit: float) -> tuple[Process, Picture]:
+def _process(name: str, path: Path, samples: int, threads: int, limit: float) -> Process:
+    """Return a process that has drawn a frame."""
     made = Process(name, *process.command(name, path, samples, threads), limit)
     made.draw()
-    return made, made.picture()
+    return made
 
 
 def _turn(running: Process, failed: dict[str, str]) -> Callable[[int], float | None]:

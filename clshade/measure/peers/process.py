@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.json_values import in_line
 from ...errors import ClshadeError
 from ..bench.children import ROOT
 from . import PEERS
@@ -56,7 +57,8 @@ class Process:
             stderr=self._errors,
         )
         self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        threading.Thread(target=self._read, daemon=True).start()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
         self.title = str(self._answer("title"))
 
     def _read(self) -> None:
@@ -85,11 +87,11 @@ class Process:
     def _answer(self, field: str) -> Any:
         try:
             line = self._lines.get(timeout=self._limit)
-        except queue.Empty:
+            code = None if line else self._process.wait(timeout=self._limit)
+        except (queue.Empty, subprocess.TimeoutExpired):
             raise self._failed(f"no answer within {self._limit:g} s") from None
-        if not line:
-            self._process.wait()
-            raise self._failed(f"ended with {_ending(self._process.returncode)}{self._said()}")
+        if code is not None:
+            raise self._failed(f"ended with {_ending(code)}{self._said()}")
         try:
             fields = json.loads(line)
             if "missing" in fields:
@@ -107,14 +109,15 @@ class Process:
         self._errors.seek(0)
         lines = [line.strip() for line in self._errors.read().decode(errors="replace").splitlines() if line.strip()]
         named = [line for line in lines if not line.startswith(("File ", "Traceback")) and "error" in line.lower()]
-        return f": {(named or lines[-1:])[0][:160]}" if lines else ""
+        return f": {in_line((named or lines[-1:])[0][:160])}" if lines else ""
 
     def close(self) -> None:
         """End the process."""
         self._process.kill()
         self._process.wait()
+        self._reader.join(timeout=1.0)  # what it has started itself may hold its output open
         for file in (self._process.stdin, self._errors):
-            with contextlib.suppress(OSError, AttributeError):
+            with contextlib.suppress(OSError):
                 file.close()  # type: ignore[union-attr]
 
 
