@@ -16,8 +16,8 @@ class Renderer(NamedTuple):
 
     module: has `open_for`, see `drawing.Opener`. about: what draws, and where the light is computed. samples: whether it
     samples a pixel several times itself; others draw a larger image. threads: the environment variables that set how many
-    threads it has; (): it is told as an argument. single: whether it has one thread only. backs: why it cannot draw scenes
-    that show triangles from behind; "": it can.
+    threads it has; (): it is told as an argument. single: whether it has one thread only. several: whether it is measured at
+    several samples only. backs: why it cannot draw scenes that show triangles from behind; "": it can.
     """
 
     module: str
@@ -25,6 +25,7 @@ class Renderer(NamedTuple):
     samples: bool = False
     threads: tuple[str, ...] = ()
     single: bool = False
+    several: bool = False
     backs: str = ""
 
 
@@ -34,7 +35,11 @@ PEERS = {
     "clshade": Renderer("clshade.measure.peers.ours", "clshade in float32", True, THREADS),
     "clshade-float64": Renderer("clshade.measure.peers.ours", "clshade with --precision float64", True, THREADS),
     "clshade-shaded": Renderer(
-        "clshade.measure.peers.ours", "clshade in float32, each sample lit: --sample-shading", True, THREADS
+        "clshade.measure.peers.ours",
+        "clshade in float32, each sample lit (--sample-shading)",
+        True,
+        THREADS,
+        several=True,
     ),
     "llvmpipe": Renderer("clshade.measure.peers.opengl", "Mesa's software rasterizer, by OpenGL", False, _MESA),
     "vtk": Renderer(

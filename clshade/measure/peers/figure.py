@@ -22,7 +22,7 @@ TITLE = f"filled: 1 sample a pixel, open: {SAMPLES[-1]}; small: a scene, large: 
 def plot(found: Found, path: Path) -> None:
     """Draw and save the figure. Small points: scenes. Large ones, with names: geometric means of those that all have drawn.
     Raises OutputError."""
-    figure = figures.blank(9.0, 6.0)
+    figure = figures.blank(9.0, 7.0)
     axes = figure.subplots()
     axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="RMSE of the linear color")
     axes.grid(True, which="major", alpha=0.2)

@@ -97,7 +97,8 @@ def measure(
             def errors(picture: Picture, samples: int = samples) -> Errors:
                 return exact_errors(picture, right) if samples == 1 else converged_errors(picture, converged)
 
-            found += _at(chosen.name, path, samples, able, errors, rounds, limit)
+            mine = [name for name in able if samples > 1 or not PEERS[name].several]
+            found += _at(chosen.name, path, samples, mine, errors, rounds, limit)
     return found
 
 

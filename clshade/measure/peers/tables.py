@@ -65,10 +65,19 @@ def _row(scene: str, renderer: str, one: Result | None, many: Result | None) -> 
     if one:
         errors = one.errors
         reals = (digits(value, 2) for value in (errors.depth, errors.depth_largest, errors.color))
-        first = [str(_wrong(one)), *reals, digits(one.ms.median)]
+        first = [str(_wrong(one)), *reals, _milliseconds(one)]
     if many:
-        last = [digits(many.errors.alpha, 2), digits(many.errors.color, 2), digits(many.ms.median)]
+        last = [digits(many.errors.alpha, 2), digits(many.errors.color, 2), _milliseconds(many)]
     return (scene, renderer, *first, *last, _bits([each for each in (one, many) if each]))
+
+
+def _milliseconds(each: Result) -> str:
+    return _short(each.ms.median, 3)
+
+
+def _short(value: float, count: int) -> str:
+    """Return so many digits; large numbers without an exponent, which takes more room."""
+    return digits(value, count) if value < 99.5 else f"{value:.0f}"
 
 
 def _bits(both: Sequence[Result]) -> str:
@@ -128,7 +137,7 @@ def _better_at(measure: _Measure, scene: str, found: Found) -> str:
         return ""
     best, *others = sorted(ahead, key=lambda name: ahead[name])
     also = f", also {', '.join(others)}" if others else ""
-    return f"{scene} ({best} {digits(ahead[best], 2)}, clshade {digits(mine, 2)}{also})"
+    return f"{scene} ({best} {_short(ahead[best], 2)}, clshade {_short(mine, 2)}{also})"
 
 
 def _ahead(measure: _Measure, value: float, mine: float, peer: Result, ours: Result) -> bool:
