@@ -249,6 +249,13 @@ def test_the_table_has_a_row_for_each_scene_and_renderer_and_fits():
     assert not tables.passed([*FOUND, Failure("fan", 1, "clshade: ended with exit code 1")])
 
 
+def test_means_are_of_the_scenes_that_all_drew_with_as_many_samples():
+    more = [result(scene="fan"), result("numpy", scene="fan")]
+    assert figure._common([each for each in tables.results([*FOUND, *more]) if each.samples == 1]) == {"grid"}
+    assert figure._common(more) == {"fan"}
+    assert len(figure.COLORS) == len(PEERS)
+
+
 def test_the_figure_has_every_renderer(tmp_path):
     figure.plot(FOUND, tmp_path / "peers.png")
     assert (tmp_path / "peers.png").stat().st_size > 5000

@@ -10,6 +10,7 @@ import numpy as np
 from ...base.arrays import Floats
 from ...images import figures
 from ..report.labels import label_points
+from . import PEERS
 from .drawing import SAMPLES
 from .measure import Found, Result
 from .tables import results
@@ -27,11 +28,10 @@ def plot(found: Found, path: Path) -> None:
     axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="RMSE of the linear color")
     axes.grid(True, which="major", alpha=0.2)
     drawn = results(found)
-    names = list(dict.fromkeys(each.renderer for each in drawn))
     means: dict[str, Floats] = {}
     for samples in SAMPLES:
-        common = _common([each for each in drawn if each.samples == samples], names)
-        for name, color in zip(names, COLORS, strict=False):
+        common = _common([each for each in drawn if each.samples == samples])
+        for name, color in zip(PEERS, COLORS, strict=True):
             fill = color if samples == 1 else "white"
             mine = [each for each in drawn if (each.renderer, each.samples) == (name, samples)]
             if mine:
@@ -50,10 +50,10 @@ def plot(found: Found, path: Path) -> None:
     figures.save(figure, path, colors=256)
 
 
-def _common(drawn: Sequence[Result], names: Sequence[str]) -> set[str]:
-    """Return the scenes that all of these renderers have drawn."""
-    scenes = [{each.scene for each in drawn if each.renderer == name} for name in names]
-    return set.intersection(*scenes) if scenes else set()
+def _common(drawn: Sequence[Result]) -> set[str]:
+    """Return the scenes that all renderers of these have drawn."""
+    names = {each.renderer for each in drawn}
+    return {each.scene for each in drawn if names == {other.renderer for other in drawn if other.scene == each.scene}}
 
 
 def _points(drawn: Sequence[Result]) -> Floats:

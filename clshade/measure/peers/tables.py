@@ -54,10 +54,12 @@ def results(found: Found) -> list[Result]:
 
 
 def rows(found: Found) -> list[text_tables.Row]:
-    """Return a row for each scene and renderer, in the order of the scenes."""
+    """Return a row for each scene and renderer, in the order of the scenes and of PEERS."""
     drawn = {(each.scene, each.renderer, each.samples): each for each in results(found)}
-    pairs = dict.fromkeys((each.scene, each.renderer) for each in results(found))
-    return [_row(*pair, *(drawn.get((*pair, samples)) for samples in SAMPLES)) for pair in pairs]
+    scenes = dict.fromkeys(each.scene for each in results(found))
+    pairs = [(scene, name) for scene in scenes for name in PEERS]
+    every = [(pair, drawn.get((*pair, ONE)), drawn.get((*pair, MANY))) for pair in pairs]
+    return [_row(*pair, one, many) for pair, one, many in every if one or many]
 
 
 def _row(scene: str, renderer: str, one: Result | None, many: Result | None) -> text_tables.Row:
