@@ -55,6 +55,12 @@ class Embree:
 
         return trace
 
+    def nearest(self, origins: Array, directions: Array) -> tuple[Array, Array, Array, Array]:
+        """Return what rays (K, 3), float32, meet first, (K,) each: the face, below 0 for none, the weights of its second and
+        third corner, and the multiple of the direction."""
+        found = self._scene.run(origins, directions, query="INTERSECT", output=True)
+        return found["primID"], found["u"], found["v"], found["tfar"]
+
     def shadowed(self, found: Array, rays: Receivers) -> Bools:
         """Return what `tracing` found as (K,) bool."""
         return np.asarray(found) >= 0

@@ -85,6 +85,12 @@ class Vectorized:
             self._light(triangles, camera, covered[start : start + PIXELS])
         return self._image[::-1]
 
+    def depth(self) -> Array:
+        """Return the depth of what `draw` has drawn, (M, N), +inf where nothing is."""
+        with np.errstate(divide="ignore"):
+            z: Array = np.float32(1.0) / self._nearest.reshape(self._image.shape[:2])[::-1]
+        return z
+
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
 

@@ -197,6 +197,16 @@ class OpenGL:
         self._target.read_into(self._image, components=4, dtype="f4")
         return self._image[::-1]
 
+    def depth(self) -> Array:
+        """Return the depth of what `draw` has drawn, (M, N) float64, from the depth buffer; +inf where nothing is."""
+        columns, rows = self.scene.camera.resolution
+        buffer = np.frombuffer(self._target.read(components=1, attachment=-1, dtype="f4"), np.float32).reshape(
+            rows, columns
+        )[::-1]
+        near, far = self._range
+        z: Array = np.where(buffer < 1.0, near * far / (far - buffer.astype(np.float64) * (far - near)), np.inf)
+        return z
+
     def close(self) -> None:
         self._context.release()
 
