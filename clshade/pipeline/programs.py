@@ -203,9 +203,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         options.append(_EXACT)
     if os.environ.get(QUICK):
         options.append("-cl-opt-disable")
-    rewrite, changed = getattr(_own, "rewriting", (None, None))
-    other = rewrite(source, options) if rewrite else None
-    source = source if other is None else other
+    rewriting_now: tuple[Rewriting, list[Program]] | None = getattr(_own, "rewriting", None)
+    other = rewriting_now[0](source, options) if rewriting_now else None
+    source = other or source
     key = (device.context.int_ptr, features, source, lanes, len(options))
     if key not in _built:
         start = time.perf_counter()
@@ -242,8 +242,8 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )
-    if other is not None:
-        changed.append(_built[key])
+    if rewriting_now and other:
+        rewriting_now[1].append(_built[key])
     return _built[key]
 
 

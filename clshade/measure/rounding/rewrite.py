@@ -11,6 +11,7 @@ import bisect
 import io
 import re
 from collections.abc import Sequence
+from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
@@ -48,7 +49,7 @@ def _header() -> str:
         for n in (2, 3, 4, 8, 16):
             lines.append(f"typedef {kind} {kind}{n} __attribute__((ext_vector_type({n})));")
     overloaded = "__attribute__((overloadable))"
-    for n in ("", 2, 4, 8, 16):
+    for n in ("", "2", "4", "8", "16"):
         for to, others in (("float", ("int", "uint")), ("int", ("float", "uint")), ("uint", ("float", "int"))):
             lines += [f"{to}{n} {overloaded} as_{to}{n}({other}{n});" for other in others]
         if n:
@@ -92,6 +93,8 @@ def preprocessed(source: str, options: Sequence[str]) -> str:
     reader.parse(source)
     text = io.StringIO()
     reader.write(text)
+    if reader.return_code:
+        raise InputError("random rounding: expected OpenCL C, found the directive #error")
     return text.getvalue()
 
 
@@ -115,7 +118,8 @@ def rewritten(text: str) -> tuple[str, int]:
     return edits.applied(), edits.count
 
 
-def random_rounding(source: str, options: Sequence[str]) -> str:
+@cache
+def random_rounding(source: str, options: tuple[str, ...]) -> str:
     """Return the source of a program whose operations round at random (`programs.rewriting`)."""
     text, _ = rewritten(preprocessed(source, options))
     functions = programs.flatten(("random_rounding.clh",))
@@ -133,11 +137,6 @@ def _is_own_function(cursor: Any) -> bool:
 def _type(cursor: Any) -> str:
     name: str = cursor.type.get_canonical().spelling
     return name.removeprefix("const ")
-
-
-def _cast(operand: Any, kind: str) -> str:
-    """Return the cast that an operand needs to be of this kind, as the operator would convert it."""
-    return "" if _kind(operand) == kind else f"({kind})"
 
 
 def _kind(cursor: Any) -> str:
@@ -170,8 +169,8 @@ class _Edits:
         self._changes.append((start, end, True, text.encode()))
 
     def applied(self) -> str:
-        """Return the changed text. Ends of expressions come before what follows them, inner ones first; outer beginnings come
-        before inner ones: each in the order in which `visit` finds them."""
+        """Return the changed text. At one place ends of expressions come first, inner ones before outer ones, then
+        beginnings, outer ones before inner ones: the order in which `visit` finds them."""
         parts, at = [], 0
         for start, end, _, new in sorted(self._changes, key=lambda change: (change[0], change[2])):
             parts += [self._text[at:start], new]
@@ -250,9 +249,8 @@ class _Edits:
         start, end, operator = self._operator(left, right)
         if operator not in _NAMES or self._constant(cursor):
             return False
-        first, second = (_cast(each, _kind(cursor)) for each in (left, right))
-        self._put(cursor.extent.start.offset, cursor.extent.start.offset, self._call(_NAMES[operator]) + first)
-        self._put(start, end, f", {second}")
+        self._put(cursor.extent.start.offset, cursor.extent.start.offset, self._call(_NAMES[operator]))
+        self._put(start, end, ", ")
         return True
 
     def _compound(self, cursor: Any, left: Any, right: Any) -> bool:
@@ -260,5 +258,5 @@ class _Edits:
         target = self._text[left.extent.start.offset : left.extent.end.offset].decode()
         if re.search(r"\(|\+\+|--", target):
             raise InputError(f"random rounding: {target} {operator}: expected a target that can be named twice")
-        self._put(start, end, f" = {self._call(_NAMES[operator[:-1]])}{target}, {_cast(right, _kind(cursor))}")
+        self._put(start, end, f" = {self._call(_NAMES[operator[:-1]])}{target}, ")
         return True
