@@ -15,6 +15,7 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
+from ...base.extras import how_to_install
 from ...errors import ClshadeError, InputError
 from ...pipeline import programs
 from . import exempt
@@ -34,10 +35,7 @@ def check_packages() -> None:
     """Raise ClshadeError if an optional package is missing."""
     for module, name in PACKAGES.items():
         if find_spec(module) is None:
-            raise ClshadeError(
-                f"stability: --random-rounding: the package {name} is missing (pip install {name}, or clshade's extra "
-                "`rounding`)"
-            )
+            raise ClshadeError(f"stability: --random-rounding: needs {name}: `{how_to_install('rounding')}`")
 
 
 def _header() -> str:
@@ -46,8 +44,7 @@ def _header() -> str:
     lines += ["typedef __SIZE_TYPE__ size_t;", "typedef __UINTPTR_TYPE__ uintptr_t;"]
     kinds = "char", "uchar", "short", "ushort", "int", "uint", "long", "ulong", "float", "double"
     for kind in kinds:
-        for n in (2, 3, 4, 8, 16):
-            lines.append(f"typedef {kind} {kind}{n} __attribute__((ext_vector_type({n})));")
+        lines += [f"typedef {kind} {kind}{n} __attribute__((ext_vector_type({n})));" for n in (2, 3, 4, 8, 16)]
     overloaded = "__attribute__((overloadable))"
     for n in ("", "2", "4", "8", "16"):
         for to, others in (("float", ("int", "uint")), ("int", ("float", "uint")), ("uint", ("float", "int"))):

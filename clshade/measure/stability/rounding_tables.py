@@ -57,7 +57,7 @@ def lines(study: RoundingStudy) -> list[str]:
     return found
 
 
-_WIDTHS = (26, 6, 9, 7, 9, 8, 6, 9, 9)
+_WIDTHS = (26, 6, 11, 8, 10, 12, 7, 11, 11)
 CASES = ("case", "draws", "pixels", "found", "promised", "error", "above", "careful", "exact")
 
 
