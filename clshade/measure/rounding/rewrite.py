@@ -24,8 +24,8 @@ PACKAGES = {"clang": "libclang", "pcpp": "pcpp"}
 _NAMES = {"+": "random_sum", "-": "random_difference", "*": "random_product", "/": "random_quotient"}
 _CALLS = {"fma": "random_fma", "sqrt": "random_root"}
 _VECTOR = re.compile(r"float __attribute__\(\(ext_vector_type\((\d+)\)\)\)")
-_WIDER = {"int", "unsigned int", "long", "unsigned long", "double"}  # not all of these are float32 numbers
-_LINE = re.compile(r'^#line (\d+) "([^"]*)"', re.MULTILINE)
+_WIDER = {"int", "unsigned int", "long", "double"}  # not all of these are float32 numbers
+_LINE = re.compile(rb'^#line \d+ "([^"]*)"', re.MULTILINE)
 
 # What the front end has to know of OpenCL C besides its own built-in functions.
 _FOLDER, _HEADER = "/opencl", "opencl-c-base.h"
@@ -155,7 +155,7 @@ class _Edits:
         self._changes: list[tuple[int, int, bool, bytes]] = []
         self.count = 0
         self._moves = False  # whether operations of the function that is visited do
-        self._lines = [(match.start(), match[2]) for match in _LINE.finditer(text)]
+        self._lines = [(match.start(), match[1].decode()) for match in _LINE.finditer(self._text)]
 
     def file_at(self, offset: int) -> str:
         """Return the kernel file that holds the text's byte `offset`."""

@@ -19,6 +19,7 @@ from ..check.check import Comparison
 from .rewrite import check_packages, random_rounding
 
 LEAST_RUNS = 2
+LEAST_ERROR = 2.0**-48  # of the light budget: smaller ones may be the oracle's own, and count as none
 CAREFUL = 100.0  # a bound so many times the largest error found is too careful
 MOST_DIGITS = (
     10.0  # more are counted as so many; a pixel much darker than the light budget B has more than float32 has of itself
@@ -54,13 +55,13 @@ class Spread:
     @property
     def careful(self) -> Bools:
         """Where the bound is more than CAREFUL times the largest error, and there is one."""
-        result: Bools = self.counted & (self.found > 0.0) & (self.expected > CAREFUL * self.found)
+        result: Bools = self.counted & (self.found > LEAST_ERROR) & (self.expected > CAREFUL * self.found)
         return result
 
     @property
     def exact(self) -> Bools:
         """Where no run had an error."""
-        result: Bools = self.counted & (self.found == 0.0)
+        result: Bools = self.counted & (self.found <= LEAST_ERROR)
         return result
 
     @property
