@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ...base import text_tables
 from ...base.text_tables import digits
 from ..rounding.spread import CAREFUL, QUANTILES, Spread
@@ -74,14 +72,13 @@ def case_row(name: str, spreads: Sequence[Spread]) -> text_tables.Row:
         for kind in ("counted", "hopeful", "careful", "exact")
     }
     quantiles = [each.quantiles() for each in spreads if each.counted.any()]
-    least = [min((each[kind]["least"] for each in quantiles), default=np.nan) for kind in ("found", "promised")]
+    least = [min((each[kind]["least"] for each in quantiles), default=None) for kind in ("found", "promised")]
     worst = max((each.worst for each in spreads), default=0.0)
-    texts = (f"{value:.2f}" for value in least)
     return (
         name,
         str(len(spreads)),
         f"{counts['counted']:,}",
-        *texts,
+        *("-" if value is None else f"{value:.2f}" for value in least),
         f"{digits(100.0 * worst)} %",
         str(counts["hopeful"]),
         f"{counts['careful']:,}",
