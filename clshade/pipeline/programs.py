@@ -9,7 +9,7 @@ import re
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -72,7 +72,8 @@ class Program:
     runtime. warnings: the lines of the build log in which the compiler warns.
 
     lock: held while a kernel's arguments are set and it is launched. set_by: who set the arguments of each kernel last.
-    launched: identifies the code of each launch that has completed (`Stages._launch`).
+    launched: identifies the code of each launch that has completed (`Stages._launch`). offset: of work-items in dimensions
+    from the second on, which no kernel of ours reads: a number for those of a rewritten program.
     """
 
     features: Features
@@ -84,9 +85,27 @@ class Program:
     lock: threading.Lock = field(default_factory=threading.Lock)
     set_by: dict[str, object] = field(default_factory=dict)
     launched: set[tuple[Any, ...]] = field(default_factory=set)
+    offset: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
+
+
+Rewriting = Callable[[str, Sequence[str]], "str | None"]
+
+
+@contextlib.contextmanager
+def rewriting(rewrite: Rewriting) -> Iterator[list[Program]]:
+    """Change the sources of the programs that this thread builds in a block; yields the list of those changed.
+
+    rewrite: is given a source and the compiler's options, and returns another source, or None to leave this one.
+    """
+    found: list[Program] = []
+    _own.rewriting = rewrite, found
+    try:
+        yield found
+    finally:
+        del _own.rewriting
 
 
 SLOW = 0.5  # seconds of compiling before a message
@@ -184,6 +203,9 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         options.append(_EXACT)
     if os.environ.get(QUICK):
         options.append("-cl-opt-disable")
+    rewriting_now: tuple[Rewriting, list[Program]] | None = getattr(_own, "rewriting", None)
+    other = rewriting_now[0](source, options) if rewriting_now else None
+    source = other or source
     key = (device.context.int_ptr, features, source, lanes, len(options))
     if key not in _built:
         start = time.perf_counter()
@@ -220,6 +242,8 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )
+    if rewriting_now and other:
+        rewriting_now[1].append(_built[key])
     return _built[key]
 
 

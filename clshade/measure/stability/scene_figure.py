@@ -13,8 +13,9 @@ from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
 from ..report.labels import label_points
+from ..rounding.spread import MOST_DIGITS
 from .causes import CAUSES, bits_lost
-from .scene_study import SceneStudy
+from .scene_study import RoundingStudy, SceneStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,6 +122,34 @@ def plot_kappa(study: SceneStudy, path: Path) -> None:
     _kappa_bar(_kappa(axes, study), axes)
     _titled(axes, f"How far the geometry amplifies rounding: {_name(study)}")
     axes.set(xlabel="column", ylabel="row")
+    figures.save(figure, path)
+
+
+def plot_digits(study: SceneStudy, path: Path, *, rounding: RoundingStudy) -> None:
+    """Draw the digits that random rounding left, those that the bound promises, and how they compare. Raises OutputError."""
+    from matplotlib.colors import Normalize
+
+    figure = figures.blank(13.0, 4.6)
+    found, promised, counts = figure.subplots(1, 3)
+    shown_digits = [each[study.kappa != 0.0] for each in (rounding.digits, rounding.promised)]
+    least = min((float(np.nanmin(each)) for each in shown_digits if np.isfinite(each).any()), default=0.0)
+    first = float(np.floor(least))
+    norm = Normalize(first, MOST_DIGITS)
+    runs = rounding.spread.runs
+    titles = f"digits found in {runs} runs", "digits promised by the bound"
+    for axes, values, title in zip((found, promised), (rounding.digits, rounding.promised), titles, strict=True):
+        # The least of a block, as for kappa its largest.
+        least_of_block = -reduced(np.where(study.kappa == 0.0, np.nan, -values), _block(study))
+        _bar(_map(axes, study, least_of_block, "viridis", norm), axes, "decimal digits of the light budget")
+        _titled(axes, title)
+        _zoom(axes, study)
+    bins = np.linspace(first, MOST_DIGITS, 60)
+    for values, name in zip(shown_digits, ("found", "promised"), strict=True):
+        counts.hist(values[np.isfinite(values)], bins=bins, histtype="step", linewidth=1.5, label=name)
+    counts.set(xlabel="decimal digits", ylabel="pixels", yscale="log")
+    counts.legend(fontsize=8, frameon=False)
+    _titled(counts, f"errors: at most {100.0 * rounding.spread.worst:.3g} % of a bound")
+    figure.suptitle(f"Random rounding of {_name(study)}", fontsize=10)
     figures.save(figure, path)
 
 

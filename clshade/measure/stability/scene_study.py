@@ -18,6 +18,8 @@ from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings
 from ...scene.settings import Layer
 from ..check.check import Comparison, compare, sample, summary
+from ..rounding import spread
+from ..rounding.spread import Spread
 from . import causes
 
 WORST = 10  # pixels named
@@ -58,12 +60,32 @@ class WorstPixel:
 
 
 @dataclass(frozen=True, eq=False)
+class RoundingStudy:
+    """The scene under random rounding.
+
+    digits, promised: (M, N) float32, digits left by the spread and by the bound; 0 in the background, NaN where a covered
+    pixel was not counted. hopeful, careful: up to WORST of those pixels, the worst first, with the largest error as found.
+    """
+
+    spread: Spread
+    digits: Floats32
+    promised: Floats32
+    hopeful: tuple[WorstPixel, ...]
+    careful: tuple[WorstPixel, ...]
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        pixels = {name: [each.stats() for each in getattr(self, name)] for name in ("hopeful", "careful")}
+        return {**self.spread.stats(), "worst_pixels": pixels}
+
+
+@dataclass(frozen=True, eq=False)
 class SceneStudy:
     """The stability of one scene.
 
     kappa, found, expected: (M, N) float32, row 0 at the top: the condition number, the error and its bound, both relative
     to the light budget; 0 in the background, NaN where a covered pixel was not checked. others: the settings that the
-    worst pixels were drawn with as well, by name. notes: what was not measured, and why.
+    worst pixels were drawn with as well, by name. notes: what was not measured, and why. rounding: if it was asked for.
     """
 
     frame: Frame
@@ -76,10 +98,11 @@ class SceneStudy:
     worst: tuple[WorstPixel, ...]
     others: dict[str, Settings]
     notes: tuple[str, ...]
+    rounding: RoundingStudy | None = None
 
     @property
     def passed(self) -> bool:
-        return self.check.passed
+        return self.check.passed and (self.rounding is None or self.rounding.spread.passed)
 
     @property
     def share(self) -> Floats:
@@ -99,8 +122,11 @@ class SceneStudy:
         }
 
     def channels(self) -> dict[str, Array]:
-        """Return the EXR's channels: the image and its layers, kappa, found and expected."""
-        return {**self.frame.channels(), "kappa": self.kappa, "found": self.found, "expected": self.expected}
+        """Return the EXR's channels: the image and its layers, kappa, found, expected, and the digits of `rounding`."""
+        own = {"kappa": self.kappa, "found": self.found, "expected": self.expected}
+        if self.rounding is not None:
+            own |= {"digits": self.rounding.digits, "promised": self.rounding.promised}
+        return {**self.frame.channels(), **own}
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -121,13 +147,15 @@ class SceneStudy:
             "others": {name: vars(settings) for name, settings in self.others.items()},
             "check": self.check.stats(),
             "notes": self.notes,
+            "rounding": None if self.rounding is None else self.rounding.stats(),
         }
         result: dict[str, Any] = plain(found)
         return result
 
 
-def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
-    """Draw the scene, compare its pixels with the oracle, and name the worst ones. Raises InputError and DeviceError."""
+def study(scene: Scene, settings: Settings, device: Device, runs: int | None = None) -> SceneStudy:
+    """Draw the scene, compare its pixels with the oracle, and name the worst ones. runs: with random rounding, None for none
+    at all. Raises InputError and DeviceError."""
     frame = render(scene, settings=replace(settings, layers=(*settings.layers, *LAYERS)), device=device)
     start = time.perf_counter()
     index = _index(frame)
@@ -155,7 +183,27 @@ def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
         ),
         others=others,
         notes=notes,
+        rounding=None if runs is None else _rounding(found, index, seen, factors, spread.measure(found, device, runs)),
     )
+
+
+def _rounding(
+    found: Comparison, index: Integers, seen: causes.Faces, factors: Mapping[str, Floats], measured: Spread
+) -> RoundingStudy:
+    """Name the pixels whose bounds are too small or far too large."""
+    maps = []
+    for values in (measured.spread, measured.expected):
+        whole = np.where(found.frame.alpha.ravel() > 0.0, np.nan, 0.0).astype(np.float32)
+        whole[index[measured.counted]] = spread.digits(values)[measured.counted]
+        maps.append(whole.reshape(found.frame.alpha.shape))
+    named = []
+    for chosen, order in ((measured.hopeful, -measured.ratio), (measured.careful, measured.ratio)):
+        at = np.flatnonzero(chosen)
+        at = at[np.argsort(order[at], kind="stable")][:WORST]
+        pixels = [_named(found, int(k), seen, {name: float(each[k]) for name, each in factors.items()}) for k in at]
+        errors = measured.found[at]
+        named.append(tuple(replace(each, found=float(e)) for each, e in zip(pixels, errors, strict=True)))
+    return RoundingStudy(measured, maps[0], maps[1], named[0], named[1])
 
 
 def _seen(found: Comparison) -> causes.Faces:

@@ -8,6 +8,7 @@ from pathlib import Path
 from ...base import atomic_files, text_tables
 from ...base.atomic_files import shown
 from ...base.text_tables import digits
+from . import rounding_tables
 from .causes import CAUSES
 from .scene_study import SceneStudy, WorstPixel
 
@@ -85,8 +86,13 @@ def _facts(study: SceneStudy) -> list[tuple[str, str]]:
 
 
 def _verdict(study: SceneStudy) -> str:
+    if study.passed:
+        return "all within bounds"
     failed = study.check.lines()
-    return "all within bounds" if study.passed else f"FAILED: {failed[1]}; {failed[3]}"
+    reasons = [] if study.check.passed else [failed[1], failed[3]]
+    if study.rounding is not None and not study.rounding.spread.passed:
+        reasons.append(rounding_tables.problem(study.rounding.spread))
+    return f"FAILED: {'; '.join(reasons)}"
 
 
 def lines(study: SceneStudy) -> list[str]:
@@ -99,6 +105,8 @@ def lines(study: SceneStudy) -> list[str]:
         if study.others:
             found += ["", *text_tables.as_lines(header, gains)]
             found += [text_tables.wrapped(line, 2) for line in _gain_lines(study)]
+    if study.rounding is not None:
+        found += ["", *rounding_tables.lines(study.rounding)]
     return [*found, *study.notes, "", text_tables.wrapped(_verdict(study), 2)]
 
 
@@ -111,6 +119,8 @@ def markdown(study: SceneStudy) -> str:
         if study.others:
             found += ["## With other settings", "", *text_tables.as_markdown(*_gains(study)), ""]
             found += [*(f"- {line}" for line in _gain_lines(study)), ""]
+    if study.rounding is not None:
+        found += ["## Random rounding", "", *(f"- {line}" for line in rounding_tables.facts(study.rounding.spread)), ""]
     return "\n".join(found)
 
 
