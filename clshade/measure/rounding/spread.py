@@ -105,10 +105,12 @@ def digits(relative: Floats) -> Floats:
     return result
 
 
-def check_runs(runs: int) -> None:
-    """Raise InputError for too few runs, and ClshadeError if an optional package is missing."""
+def check_options(runs: int, precision: str = "float32") -> None:
+    """Raise InputError for too few runs or float64, and ClshadeError if an optional package is missing."""
     if runs < LEAST_RUNS:
         raise InputError(f"stability: --random-rounding: expected a number of runs from {LEAST_RUNS} on, found {runs}")
+    if precision == "float64":
+        raise InputError("stability: --random-rounding: expected precision float32 or fast, found float64")
     check_packages()
 
 
@@ -118,10 +120,8 @@ def measure(found: Comparison, device: Device, runs: int) -> Spread:
     Raises InputError for fewer than two runs or precision float64, DeviceError for a device without float64, and
     ClshadeError if an optional package is missing.
     """
-    check_runs(runs)
     frame, start = found.frame, time.perf_counter()
-    if frame.settings.precision == "float64":
-        raise InputError("stability: --random-rounding: expected precision float32 or fast, found float64")
+    check_options(runs, frame.settings.precision)
     if not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for --random-rounding, found one without")
     settings = replace(frame.settings, layers=("Z", "id"))

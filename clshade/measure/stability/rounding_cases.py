@@ -16,7 +16,7 @@ from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device, open_device
 from ...scene.model import Scene
 from ..check.check import compare, sample
-from ..rounding.spread import Spread, check_runs, measure
+from ..rounding.spread import Spread, check_options, measure
 from . import rounding_tables
 from .cases import Bench
 from .stability import chosen, run_case
@@ -54,7 +54,7 @@ def run(
     """Run the cases that draw images, print a row for each, and write rounding.json. Returns True if no pixel is above its
     bound. Arguments and errors as of `stability.run`, for one device; ClshadeError if an optional package is missing."""
     stream = stream or sys.stdout
-    check_runs(runs)
+    check_options(runs)
     cases = chosen(names)
     if triangles < 1:
         raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")

@@ -12,7 +12,7 @@ from ...base.atomic_files import shown
 from ...images import exr
 from ...pipeline.opencl.device import open_device
 from ...scene.model import Scene, Settings
-from ..rounding.spread import check_runs
+from ..rounding.spread import check_options
 from . import scene_figure, scene_tables
 from .scene_study import study
 
@@ -33,7 +33,7 @@ def run(
     """
     stream = stream or sys.stdout
     if runs is not None:
-        check_runs(runs)
+        check_options(runs, settings.precision)
     opened = open_device(device)
     folder = text_tables.create_folder(out)
     found = study(scene, settings, opened, runs)
