@@ -42,6 +42,12 @@ kernel void fused(global const float *a, global const float *b, global const flo
     out[i] = random_fma(run[i], 7u, a[i], b[i], c[i]);
 }
 
+kernel void scalars(global const float *a, global const float *b, global const uint *run, global float *out)
+{
+    int i = get_global_id(0);
+    out[i] = random_fma(run[i], 7u, a[i], b[i], random_sum(run[i], 8u, a[i], random_quotient(run[i], 9u, a[i], b[i])));
+}
+
 kernel void vectors(global const float4 *a, global const float4 *b, global const uint *run, global float4 *out)
 {
     int i = get_global_id(0);
@@ -146,16 +152,33 @@ def test_runs_and_operands_decide_and_nothing_else(probe):
     first = probe("product", a, b, runs())
     np.testing.assert_array_equal(first, probe("product", a, b, runs()))
     assert (first != probe("product", a, b, runs(first=COUNT + 1))).any()
+    run = np.full(64, 5, np.uint32)
+    near = np.float32(1.1) + np.arange(64, dtype=np.float32) * np.float32(2.0**-20)
+    by = np.full(64, 7.7, np.float32)
+    moves = probe("product", near, by, run) != near * by
+    assert 0 < moves.sum() < 64  # the operands differ, not the run
 
 
 def test_what_cannot_move_stays(probe):
-    """Infinity, NaN, zeros, what is too small for its error to be a normal number, overflow, exact results."""
+    """Infinity, NaN, signed zeros, what is too small for its error to be a normal number, overflow, exact results."""
     a = float32([np.inf, np.nan, 0.0, -0.0, 2.0**-120, 1e38, 3.0])
     b = float32([0.1, 0.1, 0.1, 0.1, 0.1, 1e3, 0.5])
     with np.errstate(over="ignore"):
         expected = a * b
     for run in range(20):
-        np.testing.assert_array_equal(probe("product", a, b, np.full(len(a), run, np.uint32)), expected)
+        found = probe("product", a, b, np.full(len(a), run, np.uint32))
+        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(np.signbit(found[2:4]), [False, True])
+
+
+def test_what_has_too_small_a_remainder_stays(probe):
+    """The result is large enough, the operand is not."""
+    a = float32(np.random.default_rng(5).uniform(1.0, 2.0, 64) * 2.0**-110)
+    b = np.full(64, 1.7 * 2.0**-30, np.float32)
+    np.testing.assert_array_equal(probe("root", a, runs(count=64)), np.sqrt(a))
+    np.testing.assert_array_equal(probe("quotient", a, b, runs(count=64)), a / b)
+    many = probe("root", a * np.float32(2.0**20), runs(count=64)) != np.sqrt(a * np.float32(2.0**20))
+    assert many.any()
 
 
 def test_the_largest_number_does_not_become_infinite(probe):
@@ -169,6 +192,7 @@ def test_vectors_are_their_components(probe):
     run = runs(count=len(a))
     found = probe("vectors", a, b, run, width=4)
     flat = a.reshape(-1), b.reshape(-1)
-    nearest = flat[0] * flat[1] + (flat[0] + flat[0] / flat[1])
-    np.testing.assert_allclose(found.reshape(-1), nearest, rtol=1e-5)
+    each = np.repeat(run, 4)
+    parts = probe("scalars", *flat, each)
+    np.testing.assert_array_equal(found.reshape(-1), parts)
     assert (found != probe("vectors", a, b, np.zeros(len(a), np.uint32), width=4)).any(axis=0).all()

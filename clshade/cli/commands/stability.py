@@ -47,9 +47,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--random-rounding",
         type=int,
         metavar="RUNS",
-        help="also draw RUNS times while each operation rounds to a random neighbor: digits left beside the bounds",
+        help="also draw RUNS times while operations of shading round to a random neighbor: digits left beside the bounds",
     )
-    parser.add_argument("--device", help="as for render, or `all`: every device that works (not for a SCENE or --axes)")
+    parser.add_argument("--device", help="as for render, or `all`: every device that works (of cases and --functions)")
     parser.add_argument(
         "-o",
         "--out",
@@ -73,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ...measure.stability import stability
 
     if arguments.list:
+        if arguments.random_rounding is not None:
+            raise InputError("stability: --random-rounding: cannot go with --list")
         print(stability.listing())
         return DONE
     options = {"out": arguments.out, "names": arguments.case, "triangles": arguments.triangles}

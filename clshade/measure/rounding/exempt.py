@@ -7,11 +7,9 @@ PAIRS = "unevaluated sums of two floats, whose errors are exact only where opera
 
 FILES = {
     "samples.clh": COVERAGE,
-    "corners.clh": COVERAGE,
     "triangle_lanes.clh": COVERAGE,
     "ownership.clh": COVERAGE,
     "tile_order.clh": COVERAGE,
-    "tile_walk.clh": COVERAGE,
     "fill_blocks.clh": COVERAGE,
     "fill.clh": COVERAGE,
     "fragment_order.clh": COVERAGE,

@@ -23,8 +23,12 @@ from . import exempt
 PACKAGES = {"clang": "libclang", "pcpp": "pcpp"}
 _NAMES = {"+": "random_sum", "-": "random_difference", "*": "random_product", "/": "random_quotient"}
 _CALLS = {"fma": "random_fma", "sqrt": "random_root"}
+_OTHERS = {  # functions that round, and would round to nearest: kernels use none of them
+    *("mad", "dot", "cross", "length", "distance", "normalize", "mix", "smoothstep", "hypot", "rsqrt", "cbrt"),
+    *("exp", "exp2", "exp10", "log", "log2", "log10", "pow", "powr", "pown", "sin", "cos", "tan", "atan", "atan2"),
+}
 _VECTOR = re.compile(r"float __attribute__\(\(ext_vector_type\((\d+)\)\)\)")
-_WIDER = {"int", "unsigned int", "long", "double"}  # not all of these are float32 numbers
+_WIDER = {"int", "unsigned int", "long", "unsigned long", "double"}  # not all of these are float32 numbers
 _LINE = re.compile(rb'^#line \d+ "([^"]*)"', re.MULTILINE)
 
 # What the front end has to know of OpenCL C besides its own built-in functions.
@@ -218,6 +222,8 @@ class _Edits:
         if cursor.kind == kinds.CALL_EXPR and cursor.spelling in _CALLS and _kind(cursor):
             self._put(cursor.extent.start.offset, children[1].extent.start.offset, self._call(_CALLS[cursor.spelling]))
             return False
+        if cursor.kind == kinds.CALL_EXPR and cursor.spelling in _OTHERS and _kind(cursor):
+            raise InputError(f"random rounding: expected fma or sqrt, found {cursor.spelling}")
         if cursor.kind == kinds.CSTYLE_CAST_EXPR and _kind(cursor) == "float":
             return self._convert(cursor, children[-1])
         return False
@@ -252,6 +258,8 @@ class _Edits:
 
     def _compound(self, cursor: Any, left: Any, right: Any) -> bool:
         start, end, operator = self._operator(left, right)
+        if not _kind(right):
+            raise InputError(f"random rounding: {operator}: expected an operand of float32, found {_type(right)}")
         target = self._text[left.extent.start.offset : left.extent.end.offset].decode()
         if re.search(r"\(|\+\+|--", target):
             raise InputError(f"random rounding: {target} {operator}: expected a target that can be named twice")

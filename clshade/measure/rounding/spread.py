@@ -21,9 +21,7 @@ from .rewrite import check_packages, random_rounding
 LEAST_RUNS = 2
 LEAST_ERROR = 2.0**-48  # of the light budget: smaller ones may be the oracle's own, and count as none
 CAREFUL = 100.0  # a bound so many times the largest error found is too careful
-MOST_DIGITS = (
-    10.0  # more are counted as so many; a pixel much darker than the light budget B has more than float32 has of itself
-)
+MOST_DIGITS = 10.0  # more count as so many: dark pixels have more, relative to the light budget
 MOVED = ("phong.cl", "pbr.cl", "gouraud.cl")  # the kernel files, of which one is in each program that is rewritten
 QUANTILES = {"least": 0.0, "p1": 0.01, "median": 0.5, "p99": 0.99}
 
@@ -47,13 +45,13 @@ class Spread:
     seconds: float
 
     @property
-    def hopeful(self) -> Bools:
-        """Where an error exceeds its bound."""
-        result: Bools = self.counted & ~(self.found <= self.expected)
+    def too_small(self) -> Bools:
+        """Where an error exceeds its bound, or a pixel was wrong, also of the background."""
+        result: Bools = (self.counted & ~(self.found <= self.expected)) | np.isinf(self.found)
         return result
 
     @property
-    def careful(self) -> Bools:
+    def too_large(self) -> Bools:
         """Where the bound is more than CAREFUL times the largest error, and there is one."""
         result: Bools = self.counted & (self.found > LEAST_ERROR) & (self.expected > CAREFUL * self.found)
         return result
@@ -66,7 +64,7 @@ class Spread:
 
     @property
     def passed(self) -> bool:
-        return self.same and not self.hopeful.any()
+        return self.same and not self.too_small.any()
 
     @property
     def ratio(self) -> Floats:
@@ -92,7 +90,7 @@ class Spread:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        counts = {name: int(getattr(self, name).sum()) for name in ("counted", "hopeful", "careful", "exact")}
+        counts = {name: int(getattr(self, name).sum()) for name in ("counted", "too_small", "too_large", "exact")}
         found = {"runs": self.runs, **counts, "same": self.same, "worst": self.worst}
         result: dict[str, Any] = plain({**found, "digits": self.quantiles(), "seconds": self.seconds})
         return result
@@ -115,7 +113,8 @@ def check_options(runs: int, precision: str = "float32") -> None:
 
 
 def measure(found: Comparison, device: Device, runs: int) -> Spread:
-    """Draw the frame of a comparison again in `runs` runs with random rounding, and compare each with the oracle.
+    """Draw the frame of a comparison again in `runs` runs with random rounding, and compare each with the oracle. One thread
+    at a time: the programs hold the number of the run.
 
     Raises InputError for fewer than two runs or precision float64, DeviceError for a device without float64, and
     ClshadeError if an optional package is missing.

@@ -25,19 +25,16 @@ PIXELS = 1 << 15  # of an image at most; of a larger one a sample
 
 
 class RoundingBench(Bench):
-    """A bench that draws each image of a case under random rounding too. spreads: of the images so far. skipped: number of
-    images in float64."""
+    """A bench that draws each image of a case under random rounding too. spreads: of the images in float32 so far."""
 
     def __init__(self, device: Device, folder: Path, runs: int, *, triangles: int) -> None:
         super().__init__(device, folder, triangles=triangles)
-        self.runs, self.skipped = runs, 0
+        self.runs = runs
         self.spreads: list[Spread] = []
 
     def draw(self, scene: Scene, **options: Any) -> Frame:
         frame = super().draw(scene, **options)
-        if frame.settings.precision == "float64":
-            self.skipped += 1
-        else:
+        if frame.settings.precision != "float64":
             self.spreads.append(measure(compare(frame, sample(frame, PIXELS, 0)), self.device, self.runs))
         return frame
 
@@ -70,12 +67,13 @@ def run(
         name = f"{case.number} {case.name}"
         if result.problem:
             print(f"{name}: {result.problem}", file=stream, flush=True)
+        passed &= not result.problem
         if not bench.spreads:
-            quiet.append(name)
+            quiet += [] if result.problem else [name]
             continue
         row = rounding_tables.case_row(name, bench.spreads)
         print(rounding_tables.case_line(row), file=stream, flush=True)
-        passed &= not result.problem and all(each.passed for each in bench.spreads)
+        passed &= all(each.passed for each in bench.spreads)
         stats[case.name] = [each.stats() for each in bench.spreads]
     print(text_tables.wrapped(f"without an image in float32: {', '.join(quiet) or 'none'}", 2), file=stream)
     path = folder / "rounding.json"

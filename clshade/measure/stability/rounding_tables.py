@@ -17,7 +17,7 @@ def problem(spread: Spread) -> str:
     """Return why the bounds failed."""
     if not spread.same:
         return "random rounding: other bits than the image's where nothing was moved"
-    return f"random rounding: {int(spread.hopeful.sum())} pixels above their bounds"
+    return f"random rounding: {int(spread.too_small.sum())} pixels above their bounds"
 
 
 def facts(spread: Spread) -> list[str]:
@@ -28,9 +28,9 @@ def facts(spread: Spread) -> list[str]:
         lines.append(f"digits {kind}: {texts}")
     counted = int(spread.counted.sum())
     lines.append(f"largest error: {digits(100.0 * spread.worst)} % of its bound, of {counted:,} pixels")
-    lines.append(f"bounds too small: {int(spread.hopeful.sum())}")
-    share = 100.0 * spread.careful.sum() / max(counted, 1)
-    lines.append(f"bounds more than {CAREFUL:g} times too large: {int(spread.careful.sum()):,} ({share:.3g} %)")
+    lines.append(f"bounds too small: {int(spread.too_small.sum())}")
+    share = 100.0 * spread.too_large.sum() / max(counted, 1)
+    lines.append(f"bounds more than {CAREFUL:g} times too large: {int(spread.too_large.sum()):,} ({share:.3g} %)")
     if spread.exact.any():
         lines.append(f"exact in all runs: {int(spread.exact.sum()):,}")
     lines.append(f"without moves: {'the same bits' if spread.same else 'other bits'} as the image")
@@ -49,14 +49,14 @@ def lines(study: RoundingStudy) -> list[str]:
     """Return the tables of one scene."""
     spread = study.spread
     found = [f"random rounding, {spread.runs} runs, {spread.seconds:.1f} s", *(f"  {line}" for line in facts(spread))]
-    for title, pixels in (("bounds too small", study.hopeful), ("bounds too large", study.careful)):
+    for title, pixels in (("bounds too small", study.too_small), ("bounds too large", study.too_large)):
         if pixels:
             found += [f"{title}, the worst:", *text_tables.as_lines(PIXELS, _rows(pixels), left=2)]
     return found
 
 
 _WIDTHS = (26, 6, 11, 8, 10, 12, 7, 11, 11)
-CASES = ("case", "draws", "pixels", "found", "promised", "error", "above", "careful", "exact")
+CASES = ("case", "draws", "pixels", "found", "promised", "error", "too small", "too large", "exact")
 
 
 def case_line(row: Sequence[str]) -> str:
@@ -69,7 +69,7 @@ def case_row(name: str, spreads: Sequence[Spread]) -> text_tables.Row:
     """Return a row of CASES: the least digits found and promised, the largest error in percent of its bound, and counts."""
     counts = {
         kind: sum(int(getattr(each, kind).sum()) for each in spreads)
-        for kind in ("counted", "hopeful", "careful", "exact")
+        for kind in ("counted", "too_small", "too_large", "exact")
     }
     quantiles = [each.quantiles() for each in spreads if each.counted.any()]
     least = [min((each[kind]["least"] for each in quantiles), default=None) for kind in ("found", "promised")]
@@ -80,7 +80,7 @@ def case_row(name: str, spreads: Sequence[Spread]) -> text_tables.Row:
         f"{counts['counted']:,}",
         *("-" if value is None else f"{value:.2f}" for value in least),
         f"{digits(100.0 * worst)} %",
-        str(counts["hopeful"]),
-        f"{counts['careful']:,}",
+        str(counts["too_small"]),
+        f"{counts['too_large']:,}",
         f"{counts['exact']:,}",
     )

@@ -64,18 +64,19 @@ class RoundingStudy:
     """The scene under random rounding.
 
     digits, promised: (M, N) float32, digits left by the spread and by the bound; 0 in the background, NaN where a covered
-    pixel was not counted. hopeful, careful: up to WORST of those pixels, the worst first, with the largest error as found.
+    pixel was not counted. too_small, too_large: up to WORST of those pixels, the worst first, found
+    being the largest error.
     """
 
     spread: Spread
     digits: Floats32
     promised: Floats32
-    hopeful: tuple[WorstPixel, ...]
-    careful: tuple[WorstPixel, ...]
+    too_small: tuple[WorstPixel, ...]
+    too_large: tuple[WorstPixel, ...]
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        pixels = {name: [each.stats() for each in getattr(self, name)] for name in ("hopeful", "careful")}
+        pixels = {name: [each.stats() for each in getattr(self, name)] for name in ("too_small", "too_large")}
         return {**self.spread.stats(), "worst_pixels": pixels}
 
 
@@ -197,7 +198,7 @@ def _rounding(
         whole[index[measured.counted]] = spread.digits(values)[measured.counted]
         maps.append(whole.reshape(found.frame.alpha.shape))
     named = []
-    for chosen, order in ((measured.hopeful, -measured.ratio), (measured.careful, measured.ratio)):
+    for chosen, order in ((measured.too_small, -measured.ratio), (measured.too_large, measured.ratio)):
         at = np.flatnonzero(chosen)
         at = at[np.argsort(order[at], kind="stable")][:WORST]
         pixels = [_named(found, int(k), seen, {name: float(each[k]) for name, each in factors.items()}) for k in at]
