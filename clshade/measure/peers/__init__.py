@@ -62,5 +62,5 @@ PEERS = {
 
 def opener_of(name: str) -> Opener:
     """Return what opens a scene with the renderer of this name."""
-    opener: Opener = import_module(PEERS[name].module).open_for
+    opener: Opener = import_module(PEERS[name][0]).open_for
     return opener
