@@ -26,6 +26,7 @@ from . import PEERS
 from .drawing import Picture
 
 LIMIT = 180.0  # seconds that a renderer has for each answer; the first may compile
+POLL = 0.1  # seconds, less than the GRACE of interrupts
 T = TypeVar("T")
 _running: set[subprocess.Popen[bytes]] = set()
 
@@ -103,7 +104,7 @@ class Process:
     def _answer(self, field: str, kind: Callable[[Any], T]) -> T:
         end = time.monotonic() + self._limit
         try:
-            line = self._lines.get(timeout=self._limit)
+            line = self._line(end)
             code = None if line else self._process.wait(timeout=max(end - time.monotonic(), 0.0))
         except (queue.Empty, subprocess.TimeoutExpired):
             raise self._failed(f"no answer within {self._limit:g} s") from None
@@ -116,6 +117,14 @@ class Process:
             return kind(fields[field])
         except (ValueError, TypeError, KeyError, OverflowError):
             raise self._failed(f"expected a line of JSON with {field!r}, found {line[:60]!r}") from None
+
+    def _line(self, end: float) -> bytes:
+        """Return the next line, b"" at the end of all. Raises queue.Empty where none comes until `end`."""
+        while True:
+            with contextlib.suppress(queue.Empty):  # an interrupt is handled in between only
+                return self._lines.get(timeout=POLL)
+            if time.monotonic() > end:
+                raise queue.Empty
 
     def _failed(self, reason: str) -> PeerError:
         self.close()
