@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
 import sys
+from contextlib import ExitStack, closing
 
 import pytest
 
@@ -85,6 +88,33 @@ def test_a_renderer_that_closes_its_output_and_stays_is_ended():
     assert failure(deaf, limit=1.0) == "fake: no answer within 1 s"
 
 
+@pytest.mark.parametrize("asked", ["_answer", "draw"])
+def test_an_interrupt_while_opening_ends_the_process(asked, monkeypatch, tmp_path):
+    started = []
+
+    class Recorded(subprocess.Popen):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            started.append(self)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "Popen", Recorded)
+    monkeypatch.setattr(process, "command", lambda *_: (fake(), {}))
+    monkeypatch.setattr(Process, asked, interrupted)
+    with pytest.raises(KeyboardInterrupt), ExitStack() as stack:
+        measure._opened("numpy", tmp_path, 1, 30.0, stack)
+    (child,) = started
+    assert child.returncode is not None
+
+
+def test_an_interrupt_that_cannot_be_handled_ends_all_processes():
+    with closing(Process("fake", fake())) as made:
+        process._end_all()
+        assert made._process.wait(timeout=10.0) == -signal.SIGKILL
+
+
 def test_what_a_renderer_says_is_escaped():
     said = failure([sys.executable, "-c", r"import sys; sys.exit('an \x1b[31merror')"])
     assert said == r"fake: ended with exit code 1: an \x1b[31merror"
@@ -96,6 +126,14 @@ def test_what_a_renderer_prints_is_no_answer():
     made.close()
     garbage = failure([sys.executable, "-c", "print('[1, 2]')"])
     assert garbage == "fake: expected a line of JSON with 'title', found b'[1, 2]\\n'"
+
+
+def test_an_answer_that_is_no_number_or_has_two_lines_is_an_error_of_one():
+    program = 'print(\'{"title": "Fake"}\', flush=True); input(); print(\'{"ms": "soon"}\', flush=True); input()'
+    made = Process("fake", [sys.executable, "-c", program])
+    with pytest.raises(PeerError, match="fake: expected a line of JSON with 'ms', found"):
+        made.draw()
+    assert failure(fake(start=r"raise ClshadeError('two\nlines')")) == r"fake: two\nlines"
 
 
 def test_the_others_go_on(monkeypatch, tmp_path):

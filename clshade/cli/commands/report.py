@@ -92,7 +92,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=(),
         metavar="NAME,...",
-        help=f"other renderers on the same scenes, of which --only names some: {','.join(PEERS)} (default: all)",
+        help=f"other renderers on scenes of their own (--only names some): {','.join(PEERS)} (default: all)",
     )
     device_option(parser)
     parser.set_defaults(repeated=[*repeated, "device"])
@@ -152,10 +152,13 @@ def _peers(arguments: argparse.Namespace) -> int:
     if arguments.scene != arguments.parser.get_default("scene"):
         raise InputError("report: SCENE: cannot go with --peers, which draws scenes of its own: --only names some")
     unused = ("course", "details", "family", "sizes", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
-    refuse(arguments, unused, "cannot go with --peers, which draws scenes of its own")
+    repeated = [name for name in arguments.repeated if name != "device"]
+    refuse(arguments, [*unused, *repeated], "cannot go with --peers, which draws scenes of its own")
     if arguments.list:
         print(peers.listing())
         return DONE
+    if arguments.device:
+        os.environ["CLSHADE_DEVICE"] = arguments.device  # for the processes of clshade's renderers
     resolution = arguments.resolution or RESOLUTION
     options = {} if arguments.frames is None else {"rounds": arguments.frames}
     device, scenes = arguments.device, arguments.only

@@ -30,7 +30,7 @@ class Renderer(NamedTuple):
 
 
 _MESA = ("LP_NUM_THREADS",)
-OURS = ("clshade", "clshade-float64", "clshade-shaded")  # which are the others' peers
+OURS = ("clshade", "clshade-float64", "clshade-shaded")
 PEERS = {
     "clshade": Renderer("clshade.measure.peers.ours", "clshade in float32", True, THREADS),
     "clshade-float64": Renderer("clshade.measure.peers.ours", "clshade with --precision float64", True, THREADS),
@@ -41,7 +41,7 @@ PEERS = {
         THREADS,
         several=True,
     ),
-    "llvmpipe": Renderer("clshade.measure.peers.opengl", "Mesa's software rasterizer, by OpenGL", False, _MESA),
+    "llvmpipe": Renderer("clshade.measure.peers.of_bench", "Mesa's software rasterizer, by OpenGL", False, _MESA),
     "vtk": Renderer(
         "clshade.measure.peers.vtk_window",
         "VTK's own shaders on Mesa's software rasterizer",
@@ -56,7 +56,7 @@ PEERS = {
         "riley-raster's fields of normals; light by NumPy",
         backs="it leaves out triangles seen from behind",
     ),
-    "numpy": Renderer("clshade.measure.peers.numpy_arrays", "whole arrays in NumPy", single=True),
+    "numpy": Renderer("clshade.measure.peers.of_bench", "whole arrays in NumPy", single=True),
 }
 
 

@@ -27,7 +27,7 @@ def opened(name: str, path: str, samples: int, threads: int) -> Drawer:
     scene = pickle.loads(Path(path).read_bytes())
     opener = opener_of(name)
     if samples > 1 and not PEERS[name].samples:
-        return Larger(opener, name, scene, threads)
+        return Larger(opener, name, scene, samples, threads)
     return opener(name, scene, samples, threads)
 
 

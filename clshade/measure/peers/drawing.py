@@ -15,11 +15,12 @@ from ...scene.model import Scene
 
 SIDE = 4  # subpixels along a pixel's side, in the image of those that cannot sample a pixel several times themselves
 SAMPLES = (1, SIDE * SIDE)
+NO_DEPTH = np.zeros((0, 0), np.float32)
 
 
 class Picture(NamedTuple):
     """An image. rgb: (M, N, 3) linear, row 0 at the top, over black. depth: (M, N) along the viewing direction, +inf where
-    nothing is; that of one of several samples is not used. alpha: (M, N), the part of the pixel that is covered."""
+    nothing is; NO_DEPTH of one of several samples. alpha: (M, N), the part of the pixel that is covered."""
 
     rgb: Array
     depth: Array
@@ -35,20 +36,21 @@ class Drawer(Protocol):
         """Draw a frame; its arrays may be overwritten by the next."""
 
 
-# From name, scene of one mesh under one light, samples a pixel and number of threads (0: all) to the renderer.
+# From name, scene of one mesh under one light, samples a pixel and number of threads (0: all) to the renderer. One that
+# cannot sample a pixel several times itself gets the larger scene with the number of samples.
 Opener = Callable[[str, Scene, int, int], Drawer]
 
 
 class Larger:
     """A renderer of one sample a pixel, whose image of SIDE times the size is averaged."""
 
-    def __init__(self, opener: Opener, name: str, scene: Scene, threads: int) -> None:
-        self._drawer = opener(name, larger(scene), 1, threads)
+    def __init__(self, opener: Opener, name: str, scene: Scene, samples: int, threads: int) -> None:
+        self._drawer = opener(name, larger(scene), samples, threads)
         self.title = self._drawer.title
 
     def draw(self) -> Picture:
-        rgb, depth, alpha = self._drawer.draw()
-        return Picture(_means(rgb), depth[::SIDE, ::SIDE], _means(alpha))
+        rgb, _, alpha = self._drawer.draw()
+        return Picture(_means(rgb), NO_DEPTH, _means(alpha))
 
 
 def _means(image: Array) -> Array:
@@ -76,10 +78,13 @@ def lambert(normals: Array, points: Array, scene: Scene) -> Array:
     return lit
 
 
-def picture_of(seen: Array, rgb: Array, depth: Array) -> Picture:
+def picture_of(seen: Array, rgb: Array, depth: Array | None) -> Picture:
     """Return the picture of pixels that show something: seen (M, N) bool, rgb (K, 3) and depth (K,) of these."""
-    image, z = np.zeros((*seen.shape, 3), rgb.dtype), np.full(seen.shape, np.inf, depth.dtype)
-    image[seen], z[seen] = rgb, depth
+    image, z = np.zeros((*seen.shape, 3), rgb.dtype), NO_DEPTH
+    image[seen] = rgb
+    if depth is not None:
+        z = np.full(seen.shape, np.inf, depth.dtype)
+        z[seen] = depth
     return Picture(image, z, seen.astype(np.float32))
 
 

@@ -13,8 +13,8 @@ from .drawing import Picture, interpolated, lambert, mesh_of, picture_of
 class Rays:
     """Rays from the eye; they reach a depth of 1 with each of their lengths, so that the hit's multiple is its depth."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+    def __init__(self, scene: Scene, samples: int) -> None:
+        self._scene, self._deep = scene, samples == 1
         self._verts, self._normals, self._faces = mesh_of(scene)
         self._hierarchy = Embree(self._verts, self._faces)
         self.title = self._hierarchy.title
@@ -30,8 +30,9 @@ class Rays:
         faces, depth = self._faces[face[seen]], depth[seen]
         points = self._origins[seen] + depth[:, None] * self._rays[seen]
         normals = interpolated(self._normals, faces, second[seen], third[seen])
-        return picture_of(seen.reshape(self._shape), lambert(normals, points, self._scene), depth)
+        rgb = lambert(normals, points, self._scene)
+        return picture_of(seen.reshape(self._shape), rgb, depth if self._deep else None)
 
 
 def open_for(name: str, scene: Scene, samples: int, threads: int) -> Rays:
-    return Rays(scene)
+    return Rays(scene, samples)

@@ -27,7 +27,7 @@ def plot(found: Found, path: Path) -> None:
     axes = figure.subplots()
     axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="RMSE of the linear color")
     axes.grid(True, which="major", alpha=0.2)
-    drawn = results(found)
+    drawn = [each for each in results(found) if each.errors.color is not None]
     means: dict[str, Floats] = {}
     for samples in SAMPLES:
         common = _common([each for each in drawn if each.samples == samples])
@@ -58,4 +58,4 @@ def _common(drawn: Sequence[Result]) -> set[str]:
 
 def _points(drawn: Sequence[Result]) -> Floats:
     """Return milliseconds and errors, (K, 2)."""
-    return np.array([(each.ms.median, max(each.errors.color, LEAST)) for each in drawn])
+    return np.array([(each.ms.median, max(each.errors.color or 0.0, LEAST)) for each in drawn])

@@ -18,7 +18,7 @@ from ...scene.model import Scene, Settings
 from ..report.reference_image import averaged, best_settings
 from ..timing import Spread, in_turns, spread
 from . import PEERS, process
-from .drawing import SAMPLES, Picture
+from .drawing import NO_DEPTH, SAMPLES, Picture
 from .exact import Exact, exact
 from .process import PeerError, Process
 from .scenes import PeerScene, Resolution
@@ -31,13 +31,14 @@ SECONDS = 20.0  # for the turns of a scene
 class Errors(NamedTuple):
     """How wrong an image is. Of one sample: wrong: pixels of wrong coverage. other: that show another surface. depth,
     depth_largest: RMS and largest error of the others' depth, in scene units. color: RMSE of the linear color of these, or
-    of several samples of all pixels. alpha: RMSE of the covered part, of several samples."""
+    of several samples of all pixels. alpha: RMSE of the covered part, of several samples. None: not measured, or no
+    pixel is left."""
 
     wrong: int | None = None
     other: int | None = None
     depth: float | None = None
     depth_largest: float | None = None
-    color: float = 0.0
+    color: float | None = None
     alpha: float | None = None
 
 
@@ -65,9 +66,10 @@ class Result:
 
 
 class Failure(NamedTuple):
-    """A renderer that could not draw a scene, or not all of it, and why."""
+    """A renderer that could not draw a scene, or not all of it, and why, with its name."""
 
     scene: str
+    renderer: str
     samples: int
     reason: str
 
@@ -82,7 +84,7 @@ def measure(
     scene = chosen.make(resolution)
     able = [name for name in names if not (chosen.backs and PEERS[name].backs)]
     found: Found = [
-        Failure(chosen.name, samples, f"{name}: {PEERS[name].backs}")
+        Failure(chosen.name, name, samples, f"{name}: {PEERS[name].backs}")
         for name in names
         if name not in able
         for samples in SAMPLES
@@ -109,7 +111,7 @@ def _converged(scene: Scene, device: Device) -> Picture:
     white = replace(scene, meshes=(replace(mesh, normals=None),))
     rgb = averaged(scene, device, best, *CONVERGED)
     alpha = averaged(white, device, replace(best, shader="nolight"), *CONVERGED)[..., 0]
-    return Picture(rgb, np.zeros_like(alpha), alpha)
+    return Picture(rgb, NO_DEPTH, alpha)
 
 
 def exact_errors(picture: Picture, right: Exact) -> Errors:
@@ -119,13 +121,14 @@ def exact_errors(picture: Picture, right: Exact) -> Errors:
     wrong = (covered != right.covered) & ~right.tied
     both = covered & right.covered & ~right.tied
     depth = np.abs(picture.depth[both].astype(np.float64) - right.depth[both])
-    other = ~(depth <= OTHER * float(np.ptp(right.depth[right.covered])))
+    span = float(np.ptp(right.depth[right.covered])) if right.covered.any() else 0.0
+    other = ~(depth <= OTHER * span)
     color = picture.rgb[both][~other] - right.rgb[both][~other]
     return Errors(
         wrong=int(wrong.sum()),
         other=int(other.sum()),
         depth=_rms(depth[~other]),
-        depth_largest=float(depth[~other].max(initial=0.0)),
+        depth_largest=None if other.all() else float(depth[~other].max()),
         color=_rms(color),
     )
 
@@ -135,8 +138,8 @@ def converged_errors(picture: Picture, converged: Picture) -> Errors:
     return Errors(color=_rms(picture.rgb - converged.rgb), alpha=_rms(picture.alpha - converged.alpha))
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64)))) if values.size else 0.0
+def _rms(values: Array) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64)))) if values.size else None
 
 
 def same_bits(one: Picture, other: Picture) -> bool:
@@ -167,7 +170,7 @@ def _at(
             try:
                 drawn.append(_opened(name, path, samples, limit, stack))
             except PeerError as error:
-                yield Failure(scene, samples, str(error))
+                yield Failure(scene, name, samples, str(error))
         failed: dict[str, str] = {}
         turns = [_turn(each.process, failed) for each in drawn]
         times = in_turns(turns, rounds, SECONDS) if turns else []
@@ -175,7 +178,7 @@ def _at(
             mine = tuple(float(ms) for ms in (turn[k] for turn in times) if ms is not None)
             name, title = each.process.name, each.process.title
             if name in failed:
-                yield Failure(scene, samples, failed[name])
+                yield Failure(scene, name, samples, failed[name])
             else:
                 same = each.same_runs, each.same_threads
                 yield Result(scene, name, samples, title, errors(each.picture), *same, mine)
@@ -185,20 +188,15 @@ def _opened(name: str, path: Path, samples: int, limit: float, stack: ExitStack)
     """Open a renderer twice, with one thread and with all; the first is closed. Raises PeerError."""
     of_one = None
     if not PEERS[name].single:
-        with closing(_process(name, path, samples, 1, limit)) as alone:
+        with closing(Process(name, *process.command(name, path, samples, 1), limit)) as alone:
+            alone.draw()
             of_one = alone.picture()
-    running = stack.enter_context(closing(_process(name, path, samples, 0, limit)))
+    running = stack.enter_context(closing(Process(name, *process.command(name, path, samples, 0), limit)))
+    running.draw()
     picture = running.picture()
     running.draw()
     same_runs = same_bits(picture, running.picture())
     return _Open(running, picture, same_runs, None if of_one is None else same_bits(picture, of_one))
-
-
-def _process(name: str, path: Path, samples: int, threads: int, limit: float) -> Process:
-    """Return a process that has drawn a frame."""
-    made = Process(name, *process.command(name, path, samples, threads), limit)
-    made.draw()
-    return made
 
 
 def _turn(running: Process, failed: dict[str, str]) -> Callable[[int], float | None]:

@@ -13,13 +13,14 @@ import numpy as np
 from ...scene.model import Scene
 from ...scene.seen_points import pixel_rays
 from ..bench.peers.peer import MissingPeer
-from .drawing import Picture, light_of, mesh_of
+from .drawing import NO_DEPTH, Picture, light_of, mesh_of
 
 VARIANT = "llvm_ad_rgb"  # float32, vectorized; scalar variants take one ray at a time
 
 
 class Rays:
-    def __init__(self, scene: Scene, threads: int) -> None:
+    def __init__(self, scene: Scene, samples: int, threads: int) -> None:
+        self._deep = samples == 1
         self._mi, self._dr = _modules()
         mi, dr = self._mi, self._dr
         if threads:
@@ -43,11 +44,13 @@ class Rays:
         seen = hit.is_valid()
         cosine = dr.dot(hit.sh_frame.n, dr.normalize(self._light - hit.p))
         cosine = dr.select(cosine > 0.0, cosine, 0.0)  # LLVM 15 cannot compile Dr.Jit's maximum
-        rgb, depth = dr.select(seen, cosine * self._color, mi.Color3f(0.0)), dr.select(seen, hit.t, dr.inf)
+        rgb = dr.select(seen, cosine * self._color, mi.Color3f(0.0))
+        depth = dr.select(seen, hit.t, dr.inf) if self._deep else None
         alpha = dr.select(seen, mi.Float(1.0), mi.Float(0.0))
         dr.eval(rgb, depth, alpha)
         image = np.asarray(rgb.numpy(), np.float32).T.reshape(*self._shape, 3)
-        return Picture(image, depth.numpy().reshape(self._shape), alpha.numpy().reshape(self._shape))
+        z = NO_DEPTH if depth is None else depth.numpy().reshape(self._shape)
+        return Picture(image, z, alpha.numpy().reshape(self._shape))
 
 
 def _modules() -> tuple[Any, Any]:
@@ -79,4 +82,4 @@ def _mesh(mi: Any, scene: Scene) -> Any:
 
 
 def open_for(name: str, scene: Scene, samples: int, threads: int) -> Rays:
-    return Rays(scene, threads)
+    return Rays(scene, samples, threads)

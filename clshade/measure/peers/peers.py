@@ -16,7 +16,7 @@ from ...pipeline.opencl.device import open_device
 from ...pipeline.programs import running_time
 from ..bench.tables import show
 from ..report.study import machine
-from . import PEERS, figure, tables
+from . import OURS, PEERS, figure, tables
 from .measure import Found, measure
 from .process import LIMIT
 from .scenes import DATA, SCENES, PeerScene, Resolution
@@ -27,11 +27,11 @@ FRAMES = 7  # of each renderer and scene
 def listing() -> str:
     """Return the list of all renderers and scenes."""
     lines = [f"{name:<16} {each.about}" for name, each in PEERS.items()]
-    lines += ["", *(f"{each.name:<16} {each.about}{_of_file(each)}" for each in SCENES)]
+    lines += ["", *(f"{each.name:<16} {each.about}{_file_note(each)}" for each in SCENES)]
     return "\n".join(text_tables.wrapped(line, 17) for line in lines)
 
 
-def _of_file(scene: PeerScene) -> str:
+def _file_note(scene: PeerScene) -> str:
     return f" ({DATA}/{scene.file})" if scene.file else ""
 
 
@@ -48,7 +48,8 @@ def run(
 ) -> bool:
     """Measure the renderers on the scenes, print the table, and write peers.csv, .json, .md and .png.
 
-    Returns True if clshade drew all. names, scenes: by default all; files that are not there are left out then. rounds:
+    Returns True if clshade drew all. names, scenes: by default all; files that are not there are left out then.
+    clshade is always drawn. rounds:
     frames of each that are timed. limit: seconds that a renderer has for each answer. Raises InputError, OutputError and
     DeviceError.
     """
@@ -56,7 +57,7 @@ def run(
     if rounds < 1:
         raise InputError(f"report: --frames: expected a whole number above 0, found {rounds}")
     chosen = _scenes(scenes)
-    drawing = list(dict.fromkeys(names)) or list(PEERS)
+    drawing = list(dict.fromkeys([OURS[0], *names])) if names else list(PEERS)
     opened = open_device(device)
     folder = text_tables.create_folder(out)
     files = [folder / f"peers.{extension}" for extension in ("csv", "json", "md", "png")]

@@ -11,12 +11,14 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from ...base.interrupts import at_end
 from ...base.json_values import in_line
 from ...errors import ClshadeError
 from ..bench.children import ROOT
@@ -24,6 +26,16 @@ from . import PEERS
 from .drawing import Picture
 
 LIMIT = 180.0  # seconds that a renderer has for each answer; the first may compile
+POLL = 0.1  # seconds, less than the GRACE of interrupts
+T = TypeVar("T")
+_running: set[subprocess.Popen[bytes]] = set()
+
+
+@at_end
+def _end_all() -> None:
+    """End what runs: a process that this one starts inherits that interrupts are blocked."""
+    for running in list(_running):
+        running.kill()
 
 
 class PeerError(ClshadeError):
@@ -40,7 +52,7 @@ def command(name: str, scene: str | Path, samples: int, threads: int) -> tuple[l
 class Process:
     """A renderer that has opened its scene. title: its name and version.
 
-    Raises PeerError if it does not; the process is ended then, as after any PeerError.
+    Raises PeerError if it does not; the process is ended then, as after any PeerError, and with this process.
     """
 
     def __init__(
@@ -56,10 +68,15 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=self._errors,
         )
+        _running.add(self._process)
         self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
-        self.title = str(self._answer("title"))
+        try:
+            self.title = self._answer("title", str)
+        except BaseException:  # an interrupt too
+            self.close()
+            raise
 
     def _read(self) -> None:
         assert self._process.stdout is not None
@@ -69,25 +86,26 @@ class Process:
 
     def draw(self) -> float:
         """Draw a frame, and return its milliseconds."""
-        return float(self._ask("draw", "ms"))
+        return self._ask("draw", "ms", float)
 
     def picture(self) -> Picture:
         """Return the last frame."""
         with tempfile.TemporaryDirectory() as folder:
-            found = np.load(self._ask(str(Path(folder) / "frame.npz"), "wrote"))
+            found = np.load(self._ask(str(Path(folder) / "frame.npz"), "wrote", str))
             return Picture(*(found[name] for name in Picture._fields))
 
-    def _ask(self, request: str, field: str) -> Any:
+    def _ask(self, request: str, field: str, kind: Callable[[Any], T]) -> T:
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):  # it has ended: the answer says why
             self._process.stdin.write(f"{request}\n".encode())
             self._process.stdin.flush()
-        return self._answer(field)
+        return self._answer(field, kind)
 
-    def _answer(self, field: str) -> Any:
+    def _answer(self, field: str, kind: Callable[[Any], T]) -> T:
+        end = time.monotonic() + self._limit
         try:
-            line = self._lines.get(timeout=self._limit)
-            code = None if line else self._process.wait(timeout=self._limit)
+            line = self._line(end)
+            code = None if line else self._process.wait(timeout=max(end - time.monotonic(), 0.0))
         except (queue.Empty, subprocess.TimeoutExpired):
             raise self._failed(f"no answer within {self._limit:g} s") from None
         if code is not None:
@@ -95,10 +113,18 @@ class Process:
         try:
             fields = json.loads(line)
             if "missing" in fields:
-                raise self._failed(fields["missing"].removeprefix(f"{self.name}: "))
-            return fields[field]
-        except (ValueError, TypeError, KeyError):
+                raise self._failed(in_line(str(fields["missing"]).removeprefix(f"{self.name}: ")))
+            return kind(fields[field])
+        except (ValueError, TypeError, KeyError, OverflowError):
             raise self._failed(f"expected a line of JSON with {field!r}, found {line[:60]!r}") from None
+
+    def _line(self, end: float) -> bytes:
+        """Return the next line, b"" at the end of all. Raises queue.Empty where none comes until `end`."""
+        while True:
+            with contextlib.suppress(queue.Empty):  # an interrupt is handled in between only
+                return self._lines.get(timeout=POLL)
+            if time.monotonic() > end:
+                raise queue.Empty
 
     def _failed(self, reason: str) -> PeerError:
         self.close()
@@ -115,6 +141,7 @@ class Process:
         """End the process."""
         self._process.kill()
         self._process.wait()
+        _running.discard(self._process)
         self._reader.join(timeout=1.0)  # what it has started itself may hold its output open
         for file in (self._process.stdin, self._errors):
             with contextlib.suppress(OSError):

@@ -21,10 +21,10 @@ NOWHERE = 1e300  # what the image has where no triangle is
 
 
 class Fields:
-    def __init__(self, scene: Scene, threads: int) -> None:
+    def __init__(self, scene: Scene, samples: int, threads: int) -> None:
         riley = self._riley = _module()
         self.title = f"riley-raster {metadata.version('riley-raster')}"
-        self._scene = scene
+        self._scene, self._deep = scene, samples == 1
         verts, normals, faces = mesh_of(scene)
         verts = verts.astype(np.float64)
         self._meshes = [_mesh(riley, verts, faces, field) for field in (normals, verts)]
@@ -43,7 +43,7 @@ class Fields:
         seen = (points != NOWHERE).all(axis=2)
         normals, points = normals[seen], points[seen]
         camera = self._scene.camera
-        depth = (points - camera.eye) @ camera_axes(camera)[2]
+        depth = (points - camera.eye) @ camera_axes(camera)[2] if self._deep else None
         return picture_of(seen, lambert(normals, points, self._scene), depth)
 
 
@@ -87,4 +87,4 @@ def _camera(riley: Any, scene: Scene, middle: Array) -> Any:
 
 
 def open_for(name: str, scene: Scene, samples: int, threads: int) -> Fields:
-    return Fields(scene, threads)
+    return Fields(scene, samples, threads)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ...base import text_tables
 from ...base.text_tables import digits
-from ..timing import ratio_interval
+from ..timing import FEWEST, ratio_interval
 from . import OURS, PEERS
 from .drawing import SAMPLES
 from .measure import Failure, Found, Result
@@ -103,9 +103,7 @@ def titles(found: Found) -> list[str]:
 
 def passed(found: Found) -> bool:
     """Return whether clshade could draw all that it was asked to."""
-    return not any(
-        isinstance(each, Failure) and each.reason.startswith(tuple(f"{name}:" for name in OURS)) for each in found
-    )
+    return not any(isinstance(each, Failure) and each.renderer in OURS for each in found)
 
 
 def better(found: Found) -> list[str]:
@@ -143,10 +141,11 @@ def _better_at(measure: _Measure, scene: str, found: Found) -> str:
 
 
 def _ahead(measure: _Measure, value: float, mine: float, peer: Result, ours: Result) -> bool:
-    """Return whether a peer is better, beyond noise: with errors APART, or a time whose 95 % interval is below ours."""
+    """Return whether a peer is better, beyond noise: by APART in errors; in times, if the 95 % interval of their ratio
+    lies below 1, of FEWEST rounds or more: with fewer it may be a point."""
     if measure.what == "milliseconds":
         rounds = min(len(peer.times), len(ours.times))
-        return ratio_interval(peer.times[:rounds], ours.times[:rounds])[1] < 1.0
+        return rounds >= FEWEST and ratio_interval(peer.times[:rounds], ours.times[:rounds])[1] < 1.0
     if measure.what == "wrong pixels":
         return value < mine
     return value * APART < mine

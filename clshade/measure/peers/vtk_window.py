@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from ...scene.model import Scene
-from ..bench.peers.opengl import SOFTWARE
+from ..bench.peers.opengl import SOFTWARE, buffer_depth
 from ..bench.peers.peer import MissingPeer
-from .drawing import Picture, light_of, mesh_of
+from .drawing import NO_DEPTH, Picture, light_of, mesh_of
 
 
 class Window:
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, samples: int) -> None:
         vtk = _module()
         os.environ[SOFTWARE] = "1"
-        self._scene = scene
+        self._scene, self._deep = scene, samples == 1
         self._window = vtk.vtkRenderWindow()
         self._window.SetOffScreenRendering(1)
         self._window.SetMultiSamples(0)
@@ -50,11 +50,10 @@ class Window:
         self._window.GetRGBACharPixelData(*corners, 0, self._color)
         self._window.GetZbufferData(*corners, self._depth)
         image = as_array(self._color).reshape(rows, columns, 4)[::-1, :, :3].astype(np.float32) / np.float32(255.0)
-        buffer = as_array(self._depth).reshape(rows, columns)[::-1].astype(np.float64)
-        near, far = self._renderer.GetActiveCamera().GetClippingRange()
-        seen = buffer < 1.0
-        depth = np.where(seen, near * far / (far - buffer * (far - near)), np.inf)
-        return Picture(image, depth, seen.astype(np.float32))
+        buffer = as_array(self._depth).reshape(rows, columns)[::-1]
+        planes = self._renderer.GetActiveCamera().GetClippingRange()
+        depth = buffer_depth(buffer, *planes) if self._deep else NO_DEPTH
+        return Picture(image, depth, (buffer < 1.0).astype(np.float32))
 
 
 def _module() -> Any:
@@ -111,4 +110,4 @@ def _aim(view: Any, scene: Scene) -> None:
 
 
 def open_for(name: str, scene: Scene, samples: int, threads: int) -> Window:
-    return Window(scene)
+    return Window(scene, samples)

@@ -113,6 +113,12 @@ def _context(name: str) -> Any:
     return context
 
 
+def buffer_depth(buffer: Array, near: float, far: float) -> Array:
+    """Return the depth (M, N), float64, of a depth buffer (M, N); +inf where it is 1, at the far plane."""
+    z: Array = np.where(buffer < 1.0, near * far / (far - buffer.astype(np.float64) * (far - near)), np.inf)
+    return z
+
+
 class OpenGL:
     """Renderer of a scene held in buffers of an OpenGL context."""
 
@@ -203,9 +209,7 @@ class OpenGL:
         buffer = np.frombuffer(self._target.read(components=1, attachment=-1, dtype="f4"), np.float32).reshape(
             rows, columns
         )[::-1]
-        near, far = self._range
-        z: Array = np.where(buffer < 1.0, near * far / (far - buffer.astype(np.float64) * (far - near)), np.inf)
-        return z
+        return buffer_depth(buffer, *self._range)
 
     def close(self) -> None:
         self._context.release()
