@@ -35,11 +35,11 @@ CHUNK = 1 << 22  # numbers at a time
 EDGES = (0.5, 1.0, 2.0, 16.0)  # of the histogram, ulp
 BLACK, WHITE = 2.0**-16, 2.0**16  # below and from which on every tone map has its first or last code
 PRECISIONS = tuple(name for name in get_args(Precision) if name != "float64")  # no computer tries all of float64
-HEADER = ("function", "precision", "inputs", "largest", "at", *(f"to {e:g} %" for e in EDGES), "G/s")
+HEADER = ("function", "precision", "inputs", "largest", "at", *(f"% to {e:g} ulp" for e in EDGES), "G/s")
 ABOUT = (
     "Every float32 of the domain; largest: error in units in the last place of the exact result, ! where more than is "
-    "allowed; at: the first input that has it; to 0.5 %, ...: share of the inputs with no larger error; G/s: 1e9 numbers a "
-    "second, of the kernel. Tone maps: the error in 8-bit codes against the formula in float64, for every float32."
+    "allowed; at: the first input that has it; % to 0.5 ulp, ...: share of the inputs with no larger error; G/s: 1e9 "
+    "numbers a second, of the kernel. Tone maps: the error in 8-bit codes against the formula in float64, for every float32."
 )
 FILES = ("functions.csv", "functions.json", "functions.md")
 TEXT = """
