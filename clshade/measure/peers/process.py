@@ -133,9 +133,10 @@ class Process:
     def _said(self) -> str:
         """Return the line of standard error that tells most: the first that names an error, or the last."""
         self._errors.seek(0)
-        lines = [line.strip() for line in self._errors.read().decode(errors="replace").splitlines() if line.strip()]
-        named = [line for line in lines if not line.startswith(("File ", "Traceback")) and "error" in line.lower()]
-        return f": {in_line((named or lines[-1:])[0][:160])}" if lines else ""
+        lines = [line for line in self._errors.read().decode(errors="replace").splitlines() if line.strip()]
+        # A traceback's own lines are indented; from Python 3.13 on some are lines of the code.
+        named = [line for line in lines if not line.startswith((" ", "Traceback")) and "error" in line.lower()]
+        return f": {in_line((named or lines[-1:])[0].strip()[:160])}" if lines else ""
 
     def close(self) -> None:
         """End the process."""
