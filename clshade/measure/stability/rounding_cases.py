@@ -52,9 +52,7 @@ def run(
     bound. Arguments and errors as of `stability.run`, for one device; ClshadeError if an optional package is missing."""
     stream = stream or sys.stdout
     check_options(runs)
-    cases = chosen(names)
-    if triangles < 1:
-        raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
+    cases = chosen(names, triangles)
     if device == "all":
         raise InputError("stability: --random-rounding: cannot go with --device all")
     opened, start = open_device(device), time.perf_counter()

@@ -25,8 +25,11 @@ NO_MPMATH = (
 )
 
 
-def chosen(names: Sequence[str] = ()) -> tuple[Case, ...]:
-    """Return the cases with these names or numbers; by default all. Raises InputError for an unknown one."""
+def chosen(names: Sequence[str] = (), triangles: int = 1) -> tuple[Case, ...]:
+    """Return the cases with these names or numbers; by default all. triangles: number of random triangles that they are to
+    draw. Raises InputError for an unknown case, and for no triangles."""
+    if triangles < 1:
+        raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
     cases = all_cases()
     for name in names:
         if not any(name in (case.name, case.number) for case in cases):
@@ -88,9 +91,7 @@ def run(
     triangles: number of random triangles. Raises InputError, DeviceError and OutputError.
     """
     stream = stream or sys.stdout
-    cases = chosen(names)
-    if triangles < 1:
-        raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
+    cases = chosen(names, triangles)
     opened = devices(device)
     folder = text_tables.create_folder(out)
     notes = [] if importlib.util.find_spec("mpmath") else [NO_MPMATH]
