@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--html", type=output_name, metavar="FILE", help="of a folder: a page with a picture of each image"
     )
     group.add_argument("--json", action="store_true", help="print all figures as JSON")
-    group.add_argument("--list", action="store_true", help="name the mistakes that are modelled")
+    group.add_argument("--list", action="store_true", help="name the mistakes that are modeled")
     group.add_argument(
         "--planted",
         type=whole,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -17,6 +17,8 @@ from ...oracle.terms import RIGHT, Steps
 from ...scene.model import Scene, Settings
 
 Place = Callable[[Integers, Integers, tuple[int, int]], tuple[Integers, Integers]]
+Shade = Callable[["Drawing"], Floats]
+Compose = Callable[["Drawing", Shade], Floats]
 
 
 def _same(values: Floats) -> Floats:
@@ -35,8 +37,8 @@ def _unmoved(xy: Integers) -> Integers:
     return xy
 
 
-def whole(drawing: Drawing) -> Sequence[Drawing]:
-    return (drawing,)
+def _at_once(drawing: Drawing, shade: Shade) -> Floats:
+    return shade(drawing)
 
 
 class Reach(NamedTuple):
@@ -54,10 +56,10 @@ class Drawing:
     """How an image is made. A mistake returns a drawing with other steps.
 
     order: from corner depths (F, 3) to those that painter's order means. snap: of image coordinates (K, 3, 2), 1/256 px.
-    reach: of triangles. corners: of the faces' attributes. light: its steps. parts: drawings whose images are added, each
-    after `limit`, (..., 3). place: from rows (from the TOP), columns and shape (M, N) to the pixels that are shown there.
-    shown: from linear colors (K, 3) to values that are then clipped to [0, 1]. backdrop: color where the right image shows
-    none of the object, (3,), as the image that is graded has it.
+    reach: of triangles. corners: of the faces' attributes. light: its steps. compose: from the drawing and a function that
+    shades drawings to colors (K, 3). place: from rows (from the TOP), columns and shape (M, N) to the pixels that are shown
+    there. shown: from linear colors (K, 3) to values that are then clipped to [0, 1]. backdrop: color where the right image
+    shows none of the object, (3,), as the image that is graded has it.
     """
 
     scene: Scene
@@ -67,8 +69,7 @@ class Drawing:
     reach: Reach = ONE_PIXEL
     corners: Callable[[Corners], Corners] = _as_they_are
     light: Steps = RIGHT
-    parts: Callable[[Drawing], Sequence[Drawing]] = whole
-    limit: Callable[[Floats], Floats] = _same
+    compose: Compose = _at_once
     place: Place = _in_place
     shown: Callable[[Floats], Floats] = _same
     backdrop: Floats = field(default_factory=lambda: np.zeros(3))
@@ -77,7 +78,7 @@ class Drawing:
     def of_scene(self) -> bool:
         """Whether only scene and settings may differ from the right ones: any renderer can draw it."""
         right = Drawing(self.scene, self.settings)
-        names = ("order", "snap", "reach", "corners", "light", "parts", "limit", "place", "shown")
+        names = ("order", "snap", "reach", "corners", "light", "compose", "place", "shown")
         return all(getattr(self, name) is getattr(right, name) or self.reach == getattr(right, name) for name in names)
 
 
@@ -106,8 +107,7 @@ class Canvas:
         found = np.tile(np.zeros(3) if background is None else background, (len(seen.owner), 1))
         drawn = seen.owner >= 0
         if drawn.any():
-            images = [drawing.limit(_shade(part, seen, drawn)) for part in drawing.parts(drawing)]
-            found[drawn] = np.sum(images, axis=0)
+            found[drawn] = drawing.compose(drawing, lambda part: _shade(part, seen, drawn))
         return found
 
     def codes(self, drawing: Drawing) -> Floats:

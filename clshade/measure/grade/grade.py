@@ -48,7 +48,7 @@ class Grade:
 
     name: of its file. image: its codes (M, N, 3), 0 to 255. differ: number of pixels that differ by more than one code.
     edges: how many of these another rule for edges decides. worst: largest difference, codes. explanations: the best first,
-    none if the image is right.
+    none if the image is right or nothing comes near.
     """
 
     name: str
@@ -91,7 +91,7 @@ def _facts(found: Explanation) -> dict[str, Any]:
 
 
 def right_of(scene: Scene, settings: Settings) -> Right:
-    """Draw the right image. Raises InputError for settings that are not modelled."""
+    """Draw the right image. Raises InputError for settings that are not modeled."""
     if settings.samples != 1 or settings.shader == "pbr" or settings.shadows or settings.ambient_occlusion:
         raise InputError(
             "grade: settings: expected one sample, shader gouraud, phong or nolight, no shadows, found others"
@@ -200,7 +200,7 @@ def _on_edges(image: Floats, right: Right, differ: Bools) -> Bools:
     rows, columns = np.nonzero(differ)
     canvas = Canvas((differ.shape[0], differ.shape[1]), rows, columns)
     for snap in STEPS.values():
-        codes = canvas.codes(snapped(right.drawing, snap))
+        codes = np.rint(canvas.codes(snapped(right.drawing, snap)))
         found[rows, columns] |= ~wrong(image[rows, columns], codes)
     return found
 

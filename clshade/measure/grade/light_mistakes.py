@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +12,7 @@ from ...base.arrays import Floats
 from ...oracle.terms import Directions, mirrored, power
 from ...oracle.vectors import dot, unit
 from ...scene.model import Scene
-from .drawing import Drawing
+from .drawing import Drawing, Shade
 
 Variant = tuple[str, Callable[[Drawing], Drawing]]
 Value = Callable[[Directions, Floats], Floats]
@@ -173,33 +173,20 @@ def _uncolored(drawing: Drawing) -> Drawing:
     return replace(plain, scene=replace(plain.scene, meshes=tuple(meshes)))
 
 
-def _white_apart(drawing: Drawing) -> Sequence[Drawing]:
-    return scaled(drawing, ks=0.0), scaled(_uncolored(drawing), ka=0.0, kd=0.0)
+def _white_apart(drawing: Drawing, shade: Shade) -> Floats:
+    return shade(scaled(drawing, ks=0.0)) + shade(scaled(_uncolored(drawing), ka=0.0, kd=0.0))
 
 
 def white_highlight(drawing: Drawing) -> Iterator[Variant]:
-    yield "", lambda given: replace(given, parts=_white_apart)
+    yield "", lambda given: replace(given, compose=_white_apart)
 
 
-def _apart(drawing: Drawing) -> Sequence[Drawing]:
-    """Return the ambient light, and the terms of each light by themselves."""
-    found = [scaled(drawing, kd=0.0, ks=0.0)]
-    for light in drawing.scene.lights:
-        alone = replace(drawing, scene=replace(drawing.scene, lights=(light,)))
-        found += [scaled(alone, ka=0.0, ks=0.0), scaled(alone, ka=0.0, kd=0.0)]
-    return found
+def _clipped_first(drawing: Drawing, shade: Shade) -> Floats:
+    """Return ambient light and the color times the light that a white surface reflects, at most 1."""
+    colors = shade(replace(drawing, settings=replace(drawing.settings, shader="nolight")))
+    light = shade(scaled(_uncolored(drawing), ka=0.0))
+    return shade(scaled(drawing, kd=0.0, ks=0.0)) + colors * np.clip(light, 0.0, 1.0)
 
 
-def _per_light(drawing: Drawing) -> Sequence[Drawing]:
-    """Return the ambient light, and each light by itself."""
-    alone = [replace(drawing, scene=replace(drawing.scene, lights=(light,))) for light in drawing.scene.lights]
-    return [scaled(drawing, kd=0.0, ks=0.0), *(scaled(each, ka=0.0) for each in alone)]
-
-
-def _at_most_1(values: Floats) -> Floats:
-    return np.clip(values, 0.0, 1.0)
-
-
-def clipped_terms(drawing: Drawing) -> Iterator[Variant]:
-    yield "of each light", lambda given: replace(given, parts=_apart, limit=_at_most_1)
-    yield "each light's sum", lambda given: replace(given, parts=_per_light, limit=_at_most_1)
+def clipped_light(drawing: Drawing) -> Iterator[Variant]:
+    yield "", lambda given: replace(given, compose=_clipped_first)

@@ -1,4 +1,4 @@
-"""The mistakes that are modelled: each a sentence for the student, and what it does to the drawing of the right image."""
+"""The mistakes that are modeled: each a sentence for the student, and what it does to the drawing of the right image."""
 
 from __future__ import annotations
 
@@ -161,7 +161,11 @@ MISTAKES = (
         "The highlight is not multiplied by the color: the course multiplies both terms.",
         light.white_highlight,
     ),
-    Mistake("clipped per term", "Each term is clipped to 1: clip the sum, at the end.", light.clipped_terms),
+    Mistake(
+        "light clipped before color",
+        "The light is clipped to 1 before it is multiplied by the color: clip the sum, at the end.",
+        light.clipped_light,
+    ),
     Mistake("N.L not clamped", "N.L is not clamped: max(N.L, 0), or lights behind darken.", light.unclamped),
     Mistake("N.L by absolute value", "|N.L| lights the far side too: max(N.L, 0).", light.absolute),
     Mistake(

@@ -12,12 +12,12 @@ from ...base.arrays import Bools, Floats, Integers
 from .drawing import Canvas, Drawing, as_codes
 from .mistakes import MISTAKES, Mistake
 
-SINGLES, PAIRS = 2000, 500  # pixels on which single mistakes, and pairs, are compared
-BEAM = 6  # single mistakes that are tried with all others
-MOVED = 24  # how good a single mistake in the places of pixels must be to be tried with those in the scene
+SINGLES, PAIRS = 1500, 400  # pixels on which single mistakes, and pairs, are compared
+BEAM = 5  # single mistakes that are tried with all others
+MOVED = 12  # how good a single mistake in the places of pixels must be to be tried with those in the scene
 _ENOUGH = 0.97  # a single mistake that explains as much is not paired
 _CLAIMED = 0.8  # what an explanation must explain to be claimed
-_WORTH_NAMING = 0.2  # what further explanations must explain to be listed
+_WORTH_NAMING = 0.1  # what an explanation must explain to be listed
 _SEED = 0
 
 
@@ -164,7 +164,7 @@ class Search:
 
 
 def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[Change, Change]]:
-    """Yield pairs of different mistakes: those in the scene before those in the image, others in both orders."""
+    """Yield pairs of different mistakes: those in the scene before those in the image, two in the image in both orders."""
     for i, one in enumerate(changes):
         for other in changes[i + 1 :]:
             if one.mistake is other.mistake:
@@ -174,7 +174,7 @@ def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[
                 continue
             if one.mistake.early or late == 2:
                 yield one, other
-            if other.mistake.early or late == 2:
+            if late == 2 or (late == 1 and other.mistake.early):
                 yield other, one
 
 
@@ -185,7 +185,7 @@ def explain(right: Drawing, image: Floats, linear: Floats, doubtful: Bools) -> l
     search = Search(right, shape, sample(image, linear, doubtful, SINGLES))
     singles = search.singles()
     best = search.together(singles)
-    found = [best, *(each for each in singles[1:] if each.changes not in best.same and each.score > _WORTH_NAMING)]
+    found = [each for each in (best, *singles[1:]) if each.changes not in best.same and each.score > _WORTH_NAMING]
     if best.score >= _ENOUGH:
         return found[:3]
     fewer = Search(right, shape, sample(image, linear, doubtful, PAIRS))

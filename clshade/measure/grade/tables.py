@@ -52,8 +52,9 @@ def lines(facts: Facts) -> list[str]:
 
 
 def _reasons(facts: Facts) -> Iterator[str]:
-    if facts["explanations"] and not facts["explained"]:
-        yield "None of the modelled mistakes, nor two of them, explains it. What comes nearest:"
+    if not facts["right"] and not facts["explained"]:
+        nearest = " What comes nearest:" if facts["explanations"] else ""
+        yield f"None of the modeled mistakes, nor two of them, explains it.{nearest}"
     for number, found in enumerate(facts["explanations"], 1):
         removed, fixed = percent(found["difference_removed"]), percent(found["pixels_made_right"])
         yield f"{number}. {named(found)}: removes {removed} of the difference, makes {fixed} of the wrong pixels right"
@@ -84,7 +85,7 @@ def _row(name: str, found: Row | str) -> tuple[str, ...]:
     start = name, "yes" if facts["right"] else "no", percent(share(facts))
     if facts["right"]:
         return *start, "", "", "", ""
-    first = facts["explanations"][0]
     if not facts["explained"]:
         return *start, "none explains it", "", "", ""
+    first = facts["explanations"][0]
     return *start, named(first), percent(first["difference_removed"]), same(first), ""
