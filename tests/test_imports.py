@@ -90,6 +90,7 @@ DRAWING = (
     "turntable",
     "animate",
     "poster",
+    "grade",
     "report",
     "stability",
     "view",

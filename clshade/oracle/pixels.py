@@ -17,7 +17,7 @@ from .lights import Shape, position_of, shape_of
 from .lights import each as light_each
 from .lights import place as place_of
 from .maps import Maps, maps, turned_length, turned_normals
-from .terms import Surface
+from .terms import RIGHT, Steps, Surface
 from .transform import camera_frame
 from .vectors import length, unit
 
@@ -95,6 +95,7 @@ class Batch:
     seen: shadows.Visibility | None = None
     bends: Floats | None = None
     open: ambient_occlusion.Openness | None = None
+    light: Steps = RIGHT
 
     def flips(self, color: Floats) -> Floats:
         """Return by how much rounding may change the color (K, 3), times texel and color of scalars, where it decides which
@@ -123,11 +124,12 @@ def shade_pixels(
     steps: tuple[Floats, Floats] | None = None,
     condition: Floats | float = 1.0,
     at: tuple[Integers, Integers] | None = None,
+    light: Steps = RIGHT,
 ) -> Shaded:
     """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners. behind: (K,) bool, whether
     the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`. condition: (K,) how much
     rounding of positions in float64 is amplified in the weights. at: x and y (K,) of the samples, 1/256 px, y up, if there
-    are shadows or lights of finite size."""
+    are shadows or lights of finite size. light: how it is computed, by shaders gouraud and phong."""
     two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
     axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
     used, where = np.unique(face, return_inverse=True)
@@ -164,6 +166,7 @@ def shade_pixels(
         seen=_seen(shown),
         bends=corners.bends[used],
         open=_open(shown),
+        light=light,
     )
     return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
 
@@ -302,7 +305,7 @@ def _gouraud(batch: Batch) -> Shaded:
     given = lights.positions, lights.intensities
     unhidden = _unhidden(batch, points, (normals, normals), batch.extent[:, None], np.ones(1), eye)
     reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(points, normals, eye, surface, *given, lights.shapes, reaching)
+    lit = shade.reflected(points, normals, eye, surface, *given, lights.shapes, reaching, batch.light)
     at_corners = _arriving(surface.ka_Ia, batch.open if batch.tinted else None)
     factor = lit + at_corners[0] if batch.tinted else lit
     plain = blend(batch.weights, (batch.colors * factor)[where])
@@ -388,7 +391,7 @@ def _phong(batch: Batch) -> Shaded:
     given = lights.positions, lights.intensities
     unhidden = _unhidden(batch, point, (normal, at.smooth), at.extent, at.normal_length, eye)
     reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(point, normal, eye, surface, *given, lights.shapes, reaching)
+    lit = shade.reflected(point, normal, eye, surface, *given, lights.shapes, reaching, batch.light)
     ambient, hidden, rounded = _arriving(surface.ka_Ia, batch.open)
     factor = lit + ambient if batch.tinted else lit
     rgb = color * factor if batch.tinted else ambient + color * factor

@@ -12,7 +12,7 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from . import lights
 from .lights import Shape
-from .terms import TERMS, Directions, Surface
+from .terms import RIGHT, TERMS, Directions, Steps, Surface
 from .vectors import length
 
 # |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are accurate to 16
@@ -66,20 +66,21 @@ def reflected(
     light_intensities: Floats,
     shapes: Sequence[Shape] = (),
     reaching: Floats | None = None,
+    steps: Steps = RIGHT,
 ) -> Floats:
     """Return the light that a white surface reflects: of each light Ip times the sum of its terms, (..., 3).
 
     light_positions and light_intensities: (L, 3), rows are lights. shapes: see `lights.each`, here and below; Ip is the
-    intensity times `lights.share`. reaching: (L, ...) factors of the lights.
+    intensity times `lights.share`. reaching: (L, ...) factors of the lights. steps: how a light is computed.
     """
     point, normal = np.asarray(point, np.float64), np.asarray(normal, np.float64)
     total = np.zeros(np.broadcast_shapes(point.shape, normal.shape, *(k.shape for k in surface.k.values())))
     each = lights.each(light_positions, light_intensities, shapes, point)
     for k, (position, intensity, shape) in enumerate(each):
-        at = Directions.at(point, normal, eye, lights.place(point, position, shape))
+        at = steps.directions(point, normal, eye, lights.place(point, position, shape))
         share = lights.share(point, position, shape) * (1.0 if reaching is None else reaching[k])
         arriving = intensity * share[..., None]
-        white = [factor * TERMS[name].value(at, surface.n)[..., None] for name, factor in surface.k.items()]
+        white = [factor * steps.terms[name](at, surface.n)[..., None] for name, factor in surface.k.items()]
         total = total + arriving * sum(white)
     return total
 

@@ -6,7 +6,7 @@ and directions are (..., 3), exponents (...).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -124,3 +124,17 @@ def _specular_steepness(at: Directions, n: Floats) -> Floats:
 
 
 TERMS = {"kd": Term(_diffuse), "ks": Term(specular, _specular_jump, _specular_steepness)}  # by coefficient
+
+
+_VALUES = {name: term.value for name, term in TERMS.items()}
+
+
+class Steps(NamedTuple):
+    """The steps of the light that `measure.grade` replaces by wrong ones: from point, normal, eye and light to directions,
+    and the values of TERMS by coefficient."""
+
+    directions: Callable[[Floats, Floats, Floats, Floats], Directions] = Directions.at
+    terms: Mapping[str, Callable[[Directions, Floats], Floats]] = _VALUES
+
+
+RIGHT = Steps()

@@ -1,0 +1,197 @@
+"""Which mistakes explain an image: alone, then in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.arrays import Bools, Floats, Integers
+from .drawing import Canvas, Drawing, as_codes
+from .mistakes import MISTAKES, Mistake
+
+SINGLES, PAIRS = 1500, 400  # pixels on which single mistakes, and pairs, are compared
+BEAM = 5  # single mistakes that are tried with all others
+MOVED = 12  # how good a single mistake in the places of pixels must be to be tried with those in the scene
+_ENOUGH = 0.97  # a single mistake that explains as much is not paired
+_CLAIMED = 0.8  # what an explanation must explain to be claimed
+_WORTH_NAMING = 0.1  # what an explanation must explain to be listed
+_SEED = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One variant of a mistake. draw: from a drawing to the wrong one."""
+
+    mistake: Mistake
+    words: str
+    draw: Callable[[Drawing], Drawing]
+
+    @property
+    def label(self) -> str:
+        return f"{self.mistake.name} ({self.words})" if self.words else self.mistake.name
+
+    def __call__(self, drawing: Drawing) -> Drawing:
+        return self.draw(drawing)
+
+
+class Sample(NamedTuple):
+    """Pixels of the image that is graded, rows from the TOP and columns, (K,): their codes (K, 3), and the number of pixels
+    that each stands for."""
+
+    rows: Integers
+    columns: Integers
+    codes: Floats
+    weights: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """One mistake, or two in the order in which they are made.
+
+    removed: share of the difference that it removes, as the sum of what is beyond one code. fixed: share of the pixels that
+    differ which it makes right within one code. same: others that give the same image here.
+    """
+
+    changes: tuple[Change, ...]
+    removed: float
+    fixed: float
+    same: tuple[tuple[Change, ...], ...] = ()
+
+    @property
+    def score(self) -> float:
+        return 0.5 * (self.removed + self.fixed)
+
+    @property
+    def claimed(self) -> bool:
+        return self.score >= _CLAIMED
+
+    @property
+    def label(self) -> str:
+        return " + ".join(change.label for change in self.changes)
+
+    def draw(self, drawing: Drawing) -> Drawing:
+        for change in self.changes:
+            drawing = change(drawing)
+        return drawing
+
+
+def changes_of(drawing: Drawing, mistakes: Sequence[Mistake] = MISTAKES) -> list[Change]:
+    """Return all variants of the mistakes that the right drawing can have."""
+    return [Change(mistake, *variant) for mistake in mistakes for variant in mistake.variants(drawing)]
+
+
+def wrong(codes: Floats, expected: Floats) -> Bools:
+    """Return (K,) bool: which pixels differ by more than one code in any channel."""
+    return np.asarray((np.abs(codes - expected) > 1.0 + 1e-9).any(axis=-1))
+
+
+def sample(image: Floats, linear: Floats, doubtful: Bools, count: int) -> Sample:
+    """Choose pixels of the image, codes (M, N, 3): half of those that differ from the right linear colors, and half of the
+    others, at random, but all of a half that has no more; none that are doubtful, (M, N). Also the brightest right one, on
+    which maxima depend."""
+    generator = np.random.default_rng(_SEED)
+    differ = wrong(image, np.rint(as_codes(linear))).reshape(-1)
+    chosen, weights = [np.array([linear.max(axis=2).argmax()])], [np.zeros(1)]
+    sure = ~doubtful.reshape(-1)
+    for half in (np.flatnonzero(differ & sure), np.flatnonzero(~differ & sure)):
+        some = half if len(half) <= count // 2 else generator.choice(half, count // 2, replace=False)
+        chosen.append(some)
+        weights.append(np.full(len(some), len(half) / max(len(some), 1)))
+    rows, columns = np.divmod(np.concatenate(chosen), image.shape[1])
+    return Sample(rows, columns, image[rows, columns], np.concatenate(weights))
+
+
+class Search:
+    """The search for what explains pixels of an image. right: the right drawing. shape: (M, N)."""
+
+    def __init__(self, right: Drawing, shape: tuple[int, int], pixels: Sample) -> None:
+        self.right, self.pixels = right, pixels
+        self.canvas = Canvas(shape, pixels.rows, pixels.columns)
+        self._before = self._left(self.canvas.codes(right))
+        self._linear: dict[Change | None, Floats] = {}
+
+    def _left(self, codes: Floats) -> tuple[float, float]:
+        """Return what is left of the difference: the sum beyond one code, and the number of pixels."""
+        written = np.rint(codes) if (self.pixels.codes == np.rint(self.pixels.codes)).all() else codes
+        apart = np.maximum(np.abs(written - self.pixels.codes) - 1.0, 0.0).sum(axis=1)
+        weights = self.pixels.weights
+        return float(weights @ apart), float(weights @ wrong(written, self.pixels.codes))
+
+    def explained(self, *changes: Change) -> Explanation:
+        """Return how much these mistakes, in this order, explain."""
+        sums, counts = zip(self._before, self._left(self._drawn(changes)), strict=True)
+        removed, fixed = (1.0 - after / before if before else 0.0 for before, after in (sums, counts))
+        return Explanation(changes, removed, fixed)
+
+    def _drawn(self, changes: Sequence[Change]) -> Floats:
+        """Return the codes of the pixels; linear colors of a single mistake in the scene are kept."""
+        drawing = self.right
+        for change in changes:
+            drawing = change(drawing)
+        first = changes[0] if changes and changes[0].mistake.early else None
+        written = [change for change in changes if not change.mistake.early]
+        moved = drawing.place is not self.right.place
+        if moved or len(changes) - len(written) > 1:
+            return self.canvas.codes(drawing)
+        if first not in self._linear:
+            self._linear[first] = self.canvas.linear(self.right if first is None else first(self.right))
+        return as_codes(drawing.shown(self._linear[first]))
+
+    def singles(self) -> list[Explanation]:
+        """Return all single mistakes, the one that explains most first; equals in the table's order."""
+        found = [self.explained(change) for change in changes_of(self.right)]
+        return sorted(found, key=lambda each: -round(each.score, 3))
+
+    def pairs(self, singles: Sequence[Explanation]) -> list[Explanation]:
+        """Return pairs of mistakes, the one that explains most first: each with those in the finished image, and the best of
+        `singles` with all."""
+        changes = changes_of(self.right)
+        best, moved = ({each.label for each in singles[:count]} for count in (BEAM, MOVED))
+        idle = {change.label for change in changes if change.mistake.moves} - moved
+        found = [self.explained(*pair) for pair in _ordered_pairs([c for c in changes if c.label not in idle], best)]
+        return sorted(found, key=lambda each: -round(each.score, 3))
+
+    def together(self, ranked: Sequence[Explanation]) -> Explanation:
+        """Return the first of ranked explanations, with those that give the same image within one code at all pixels."""
+        first, *others = ranked
+        codes = self._drawn(first.changes)
+        near = [each for each in others if each.score > first.score - 0.01]
+        same = [each.changes for each in near if not wrong(self._drawn(each.changes), codes).any()]
+        return replace(first, same=tuple(same))
+
+
+def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[Change, Change]]:
+    """Yield pairs of different mistakes: those in the scene before those in the image, two in the image in both orders."""
+    for i, one in enumerate(changes):
+        for other in changes[i + 1 :]:
+            if one.mistake is other.mistake:
+                continue
+            late = (not one.mistake.early) + (not other.mistake.early)
+            if late == 0 and not {one.label, other.label} & best:
+                continue
+            if one.mistake.early or late == 2:
+                yield one, other
+            if late == 2 or (late == 1 and other.mistake.early):
+                yield other, one
+
+
+def explain(right: Drawing, image: Floats, linear: Floats, doubtful: Bools) -> list[Explanation]:
+    """Return what explains an image, codes (M, N, 3), that differs from the right linear colors elsewhere than at doubtful
+    pixels, (M, N): the best explanation first, at most three."""
+    shape = image.shape[0], image.shape[1]
+    search = Search(right, shape, sample(image, linear, doubtful, SINGLES))
+    singles = search.singles()
+    best = search.together(singles)
+    found = [each for each in (best, *singles[1:]) if each.changes not in best.same and each.score > _WORTH_NAMING]
+    if best.score >= _ENOUGH:
+        return found[:3]
+    fewer = Search(right, shape, sample(image, linear, doubtful, PAIRS))
+    likely = fewer.pairs(singles)[:24]
+    pairs = sorted((search.explained(*each.changes) for each in likely), key=lambda each: -round(each.score, 3))
+    pair = search.together(pairs)
+    if 1.0 - pair.score < 0.5 * (1.0 - best.score):
+        found = [pair, *found]
+    return found[:3]
