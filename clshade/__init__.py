@@ -42,6 +42,7 @@ _HOMES = {
     "Views": "clshade.pipeline.many_views",
     "with_look": "clshade.pipeline.look",
     "check": "clshade.measure.check.check",
+    "verify": "clshade.measure.verify.verify",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
     "exr": "clshade.exr",
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from . import farm as farm
     from . import view as view
     from .measure.check.check import check as check
+    from .measure.verify.verify import verify as verify
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
     from .pipeline.look import with_look as with_look

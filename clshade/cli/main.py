@@ -32,6 +32,7 @@ COMMANDS = {
     "view": "a scene live in the browser; or an HTML page for inspecting and comparing EXR and PNG images",
     "inspect": "what an EXR or PNG holds: statistics, header, pixels, a figure; or what is in a scene",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
+    "verify": "whether an EXR shows what its header says: random pixels computed again in float64, without OpenCL",
     "coco": "masks of the instances in rendered images as a COCO data set, for training detectors",
 }
 

@@ -73,7 +73,7 @@ def _described(value: Any) -> bytes:
 
 def _described_array(array: Any) -> bytes:
     little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-    data = hashlib.sha256(little.reshape(-1).view(np.uint8)).digest()
+    data = hashlib.sha256(little.reshape(-1).view(np.uint8).data).digest()
     return f"array {little.dtype.str} {array.shape}:".encode() + data
 
 
