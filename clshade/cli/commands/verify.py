@@ -9,7 +9,7 @@ import os
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from ...errors import InputError
 from ...measure.defaults import SAMPLE
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ...measure.verify.verify import verified
 
     image = read_recorded(arguments.image)
-    pixels = "all" if arguments.all else arguments.pixels
+    pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
     found = verified(image, _scenes(image, arguments.scene), pixels=pixels, seed=arguments.seed)
     if arguments.json:
         import json

@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -152,9 +152,21 @@ def _different_parts(scene: Scene, record: Record) -> list[str]:
 
 def _unseen(image: RecordedImage, of: int, faults: list[str]) -> Verification:
     """Return the result of an image that was not looked at."""
-    nothing = {"pixels": 0, "wrong": 0, "at_most": 1.0, "bounds": 0.0, "allowed": 0.0, "ties": 0, "gates": 0}
-    named: dict[str, Any] = {"worst": None, "seed": None, "compared": (), "remarks": _remarks(image)}
-    return Verification(of=of, faults=(*faults, *image.faults), **nothing, **named)
+    return Verification(
+        pixels=0,
+        of=of,
+        wrong=0,
+        at_most=1.0,
+        bounds=0.0,
+        allowed=0.0,
+        ties=0,
+        gates=0,
+        worst=None,
+        seed=None,
+        compared=(),
+        faults=(*faults, *image.faults),
+        remarks=_remarks(image),
+    )
 
 
 def _remarks(image: RecordedImage) -> tuple[str, ...]:
