@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Literal
 from ...errors import InputError
 from ...measure.defaults import SAMPLE
 from . import DONE, FAILED
-from .arguments import with_values
+from .arguments import refuse, with_values
 
 if TYPE_CHECKING:
+    from ...measure.verify.planted import Planted
     from ...measure.verify.recorded_image import RecordedImage
+    from ...measure.verify.verification import Verification
     from ...scene.model import Scene
 
 
@@ -36,6 +38,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     either.add_argument("--pixels", type=int, default=SAMPLE, metavar="N", help=what)
     either.add_argument("--all", action="store_true", help="compute every pixel again")
     parser.add_argument("--seed", type=int, metavar="N", help="of the sample (default: one that nobody can foresee)")
+    what = "change the image, its header or its scene in N ways, and see whether each change is found"
+    parser.add_argument("--planted", type=int, metavar="N", help=what)
     parser.add_argument("--json", action="store_true", help="print all figures as JSON")
 
 
@@ -45,7 +49,19 @@ def run(arguments: argparse.Namespace) -> int:
 
     image = read_recorded(arguments.image)
     pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
-    found = verified(image, _scenes(image, arguments.scene), pixels=pixels, seed=arguments.seed)
+    scenes = _scenes(image, arguments.scene)
+    found: Verification | Planted
+    if arguments.planted is not None:
+        from ...measure.verify.planted import plant
+
+        refuse(
+            arguments,
+            ("all",),
+            "cannot go with --planted, which looks at all pixels where a sample has missed a change",
+        )
+        found = plant(image, scenes[0], arguments.planted, pixels=arguments.pixels, seed=arguments.seed or 0)
+    else:
+        found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
     if arguments.json:
         import json
 

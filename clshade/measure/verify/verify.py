@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Literal
@@ -17,6 +17,7 @@ from ...base.validation import integer, value_error
 from ...errors import InputError
 from ...images import png
 from ...images.joint_tonemaps import JOINT
+from ...images.layers import LAYER_TABLE, LayerRow
 from ...oracle import OracleFrame, OracleLayers
 from ...pipeline import frame_files
 from ...pipeline.drawing_record import Picture, Record
@@ -110,13 +111,13 @@ def verified(
     seed = (
         int.from_bytes(os.urandom(_ENTROPY), "big") if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
     )
-    shown = [_as_drawn(scene, record) for scene in candidates]
+    shown = [as_drawn(scene, record) for scene in candidates]
     different = [_different_parts(scene, record) for scene in shown]
     least = min(range(len(shown)), key=lambda k: len(different[k]))
     if different[least]:
         fault = f"the scene is not the one that was drawn: its {', '.join(different[least])} differ"
         return _unseen(image, of, [fault])
-    index = np.sort(np.random.default_rng(seed).choice(of, count, replace=False)) if count < of else np.arange(of)
+    index = sampled(of, count, seed)
     judged = _judge(image, shown[least], *np.divmod(index, record.camera.resolution[0]))  # type: ignore[union-attr]
     picture = _PictureBeside(image, shown[least])
     wrong = np.flatnonzero(judged.wrong)
@@ -139,7 +140,14 @@ def verified(
     )
 
 
-def _as_drawn(scene: Scene, record: Record) -> Scene:
+def sampled(of: int, count: int, seed: int) -> Array:
+    """Return the ascending indices, in reading order, of `count` random pixels, of all if there are no more."""
+    if count >= of:
+        return np.arange(of)
+    return np.sort(np.random.default_rng(seed).choice(of, count, replace=False))
+
+
+def as_drawn(scene: Scene, record: Record) -> Scene:
     """Return the scene as the settings of the record show it, in the image's resolution."""
     camera = record.camera
     assert camera is not None
@@ -224,11 +232,13 @@ def _frame(
     real = oracle_bounds.real_of(settings)
     right = {"RGBA": np.concatenate([expected.rgb, expected.alpha[:, None]], axis=1), "Z": expected.Z}
     channels = dict(image.channels)
+    rows_of: Mapping[str, LayerRow] = LAYER_TABLE
     for name, values in channels.items():
-        if values.dtype == real or values.dtype.kind != "f":
+        kind = np.dtype(real if name == "RGBA" else rows_of[name].dtype(real))
+        if values.dtype == kind:
             continue
         known = right[name] if name in right else getattr(layers, name)
-        channels[name] = values.astype(real)
+        channels[name] = values.astype(kind)
         channels[name][where] = nearest_stored(values[where], known)
     return Frame(channels.pop("RGBA"), channels, scene, settings, dict)
 
