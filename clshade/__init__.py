@@ -8,10 +8,11 @@ from __future__ import annotations
 import sys
 
 from .base import display, exchange
+from .base.version import VERSION
 
 TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOMES = {
     "Camera": "clshade.scene.camera",

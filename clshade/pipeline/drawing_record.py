@@ -9,13 +9,14 @@ import json
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
 from ..base.input_files import file_error
 from ..base.json_values import plain
 from ..base.strict_json import found_text, parse_text
+from ..base.version import VERSION
 from ..errors import InputError
 from ..images import exr, exr_limits
 from ..images.tonemap import Operator, checked
@@ -26,9 +27,6 @@ from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalars import Scalars
 from .kernel_files import kernels_digest
-
-if TYPE_CHECKING:
-    from .frame_files import SavingOptions
 
 RECORD, SEAL = "clshade", "clshadeSeal"  # names of the header's attributes
 # What the EXR's writer adds to the header is not sealed.
@@ -54,8 +52,8 @@ class Storage:
     png: Picture | None = None
 
     @classmethod
-    def of(cls, scene: Scene, files: Container[str], saving: SavingOptions) -> Storage:
-        """Return what these of `frame_files.KINDS` keep of an image of a scene."""
+    def of(cls, scene: Scene, files: Container[str], saving: Mapping[str, Any]) -> Storage:
+        """Return what these of `frame_files.KINDS` keep of an image of a scene. saving: keywords of `Frame.save`."""
         operator = saving.get("tonemap") or default_tonemap(scene)
         picture = Picture(operator, saving.get("exposure", 0.0), saving.get("colorbar", False))
         own = saving.get("half", False), saving.get("compression", "zip"), saving.get("crop", False)
@@ -83,12 +81,10 @@ def record_of(
     """Return the record of an image as JSON-compatible values. scene, settings: as drawn; fields of the settings are those
     that differ from `Settings()`. The camera is None for a part of an image, and for one of more than 16384
     pixels a side."""
-    from .. import __version__
-
     is_part = isinstance(scene.camera, PartCamera)
     given = {each.name: (getattr(settings, each.name), each.default) for each in fields(settings)}
     found = {
-        "version": __version__,
+        "version": VERSION,
         "scene": part_digests(scene),
         "name": scene.name,
         "camera": None if is_part or max(scene.camera.resolution) > MAX_RESOLUTION else _values(scene.camera),

@@ -420,7 +420,7 @@ class Frame:
             return frame_files.with_colorbar(pixels, self.scene, self.settings, tonemap, exposure)
 
         def encode_exr(file: BinaryIO) -> list[str]:
-            device = None if deterministic else self.stats["device"]
+            device = None if deterministic else self.stats.get("device")
             saving: SavingOptions = {"tonemap": tonemap, "exposure": exposure, "colorbar": colorbar}
             saving |= {"half": half, "compression": compression, "crop": crop}
             storage = drawing_record.Storage.of(self.scene, paths, saving)

@@ -15,7 +15,7 @@ from clshade.cli.main import COMMANDS, _parser, main
 from clshade.images import exr
 
 SIZE = ("--resolution", "32,24")
-NEEDED = {"inspect": 1, "view": 1, "compare": 2, "animate": 2, "coco": 1}  # arguments without an option
+NEEDED = {"inspect": 1, "view": 1, "compare": 2, "animate": 2, "coco": 1, "verify": 1}  # arguments without an option
 
 
 @pytest.fixture

@@ -144,7 +144,8 @@ class _Planting:
         return len(at) > 0 and not np.isin(at, sampled(other.size, self._pixels, seed)).any()
 
     def _changed_color(self, change: Callable[[Floats, Floats, Any], Array]) -> Callable[[_Files, Any], _Files]:
-        """Return what changes the colors of a pixel, or a block or row of them, by more than is allowed."""
+        """Return what changes the colors of a pixel, or a block or row of them, by more than is allowed, without the
+        PNG, whose colors would tell."""
 
         def changed(files: _Files, random: Any) -> _Files:
             rgb = np.stack([files.planes[name] for name in "RGB"], axis=-1)
@@ -156,7 +157,8 @@ class _Planting:
                 new = np.where((is_wrong & self._decided)[..., None], new, rgb)
                 if not np.array_equal(new, rgb, equal_nan=True):
                     break
-            return replace(files, planes={**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}})
+            planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
+            return replace(files, planes=planes, codes=None)
 
         return changed
 
@@ -218,7 +220,8 @@ def _changed_attribute(files: _Files, random: Any) -> _Files:
         value = value[:-1] + ("x" if value[-1:] != "x" else "y")
     else:
         value = np.float32(2.0) * value + 1 if isinstance(value, np.ndarray) else 2 * value + 1
-    changes: list[dict[str, Any]] = [{name: value}, {name: None}, {"added": "by someone"}]
+    changes: list[dict[str, Any]] = [{name: value}, {"added": "by someone"}]
+    changes += [] if name == "pixelAspectRatio" else [{name: None}]  # every file has one
     return replace(files, header={**files.header, **changes[int(random.integers(len(changes)))]})
 
 

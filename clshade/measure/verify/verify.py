@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools
 from ...base.validation import integer, value_error
+from ...base.version import VERSION
 from ...errors import InputError
 from ...images import png
 from ...images.joint_tonemaps import JOINT
-from ...images.layers import LAYER_TABLE, LayerRow
+from ...images.layers import LAYER_TABLE
 from ...oracle import OracleFrame, OracleLayers
 from ...pipeline import frame_files
 from ...pipeline.drawing_record import Picture, Record
@@ -178,11 +179,9 @@ def _unseen(image: RecordedImage, of: int, faults: list[str]) -> Verification:
 
 
 def _remarks(image: RecordedImage) -> tuple[str, ...]:
-    from ... import __version__
-
     record, found = image.record, []
-    if record.version != __version__ or record.kernels != kernels_digest():
-        found.append(f"drawn by clshade {record.version} with other kernels or another version than {__version__}")
+    if record.version != VERSION or record.kernels != kernels_digest():
+        found.append(f"drawn by clshade {record.version} with other kernels or another version than {VERSION}")
     if image.others:
         found.append(f"not looked at: {', '.join(image.others[:8])}{' ...' if len(image.others) > 8 else ''}")
     return tuple(found)
@@ -232,13 +231,12 @@ def _frame(
     real = oracle_bounds.real_of(settings)
     right = {"RGBA": np.concatenate([expected.rgb, expected.alpha[:, None]], axis=1), "Z": expected.Z}
     channels = dict(image.channels)
-    rows_of: Mapping[str, LayerRow] = LAYER_TABLE
+    kinds: dict[str, Any] = {"RGBA": real, **{name: LAYER_TABLE[name].dtype(real) for name in settings.layers}}
     for name, values in channels.items():
-        kind = np.dtype(real if name == "RGBA" else rows_of[name].dtype(real))
-        if values.dtype == kind:
+        if values.dtype == kinds[name]:
             continue
         known = right[name] if name in right else getattr(layers, name)
-        channels[name] = values.astype(kind)
+        channels[name] = values.astype(kinds[name])
         channels[name][where] = nearest_stored(values[where], known)
     return Frame(channels.pop("RGBA"), channels, scene, settings, dict)
 
