@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, cast
@@ -35,7 +35,7 @@ NOT_SEALED = {*exr.PROTECTED, *exr.WRITTEN, *exr_limits.OUTSIDE.values(), SEAL}
 
 @dataclass(frozen=True)
 class Picture:
-    """How the PNG beside an EXR was made of it."""
+    """How the PNG beside an EXR is made of it, if there is one."""
 
     tonemap: Operator
     exposure: float = 0.0
@@ -44,20 +44,20 @@ class Picture:
 
 @dataclass(frozen=True)
 class Storage:
-    """What a frame's files keep of it, as of `Frame.save`. png: None if none was written."""
+    """What a frame's files keep of it, as of `Frame.save`."""
 
+    png: Picture
     half: bool = False
     compression: str = "zip"
     crop: bool = False
-    png: Picture | None = None
 
     @classmethod
-    def of(cls, scene: Scene, files: Container[str], saving: Mapping[str, Any]) -> Storage:
-        """Return what these of `frame_files.KINDS` keep of an image of a scene. saving: keywords of `Frame.save`."""
+    def of(cls, scene: Scene, saving: Mapping[str, Any]) -> Storage:
+        """Return what the files keep of an image of a scene. saving: keywords of `Frame.save`."""
         operator = saving.get("tonemap") or default_tonemap(scene)
         picture = Picture(operator, saving.get("exposure", 0.0), saving.get("colorbar", False))
         own = saving.get("half", False), saving.get("compression", "zip"), saving.get("crop", False)
-        return cls(*own, picture if "png" in files else None)
+        return cls(picture, *own)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def record_of(
         "name": scene.name,
         "camera": None if is_part or max(scene.camera.resolution) > MAX_RESOLUTION else _values(scene.camera),
         "settings": {name: _value(value) for name, (value, default) in given.items() if value != default},
-        "storage": {**_values(storage), "png": None if storage.png is None else _values(storage.png)},
+        "storage": {**_values(storage), "png": _values(storage.png)},
         "kernels": kernels_digest(),
         "device": device,
         "command": command,
@@ -140,11 +140,9 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
     if set(scene) != set(PARTS) or not all(isinstance(each, str) for each in scene.values()):
         raise file_error(owner, f"{RECORD}.scene", f"digests of {', '.join(PARTS)}", found_text(scene))
     make = partial(_made, owner)
-    storage = dict(get("storage", dict))
-    png = storage.pop("png", None)
-    picture = None if png is None else make(Picture, png, "storage.png")
-    if picture is not None:
-        make(checked, {"operator": picture.tonemap, "exposure": picture.exposure}, "storage.png")
+    storage = get("storage", dict)
+    picture = make(Picture, storage.get("png"), "storage.png")
+    make(checked, {"operator": picture.tonemap, "exposure": picture.exposure}, "storage.png")
     camera = value.get("camera")
     return Record(
         scene=scene,

@@ -423,7 +423,7 @@ class Frame:
             device = None if deterministic else self.stats.get("device")
             saving: SavingOptions = {"tonemap": tonemap, "exposure": exposure, "colorbar": colorbar}
             saving |= {"half": half, "compression": compression, "crop": crop}
-            storage = drawing_record.Storage.of(self.scene, paths, saving)
+            storage = drawing_record.Storage.of(self.scene, saving)
             record = drawing_record.record_of(self.scene, self.settings, storage, device=device, command=self.command)
             metadata = drawing_record.sealed(self.metadata(deterministic=deterministic), record)
             window: Literal["covered", "drawn"] | None = "covered" if crop else "drawn"

@@ -223,7 +223,7 @@ def draw_poster(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
-        joining = _Joining(tiles, folder.pattern, whole, settled, Storage.of(whole, files, options))
+        joining = _Joining(tiles, folder.pattern, whole, settled, Storage.of(whole, options))
         write = {"exr": joining.write_exr, "png": joining.write_png}
         with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
             for (kind, file_path), file in zip(paths.items(), opened, strict=True):

@@ -44,7 +44,9 @@ def test_an_image_is_found_again_by_its_header(tmp_path, monkeypatch, capsys):
     code, out, _ = run(capsys, "verify", "other/out.exr")
     assert code == 1
     assert "the scene is not the one that was drawn: its meshes" in out
-    assert run(capsys, "verify", "other/out.exr", "teapot")[0] == 1
+    (tmp_path / "given").mkdir()
+    (tmp_path / "given" / "solid.obj").write_text(CUBE)
+    assert run(capsys, "verify", "other/out.exr", "given/solid.obj", "--all")[0] == 0
     (other / "solid.obj").unlink()
     assert_refused(run(capsys, "verify", "other/out.exr"), "solid.obj", "no such file")
 

@@ -75,7 +75,7 @@ def plant(image: RecordedImage, scene: Scene, count: int, *, pixels: int, seed: 
         raise InputError(f"verify: --planted: expected an image that is right, found faults in {path}")
     planes, header = exr.read(path)
     picture = image.path.with_suffix(".png")
-    codes = png.read(picture, alpha=True) if image.record.storage.png is not None and picture.exists() else None
+    codes = png.read(picture, alpha=True) if picture.exists() else None
     planting = _Planting(image, _Files(planes, header, codes, scene), pixels)
     found = Planted()
     with tempfile.TemporaryDirectory() as folder:

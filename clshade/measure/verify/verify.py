@@ -282,8 +282,7 @@ class _PictureBeside:
         self.remarks: list[str] = []
         self.compared = False
         path, how = image.path.with_suffix(".png"), image.record.storage.png
-        if how is None or not path.exists():
-            self.remarks += [f"there is no {path.name} beside it"] if how is not None else []
+        if not path.exists():
             return
         if not image.exact and (how.tonemap in JOINT or scene.background is None):
             self.remarks.append(f"not looked at: {path.name}, whose colors the EXR holds rounded")
