@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, Literal
 
@@ -92,10 +92,11 @@ def verify(
 
 
 def builtin_of(record: Record) -> Scene:
-    """Return the built-in scene that a record names. Raises InputError if it names none."""
+    """Return the built-in scene that a record names, with its camera. Raises InputError if it names none."""
     if record.name not in scenes.BUILTINS:
         raise InputError(f"verify: scene: expected the Scene that was drawn, found none for {record.name!r}")
-    return scenes.builtin(record.name)
+    assert record.camera is not None
+    return replace(scenes.builtin(record.name), camera=record.camera)
 
 
 def verified(
