@@ -8,10 +8,11 @@ from __future__ import annotations
 import sys
 
 from .base import display, exchange
+from .base.version import VERSION
 
 TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOMES = {
     "Camera": "clshade.scene.camera",
@@ -42,6 +43,7 @@ _HOMES = {
     "Views": "clshade.pipeline.many_views",
     "with_look": "clshade.pipeline.look",
     "check": "clshade.measure.check.check",
+    "verify": "clshade.measure.verify.verify",
     "course": "clshade.course",  # a module itself
     "errors": "clshade.errors",
     "exr": "clshade.exr",
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
     from . import farm as farm
     from . import view as view
     from .measure.check.check import check as check
+    from .measure.verify.verify import verify as verify
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
     from .pipeline.look import with_look as with_look

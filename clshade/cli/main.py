@@ -33,6 +33,7 @@ COMMANDS = {
     "inspect": "what an EXR or PNG holds: statistics, header, pixels, a figure; or what is in a scene",
     "compare": "how far an image is from another, layer by layer; an image regression test with --threshold",
     "grade": "an image of the course against the right one, and the mistake named",
+    "verify": "whether an EXR shows what its header says: random pixels computed again in float64, without OpenCL",
     "coco": "masks of the instances in rendered images as a COCO data set, for training detectors",
 }
 

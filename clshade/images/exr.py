@@ -53,8 +53,9 @@ _MAX_HEADER = 1 << 16  # bytes that are searched for the display window
 FIRST = "rgba"  # name of the first of several parts
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
-_PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
-_PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
+WRITTEN = {"software": "clshade", "colorInteropID": "lin_rec709_scene"}  # attributes of every file, by default
+PROTECTED = {"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "name", "type", "version"}
+PROTECTED |= {"chunkCount", "screenWindowCenter", "screenWindowWidth", "tiles"}
 _LOCK = threading.Lock()  # OpenEXR's thread count and the standard streams are global to the process
 
 
@@ -154,7 +155,7 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
 
 def _attribute(name: str, value: Any) -> Any:
     """Return a header value in a form that OpenEXR stores as it is; it silently stores others wrongly."""
-    if not isinstance(name, str) or not name.isprintable() or not name or name in _PROTECTED:
+    if not isinstance(name, str) or not name.isprintable() or not name or name in PROTECTED:
         raise InputError(f"exr: metadata: expected the name of an attribute of the caller's, found {name!r}")
     if isinstance(value, str):
         return value.encode("utf-8", "replace").decode("utf-8")
@@ -171,7 +172,7 @@ def _attribute(name: str, value: Any) -> Any:
 
 
 def _header(metadata: Mapping[str, Any], data: Window, display: Window) -> dict[str, Any]:
-    header: dict[str, Any] = {"software": "clshade", "colorInteropID": "lin_rec709_scene", "pixelAspectRatio": 1.0}
+    header: dict[str, Any] = {**WRITTEN, "pixelAspectRatio": 1.0}
     header |= {name: _attribute(name, value) for name, value in metadata.items() if value is not None}
     aspect = header["pixelAspectRatio"]
     if not isinstance(aspect, float) or not 1e-6 <= aspect <= 1e6:

@@ -7,7 +7,7 @@ inputs.
 
 from .flow import OracleFlow, flow
 from .frame import OracleFrame, depth_at, nearest_depths, render, sample
-from .layers import OracleLayers, render_layers
+from .layers import OracleLayers, render_layers, sample_layers
 
 __all__ = [
     "OracleFlow",
@@ -19,4 +19,5 @@ __all__ = [
     "render",
     "render_layers",
     "sample",
+    "sample_layers",
 ]

@@ -18,7 +18,7 @@ from .frame import (
     face_weights,
     layer_owners,
     opaque_test,
-    owners,
+    owners_at,
     prepare,
     samples_of,
     weight_condition,
@@ -124,23 +124,33 @@ def instance_numbers(scene: Scene) -> UInt32s:
 
 def render_layers(scene: Scene, settings: Settings) -> OracleLayers:
     """Render the layers of a scene's own camera."""
+    columns, rows = scene.camera.resolution
+    at = np.divmod(np.arange(rows * columns), columns)
+    found = sample_layers(scene, settings, *at)
+    grid = (getattr(found, field.name) for field in fields(OracleLayers))
+    return OracleLayers(*(values.reshape(rows, columns, *values.shape[1:]) for values in grid))
+
+
+def sample_layers(scene: Scene, settings: Settings, rows: Integers, columns: Integers) -> OracleLayers:
+    """Render the layers of some pixels only: rows (from the TOP) and columns, both (K,); leading axis (K,)."""
     camera = scene.camera
     own, scene = scene, without_colors(scene, settings.scalars)
+    columns = np.asarray(columns, np.int64)
+    upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
     view = samples_of(scene, settings, prepare(scene, settings))[0]
     opaque = opaque_test(scene, settings, view)
-    owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
-    upward, across = np.mgrid[: owner.shape[0], : owner.shape[1]]
-    shown, _ = layer_owners(scene, settings, owner.ravel(), (across.ravel(), upward.ravel()))
-    owner = shown.reshape(owner.shape)
-    rows, columns = np.nonzero(owner >= 0)
+    owner = owners_at(view, settings.visibility, columns, upward, opaque, camera.orthographic)
+    owner, _ = layer_owners(scene, settings, owner, (columns, upward))
+    shown = np.flatnonzero(owner >= 0)
     found: OracleLayers | None = None
-    for start in range(0, max(len(rows), 1), BATCH):  # at least one batch, of no pixels in an empty image
-        row, column = rows[start : start + BATCH], columns[start : start + BATCH]
-        batch = _batch(scene, own, settings, view, owner[row, column], column, row)
+    for start in range(0, max(len(shown), 1), BATCH):  # at least one batch, of no pixels in an empty image
+        some = shown[start : start + BATCH]
+        batch = _batch(scene, own, settings, view, owner[some], columns[some], upward[some])
         found = found or _background(owner.shape, batch)
         for field in fields(OracleLayers):
-            getattr(found, field.name)[row, column] = getattr(batch, field.name)
-    return OracleLayers(*(getattr(found, field.name)[::-1] for field in fields(OracleLayers)))
+            getattr(found, field.name)[some] = getattr(batch, field.name)
+    assert found is not None
+    return found
 
 
 def _background(shape: tuple[int, ...], batch: OracleLayers) -> OracleLayers:

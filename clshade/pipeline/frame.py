@@ -18,7 +18,7 @@ from ..images.depth_png import SCALE
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS, LAYERS, NumberLayer, PointLayer, RealLayer, lists_layers
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
-from . import frame_files
+from . import drawing_record, frame_files
 from .flow_vectors import Flow, FlowName, flow_channels
 from .frame_files import SAVING, FileKind, SavingOptions
 from .image_check import Check
@@ -53,6 +53,8 @@ class Frame:
     mattes : dict of str to Matte
         Cryptomatte layers that are written to the EXR, each as a part of its own; empty at first, see
         `clshade.cryptomatte`.
+    command : str or None
+        The command line that draws it, if one did; it is written to the EXR.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class Frame:
         self.check: Check | None = None
         self.flows: dict[FlowName, Flow] = {}
         self.mattes: Mapping[MatteKind, Matte] = {}
+        self.command: str | None = None
         self._make_stats: Callable[[], dict[str, Any]] | None = stats
         self._stats: dict[str, Any] = {}
 
@@ -417,7 +420,12 @@ class Frame:
             return frame_files.with_colorbar(pixels, self.scene, self.settings, tonemap, exposure)
 
         def encode_exr(file: BinaryIO) -> list[str]:
-            metadata = self.metadata(deterministic=deterministic)
+            device = None if deterministic else self.stats.get("device")
+            saving: SavingOptions = {"tonemap": tonemap, "exposure": exposure, "colorbar": colorbar}
+            saving |= {"half": half, "compression": compression, "crop": crop}
+            storage = drawing_record.Storage.of(self.scene, saving)
+            record = drawing_record.record_of(self.scene, self.settings, storage, device=device, command=self.command)
+            metadata = drawing_record.sealed(self.metadata(deterministic=deterministic), record)
             window: Literal["covered", "drawn"] | None = "covered" if crop else "drawn"
             tiled = isinstance(self.scene.camera, PartCamera)  # its pixels can then be joined with those of other parts
             if tiled:

@@ -16,7 +16,6 @@ from ..scene.geometry import bounding_box
 from ..scene.ground import objects_of, with_ground
 from ..scene.model import Scene, Settings, Texture
 from ..scene.settings import LOOKS, Look
-from .renderer import Renderer
 
 BACKGROUND = 0.6  # of the studio, linear: a light gray, code 203 of sRGB
 _GRAY = 0.8  # of its ground: in the middle about as bright as the background
@@ -125,6 +124,8 @@ def _open_sky(
 
     middle: of the square. radius: of the bounding sphere of what stands on the ground. gap: between the two.
     """
+    from .renderer import Renderer
+
     up = np.cross(right, away)
     side = 2.0 * _REACH * radius
     # It looks down from between the ground and what stands on it.

@@ -20,6 +20,7 @@ from ..base.atomic_files import write_bytes
 from ..errors import ClshadeError, DeviceError
 from . import layer_outputs, surface_inputs
 from .features import Features, bit_definitions
+from .kernel_files import kernel_folder
 from .opencl import cache_sharing, environment
 from .opencl.device import Device
 from .struct_layout import header
@@ -28,15 +29,6 @@ from .struct_layout import header
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
 QUICK = "CLSHADE_QUICK_BUILD"  # environment variable: if set, kernels are not optimized; the bits are the same
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
-
-
-def kernel_folder() -> Path:
-    """Return the folder of the kernel sources: inside an installed package, or at the top level of a checkout."""
-    package = Path(__file__).resolve().parent.parent
-    for folder in (package / "kernels", package.parent / "kernels"):
-        if (folder / "features.clh").is_file():
-            return folder
-    raise DeviceError(f"{package}: the kernel sources are missing; install clshade again")
 
 
 def _put_in(text: str, name: str, seen: set[str], parts: list[str]) -> None:

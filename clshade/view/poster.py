@@ -22,6 +22,7 @@ from ..farm.running import Run, draw_frames
 from ..images import exr_tiles, png
 from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
+from ..pipeline.drawing_record import Storage, record_of, sealed
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
 from ..scene.camera import Camera
@@ -222,7 +223,7 @@ def draw_poster(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
-        joining = _Joining(tiles, folder.pattern, whole, settled)
+        joining = _Joining(tiles, folder.pattern, whole, settled, Storage.of(whole, options))
         write = {"exr": joining.write_exr, "png": joining.write_png}
         with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
             for (kind, file_path), file in zip(paths.items(), opened, strict=True):
@@ -249,8 +250,8 @@ def _tile_bytes(settings: Settings, tile: int) -> int:
 class _Joining:
     """What joins the files of tiles. scene: with the camera of the whole."""
 
-    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings) -> None:
-        self._tiles, self._scene, self._settings = tiles, scene, settings
+    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings, storage: Storage) -> None:
+        self._tiles, self._scene, self._settings, self._storage = tiles, scene, settings, storage
         self._pattern = parse_pattern(pattern, len(tiles))
 
     def _name(self, number: int, kind: FileKind) -> str:
@@ -259,6 +260,7 @@ class _Joining:
     def write_exr(self, file: BinaryIO) -> None:
         tiles = self._tiles
         metadata = frame_files.header(self._scene, self._settings, self._settings.layers)
+        metadata = sealed(metadata, record_of(self._scene, self._settings, self._storage))
         start = exr_tiles.header(self._name(0, "exr"), tiles.whole.resolution, tiles.tile, metadata)
         names = (self._name(number, "exr") for number in tiles)
         exr_tiles.join(file, start, names, tiles.across, tiles.down)

@@ -15,7 +15,8 @@ from clshade.cli.main import COMMANDS, _parser, main
 from clshade.images import exr
 
 SIZE = ("--resolution", "32,24")
-NEEDED = {"inspect": 1, "view": 1, "compare": 2, "animate": 2, "coco": 1, "grade": 1}  # arguments without an option
+COUNTED = ("inspect", "view", "coco", "grade", "verify")
+NEEDED = {**dict.fromkeys(COUNTED, 1), "compare": 2, "animate": 2}  # arguments without an option
 
 
 @pytest.fixture

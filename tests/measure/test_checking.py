@@ -10,6 +10,7 @@ import pytest
 from checked_scenes import CHECKED
 from command_line import run
 from devices import working_devices
+from oracle_frames import frame_of
 
 import clshade
 from clshade import oracle
@@ -23,15 +24,6 @@ from clshade.scene.model import Camera, Material, Mesh, Scene, Settings, Texture
 
 LAYERS = ("Z", "id")
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
-
-
-def frame_of(scene: Scene, settings: Settings) -> Frame:
-    """Return the frame of a renderer with no error but rounding; needs no device."""
-    expected = oracle.render(scene, settings)
-    rgba = np.concatenate([expected.rgb, expected.alpha[..., None]], axis=-1).astype(np.float32)
-    layers = {"Z": expected.Z.astype(np.float32), "id": expected.id}
-    stats = {"times_ms": {"frame": 1.0}}
-    return Frame(rgba, {name: layers[name] for name in settings.layers}, scene, settings, lambda: stats)
 
 
 def teapot_frame(preset: str = "standard", layers: tuple[str, ...] = LAYERS) -> Frame:

@@ -17,12 +17,12 @@ from clshade.measure.check import oracle_bounds
 from clshade.measure.check.check import compare
 from clshade.measure.rounding import exempt, rewrite, spread
 from clshade.measure.stability import rounding_cases, scene_figure, scene_study, scene_tables
-from clshade.pipeline import programs
+from clshade.pipeline import kernel_files
 
 needs_packages = pytest.mark.skipif(
     any(rewrite.find_spec(name) is None for name in rewrite.PACKAGES), reason="needs libclang and pcpp"
 )
-KERNELS = programs.kernel_folder()
+KERNELS = kernel_files.kernel_folder()
 
 
 # The rewriting

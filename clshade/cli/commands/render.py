@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
@@ -13,7 +14,7 @@ from ...base.atomic_files import folder_made, shown
 from ...errors import ClshadeError
 from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
-from .arguments import device_option, limit_options, output_name
+from .arguments import device_option, given_options, limit_options, output_name
 from .flow_options import add_flows, flow_cameras, flow_option
 from .saving_options import OUTPUT, chosen_saving, matte_option, saving_options
 from .scene_options import (
@@ -100,6 +101,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     limit_options(measured)
     device_option(parser)
+    repeated = [action.dest for action in parser._actions if action.dest not in ("help", "scenes", "crop_zoom", "json")]
+    parser.set_defaults(repeated=repeated)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -152,7 +155,9 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
         facts = write_sheet(scene, output, arguments, options)
         save_scene(scene, arguments)
         return DONE, facts
-    drawn = [_draw(view, stem, arguments, options, warming) for view, stem in views_of(scene, output, arguments)]
+    drawn = []
+    for view, stem in views_of(scene, output, arguments):
+        drawn.append(_draw(view, stem, arguments, options, warming, _command(name, arguments)))
     save_scene(scene, arguments)
     if not arguments.views and arguments.stereo is None:
         return drawn[0]
@@ -160,10 +165,17 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     return max(code for code, _ in drawn), {title: dict(zip(names, (stats for _, stats in drawn), strict=True))}
 
 
+def _command(name: str, arguments: argparse.Namespace) -> str:
+    """Return the command that draws one scene so, with the options that were given."""
+    from ...view.live_command import as_argument
+
+    return shlex.join(["clshade", "render", as_argument(name), *given_options(arguments, arguments.repeated)])
+
+
 def _draw(
-    scene: Scene, output: str, arguments: argparse.Namespace, options: dict[str, Any], warming: Thread
+    scene: Scene, output: str, arguments: argparse.Namespace, options: dict[str, Any], warming: Thread, command: str
 ) -> tuple[int, dict[str, Any]]:
-    """Render and save one view of a scene; return the exit code and all figures."""
+    """Render and save one view of a scene; return the exit code and all figures. command: that draws it."""
     from ...pipeline import renderer
     from ...pipeline.frame_files import chosen_paths
 
@@ -183,6 +195,7 @@ def _draw(
     columns, rows = options["resolution"] or scene.camera.resolution
     with console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
         frame = renderer.render(scene, **options)
+    frame.command = command
     add_flows(frame, cameras, arguments)
     if arguments.cryptomatte:
         frame.mattes = cryptomatte(frame, arguments.cryptomatte, device=arguments.device)

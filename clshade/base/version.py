@@ -1,0 +1,3 @@
+"""The version of clshade."""
+
+VERSION = "0.1.0"

@@ -1,0 +1,74 @@
+"""The command in an image's header: what it draws, without drawing it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import InputError
+from .arguments import with_values
+
+if TYPE_CHECKING:
+    from ...scene.model import Scene
+
+
+def parsed(command: str | None, given: str | None, folder: Path) -> argparse.Namespace:
+    """Return the options of a command that a header has, whoever wrote it: nothing but scenes is loaded by them.
+
+    folder: where files are looked for that are not in the current one. Raises InputError for another command than `render`.
+    """
+    from . import render
+    from .parser import Parser
+
+    try:
+        words = shlex.split(command or "clshade render")
+    except ValueError:
+        words = []
+    parser = Parser(prog="verify: the header's command: clshade render", add_help=False)
+    render.add_options(parser)
+    parser.set_defaults(parser=parser)
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            if words[:2] != ["clshade", "render"]:
+                parser.error(f"expected clshade render ..., found {command!r}")
+            arguments: argparse.Namespace = parser.parse_args(with_values(words[2:]))
+            if given is None and len(arguments.scenes) != 1:
+                parser.error(f"expected one scene, found {len(arguments.scenes)}")
+    except SystemExit:
+        raise InputError(" ".join(said.getvalue().split())) from None
+    arguments.scenes = [_beside(arguments.scenes[0], folder) if given is None else given]
+    for name in ("texture", "environment"):
+        setattr(arguments, name, _beside(getattr(arguments, name), folder))
+    return arguments
+
+
+def _beside(name: str | None, folder: Path) -> str | None:
+    """Return a file's name, or that of one beside the image if there is only such a one."""
+    is_beside = name is not None and not os.path.exists(name) and (folder / name).exists()
+    return str(folder / name) if is_beside and name is not None else name
+
+
+def drawn_scenes(arguments: argparse.Namespace, *, is_drawn_so: bool) -> list[Scene]:
+    """Return the scenes that a command draws. is_drawn_so: whether it drew the image; else it may show the file as it is.
+    Raises InputError for one that only a device can complete."""
+    from .scene_options import lit, placed, read_scene, wants_contact_shadow
+    from .view_options import views_of
+
+    read = read_scene(arguments, arguments.scenes[0])
+    scene, look = lit(read, arguments)
+    if wants_contact_shadow(scene, look, arguments):
+        if is_drawn_so:
+            raise InputError(
+                "verify: SCENE: cannot be completed without OpenCL, which computes the contact shadow of the look studio: "
+                "clshade.verify takes the Scene that was drawn; images with --no-ground or --look plain have none"
+            )
+        return [read]
+    shown = placed(scene, look, arguments)
+    views = [view for view, _ in views_of(shown, "view", arguments)]
+    return views if is_drawn_so else [read, *views]

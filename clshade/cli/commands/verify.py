@@ -1,0 +1,85 @@
+"""`verify`: random pixels of an image computed again, without OpenCL."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+from ...measure.defaults import SAMPLE
+from . import DONE, FAILED
+from .arguments import refuse
+
+if TYPE_CHECKING:
+    from ...measure.verify.planted import Planted
+    from ...measure.verify.recorded_image import RecordedImage
+    from ...measure.verify.verification import Verification
+    from ...scene.model import Scene
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "image", metavar="OUT.exr", help="an image that clshade drew; OUT.png beside it is compared too"
+    )
+    parser.add_argument(
+        "scene",
+        nargs="?",
+        metavar="SCENE",
+        help="what it shows: a file, or a built-in scene (default: as the header says)",
+    )
+    either = parser.add_mutually_exclusive_group()
+    what = f"random pixels to compute again (default: {SAMPLE}: if none is wrong, fewer than 0.1 %% of all are)"
+    either.add_argument("--pixels", type=int, default=SAMPLE, metavar="N", help=what)
+    either.add_argument("--all", action="store_true", help="compute every pixel again")
+    parser.add_argument("--seed", type=int, metavar="N", help="of the sample (default: one that nobody can foresee)")
+    what = "change the image, its header or its scene in N ways, and see whether each change is found"
+    parser.add_argument("--planted", type=int, metavar="N", help=what)
+    parser.add_argument("--json", action="store_true", help="print all figures as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from ...measure.verify.recorded_image import read_recorded
+    from ...measure.verify.verify import verified
+
+    image = read_recorded(arguments.image)
+    pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
+    scenes = _scenes(image, arguments.scene)
+    found: Verification | Planted
+    if arguments.planted is not None:
+        from ...measure.verify.planted import plant
+
+        refuse(
+            arguments,
+            ("all",),
+            "cannot go with --planted, which looks at all pixels where a sample has missed a change",
+        )
+        found = plant(image, scenes[0], arguments.planted, pixels=arguments.pixels, seed=arguments.seed or 0)
+    else:
+        found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
+    if arguments.json:
+        import json
+
+        print(json.dumps(found.stats(), indent=2))
+    else:
+        print("\n".join(found.lines()))
+    return DONE if found.passed else FAILED
+
+
+def _scenes(image: RecordedImage, given: str | None) -> list[Scene]:
+    """Return the scenes that the image may show, with its camera. given: a file or a built-in scene, or None: what the
+    header's command says. Raises InputError if there is none, or none that can be loaded."""
+    from ...base import console
+    from ...measure.verify.verify import builtin_of
+    from .drawn_command import drawn_scenes, parsed
+
+    record = image.record
+    with console.at_level(console.QUIET):
+        if record.command is None and given is None:
+            found = [builtin_of(record)]
+        else:
+            found = drawn_scenes(
+                parsed(record.command, given, image.path.parent), is_drawn_so=record.command is not None
+            )
+    camera = record.camera
+    assert camera is not None
+    return [replace(scene, camera=camera) for scene in found]

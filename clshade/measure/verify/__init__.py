@@ -1,0 +1,1 @@
+"""Images that anyone can audit: random pixels of a file computed again in float64, without OpenCL."""

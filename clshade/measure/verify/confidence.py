@@ -1,0 +1,43 @@
+"""What a random sample says about all: exact binomial bounds."""
+
+from __future__ import annotations
+
+import math
+
+CONFIDENCE = 0.99
+
+
+def upper_bound(found: int, looked_at: int, of: int) -> float:
+    """Return the share of `of` things that is wrong at most, with CONFIDENCE, if `found` of `looked_at` random ones are.
+
+    The one-sided bound of C. Clopper and E. Pearson, The use of confidence or fiducial limits illustrated in the case of
+    the binomial (Biometrika 26(4), 1934): the share of which no more than `found` are met with probability
+    1 - CONFIDENCE. Drawn without replacement, as here, such a sample is met even less often. The share itself if all were
+    looked at; 1 if none was.
+    """
+    if looked_at == of:
+        return found / of
+    if found == looked_at:
+        return 1.0
+    low, high = found / looked_at, 1.0
+    while low < (middle := (low + high) / 2.0) < high:
+        low, high = (middle, high) if _at_most(found, looked_at, middle) > 1.0 - CONFIDENCE else (low, middle)
+    return high
+
+
+def _at_most(found: int, looked_at: int, share: float) -> float:
+    """Return the probability that at most `found` of `looked_at` are wrong, each with the probability `share`."""
+    wrong, right = math.log(share), math.log1p(-share)
+    ways = math.lgamma(looked_at + 1)
+    return math.fsum(
+        math.exp(ways - math.lgamma(k + 1) - math.lgamma(looked_at - k + 1) + k * wrong + (looked_at - k) * right)
+        for k in range(found + 1)
+    )
+
+
+def rounded_up(share: float) -> str:
+    """Return a share in percent with two digits, rounded up, such as `0.1 %`."""
+    if share <= 0.0:
+        return "0 %"
+    step = 10.0 ** (math.floor(math.log10(100.0 * share)) - 1)
+    return f"{math.ceil(100.0 * share / step - 1e-9) * step:.2g} %"

@@ -1,0 +1,101 @@
+"""Images in files with the record of how they were drawn, and what their stored values may have been."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.arrays import Array, Floats
+from ...base.atomic_files import shown
+from ...base.input_files import file_error
+from ...images import exr, exr_limits
+from ...images.layers import LAYER_TABLE
+from ...pipeline.drawing_record import RECORD, SEAL, Record, read_record, seal_of
+
+_LARGEST = {np.dtype(np.float16): 2.0**16, np.dtype(np.float32): 2.0**128}  # what would follow the largest finite one
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedImage:
+    """An EXR with its record. channels: by layer, `RGBA` among them, (M, N, ...). others: channels that are of no layer.
+    faults: what is wrong with the header."""
+
+    path: Path
+    record: Record
+    channels: Mapping[str, Array]
+    others: tuple[str, ...]
+    faults: tuple[str, ...]
+
+    @property
+    def exact(self) -> bool:
+        """Whether colors are stored with the bits of the frame."""
+        return not self.record.storage.half and self.record.settings.precision != "float64"
+
+
+def read_recorded(path: str | os.PathLike[str]) -> RecordedImage:
+    """Read an EXR that a frame was saved to. Raises InputError of one line if it is none, has no record, or one of another
+    size, or was compressed with loss."""
+    planes, header = exr.read(path)
+    owner = shown(path)
+    record = read_record(header, owner)
+    if header["compression"] in exr.LOSSY:
+        expected = "a lossless one, whose values can be judged"
+        raise file_error(owner, "compression", expected, header["compression"])
+    rows, columns = planes["R"].shape if "R" in planes else (0, 0)
+    if record.camera is None:
+        raise file_error(owner, f"{RECORD}.camera", "the camera of a whole image of up to 16384 pixels a side", "none")
+    if record.camera.resolution != (columns, rows):
+        size = "{} x {} pixels".format(*record.camera.resolution)
+        raise file_error(owner, "R", f"{size}, as the header says", f"{columns} x {rows}")
+    if any(plane.shape != (rows, columns) for plane in planes.values()) or not set("RGBA") <= set(planes):
+        raise file_error(owner, "channels", "R, G, B and A of the whole image", ", ".join(planes))
+    channels = {"RGBA": np.stack([planes.pop(name) for name in "RGBA"], axis=-1)}
+    for name in record.settings.layers:
+        suffixes = exr.SUFFIXES.get(name, "RGB" if LAYER_TABLE[name].components == "RGB" else "")
+        names = [f"{name}.{suffix}" for suffix in suffixes] or [name]
+        if not set(names) <= set(planes):
+            raise file_error(owner, "channels", f"the layer {name}, as the header says", "none")
+        parts = [planes.pop(each) for each in names]
+        channels[name] = np.stack(parts, axis=-1) if suffixes else parts[0]
+    return RecordedImage(Path(path), record, channels, tuple(planes), _header_faults(header, record))
+
+
+def _header_faults(header: Mapping[str, Any], record: Record) -> tuple[str, ...]:
+    """Return what is not in the header as it was written."""
+    faults = []
+    if header.get(SEAL) != seal_of(header):
+        faults.append(f"the header was changed: its seal, {SEAL}, is not that of its attributes")
+    usual: dict[str, Any] = {**exr.WRITTEN, "screenWindowWidth": 1.0, "screenWindowCenter": (0.0, 0.0)}
+    usual |= {"lineOrder": "increasing_y", **{exr_limits.OUTSIDE[name]: value for name, value in exr.FAR.items()}}
+    for name, value in usual.items():
+        if name in header and not np.array_equal(header[name], value, equal_nan=isinstance(value, float)):
+            faults.append(f"the header was changed: {name} is not {value}")
+    missing = [name for name in exr.WRITTEN if name not in header]
+    faults += [f"the header was changed: it has no {name}" for name in missing]
+    if header["compression"] != record.storage.compression:
+        faults.append(f"the file was compressed again: {header['compression']}, not {record.storage.compression}")
+    return tuple(faults)
+
+
+def stored_range(values: Array) -> tuple[Floats, Floats]:
+    """Return the least and the largest value that may be stored as these floats, float64 of the same shape."""
+    limit = _LARGEST[values.dtype]
+    with np.errstate(over="ignore", invalid="ignore"):
+        up, down = (np.nextafter(values, values.dtype.type(to)).astype(np.float64) for to in (np.inf, -np.inf))
+        own = values.astype(np.float64)
+        near = np.clip(own, -limit, limit)
+        low, high = ((near + np.clip(each, -limit, limit)) / 2.0 for each in (down, up))
+    return np.where(own == -np.inf, own, low), np.where(own == np.inf, own, high)
+
+
+def nearest_stored(values: Array, expected: Array) -> Floats:
+    """Return what is nearest to the expected values of all that may be stored as these floats, float64; NaN where they
+    are."""
+    low, high = stored_range(values)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isnan(expected), values.astype(np.float64), np.clip(expected, low, high))

@@ -1,0 +1,91 @@
+"""The result of `clshade.verify`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from .confidence import CONFIDENCE, rounded_up
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The result of `clshade.verify`.
+
+    Attributes
+    ----------
+    pixels, of : int
+        Number of pixels computed again, and of all pixels; 0 if the scene is not the one that was
+        drawn.
+    wrong : int
+        How many of them are wrong: colors beyond their bounds, other coverage, or another layer
+        beyond its bound.
+    at_most : float
+        Share of all pixels that is wrong at most, with 99 % confidence: the exact binomial bound. If
+        all were computed again, the share itself.
+    bounds, allowed : float
+        Largest error of a color that is not wrong for another reason, and the largest allowed, as of
+        `clshade.check`.
+    ties, gates : int
+        Pixels of the sample excepted as `clshade.check` does.
+    worst : tuple of int or None
+        Row (from the top) and column of a wrong pixel, None if there is none.
+    seed : int or None
+        Seed of the sample; None if all pixels were computed again.
+    compared : tuple of str
+        What was compared: `color`, `coverage` and names of layers, `PNG`.
+    faults : tuple of str
+        What is wrong besides pixels of the EXR, one line each.
+    remarks : tuple of str
+        What was not looked at, and what differs without being wrong, one line each.
+    """
+
+    pixels: int
+    of: int
+    wrong: int
+    at_most: float
+    bounds: float
+    allowed: float
+    ties: int
+    gates: int
+    worst: tuple[int, int] | None
+    seed: int | None
+    compared: tuple[str, ...]
+    faults: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is wrong with what was looked at."""
+        return self.wrong == 0 and not self.faults
+
+    @property
+    def claim(self) -> str:
+        """What the sample says of all pixels, in words."""
+        if self.pixels == self.of:
+            return f"{self.wrong:,} of {self.of:,} pixels are wrong: every one was looked at"
+        return (
+            f"with {CONFIDENCE:.0%} confidence fewer than {rounded_up(self.at_most)} of the pixels are wrong".replace(
+                "%", " %", 1
+            )
+        )
+
+    def lines(self) -> list[str]:
+        """Return the result as lines for the terminal."""
+        found = ["verified" if self.passed else "FAILED", *self.faults]
+        if self.pixels:
+            seed = "" if self.seed is None else f", seed {self.seed}"
+            except_ = [f"{n:,} {what}" for n, what in ((self.ties, "ties"), (self.gates, "at a highlight's gate")) if n]
+            found += [
+                self.claim,
+                f"{self.pixels:,} of {self.of:,} pixels computed again in float64{seed}: {self.wrong:,} wrong"
+                + (f", the first at row {self.worst[0]}, column {self.worst[1]}" if self.worst else "")
+                + (f"; not counted: {', '.join(except_)}" if except_ else ""),
+                f"largest error {self.bounds:.3g} of {self.allowed:g} bounds",
+                f"compared: {', '.join(self.compared)}",
+            ]
+        return [*found, *(f"remark: {each}" for each in self.remarks)]
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures as JSON-compatible values."""
+        return {**asdict(self), "passed": self.passed, "claim": self.claim if self.pixels else ""}

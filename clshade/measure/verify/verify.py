@@ -1,0 +1,315 @@
+"""Verify an image in a file: recompute a random sample of its pixels with the oracle, and compare what is beside it."""
+
+from __future__ import annotations
+
+import operator
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any, Literal
+
+import numpy as np
+
+from ... import oracle
+from ...base.arrays import Array, Bools
+from ...base.validation import integer, value_error
+from ...base.version import VERSION
+from ...errors import InputError
+from ...images import png
+from ...images.joint_tonemaps import JOINT
+from ...images.layers import LAYER_TABLE
+from ...oracle import OracleFrame, OracleLayers
+from ...pipeline import frame_files
+from ...pipeline.drawing_record import Picture, Record
+from ...pipeline.effective_settings import effective_settings
+from ...pipeline.frame import Frame
+from ...pipeline.kernel_files import kernels_digest
+from ...scene.builtin import scenes
+from ...scene.description import part_digests
+from ...scene.model import Scene
+from ..check import oracle_bounds
+from ..check.check import Comparison
+from ..check.layer_bounds import layer_errors
+from ..defaults import SAMPLE
+from .confidence import upper_bound
+from .recorded_image import RecordedImage, nearest_stored, read_recorded, stored_range
+from .verification import Verification
+
+_ENTROPY = 6  # bytes of a seed that nobody chose
+
+
+def verify(
+    path: str | os.PathLike[str],
+    scene: Scene | None = None,
+    *,
+    pixels: int | Literal["all"] = SAMPLE,
+    seed: int | None = None,
+) -> Verification:
+    """Verify an image that `Frame.save` wrote: compute random pixels again in float64, without OpenCL.
+
+    Parameters
+    ----------
+    path : str or path-like
+        An EXR. The PNG beside it is compared too, if there is one.
+    scene : Scene, optional
+        What it shows, with its camera, as it was given to `clshade.render`. Default: the built-in scene
+        that the header names.
+    pixels : int or "all", default 4605
+        Number of pixels to compute again, at least 1, or "all". If none of 4605 is wrong, fewer than
+        0.1 % of all pixels are, with 99 % confidence.
+    seed : int, optional
+        Seed of the sample, 0 to 2^64 - 1. Default: one that nobody can foresee.
+
+    Returns
+    -------
+    Verification
+        Whether the image `passed`, and what is wrong.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be judged: it is no EXR of clshade's, has no record, is of another size than
+        that says, or shows a scene that is not known.
+
+    Notes
+    -----
+    The pixels are drawn uniformly, without replacement. What is right is what `clshade.check` accepts,
+    which does not depend on the kernels. Values that are stored as half, or of float64 as float32, may
+    have been any that are stored so.
+
+    Examples
+    --------
+    >>> clshade.render(clshade.builtin("teapot")).save("teapot")
+    []
+    >>> clshade.verify("teapot.exr").passed
+    True
+    """
+    if scene is not None and not isinstance(scene, Scene):
+        raise value_error("verify", "scene", "a Scene", scene)
+    image = read_recorded(path)
+    return verified(image, [builtin_of(image.record) if scene is None else scene], pixels=pixels, seed=seed)
+
+
+def builtin_of(record: Record) -> Scene:
+    """Return the built-in scene that a record names, with its camera. Raises InputError if it names none."""
+    if record.name not in scenes.BUILTINS:
+        raise InputError(f"verify: scene: expected the Scene that was drawn, found none for {record.name!r}")
+    assert record.camera is not None
+    return replace(scenes.builtin(record.name), camera=record.camera)
+
+
+def verified(
+    image: RecordedImage,
+    candidates: Sequence[Scene],
+    *,
+    pixels: int | Literal["all"] = SAMPLE,
+    seed: int | None = None,
+) -> Verification:
+    """Return the result for an image of one of these scenes, see `verify`."""
+    record = image.record
+    of = image.channels["RGBA"][..., 0].size
+    count = of if pixels == "all" else min(integer("verify", "pixels", pixels, 1, 2**63), of)
+    seed = (
+        int.from_bytes(os.urandom(_ENTROPY), "big") if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
+    )
+    shown = [as_drawn(scene, record) for scene in candidates]
+    different = [_different_parts(scene, record) for scene in shown]
+    least = min(range(len(shown)), key=lambda k: len(different[k]))
+    if different[least]:
+        fault = f"the scene is not the one that was drawn: its {', '.join(different[least])} differ"
+        return _unseen(image, of, [fault])
+    index = sampled(of, count, seed)
+    judged = _judge(image, shown[least], *np.divmod(index, record.camera.resolution[0]))  # type: ignore[union-attr]
+    picture = _PictureBeside(image, shown[least])
+    wrong = np.flatnonzero(judged.wrong)
+    worst = np.divmod(index[wrong[0]], image.channels["RGBA"].shape[1]) if len(wrong) else None
+    found = judged.found
+    return Verification(
+        pixels=count,
+        of=of,
+        wrong=len(wrong),
+        at_most=upper_bound(len(wrong), count, of),
+        bounds=float(found.counted.max(initial=0.0)),
+        allowed=found.allowed,
+        ties=int(found.ties.sum()),
+        gates=int(found.gates.sum()),
+        worst=None if worst is None else (int(worst[0]), int(worst[1])),
+        seed=seed if count < of else None,
+        compared=("color", "coverage", *record.settings.layers, *(["PNG"] if picture.compared else [])),
+        faults=(*image.faults, *picture.faults),
+        remarks=(*_remarks(image), *picture.remarks),
+    )
+
+
+def sampled(of: int, count: int, seed: int) -> Array:
+    """Return the ascending indices, in reading order, of `count` random pixels, of all if there are no more."""
+    if count >= of:
+        return np.arange(of)
+    return np.sort(np.random.default_rng(seed).choice(of, count, replace=False))
+
+
+def as_drawn(scene: Scene, record: Record) -> Scene:
+    """Return the scene as the settings of the record show it, in the image's resolution."""
+    camera = record.camera
+    assert camera is not None
+    return effective_settings(scene, settings=record.settings, resolution=camera.resolution)[0]
+
+
+def _different_parts(scene: Scene, record: Record) -> list[str]:
+    return [name for name, digest in part_digests(scene).items() if digest != record.scene[name]]
+
+
+def _unseen(image: RecordedImage, of: int, faults: list[str]) -> Verification:
+    """Return the result of an image that was not looked at."""
+    return Verification(
+        pixels=0,
+        of=of,
+        wrong=0,
+        at_most=1.0,
+        bounds=0.0,
+        allowed=0.0,
+        ties=0,
+        gates=0,
+        worst=None,
+        seed=None,
+        compared=(),
+        faults=(*faults, *image.faults),
+        remarks=_remarks(image),
+    )
+
+
+def _remarks(image: RecordedImage) -> tuple[str, ...]:
+    record, found = image.record, []
+    if record.version != VERSION or record.kernels != kernels_digest():
+        found.append(f"drawn by clshade {record.version} with other kernels or another version than {VERSION}")
+    if image.others:
+        found.append(f"not looked at: {', '.join(image.others[:8])}{' ...' if len(image.others) > 8 else ''}")
+    return tuple(found)
+
+
+# Pixels
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What is found in pixels, (K,). wrong: bool."""
+
+    found: Comparison
+    wrong: Bools
+
+
+def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _Judged:
+    """Compare pixels with the oracle: colors, coverage and all layers."""
+    settings, where = image.record.settings, (rows, columns)
+    expected = oracle.sample(scene, settings, rows, columns)
+    names = [name for name in settings.layers if name not in ("Z", "id")]
+    layers = oracle.sample_layers(scene, settings, rows, columns) if names else None
+    frame = _frame(image, scene, expected, layers, where)
+    found = Comparison(frame, expected, rows, columns)
+    compared = ~found.wrong & ~found.ties
+    wrong = found.wrong | (compared & (found.counted > found.allowed))
+    if "Z" in frame.layers:
+        wrong |= compared & ~(oracle_bounds.depth_errors(frame["Z"][where], expected) <= _depth_allowed(frame))
+    if layers is not None:
+        wrong |= ~found.ties & ~expected.unsure & _wrong_layers(frame, layers, names, where)
+    return _Judged(found, wrong)
+
+
+def _depth_allowed(frame: Frame) -> int:
+    return oracle_bounds.depth_roundings(frame.alpha)
+
+
+def _frame(
+    image: RecordedImage,
+    scene: Scene,
+    expected: OracleFrame,
+    layers: OracleLayers | None,
+    where: tuple[Array, Array],
+) -> Frame:
+    """Return the frame in the file. At these pixels its values are, of all that are stored so, nearest to the expected."""
+    settings = image.record.settings
+    real = oracle_bounds.real_of(settings)
+    right = {"RGBA": np.concatenate([expected.rgb, expected.alpha[:, None]], axis=1), "Z": expected.Z}
+    channels = dict(image.channels)
+    kinds: dict[str, Any] = {"RGBA": real, **{name: LAYER_TABLE[name].dtype(real) for name in settings.layers}}
+    for name, values in channels.items():
+        if values.dtype == kinds[name]:
+            continue
+        known = right[name] if name in right else getattr(layers, name)
+        channels[name] = values.astype(kinds[name])
+        channels[name][where] = nearest_stored(values[where], known)
+    return Frame(channels.pop("RGBA"), channels, scene, settings, dict)
+
+
+class _Pixels:
+    """Layers at pixels, as an image of one column, in which whatever is not finite is 0. layers: the names. bad: (K,) bool,
+    where something was not finite that has to be."""
+
+    def __init__(self, frame: Frame, names: Sequence[str], where: tuple[Array, Array]) -> None:
+        self.layers = tuple(names)
+        self.bad: Bools = np.zeros(len(where[0]), bool)
+        self._values: dict[str, Array] = {}
+        for name in names:
+            values = frame[name][where]
+            if values.dtype.kind == "f":
+                refused = np.isinf(values) if name == "scalar" else ~np.isfinite(values)
+                self.bad |= refused.reshape(len(values), -1).any(axis=1)
+                values = np.where(refused, values.dtype.type(0), values)
+            self._values[name] = values[:, None]
+
+    def __getitem__(self, name: str) -> Array:
+        return self._values[name]
+
+
+def _wrong_layers(frame: Frame, layers: OracleLayers, names: Sequence[str], where: tuple[Array, Array]) -> Bools:
+    """Return where a layer is beyond its bound, (K,) bool."""
+    pixels = _Pixels(frame, names, where)
+    columns = OracleLayers(*(getattr(layers, name)[:, None] for name in OracleLayers.__dataclass_fields__))
+    with np.errstate(invalid="ignore"):
+        errors = layer_errors(pixels, columns, frame.scene, frame.settings)
+    beyond: Bools = reduce(operator.or_, (~(each[:, 0] <= 1.0) for each in errors.values()))
+    return pixels.bad | beyond
+
+
+# The PNG beside the EXR
+
+
+class _PictureBeside:
+    """The comparison of the PNG beside an EXR with it. compared: whether it could be."""
+
+    def __init__(self, image: RecordedImage, scene: Scene) -> None:
+        self.faults: list[str] = []
+        self.remarks: list[str] = []
+        self.compared = False
+        path, how = image.path.with_suffix(".png"), image.record.storage.png
+        if not path.exists():
+            return
+        if not image.exact and (how.tonemap in JOINT or scene.background is None):
+            self.remarks.append(f"not looked at: {path.name}, whose colors the EXR holds rounded")
+            return
+        codes = png.read(path, alpha=True)
+        self.compared = True
+        low, high = _codes(image, scene, how)
+        if codes.shape != low.shape:
+            size, found = ("{1} x {0} pixels of {2} channels".format(*each.shape) for each in (low, codes))
+            self.faults.append(f"{path.name} is of another size: expected {size}, found {found}")
+            return
+        other = ((codes < low) | (codes > high)).any(axis=-1)
+        if other.any():
+            row, column = np.argwhere(other)[0].tolist()
+            place = f"the first at row {row}, column {column}"
+            self.faults.append(f"{path.name} is not the EXR, tone-mapped: {int(other.sum()):,} pixels differ, {place}")
+
+
+def _codes(image: RecordedImage, scene: Scene, how: Picture) -> tuple[Array, Array]:
+    """Return the least and the largest codes that the PNG may have."""
+    rgba, settings = image.channels["RGBA"], image.record.settings
+    ends = (rgba,) * 2 if image.exact else stored_range(rgba)
+    found = []
+    for values in ends:
+        codes = Frame(values, {}, scene, settings, dict).to_png8(how.tonemap, how.exposure)
+        if how.colorbar:
+            codes = frame_files.with_colorbar(codes, scene, settings, how.tonemap, how.exposure)
+        found.append(codes)
+    return found[0], found[1]

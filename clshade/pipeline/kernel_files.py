@@ -1,0 +1,28 @@
+"""The sources of the kernels: where they are, and which they are."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from ..errors import DeviceError
+
+
+def kernel_folder() -> Path:
+    """Return the folder of the kernel sources: inside an installed package, or at the top level of a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    for folder in (package / "kernels", package.parent / "kernels"):
+        if (folder / "features.clh").is_file():
+            return folder
+    raise DeviceError(f"{package}: the kernel sources are missing; install clshade again")
+
+
+@cache
+def kernels_digest() -> str:
+    """Return the SHA-256 of the names and contents of all sources, in hexadecimal."""
+    found = hashlib.sha256()
+    for path in sorted(kernel_folder().glob("*.cl*")):
+        content = path.read_text().encode()  # with the same line ends everywhere
+        found.update(b"%s %d\n" % (path.name.encode(), len(content)) + content)
+    return found.hexdigest()

@@ -1,0 +1,90 @@
+"""`clshade verify`: images that the command line drew, found again by their headers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from command_line import assert_refused, needs_device, run
+
+from clshade.images import exr
+from clshade.pipeline.drawing_record import RECORD, sealed
+
+CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+SMALL = ("--resolution", "64,48", "--samples", "1", "-q")
+
+
+def with_command(path, command):
+    """Write an image anew whose header has another command and the seal that belongs to it."""
+    planes, header = exr.read(path)
+    record = {**json.loads(header[RECORD]), "command": command}
+    metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
+    exr.write(path, planes, metadata=sealed(metadata, record))
+
+
+@needs_device
+def test_an_image_is_found_again_by_its_header(tmp_path, monkeypatch, capsys):
+    """From where it was drawn, and elsewhere with its scene beside it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "solid.obj").write_text(CUBE)
+    moved = ("--camera-azimuth-angle", "30", "--look", "plain", "--flat", "--light-intensity", "0.5")
+    assert run(capsys, "render", "solid.obj", "-o", "out", *moved, *SMALL)[0] == 0
+    code, out, err = run(capsys, "verify", "out.exr", "--all")
+    assert (code, err) == (0, [])
+    assert "0 of 3,072 pixels are wrong: every one was looked at" in out
+    other = tmp_path / "other"
+    other.mkdir()
+    for name in ("out.exr", "out.png", "solid.obj"):
+        shutil.move(tmp_path / name, other / name)
+    code, out, _ = run(capsys, "verify", "other/out.exr", "--json", "--seed", "7", "--pixels", "100")
+    found = json.loads(out)
+    assert (code, found["passed"], found["pixels"], found["seed"]) == (0, True, 100, 7)
+    (other / "solid.obj").write_text(CUBE.replace("v 1 0 0", "v 1.0000001 0 0"))
+    code, out, _ = run(capsys, "verify", "other/out.exr")
+    assert code == 1
+    assert "the scene is not the one that was drawn: its meshes" in out
+    (tmp_path / "given").mkdir()
+    (tmp_path / "given" / "solid.obj").write_text(CUBE)
+    assert run(capsys, "verify", "other/out.exr", "given/solid.obj", "--all")[0] == 0
+    (other / "solid.obj").unlink()
+    assert_refused(run(capsys, "verify", "other/out.exr"), "solid.obj", "no such file")
+
+
+@needs_device
+def test_commands_of_strangers_do_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
+    before = sorted(tmp_path.iterdir())
+    for command, expected in (
+        ("rm -rf out.exr", "expected clshade render"),
+        ("clshade render 'icosphere", "expected clshade render"),
+        ("clshade render icosphere --no-such-option", "there is no option"),
+        ("clshade render icosphere teapot", "expected one scene, found 2"),
+        ("clshade render /dev/zero.obj", "found no such file"),
+        ("clshade render --samples=" + "9" * 5000, "verify: the header's command"),
+        ("clshade render nothing.obj --save-scene=made.glb -o made", "nothing.obj"),
+    ):
+        with_command(tmp_path / "out.exr", command)
+        assert_refused(run(capsys, "verify", "out.exr"), expected)
+    with_command(tmp_path / "out.exr", "clshade render icosphere --save-scene=made.glb --output=made --layers=Z")
+    assert run(capsys, "verify", "out.exr")[0] == 0
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@needs_device
+def test_a_contact_shadow_cannot_be_verified_without_its_scene(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
+    with_command(tmp_path / "out.exr", "clshade render icosphere --look studio")
+    assert_refused(run(capsys, "verify", "out.exr"), "contact shadow")
+
+
+@pytest.mark.parametrize("name", ["none.exr", "text.exr"])
+def test_files_that_are_no_images_are_refused(tmp_path, capsys, name):
+    (tmp_path / "text.exr").write_text("text")
+    assert_refused(run(capsys, "verify", tmp_path / name), name, "file: expected")
+
+
+def test_planted_changes_look_at_all_pixels_by_themselves(tmp_path, capsys):
+    assert_refused(run(capsys, "verify", tmp_path / "none.exr", "--all", "--pixels", "3"), "not allowed with")
