@@ -8,7 +8,9 @@ import shutil
 import pytest
 from command_line import assert_refused, needs_device, run
 
+from clshade.errors import DeviceError
 from clshade.images import exr
+from clshade.pipeline import renderer
 from clshade.pipeline.drawing_record import RECORD, sealed
 
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
@@ -73,10 +75,18 @@ def test_commands_of_strangers_do_nothing(tmp_path, monkeypatch, capsys):
 
 
 @needs_device
-def test_a_contact_shadow_cannot_be_verified_without_its_scene(tmp_path, monkeypatch, capsys):
+def test_a_contact_shadow_is_computed_again(tmp_path, monkeypatch, capsys):
+    """Or refused, where there is no device to do so."""
     monkeypatch.chdir(tmp_path)
-    assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
-    with_command(tmp_path / "out.exr", "clshade render icosphere --look studio")
+    (tmp_path / "solid.obj").write_text(CUBE)
+    assert run(capsys, "render", "solid.obj", "-o", "out", *SMALL)[0] == 0
+    code, out, _ = run(capsys, "verify", "out.exr", "--all")
+    assert (code, "contact shadow" in out) == (0, True)
+
+    def no_device(*_, **__):
+        raise DeviceError("no OpenCL device")
+
+    monkeypatch.setattr(renderer, "Renderer", no_device)
     assert_refused(run(capsys, "verify", "out.exr"), "contact shadow")
 
 

@@ -1,4 +1,4 @@
-"""`verify`: random pixels of an image computed again, without OpenCL."""
+"""`verify`: random pixels of an image computed again by the oracle."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     image = read_recorded(arguments.image)
     pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
-    scenes = _scenes(image, arguments.scene)
+    scenes, remark = _scenes(image, arguments.scene)
     found: Verification | Planted
     if arguments.planted is not None:
         from ...measure.verify.planted import plant
@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = plant(image, scenes[0], arguments.planted, pixels=arguments.pixels, seed=arguments.seed or 0)
     else:
         found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
+        found = replace(found, remarks=(*found.remarks, remark)) if remark and found.pixels else found
     if arguments.json:
         import json
 
@@ -65,9 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE if found.passed else FAILED
 
 
-def _scenes(image: RecordedImage, given: str | None) -> list[Scene]:
-    """Return the scenes that the image may show, with its camera. given: a file or a built-in scene, or None: what the
-    header's command says. Raises InputError if there is none, or none that can be loaded."""
+def _scenes(image: RecordedImage, given: str | None) -> tuple[list[Scene], str]:
+    """Return the scenes that the image may show, with its camera, and a remark on them, "" for none. given: a file or a
+    built-in scene, or None: what the header's command says. Raises InputError if there is none, or none that can be
+    loaded."""
     from ...base import console
     from ...measure.verify.verify import builtin_of
     from .drawn_command import drawn_scenes, parsed
@@ -75,11 +77,11 @@ def _scenes(image: RecordedImage, given: str | None) -> list[Scene]:
     record = image.record
     with console.at_level(console.QUIET):
         if record.command is None and given is None:
-            found = [builtin_of(record)]
+            found, remark = [builtin_of(record)], ""
         else:
-            found = drawn_scenes(
+            found, remark = drawn_scenes(
                 parsed(record.command, given, image.path.parent), is_drawn_so=record.command is not None
             )
     camera = record.camera
     assert camera is not None
-    return [replace(scene, camera=camera) for scene in found]
+    return [replace(scene, camera=camera) for scene in found], remark
