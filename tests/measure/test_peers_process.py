@@ -9,6 +9,7 @@ from contextlib import ExitStack, closing
 
 import pytest
 
+from clshade.measure import child_process
 from clshade.measure.peers import measure, process
 from clshade.measure.peers.measure import Failure, Result
 from clshade.measure.peers.process import PeerError, Process

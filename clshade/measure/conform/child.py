@@ -20,7 +20,7 @@ from ...pipeline.opencl.device import Device, open_untested
 from . import faults, reproducer, shrink
 from .case import Bench, Wrong
 from .skipped import Skipped
-from .tests_of_device import Test, described, tests_of
+from .tests_of_device import Check, described, tests_of
 
 MOST_SHRUNK = 4  # failures of a process that are made smaller; the others are written as they are
 
@@ -48,11 +48,11 @@ def _say(**event: Any) -> None:
     print(json.dumps(event), flush=True)
 
 
-def script_name(task: Task, test: Test) -> str:
+def script_name(task: Task, test: Check) -> str:
     return f"{task.group}_{test.name}"
 
 
-def _run(test: Test, bench: Bench) -> tuple[str, Wrong | None, str]:
+def _run(test: Check, bench: Bench) -> tuple[str, Wrong | None, str]:
     """Return what is wrong, the wrong case, and why the test was skipped."""
     try:
         if test.run is not None:
@@ -69,7 +69,7 @@ def _run(test: Test, bench: Bench) -> tuple[str, Wrong | None, str]:
 
 def run(task: Task, device: Device, bench: Bench) -> None:
     """Run the tests of a task, and write a script for each that fails."""
-    options, failed = programs.compiler_options(device), list[tuple[Test, Wrong]]()
+    options, failed = programs.compiler_options(device), list[tuple[Check, Wrong]]()
     tests = [test for test in tests_of(task.group, task.part, device) if test.name not in task.done]
     for test in tests:
         if task.only and test.name != task.only:

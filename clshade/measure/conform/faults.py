@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ import numpy as np
 from ...base.arrays import Array
 from ...pipeline import programs
 from ...pipeline.bare_kernel import Grid
+from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from .case import Bench
 
@@ -41,7 +43,6 @@ class Fault(NamedTuple):
     part: str = ""
 
 
-_OWN = "float32-own"
 FAULTS = {
     "fma-twice-rounded": Fault(
         "fma rounds its product",
@@ -53,7 +54,7 @@ FAULTS = {
         "the last bit of fma is flipped",
         "constructs",
         "fused_multiply_add",
-        _prefix("#define fma(a, b, c) as_float(as_int((fma)(a, b, c)) ^ 1)\n"),
+        _swap(r"= fma\((.*)\);", r"= as_float(as_int(fma(\1)) ^ 1);"),
     ),
     "contraction": Fault(
         "a * b + c becomes fma",
@@ -168,7 +169,10 @@ FAULTS = {
         "float32-library",
     ),
     "struct-padding": Fault(
-        "structs are not padded", "structs", "layout_View", _swap(r"\} View;", "} __attribute__((packed)) View;")
+        "structs are padded to 64 bytes",
+        "structs",
+        "View_float32",
+        _swap(r"\} View;", "} __attribute__((aligned(64))) View;"),
     ),
     "vector-of-3": Fault(
         "vectors of 3 lie 4 apart", "constructs", "vector_of_3", _swap(r"vload3\(i, a\)", "vload4(i, a).xyz")
@@ -176,7 +180,8 @@ FAULTS = {
     "offset": Fault("global offsets are ignored", "constructs", "ids_in_2_dimensions"),
     "stale": Fault("an input is that of the launch before", "constructs", "unsigned_wraps"),
     "second-run": Fault("every 50th launch loses a number", "repeatability", "launches"),
-    "frame": Fault("a pixel of a frame has another last bit", "coverage", "edges_on_centers"),
+    "frame": Fault("a pixel of a frame has another owner", "coverage", "half_pixel_grid"),
+    "last-bit": Fault("a color of a frame has another last bit", "scenes", "062-nolight", part="nolight"),
     "abort": Fault("the compiler aborts", "constructs", "divergent_loop"),
     "hang": Fault("a launch does not end", "constructs", "divergent_loop"),
     "crash": Fault("a launch crashes", "constructs", "divergent_loop"),
@@ -203,7 +208,8 @@ class Faulty(Bench):
         if self.fault == "hang":
             time.sleep(3600.0)
         if self.fault == "crash":
-            os.kill(os.getpid(), 11)
+            signal.signal(signal.SIGSEGV, signal.SIG_DFL)  # LLVM may handle it
+            os.kill(os.getpid(), signal.SIGSEGV)
         if self.fault == "offset":
             grid = replace(grid, offset=None)
         if self.fault == "stale":
@@ -220,11 +226,12 @@ class Faulty(Bench):
 
     def draw(self, scene: Any, **options: Any) -> Any:
         frame = super().draw(scene, **options)
+        layers, rgba = {name: frame[name].copy() for name in frame.layers}, frame.rgba.copy()
         if self.fault == "frame":
-            for array in (frame.rgba, *(frame[name] for name in frame.layers)):
-                array.flags.writeable = True
-                array.reshape(-1)[3] += 1
-        return frame
+            layers["id"].reshape(-1)[3] += 1
+        if self.fault == "last-bit":
+            rgba.reshape(-1).view(np.uint32)[4] ^= 1
+        return Frame(rgba, layers, frame.scene, frame.settings, lambda: frame.stats)
 
 
 @contextlib.contextmanager

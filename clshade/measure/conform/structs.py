@@ -10,13 +10,13 @@ from ...pipeline.bare_kernel import Grid
 from .case import Case
 
 
-def struct_kernel(name: str, dtype: np.dtype) -> str:
+def struct_kernel(name: str, kernel: str, dtype: np.dtype) -> str:
     """Return a kernel that writes the size of a struct, then the place of each member."""
     lines = [f"{name} s;", f"out[0] = sizeof({name});"]
     for i, member in enumerate(dtype.names or (), 1):
         lines.append(f"out[{i}] = (int)((private char *)&s.{member} - (private char *)&s);")
     body = "\n    ".join(lines)
-    return f"kernel void layout_{name}(global const int *unused, global int *out)\n{{\n    {body}\n}}\n"
+    return f"kernel void {kernel}(global const int *unused, global int *out)\n{{\n    {body}\n}}\n"
 
 
 def _written(values: list[float], kind: type) -> Array:
@@ -33,8 +33,9 @@ def cases(double: bool) -> list[Case]:
         for name, dtype in layout._asdict().items():
             if name == "real":
                 continue
+            reals = "float64" if is_double else "float32"
             expected = [dtype.itemsize, *(dtype.fields[member][1] for member in dtype.names)]
-            found.append(_case(name, "float64" if is_double else "float32", struct_kernel(name, dtype), expected, head))
+            found.append(_case(name, reals, dtype, expected, head))
     values = " ".join(f"out[{i}] = {name};" for i, name in enumerate(struct_layout.CONSTANTS))
     text = f"kernel void constants(global const int *unused, global float *out)\n{{\n    {values}\n}}\n"
     head = struct_layout.header(with_double=double)
@@ -48,9 +49,14 @@ def cases(double: bool) -> list[Case]:
     return found
 
 
-def _case(name: str, reals: str, text: str, expected: list[int], head: str) -> Case:
-    title = f"struct {name} with {reals} reals"
-    one = np.zeros(1, np.int32)
+def _case(name: str, reals: str, dtype: np.dtype, expected: list[int], head: str) -> Case:
+    kernel, one = f"{name}_{reals}", np.zeros(1, np.int32)
     return Case(
-        f"layout_{name}", title, text, (one,), lambda _: _written(expected, np.int32), head, grid=Grid((1,), (1,))
+        kernel,
+        f"struct {name} with {reals} reals",
+        struct_kernel(name, kernel, dtype),
+        (one,),
+        lambda _: _written(expected, np.int32),
+        head,
+        grid=Grid((1,), (1,)),
     )

@@ -24,9 +24,9 @@ GROUPS = {
 
 
 @dataclass(frozen=True)
-class Test:
-    """A test. run: returns what is wrong, "" if nothing; raises Skipped. case: its kernel, if it is one, which `source` holds
-    beside others."""
+class Check:
+    """A test of a device. run: returns what is wrong, "" if nothing; raises Skipped. case: its kernel, if it is one, that `source` holds beside
+    others."""
 
     name: str
     title: str
@@ -38,12 +38,12 @@ class Test:
         return bench.wrong(self.case, self.source) if self.case is not None else None
 
 
-def _of_cases(cases: list[Case], prefix: str = "", source: str = "") -> Iterator[Test]:
+def _of_cases(cases: list[Case], prefix: str = "", source: str = "") -> Iterator[Check]:
     for case in cases:
-        yield Test(f"{prefix}{case.name}", case.title, case=case, source=source)
+        yield Check(f"{prefix}{case.name}", case.title, case=case, source=source)
 
 
-def _operations(device: Device, part: str) -> Iterator[Test]:
+def _operations(device: Device, part: str) -> Iterator[Check]:
     for way in operations.ways(device.lanes, device.has_fp64):
         if str(way).startswith(part):
             cases = operations.cases(way)
@@ -57,7 +57,7 @@ def parts_of(group: str, has_fp64: bool) -> list[str]:
     return list(PROGRAMS) if group == "scenes" else [""]
 
 
-def tests_of(group: str, part: str, device: Device) -> list[Test]:
+def tests_of(group: str, part: str, device: Device) -> list[Check]:
     """Return the tests of a part of one of GROUPS."""
     if group == "operations":
         return list(_operations(device, part))
@@ -66,9 +66,9 @@ def tests_of(group: str, part: str, device: Device) -> list[Test]:
     if group == "structs":
         return list(_of_cases(structs.cases(device.has_fp64)))
     if group == "scenes":
-        return [Test(*row) for row in scenes.tests([part])]
+        return [Check(*row) for row in scenes.tests([part])]
     rows = {"memory": memory.tests, "repeatability": repeatability.tests, "coverage": scenes.coverage_tests}[group]()
-    return [Test(*row) for row in rows]
+    return [Check(*row) for row in rows]
 
 
 def described(wrong: Wrong) -> str:
