@@ -62,7 +62,7 @@ class Child:
             self._process.stdin.flush()
 
     def line(self, end: float) -> bytes:
-        """Return the next line, b"" at the end of all. Raises TimeoutError where none comes until `end`, a monotonic time."""
+        """Return the next line, b"" at the end of all. Raises TimeoutError where none comes until `end`, monotonic."""
         while True:
             with contextlib.suppress(queue.Empty):  # an interrupt is handled in between only
                 return self._lines.get(timeout=POLL)

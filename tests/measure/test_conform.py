@@ -25,9 +25,10 @@ from clshade.measure.conform import (
 )
 from clshade.measure.conform.case import Bench, Case, without_denormals
 from clshade.measure.conform.child import Task
-from clshade.measure.conform.conform import Judged, Result
 from clshade.measure.conform.content import FACTORS, golden_scene
 from clshade.measure.conform.pairs import Draws, covering, uncovered
+from clshade.measure.conform.part import Part
+from clshade.measure.conform.results import Judged, Result
 from clshade.measure.conform.tests_of_device import GROUPS, Check, described, parts_of
 from clshade.pipeline import programs
 from clshade.pipeline.opencl.device import chosen_devices
@@ -166,7 +167,7 @@ def test_denormals_may_be_zeros():
 
 
 def test_a_compiler_that_aborts_is_one_line(opened, tmp_path):
-    (found,) = conform._Part(task(opened, tmp_path, fault="abort"), Judged(None), 30.0).run()
+    (found,) = Part(task(opened, tmp_path, fault="abort"), Judged(None), 30.0).run()
     assert found.problem == "ends the process: SIGABRT"
     assert found.title == "a loop of another length in each work-item"
 
@@ -174,7 +175,7 @@ def test_a_compiler_that_aborts_is_one_line(opened, tmp_path):
 def test_a_launch_that_does_not_end_is_one_line(opened, tmp_path, monkeypatch):
     code = 'import time; print(\'{"begin": "one", "title": ""}\', flush=True); time.sleep(60)'
     monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", "pass" if self.done else code])
-    (found,) = conform._Part(task(opened, tmp_path), Judged(None), 3.0).run()
+    (found,) = Part(task(opened, tmp_path), Judged(None), 3.0).run()
     assert found.problem == "does not end within 3 s"
 
 
@@ -192,7 +193,7 @@ def test_after_a_crash_the_other_tests_go_on(opened, tmp_path, monkeypatch):
         return [sys.executable, "-c", second if self.done else first]
 
     monkeypatch.setattr(Task, "command", command)
-    found = conform._Part(task(opened, tmp_path), Judged(None), 30.0).run()
+    found = Part(task(opened, tmp_path), Judged(None), 30.0).run()
     assert commands == [(), ("one",)]
     assert [(result.name, result.problem) for result in found] == [("one", "ends the process: SIGABRT"), ("two", "")]
 

@@ -6,15 +6,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...base.atomic_files import shown, write_bytes
 from ...base.json_values import plain
 from ...base.text_tables import as_markdown, digits
+from .results import Judged, Result
 from .tests_of_device import GROUPS
-
-if TYPE_CHECKING:
-    from .conform import Judged, Result
 
 HEADER = ("group", "tests", "passed", "skipped", "failed", "seconds")
 

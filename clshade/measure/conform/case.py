@@ -138,7 +138,8 @@ class Bench:
             return None
         by_row = ~right.reshape(len(right), -1)
         column = int(by_row.any(axis=0).argmax()) if case.columns else 0
-        return Wrong(case, found, expected, by_row[:, column] if case.columns else by_row.any(axis=1), column)
+        rows: Bools = by_row[:, column] if case.columns else np.any(by_row, axis=1)
+        return Wrong(case, found, expected, rows, column)
 
 
 def flushes(device: Device) -> bool:

@@ -1,4 +1,5 @@
-"""Run a part of a group of tests on a device that may take the process along: `python -m clshade.measure.conform.child JSON`.
+"""Run a part of a group of tests on a device that may take the process along:
+`python -m clshade.measure.conform.child JSON`.
 
 Prints a line of JSON for each event. `conform` runs it and reads them.
 """
@@ -14,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ...base import console
 from ...errors import ClshadeError, DeviceError
 from ...pipeline import programs
 from ...pipeline.opencl.device import Device, open_untested
@@ -102,7 +104,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         device = open_untested(task.index, task.name)
         _say(device={"lanes": device.lanes, "version": device.version, "driver": device.driver})
-        with faults.planted(task.fault, device) as bench:
+        with console.at_level(console.QUIET), faults.planted(task.fault, device) as bench:
             run(task, device, bench)
     except (ClshadeError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -13,14 +13,14 @@ from ...scene.camera import Camera
 from ...scene.edges import Edges
 from ...scene.lights import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
 from ...scene.metallic_roughness import MetallicRoughness
-from ...scene.model import Material, Mesh, Scene, Settings, Texture
+from ...scene.model import Filter, Material, Mesh, Scene, Settings, Texture
 from ...scene.scalars import Scalars
 from .pairs import Choice, Draws, covering
 
 RESOLUTION = (61, 47)
 COUNT = 100
 # All that the pixel program is compiled for: with all optional features in it, these are the only ones.
-PROGRAMS = {
+PROGRAMS: dict[str, dict[str, Any]] = {
     "phong": {"shader": "phong", "precision": "float32", "samples": 1, "visibility": "depth"},
     "painter": {"shader": "phong", "precision": "fast", "samples": 5, "visibility": "painter"},
     "float64": {"shader": "phong", "precision": "float64", "samples": 3, "visibility": "depth"},
@@ -116,7 +116,9 @@ def _settings(row: Choice) -> Settings:
         "sample_shading",
         "resolve",
     )
-    fields = {name: row[name] for name in (*same, "shadows", "ambient_occlusion", "light_samples", "layer_alpha")}
+    fields: dict[str, Any] = {
+        name: row[name] for name in (*same, "shadows", "ambient_occlusion", "light_samples", "layer_alpha")
+    }
     edges = Edges("all" if row["edges"] == "only" else "feature", width=2.5, only=row["edges"] == "only")
     return Settings(
         **PROGRAMS[row["program"]],
@@ -143,7 +145,13 @@ def _lights(row: Choice) -> tuple[Light, ...]:
         PointLight((-2.0, 2.0, 3.0), (0.5, 0.75, 0.5), radius=0.5),
         RectangleLight((2.0, 2.0, 3.0), (1.0, 0.0, 0.0), (0.0, 0.75, -0.5), (4.0, 4.0, 4.0)),
     )
-    several = {"point": (point,), "distant": (distant,), "spot": (spot,), "areas": areas, "none": ()}
+    several: dict[str, tuple[Light, ...]] = {
+        "point": (point,),
+        "distant": (distant,),
+        "spot": (spot,),
+        "areas": areas,
+        "none": (),
+    }
     return several.get(row["lights"], (point, distant, spot, PointLight((0.0, -3.0, 2.0), (0.25, 0.0, 0.5))))
 
 
@@ -156,10 +164,10 @@ def _material(row: Choice, draws: Draws) -> Material:
     texture = None
     if kind != "none":
         image = _image(draws, 4 if kind == "alpha" else 3)
-        nearest = "nearest" if kind == "nearest" else "linear"
+        nearest: Filter = "nearest" if kind == "nearest" else "linear"
         texture = Texture(image, row["wrap"], "course" if kind == "course" else "standard", filter=nearest)
-    some = {"normal_texture": Texture(_image(draws, 3), row["wrap"]), "emission": (0.125, 0.25, 0.0)}
-    rest = {
+    some: dict[str, Any] = {"normal_texture": Texture(_image(draws, 3), row["wrap"]), "emission": (0.125, 0.25, 0.0)}
+    rest: dict[str, Any] = {
         "occlusion_texture": Texture(_image(draws, 3, 3, 4)),
         "emission_texture": Texture(_image(draws, 3, 4, 3)),
         "metallic_roughness_texture": Texture(_image(draws, 3, 2, 3), filter="nearest"),

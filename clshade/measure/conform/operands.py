@@ -22,7 +22,8 @@ def spread(low: float, high: float, kind: Any, seed: int) -> Array:
     """Return numbers of both signs with exponents from `low` to `high`."""
     own = rng(1, seed)
     exponents = own.integers(int(low), int(high) + 1, HARD)
-    return (np.ldexp(own.uniform(1.0, 2.0, HARD), exponents) * own.choice([-1.0, 1.0], HARD)).astype(kind)
+    found: Array = (np.ldexp(own.uniform(1.0, 2.0, HARD), exponents) * own.choice([-1.0, 1.0], HARD)).astype(kind)
+    return found
 
 
 @cache
@@ -34,7 +35,7 @@ def patterns(kind: Any) -> Array:
     shifted = np.array([*exponents, *own.integers(0, 2 * bias, 8)], np.uint64) << np.uint64(info.nmant)
     mantissas = [0, 1, 1 << (info.nmant - 1), (1 << info.nmant) - 1, *own.integers(0, 1 << info.nmant, 8)]
     signs = np.array([0, 1 << (info.bits - 1)], np.uint64)
-    grid = sum(np.meshgrid(signs, shifted, np.array(mantissas, np.uint64))).reshape(-1)
+    grid = np.sum(np.meshgrid(signs, shifted, np.array(mantissas, np.uint64)), axis=0).reshape(-1)
     more = own.choice(grid, COUNT // 2), own.integers(0, 1 << info.bits, COUNT // 2, np.uint64)
     numbers = np.concatenate([grid, *more]).astype(f"u{info.bits // 8}").view(kind)
     starts = np.array([[-1.0], [-0.5], [0.0], [0.25], [0.5], [1.0]]) * 2.0**info.nmant

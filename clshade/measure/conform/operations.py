@@ -1,5 +1,5 @@
-"""Each operation of kernels/operations.clh against its definition, in exact integers or in NumPy: the compiler's own, and the
-runtime's function that it stands for."""
+"""Each operation of kernels/operations.clh against its definition, in exact integers or in NumPy: the compiler's own, and
+the runtime's function that it stands for."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ kernel void {name}(global const int *x, global int *scratch, global int *out)
 
 
 class Way(NamedTuple):
-    """real: type of real numbers, float32 or float64. library: whether the runtime's functions are chosen. lanes: 1 to 16."""
+    """real: type of reals, float32 or float64. library: whether the runtime's functions are chosen. lanes: 1 to 16."""
 
     real: Any
     library: bool
@@ -81,8 +81,8 @@ class Operation(NamedTuple):
 
 
 def kernel(name: str, kinds: str, out: str, operations: Sequence[Operation]) -> str:
-    """Return a kernel that writes a column for each operation. kinds: types of a, b, c, d. Lanes are loaded and stored number
-    by number, neither by what is tested nor by functions of the runtime."""
+    """Return a kernel that writes a column for each operation. kinds: types of a, b, c, d. Lanes are loaded and stored
+    number by number, neither by what is tested nor by functions of the runtime."""
     inputs = list(zip("abcd", kinds.split(), strict=False))
     lines = [f"LANES_IN({kind}) {v}_; EACH {v}_.each[lane] = {v}s[i + lane];" for v, kind in inputs]
     lines += [f"LANES_OF({kind}) {v} = {v}_.all;" for v, kind in inputs]
@@ -193,9 +193,9 @@ def _integers(way: Way, name: str, kind: Any) -> Case:
 
 def _bits(way: Way) -> Case:
     def counted(v: Array) -> Array:
-        return np.unpackbits(np.ascontiguousarray(v).view(np.uint8).reshape(len(v), -1), axis=1).sum(
-            axis=1, dtype=np.uint64
-        )
+        bytes_of = np.ascontiguousarray(v).view(np.uint8).reshape(len(v), -1)
+        found: Array = np.unpackbits(bytes_of, axis=1).sum(axis=1, dtype=np.uint64)
+        return found
 
     def lowest(v: Array) -> Array:
         return counted((v & -v) - v.dtype.type(1))
@@ -234,7 +234,7 @@ def _conversions(way: Way) -> Iterator[Case]:
         Operation("float", "TO_LANES(a, float)", lambda a, b, c, d: of(np.float32)(a)),
         Operation("float", "TO_LANES(d, float)", lambda a, b, c, d: each(rounded, np.float32, d)),
     ]
-    kinds, given = "int uint long REAL", (x, x.view(np.uint32), y, z)
+    kinds, given = "int uint long REAL", [x, x.view(np.uint32), y, z]
     yield _case(way, "to_reals", "conversions to reals, rounded once", kinds, ("REAL", real), table, given)
     most = 31 if real is np.float32 else 63
     x, y = integers(np.int32), integers(np.int64) >> (63 - most)
@@ -248,7 +248,7 @@ def _conversions(way: Way) -> Iterator[Case]:
         Operation("int", "TO_FIXEDS(c)", lambda a, b, c, d: np.trunc(c)),
         Operation("INTEGER", "TO_INTS(d)", lambda a, b, c, d: np.trunc(d)),
     ]
-    given = (x[: len(z)], y[: len(z)], z, w)
+    given = [x[: len(z)], y[: len(z)], z, w]
     yield _case(way, "to_integers", "conversions toward 0", "int long REAL REAL", ("long", np.int64), table, given)
 
 

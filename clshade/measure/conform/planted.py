@@ -13,8 +13,9 @@ from ...pipeline.opencl.device import chosen_devices, open_device
 from ...pipeline.opencl.probe import DeviceInfo
 from .case import Bench
 from .child import Task
-from .conform import Judged, Result, _Part
 from .faults import FAULTS
+from .part import Part
+from .results import Judged, Result
 from .scenes import write_golden as write_scenes
 
 LIMIT = 20.0  # seconds that a test may take: one of the faults is a launch that does not end
@@ -23,9 +24,9 @@ LIMIT = 20.0  # seconds that a test may take: one of the faults is a launch that
 def tried(info: DeviceInfo, name: str, folder: Path, *, planted: bool = True) -> Result:
     """Return the result of the test that should find a fault, with it, or without it."""
     fault = FAULTS[name]
-    given = {"only": fault.test, "fault": name if planted else "", "shrinks": False}
-    task = Task(info.index, info.name, fault.group, fault.part, str(folder), **given)
-    return next(iter(_Part(task, Judged(info), LIMIT).run()))
+    given = info.index, info.name, fault.group, fault.part, str(folder)
+    task = Task(*given, only=fault.test, fault=name if planted else "", shrinks=False)
+    return next(iter(Part(task, Judged(info), LIMIT).run()))
 
 
 def run(

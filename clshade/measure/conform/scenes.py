@@ -12,10 +12,10 @@ from ...base.atomic_files import write_bytes
 from ...errors import ClshadeError, DeviceError
 from ..digest import digest
 from ..fuzz import fuzz
-from ..stability.cases import coverage
 from ..stability.cases import bench as cases_bench
+from ..stability.cases import coverage
 from .case import Bench
-from .content import PROGRAMS, GoldenScene, choices, golden_scene, options
+from .content import GoldenScene, choices, golden_scene, options
 from .skipped import Skipped
 
 GOLDEN = Path(__file__).with_name("golden.json")
@@ -29,9 +29,9 @@ def golden() -> list[tuple[GoldenScene, str]]:
 
 
 def _drawn(bench: Bench, each: GoldenScene) -> Any:
-    if each.settings.precision == "float64" or each.settings.edges is not None:
-        if not bench.device.has_fp64:
-            raise Skipped("the device has no float64")
+    needs_float64 = each.settings.precision == "float64" or each.settings.edges is not None
+    if needs_float64 and not bench.device.has_fp64:
+        raise Skipped("the device has no float64")
     return bench.draw(each.scene, **options(each))
 
 
@@ -53,7 +53,7 @@ def _compare(each: GoldenScene, expected: str, bench: Bench) -> str:
     return f"{wrong} [{fuzz.shrink(each, fails, SHRINKING)}] ({each.described})"
 
 
-def tests(programs: Iterable[str] = tuple(PROGRAMS)) -> list[tuple[str, str, Callable[[Bench], str]]]:
+def tests(programs: Iterable[str]) -> list[tuple[str, str, Callable[[Bench], str]]]:
     """Return names, titles and functions of the scenes of some programs."""
     chosen = set(programs)
     return [

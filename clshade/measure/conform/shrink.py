@@ -6,6 +6,7 @@ import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -112,8 +113,8 @@ def _shorter_text(attempts: _Attempts) -> None:
 
 
 def units(text: str) -> list[str]:
-    """Return the parts of a text that can be left out: directives, and whole functions, structs and other declarations; without
-    comments and #line."""
+    """Return the parts of a text that can be left out: directives, and whole functions, structs and other declarations;
+    without comments and #line."""
     joined = re.sub(r"\\\n\s*", " ", re.sub(r"//.*", "", text))
     found: list[str] = []
     depth = 0
@@ -193,7 +194,7 @@ def _without_conditionals(lines: list[str], fails: Callable[[list[str]], bool]) 
             start += 1
             continue
         marks = [start, *_branches(lines, start, end), end]
-        bodies = [lines[a + 1 : b] for a, b in zip(marks, marks[1:], strict=False)]
+        bodies = [lines[a + 1 : b] for a, b in pairwise(marks)]
         for body in ([], *bodies):
             if fails(lines[:start] + body + lines[end + 1 :]):
                 lines = lines[:start] + body + lines[end + 1 :]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...base.arrays import Array
@@ -19,7 +21,7 @@ def struct_kernel(name: str, kernel: str, dtype: np.dtype) -> str:
     return f"kernel void {kernel}(global const int *unused, global int *out)\n{{\n    {body}\n}}\n"
 
 
-def _written(values: list[float], kind: type) -> Array:
+def _written(values: Sequence[float], kind: type) -> Array:
     return np.array(values, kind).reshape(1, -1)
 
 

@@ -25,8 +25,11 @@ GROUPS = {
 
 @dataclass(frozen=True)
 class Check:
-    """A test of a device. run: returns what is wrong, "" if nothing; raises Skipped. case: its kernel, if it is one, that `source` holds beside
-    others."""
+    """A test of a device.
+
+    run: returns what is wrong, "" if nothing; raises Skipped. case: its kernel, if it is one, that `source` holds beside
+    others.
+    """
 
     name: str
     title: str
