@@ -34,6 +34,14 @@ out[i] = sum_of(p) + 1000 * sum_of(q) + (int)q.w[b[i] & 1] + p.y;
         POINT,
     )
     yield construct(
+        "argument_by_value",
+        "a function that changes its own copy of a struct",
+        "pair p = {a[i], b[i]};\nint found = changed(p);\nout[i] = 1000 * found + p.y;",
+        [a, b],
+        lambda a, b: 1000 * (b + 1) + b,
+        "typedef struct { int x, y; } pair;\nint changed(pair p) { p.y += 1; return p.y; }\n",
+    )
+    yield construct(
         "structs_in_memory",
         "structs of 24 bytes in an array",
         """
