@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ...base import console
+from ...base.host_memory import available
 from ...errors import ClshadeError, DeviceError
 from ...pipeline import programs
 from ...pipeline.opencl.device import Device, open_untested
@@ -24,6 +25,8 @@ from .case import Bench, Wrong
 from .skipped import Skipped
 from .tests_of_device import Check, described, tests_of
 
+LEAST_MEMORY, MOST_MEMORY = 3 << 30, 64 << 30  # bytes
+SHARE = 3  # of the free memory a process may take one part in so many: two run at a time
 MOST_SHRUNK = 4  # failures of a process that are made smaller; the others are written as they are
 
 
@@ -94,11 +97,18 @@ def run(task: Task, device: Device, bench: Bench) -> None:
         _say(shrunk=test.name, problem=described(small))
 
 
-def main(arguments: Sequence[str]) -> int:
+def _limit_resources() -> None:
+    """Let a compiler that takes more and more memory fail before the machine does, and leave no core file."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected: no core file
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected
+        most = int(max(LEAST_MEMORY, min(available(), MOST_MEMORY) / SHARE))
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
+def main(arguments: Sequence[str]) -> int:
+    _limit_resources()
     fields = json.loads(arguments[0])
     task = Task(**{**fields, "done": tuple(fields["done"])})
     try:

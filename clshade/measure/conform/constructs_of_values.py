@@ -165,8 +165,7 @@ def _reals() -> Iterator[Case]:
         ("powers_of_two", "ldexp(a[i], -7) * as_float((127 + 9) << 23)", [a], lambda a: a * np.float32(4.0)),
         ("copies_signs", "copysign(a[i], b[i])", [a, b], np.copysign),
     ):
-        rounded = name in ("division_rounds", "reciprocal_rounds", "root_rounds")
-        yield construct(name, f"float: {expression}", f"out[i] = {expression};", inputs, define, rounded=rounded)
+        yield construct(name, f"float: {expression}", f"out[i] = {expression};", inputs, define)
     for name, expression, inputs, out, define in (
         ("truncates", "(int)a[i]", [half / 16], "int", lambda a: np.trunc(a).astype(np.int32)),
         ("converts_to_even", "convert_int_rte(a[i])", [half / 16], "int", lambda a: np.rint(a).astype(np.int32)),
