@@ -57,6 +57,6 @@ def edge_bytes(device: Device, size: int) -> tuple[int, int]:
         cl.enqueue_copy(device.queue, ends[:1], memory, src_offset=0)
         cl.enqueue_copy(device.queue, ends[1:], memory, src_offset=size - 1)
         memory.release()
-    except (cl.Error, OverflowError) as error:
+    except (cl.Error, MemoryError, OverflowError) as error:
         raise DeviceError(f"{device.name}: {size} bytes: {' '.join(str(error).split())}") from error
     return int(ends[0]), int(ends[1])

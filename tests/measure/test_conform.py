@@ -23,6 +23,7 @@ from clshade.measure.conform import (
     shrink,
     tests_of_device,
 )
+from clshade.measure.conform import case as case_module
 from clshade.measure.conform.case import Bench, Case, without_denormals
 from clshade.measure.conform.child import Task
 from clshade.measure.conform.content import FACTORS, golden_scene
@@ -161,6 +162,21 @@ def test_denormals_may_be_zeros():
     tiny = np.array([1e-40, -1e-40, 1.0, np.inf], np.float32)
     assert without_denormals(tiny).tolist() == [0.0, -0.0, 1.0, np.inf]
     assert np.signbit(without_denormals(tiny)[1])
+
+
+def test_a_device_that_flushes_may_give_zeros_of_any_sign(opened, monkeypatch):
+    """In place of denormals, in operands and results; no other device may, nor where there is none."""
+    tiny = np.array([1e-40, -1e-40, 1.0, -2.0], np.float32)
+    case = Case("same", "", "", (tiny,), lambda v: v)
+    for found, right in (
+        ([-0.0, 0.0, 1.0, -2.0], True),
+        ([0.0, -0.0, 1.0, 0.0], False),
+        ([1.0, 0.0, 1.0, -2.0], False),
+    ):
+        monkeypatch.setattr(Bench, "run", lambda *_, found=found: np.array(found, np.float32))
+        for flushing in (True, False):
+            monkeypatch.setattr(case_module, "flushes", lambda device, flushing=flushing: flushing)
+            assert (Bench(opened).wrong(case) is None) == (right and flushing)
 
 
 # Processes
