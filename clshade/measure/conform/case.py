@@ -131,11 +131,12 @@ class Bench:
         if flushes(self.device):
             with np.errstate(all="ignore"):
                 flushed = np.ascontiguousarray(case.define(*map(without_denormals, case.inputs)))
-            tiny = np.any([_is_tiny(v).reshape(len(v), -1).any(axis=1) for v in (*case.inputs, expected)], axis=0)
-            zero = tiny.reshape(-1, *[1] * (found.ndim - 1)) & (found == 0)  # of a zero in place of a denormal any sign
+            tiny = np.any([_is_tiny(v, True).reshape(len(v), -1).any(axis=1) for v in (*case.inputs, expected)], axis=0)
+            # A zero in place of a denormal has any sign; the least normal number may be rounded from one.
+            zero = tiny.reshape(-1, *[1] * (found.ndim - 1)) & (found == 0)
             for taken in (expected, flushed):
                 small = without_denormals(taken)
-                right |= same(found, taken) | same(found, small) | (zero & (small == 0))
+                right |= same(found, taken) | same(found, small) | (zero & ((small == 0) | _is_tiny(small, True)))
         if right.all():
             return None
         by_row = ~right.reshape(len(right), -1)
@@ -156,11 +157,12 @@ def same(found: Array, expected: Array) -> Bools:
     return equal | (np.isnan(found) & np.isnan(expected)) if expected.dtype.kind == "f" else equal
 
 
-def _is_tiny(v: Array) -> Bools:
-    """Return where a float32 number is a denormal."""
+def _is_tiny(v: Array, least_normal: bool = False) -> Bools:
+    """Return where a float32 number is a denormal. least_normal: whether to count the least normal number too."""
     if v.dtype != np.float32:
         return np.zeros(v.shape, bool)
-    found: Bools = (v != 0.0) & (np.abs(v) < np.finfo(v.dtype).tiny)
+    least = np.finfo(v.dtype).tiny
+    found: Bools = (v != 0.0) & (np.abs(v) < (np.nextafter(least, np.float32(1.0)) if least_normal else least))
     return found
 
 
