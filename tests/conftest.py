@@ -35,6 +35,7 @@ cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, whi
 LONGEST = (
     "measure/test_fuzz.py",
     "measure/test_processors.py",
+    "measure/test_conform.py",
     "pipeline/test_oclgrind.py",
     "pipeline/test_same_bits.py",
     "measure/test_explain.py",

@@ -33,6 +33,7 @@ CHAIN = {
 AT_THE_ROOT = {"__init__", "__main__", "errors", "exr"}  # they may import everything; errors imports nothing
 MOST_ROOMS, MOST_FILES = 10, 6
 OPENCL = {
+    "bare_kernel",
     "programs",
     "buffers",
     "launches",

@@ -190,13 +190,8 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
     features = features.compiled()
     source = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
-    options = features.options() + [f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", "-cl-std=CL1.2"]
-    if device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
-        options.append(_EXACT)
-    if os.environ.get(QUICK):
-        options.append("-cl-opt-disable")
-    rewriting_now: tuple[Rewriting, list[Program]] | None = getattr(_own, "rewriting", None)
-    other = rewriting_now[0](source, options) if rewriting_now else None
+    options = [*features.options(), f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", *compiler_options(device)]
+    other = _rewritten(source, options)
     source = other or source
     key = (device.context.int_ptr, features, source, lanes, len(options))
     if key not in _built:
@@ -215,10 +210,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
                 try:
                     program = _without_log(cl.Program(device.context, source), options)
                 except cl.RuntimeError as error:
-                    lines = [line for line in str(error).splitlines() if "error" in line.lower()]
-                    raise DeviceError(
-                        f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}"
-                    ) from error
+                    raise _build_error(device, error) from error
             kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
         if not kernels:
             cache = os.environ.get("POCL_CACHE_DIR", "")
@@ -234,9 +226,42 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )
-    if rewriting_now and other:
-        rewriting_now[1].append(_built[key])
+    if other:
+        _own.rewriting[1].append(_built[key])
     return _built[key]
+
+
+def _build_error(device: Device, error: Exception) -> DeviceError:
+    lines = [line for line in str(error).splitlines() if "error" in line.lower()]
+    return DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}")
+
+
+def compiler_options(device: Device) -> list[str]:
+    """Return the options of every build: the language, and correctly rounded division and square root where there are."""
+    import pyopencl as cl
+
+    exact = device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
+    quick = os.environ.get(QUICK)
+    return ["-cl-std=CL1.2", *([_EXACT] if exact else []), *(["-cl-opt-disable"] if quick else [])]
+
+
+def _rewritten(source: str, options: Sequence[str]) -> str | None:
+    """Return what `rewriting` makes of a source in this thread; None if it leaves it."""
+    rewriting_now: tuple[Rewriting, list[Program]] | None = getattr(_own, "rewriting", None)
+    return rewriting_now[0](source, options) if rewriting_now else None
+
+
+def build_alone(device: Device, text: str, options: Sequence[str] = ()) -> dict[str, Any]:
+    """Build a text as it stands, with further options, and return its kernels by name: nothing is put before it, and none of
+    our caches is used. Raises DeviceError with the compiler's first error."""
+    import pyopencl as cl
+
+    options = [*options, *compiler_options(device)]
+    try:
+        program = _without_log(cl.Program(device.context, _rewritten(text, options) or text), options)
+        return {kernel.function_name: kernel for kernel in program.all_kernels()}
+    except cl.Error as error:
+        raise _build_error(device, error) from error
 
 
 def _without_log(program: Any, options: Sequence[str] = ()) -> Any:

@@ -9,6 +9,7 @@ from contextlib import ExitStack, closing
 
 import pytest
 
+from clshade.measure import child_process
 from clshade.measure.peers import measure, process
 from clshade.measure.peers.measure import Failure, Result
 from clshade.measure.peers.process import PeerError, Process
@@ -111,8 +112,8 @@ def test_an_interrupt_while_opening_ends_the_process(asked, monkeypatch, tmp_pat
 
 def test_an_interrupt_that_cannot_be_handled_ends_all_processes():
     with closing(Process("fake", fake())) as made:
-        process._end_all()
-        assert made._process.wait(timeout=10.0) == -signal.SIGKILL
+        child_process._end_all()
+        assert made._child._process.wait(timeout=10.0) == -signal.SIGKILL
 
 
 def test_what_a_renderer_says_is_escaped():

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import clshade
+from clshade.measure.digest import digest as digest
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
 
@@ -22,14 +21,6 @@ GOLDEN = {
     ("course", "course", "phong"): "11a7f9f28278f14e",
     ("course", "standard", "nolight"): "7f8f191b9fa851bc",
 }
-
-
-def digest(frame: Frame) -> str:
-    """Return the first 16 digits of the SHA-256 of image and layers."""
-    found = hashlib.sha256(frame.rgba.tobytes())
-    for name in frame.layers:
-        found.update(frame[name].tobytes())
-    return found.hexdigest()[:16]
 
 
 def draw(device, name: str, preset: str, shader: str, **options) -> Frame:

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import time
@@ -20,7 +19,6 @@ from ...errors import ClshadeError
 from ...pipeline import programs, scene_buffers
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.features import at_lanes
-from ...pipeline.frame import Frame
 from ...pipeline.launches import hierarchy_stages, scene_stages
 from ...pipeline.layer_buffers import layer_features
 from ...pipeline.opencl.device import Device, found_devices, open_untested, shared_device
@@ -33,6 +31,7 @@ from ...scene.metallic_roughness import MetallicRoughness
 from ...scene.model import Material, Scene
 from ...scene.settings import Layer
 from ...scene.texture import Texture
+from ..digest import digest
 from . import bench
 from .workloads import WORKLOADS
 
@@ -93,16 +92,9 @@ def draw() -> dict[str, Any]:
     start, first, images = time.perf_counter(), 0.0, {}
     for name, (scene, options) in scenes().items():
         with Renderer(scene, **{**_COMMON, **options}) as renderer:
-            images[name] = _digest(renderer.render())
+            images[name] = digest(renderer.render())
         first = first or time.perf_counter() - start
     return {**_facts(shared_device(profiling=True)), "first_s": first, "images": images}
-
-
-def _digest(frame: Frame) -> str:
-    found = hashlib.sha256(frame.rgba.tobytes())
-    for name in frame.layers:
-        found.update(frame[name].tobytes())
-    return found.hexdigest()[:16]
 
 
 def _facts(device: Device) -> dict[str, Any]:

@@ -200,10 +200,10 @@ def different_bits(one: Frame, other: Frame) -> str:
     return ""
 
 
-def shrink(drawn: RandomScene, failing: Callable[[RandomScene], bool], seconds: float = SHRINKING) -> str:
+def shrink(drawn: Any, failing: Callable[[Any], bool], seconds: float = SHRINKING) -> str:
     """Return a description of the smallest part of a failing scene that still fails.
 
-    The first mesh stays: it keeps the program the same.
+    drawn: a RandomScene, or another dataclass with a scene. The first mesh stays: it keeps the program the same.
     """
     end = time.perf_counter() + seconds
 

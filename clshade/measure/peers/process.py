@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import queue
-import signal
-import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,24 +12,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...base.interrupts import at_end
 from ...base.json_values import in_line
 from ...errors import ClshadeError
-from ..bench.children import ROOT
+from ..child_process import Child, ending
 from . import PEERS
 from .drawing import Picture
 
 LIMIT = 180.0  # seconds that a renderer has for each answer; the first may compile
-POLL = 0.1  # seconds, less than the GRACE of interrupts
 T = TypeVar("T")
-_running: set[subprocess.Popen[bytes]] = set()
-
-
-@at_end
-def _end_all() -> None:
-    """End what runs: a process that this one starts inherits that interrupts are blocked."""
-    for running in list(_running):
-        running.kill()
 
 
 class PeerError(ClshadeError):
@@ -59,30 +43,12 @@ class Process:
         self, name: str, command: Sequence[str], variables: Mapping[str, str] | None = None, limit: float = LIMIT
     ) -> None:
         self.name, self._limit = name, limit
-        path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115
-        self._process = subprocess.Popen(
-            command,
-            env={**os.environ, "PYTHONPATH": path, **(variables or {})},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-        )
-        _running.add(self._process)
-        self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+        self._child = Child(command, variables)
         try:
             self.title = self._answer("title", str)
         except BaseException:  # an interrupt too
             self.close()
             raise
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line)
-        self._lines.put(b"")
 
     def draw(self) -> float:
         """Draw a frame, and return its milliseconds."""
@@ -95,21 +61,19 @@ class Process:
             return Picture(*(found[name] for name in Picture._fields))
 
     def _ask(self, request: str, field: str, kind: Callable[[Any], T]) -> T:
-        assert self._process.stdin is not None
-        with contextlib.suppress(OSError):  # it has ended: the answer says why
-            self._process.stdin.write(f"{request}\n".encode())
-            self._process.stdin.flush()
+        self._child.write(request)  # if it has ended, the answer says why
         return self._answer(field, kind)
 
     def _answer(self, field: str, kind: Callable[[Any], T]) -> T:
         end = time.monotonic() + self._limit
         try:
-            line = self._line(end)
-            code = None if line else self._process.wait(timeout=max(end - time.monotonic(), 0.0))
-        except (queue.Empty, subprocess.TimeoutExpired):
+            line = self._child.line(end)
+            code = None if line else self._child.code(end)
+        except TimeoutError:
             raise self._failed(f"no answer within {self._limit:g} s") from None
         if code is not None:
-            raise self._failed(f"ended with {_ending(code)}{self._said()}")
+            said = self._child.said()
+            raise self._failed(f"ended with {ending(code)}" + (f": {said}" if said else ""))
         try:
             fields = json.loads(line)
             if "missing" in fields:
@@ -118,40 +82,10 @@ class Process:
         except (ValueError, TypeError, KeyError, OverflowError):
             raise self._failed(f"expected a line of JSON with {field!r}, found {line[:60]!r}") from None
 
-    def _line(self, end: float) -> bytes:
-        """Return the next line, b"" at the end of all. Raises queue.Empty where none comes until `end`."""
-        while True:
-            with contextlib.suppress(queue.Empty):  # an interrupt is handled in between only
-                return self._lines.get(timeout=POLL)
-            if time.monotonic() > end:
-                raise queue.Empty
-
     def _failed(self, reason: str) -> PeerError:
         self.close()
         return PeerError(f"{self.name}: {reason}")
 
-    def _said(self) -> str:
-        """Return the line of standard error that tells most: the first that names an error, or the last."""
-        self._errors.seek(0)
-        lines = [line for line in self._errors.read().decode(errors="replace").splitlines() if line.strip()]
-        # A traceback's own lines are indented; from Python 3.13 on some are lines of the code.
-        named = [line for line in lines if not line.startswith((" ", "Traceback")) and "error" in line.lower()]
-        return f": {in_line((named or lines[-1:])[0].strip()[:160])}" if lines else ""
-
     def close(self) -> None:
         """End the process."""
-        self._process.kill()
-        self._process.wait()
-        _running.discard(self._process)
-        self._reader.join(timeout=1.0)  # what it has started itself may hold its output open
-        for file in (self._process.stdin, self._errors):
-            with contextlib.suppress(OSError):
-                file.close()  # type: ignore[union-attr]
-
-
-def _ending(code: int) -> str:
-    if code >= 0:
-        return f"exit code {code}"
-    with contextlib.suppress(ValueError):
-        return signal.Signals(-code).name
-    return f"signal {-code}"
+        self._child.close()

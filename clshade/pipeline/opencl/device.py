@@ -153,17 +153,10 @@ def open_untested(index: str, name: str, lanes: int = 0) -> Device:
 # Opening
 
 
-def open_device(
-    name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
-) -> Device:
-    """Open a device that works; of several that the name can mean, the first that does.
+def chosen_devices(name: str | None = None) -> tuple[dict[DeviceInfo, Any], list[DeviceInfo]]:
+    """Return pyopencl's objects of all devices found, and the devices that `name` can mean, best first: see `open_device`.
 
-    name: `pocl`, `intel`, `nvidia`, `amd`, `rusticl`, any part of a platform's name or else of a device's, or "P:D"
-        (indices of platform and device). None: the environment's CLSHADE_DEVICE, or else PoCL, Intel, any.
-    profiling: whether the queue's events carry times.
-    trial: returns what the device is tested with, the first time on a machine: see `probe.tried_out`.
-
-    Raises DeviceError, with one line that says what to install or change, if there is none.
+    Raises DeviceError if there is none.
     """
     name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     handles = dict(found_devices(name))
@@ -176,6 +169,22 @@ def open_device(
     if not chosen:
         hint = f"; for Intel's CPU runtime {GET_INTEL}" if name.lower() == "intel" else ""
         raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, handles))}{hint}")
+    return handles, chosen
+
+
+def open_device(
+    name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
+) -> Device:
+    """Open a device that works; of several that the name can mean, the first that does.
+
+    name: `pocl`, `intel`, `nvidia`, `amd`, `rusticl`, any part of a platform's name or else of a device's, or "P:D"
+        (indices of platform and device). None: the environment's CLSHADE_DEVICE, or else PoCL, Intel, any.
+    profiling: whether the queue's events carry times.
+    trial: returns what the device is tested with, the first time on a machine: see `probe.tried_out`.
+
+    Raises DeviceError, with one line that says what to install or change, if there is none.
+    """
+    handles, chosen = chosen_devices(name)
     problems = {}
     verdicts = {info: recall(info) for info in chosen}
     for info in sorted(chosen, key=lambda info: _known_as_broken(verdicts[info])):

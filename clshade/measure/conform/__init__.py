@@ -1,0 +1,1 @@
+"""`python -m clshade conform`: whether an OpenCL device computes what it has to."""

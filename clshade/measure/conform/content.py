@@ -1,0 +1,224 @@
+"""Scenes made of exact numbers: the same on every machine, whatever instructions NumPy uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.arrays import Array
+from ...pipeline.features import OPTIONAL
+from ...scene.camera import Camera
+from ...scene.edges import Edges
+from ...scene.lights import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
+from ...scene.metallic_roughness import MetallicRoughness
+from ...scene.model import Filter, Material, Mesh, Scene, Settings, Texture
+from ...scene.scalars import Scalars
+from .pairs import Choice, Draws, covering
+
+RESOLUTION = (61, 47)
+COUNT = 100
+# All that the pixel program is compiled for: with all optional features in it, these are the only ones.
+PROGRAMS: dict[str, dict[str, Any]] = {
+    "phong": {"shader": "phong", "precision": "float32", "samples": 1, "visibility": "depth"},
+    "painter": {"shader": "phong", "precision": "fast", "samples": 5, "visibility": "painter"},
+    "float64": {"shader": "phong", "precision": "float64", "samples": 3, "visibility": "depth"},
+    "gouraud": {"shader": "gouraud", "precision": "float32", "samples": 1, "visibility": "painter"},
+    "gouraud-samples": {"shader": "gouraud", "precision": "float64", "samples": 2, "visibility": "depth"},
+    "nolight": {"shader": "nolight", "precision": "float32", "samples": 1, "visibility": "depth"},
+    "pbr": {"shader": "pbr", "precision": "float32", "samples": 4, "visibility": "depth"},
+    "pbr-fast": {"shader": "pbr", "precision": "fast", "samples": 1, "visibility": "depth"},
+}
+FACTORS: dict[str, tuple[Any, ...]] = {
+    "program": tuple(PROGRAMS),
+    "preset": ("standard", "course"),
+    "lighting_at": ("position", "centroid"),
+    "interpolation": ("perspective", "affine"),
+    "texture_at": ("pixel", "vertex"),
+    "ambient": ("tinted", "plain"),
+    "texture_filter": ("bilinear", "trilinear"),
+    "cull": (False, True),
+    "near": ("far off", "clips"),
+    "sample_shading": (False, True),
+    "resolve": ("mean", "weighted"),
+    "shadows": (False, True),
+    "ambient_occlusion": (0, 3),
+    "light_samples": (1, 4),
+    "background": ("none", "black", "color"),
+    "scalars": (None, "vertices"),
+    "edges": (None, "feature", "only"),
+    "orthographic": (False, True),
+    "principal": ("center", "beside"),
+    "lights": ("point", "distant", "spot", "areas", "many", "none"),
+    "texture": ("none", "bilinear", "nearest", "course", "alpha"),
+    "wrap": ("repeat", "clamp", "mirror"),
+    "uvs": ("vertices", "faces", "none"),
+    "normals": ("none", "vertices", "faces"),
+    "colors": ("white", "dim", "bright"),
+    "alpha": ("opaque", "cutoff", "blend"),
+    "sides": ("both", "front", "two_sided"),
+    "maps": ("none", "some", "all"),
+    "positions": ("float32", "float64"),
+    "instances": (1, 3),
+    "layer_alpha": (0.5, 0.125),
+}
+
+
+@dataclass(frozen=True)
+class GoldenScene:
+    """A scene, how it is drawn, and the choices that it is made of."""
+
+    name: str
+    choice: Choice
+    scene: Scene
+    settings: Settings
+
+    @property
+    def described(self) -> str:
+        return ", ".join(f"{name} {level}" for name, level in self.choice.items())
+
+
+def _allowed(row: Choice) -> bool:
+    return not (row["texture_filter"] == "trilinear" and row["texture_at"] == "vertex")
+
+
+def choices() -> list[Choice]:
+    """Return the choices of all scenes, those of a program together. It takes some seconds."""
+    order = list(PROGRAMS)
+    return sorted(covering(FACTORS, _allowed, COUNT), key=lambda row: order.index(row["program"]))
+
+
+def golden_scene(number: int, row: Choice) -> GoldenScene:
+    """Return a scene, which its number and its choices determine."""
+    return _scene(f"{number:03d}-{row['program']}", row, Draws(1000 + number))
+
+
+def _scene(name: str, row: Choice, draws: Draws) -> GoldenScene:
+    material = _material(row, draws)
+    plain = Material(ka=0.25, kd=(0.5, 0.75, 0.25), ks=0.5, n=8.0)
+    meshes = [_mesh(row, draws, material, 24, own=True), _mesh(row, draws, plain, 16)]
+    background = {"none": None, "black": (0.0, 0.0, 0.0), "color": (0.25, 0.5, 0.125)}[row["background"]]
+    if row["edges"] == "only":
+        background = (0.25, 0.5, 0.125)
+    scene = Scene(tuple(meshes), _camera(row), _lights(row), (0.5, 0.25, 0.75), background, row["preset"], name)
+    return GoldenScene(name, row, scene, _settings(row))
+
+
+def _settings(row: Choice) -> Settings:
+    same = (
+        "lighting_at",
+        "interpolation",
+        "texture_at",
+        "ambient",
+        "texture_filter",
+        "cull",
+        "sample_shading",
+        "resolve",
+    )
+    fields: dict[str, Any] = {
+        name: row[name] for name in (*same, "shadows", "ambient_occlusion", "light_samples", "layer_alpha")
+    }
+    edges = Edges("all" if row["edges"] == "only" else "feature", width=2.5, only=row["edges"] == "only")
+    return Settings(
+        **PROGRAMS[row["program"]],
+        **fields,
+        near=None if row["near"] == "far off" else 3.0,
+        scalars=Scalars("data", ((0.0, 0.25, 0.5), (1.0, 0.5, 0.0)), (-1.0, 1.0)) if row["scalars"] else None,
+        edges=edges if row["edges"] else None,
+        layers="all",
+    )
+
+
+def _camera(row: Choice) -> Camera:
+    plane = (3.0, 4.0) if row["orthographic"] else (0.75, 1.0)
+    principal = (0.5, 0.5) if row["principal"] == "center" else (0.375, 0.6875)
+    eye = (0.5, 0.25, 4.0)
+    return Camera(eye, (0.125, 0.0, 0.0), (0.0, 1.0, 0.0), 1.25, plane, RESOLUTION, principal, row["orthographic"])
+
+
+def _lights(row: Choice) -> tuple[Light, ...]:
+    point = PointLight((2.0, 3.0, 4.0), (0.75, 0.5, 0.625))
+    distant = DirectionalLight((-0.5, -1.0, -0.75), (0.5, 0.5, 0.25))
+    spot = SpotLight((1.0, 2.0, 3.0), (-0.25, -0.5, -1.0), (6.0, 5.0, 4.0), 0.0, 60.0, "inverse-square")
+    areas = (
+        PointLight((-2.0, 2.0, 3.0), (0.5, 0.75, 0.5), radius=0.5),
+        RectangleLight((2.0, 2.0, 3.0), (1.0, 0.0, 0.0), (0.0, 0.75, -0.5), (4.0, 4.0, 4.0)),
+    )
+    several: dict[str, tuple[Light, ...]] = {
+        "point": (point,),
+        "distant": (distant,),
+        "spot": (spot,),
+        "areas": areas,
+        "none": (),
+    }
+    return several.get(row["lights"], (point, distant, spot, PointLight((0.0, -3.0, 2.0), (0.25, 0.0, 0.5))))
+
+
+def _image(draws: Draws, channels: int, height: int = 5, width: int = 7) -> Array:
+    return draws.parts(0.0, 1.0, height, width, channels, of=256).astype(np.float32)
+
+
+def _material(row: Choice, draws: Draws) -> Material:
+    kind = row["texture"]
+    texture = None
+    if kind != "none":
+        image = _image(draws, 4 if kind == "alpha" else 3)
+        nearest: Filter = "nearest" if kind == "nearest" else "linear"
+        texture = Texture(image, row["wrap"], "course" if kind == "course" else "standard", filter=nearest)
+    some: dict[str, Any] = {"normal_texture": Texture(_image(draws, 3), row["wrap"]), "emission": (0.125, 0.25, 0.0)}
+    rest: dict[str, Any] = {
+        "occlusion_texture": Texture(_image(draws, 3, 3, 4)),
+        "emission_texture": Texture(_image(draws, 3, 4, 3)),
+        "metallic_roughness_texture": Texture(_image(draws, 3, 2, 3), filter="nearest"),
+    }
+    maps = {"none": {}, "some": some, "all": {**some, **rest}}[row["maps"]]
+    return Material(
+        ka=(0.25, 0.5, 0.125),
+        kd=0.625,
+        ks=(0.5, 0.25, 0.5),
+        n=32.0,
+        texture=texture,
+        color=(0.75, 1.0, 0.5),
+        sides="front" if row["sides"] == "front" else "both",
+        two_sided=row["sides"] == "two_sided",
+        alpha_cutoff=0.5 if row["alpha"] == "cutoff" else None,
+        blend=row["alpha"] == "blend",
+        opacity=0.625 if row["alpha"] == "blend" else 1.0,
+        pbr=MetallicRoughness(0.5, 0.375, **maps),
+    )
+
+
+def _mesh(row: Choice, draws: Draws, material: Material, count: int, own: bool = False) -> Mesh:
+    """Return random triangles in a cube. own: with all that the choices give the first mesh."""
+    corners = count // 2 + 4
+    verts = draws.parts(-1.5, 1.5, corners, 3) + (2.0**-40 if row["positions"] == "float64" else 0.0)
+    faces = np.stack([draws.below(corners, count) + k for k in (0, 5, 9)], axis=1) % corners
+    fields: dict[str, Any] = {}
+    if row["scalars"]:
+        fields["scalars"] = {"data": draws.parts(-1.5, 1.5, corners)}
+    if not own:
+        return Mesh(verts, faces, material=material, **fields)
+    if row["uvs"] != "none":
+        fields["uvs"] = draws.parts(-1.0, 2.0, corners, 2)
+        if row["uvs"] == "faces":
+            fields["uv_faces"] = draws.below(corners, count, 3)
+    if row["normals"] != "none":
+        fields["normals"] = draws.parts(0.25, 1.0, corners, 3)
+        if row["normals"] == "faces":
+            fields["normal_faces"] = draws.below(corners, count, 3)
+    if row["colors"] != "white":
+        fields["colors"] = draws.parts(0.125, 1.0, corners, 3) * (4.0 if row["colors"] == "bright" else 1.0)
+    if row["alpha"] == "blend":
+        fields["alphas"] = draws.parts(0.125, 1.0, corners)
+    if row["instances"] > 1:
+        places = np.tile(np.eye(4), (row["instances"], 1, 1))
+        places[1:, :3, 3] = draws.parts(-1.0, 1.0, row["instances"] - 1, 3, of=64)
+        places[1, 0, 0] = -0.5
+        fields["instances"] = places
+    return Mesh(verts, faces, material=material, **fields)
+
+
+def options(golden: GoldenScene) -> dict[str, Any]:
+    """Return how `Renderer` draws a scene: with all optional features compiled in."""
+    return {"settings": golden.settings, "forced": OPTIONAL}

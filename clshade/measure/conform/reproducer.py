@@ -1,0 +1,104 @@
+"""Stand-alone scripts that show a failure: NumPy and pyopencl alone, for the maker of a driver."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ...base.arrays import Array
+from ...base.atomic_files import write_bytes
+from ...pipeline.opencl.device import Device
+from .case import PRAGMA, UNWRITTEN, Case, Wrong
+
+MOST_LINES = 100
+_SCRIPT = '''\
+"""{title}
+
+Found by `clshade conform` on {device}.
+Run it with the number of a platform and of a device, 0 0 by default. Exit code 1: the device is at fault; 0: it is not.
+"""
+
+import sys
+
+import numpy as np
+import pyopencl as cl
+
+KERNEL = r"""
+{kernel}"""
+OPTIONS = {options}
+{inputs}
+EXPECTED = {expected}
+
+platform, device = (int(word) for word in (sys.argv[1:] or ["0", "0"]))
+device = cl.get_platforms()[platform].get_devices()[device]
+print(device.platform.name, "|", device.name, "|", device.driver_version)
+context = cl.Context([device])
+queue = cl.CommandQueue(context)
+program = cl.Program(context, KERNEL).build(OPTIONS)
+flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+found = np.full(EXPECTED.nbytes, {unwritten}, np.uint8).view(EXPECTED.dtype).reshape(EXPECTED.shape)
+buffers = [cl.Buffer(context, flags, hostbuf=array) for array in (*INPUTS, found)]
+program.{name}(queue, {size}, {group}, *buffers, global_offset={offset})
+cl.enqueue_copy(queue, found, buffers[-1])
+same = found.view(f"u{{found.itemsize}}") == EXPECTED.view(f"u{{found.itemsize}}")
+if found.dtype.kind == "f":
+    same |= np.isnan(found) & np.isnan(EXPECTED)
+if same.all():
+    print("as expected")
+    sys.exit(0)
+for place in np.argwhere(~same)[:5]:
+    at = tuple(place)
+    print(f"out{{place.tolist()}}: expected {{EXPECTED[at]!r}}, found {{found[at]!r}}")
+sys.exit(1)
+'''
+
+
+def _values(array: Array) -> str:
+    """Return an array as Python source that gives the same bits; equal rows are written once."""
+    flat = array.reshape(len(array), -1)
+    rows = flat[:1] if len(flat) > 1 and (flat.view(np.uint8) == flat[:1].view(np.uint8)).all() else flat
+    if array.dtype.kind == "f":
+        words = rows.view(f"u{array.itemsize}").reshape(-1)
+        text = f"np.array([{', '.join(map(hex, words.tolist()))}], np.uint{8 * array.itemsize}).view(np.{array.dtype})"
+    else:
+        text = f"np.array({rows.reshape(-1).tolist()}, np.{array.dtype})"
+    return (
+        f"np.tile({text}, {len(array)}).reshape({array.shape})"
+        if len(rows) < len(flat)
+        else f"{text}.reshape({array.shape})"
+    )
+
+
+def script(case: Case, device: Device, options: list[str]) -> str:
+    """Return the script of a case. options: of the compiler, for every program."""
+    grid, inputs = case.launched, "".join(f"    {_values(v)},\n" for v in case.inputs)
+    text = case.source if case.head or "double" in case.text or case.double else PRAGMA + case.text
+    return _SCRIPT.format(
+        title=case.title,
+        device=f"{device.title}, driver {device.driver}",
+        kernel=re.sub(r"\n{2,}", "\n", text),
+        options=json.dumps([*case.options, *options]),
+        inputs=f"INPUTS = [\n{_wrapped(inputs)}]",
+        expected=_wrapped(_values(case.expected())).strip(),
+        unwritten=UNWRITTEN,
+        name=case.name,
+        size=grid.size,
+        group=grid.group,
+        offset=grid.offset,
+    )
+
+
+def _wrapped(text: str, width: int = 400) -> str:
+    """Break lines of numbers that are too long."""
+    return "\n".join(re.sub(rf"(.{{{width},}}?,) ", r"\1\n        ", line) for line in text.split("\n"))
+
+
+def write(wrong: Wrong | Case, device: Device, options: list[str], folder: Path, name: str) -> Path:
+    """Write the script of a failure as NAME.py; return its path. Raises OutputError."""
+    case = wrong.case if isinstance(wrong, Wrong) else wrong
+    path = folder / f"{re.sub(r'[^A-Za-z0-9_]+', '_', name)}.py"
+    write_bytes(path, script(case, device, options).encode())
+    return path

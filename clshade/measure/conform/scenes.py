@@ -1,0 +1,113 @@
+"""Frames as tests: golden hashes of generated scenes, and every triangle of a grid."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ...base.atomic_files import write_bytes
+from ...errors import ClshadeError, DeviceError
+from ..digest import digest
+from ..fuzz import fuzz
+from ..stability.cases import bench as cases_bench
+from ..stability.cases import coverage
+from .case import Bench
+from .content import GoldenScene, choices, golden_scene, options
+from .skipped import Skipped
+
+GOLDEN = Path(__file__).with_name("golden.json")
+SHRINKING = 20.0  # seconds
+
+
+def golden() -> list[tuple[GoldenScene, str]]:
+    """Return the scenes and the digest that each frame has to have."""
+    rows = json.loads(GOLDEN.read_text())
+    return [(golden_scene(number, row["choice"]), row["digest"]) for number, row in enumerate(rows)]
+
+
+def _drawn(bench: Bench, each: GoldenScene) -> Any:
+    needs_float64 = each.settings.precision == "float64" or each.settings.edges is not None
+    if needs_float64 and not bench.device.has_fp64:
+        raise Skipped("the device has no float64")
+    return bench.draw(each.scene, **options(each))
+
+
+def _compare(each: GoldenScene, expected: str, bench: Bench) -> str:
+    """Return how a frame differs from the golden one, and whether it is right all the same."""
+    frame = _drawn(bench, each)
+    if digest(frame) == expected:
+        return ""
+    wrong = fuzz.problem(frame)
+    if not wrong:
+        return f"other bits, within the bounds of the oracle ({each.described})"
+
+    def fails(smaller: GoldenScene) -> bool:
+        try:
+            return bool(fuzz.problem(_drawn(bench, smaller)))
+        except ClshadeError:
+            return False
+
+    return f"{wrong} [{fuzz.shrink(each, fails, SHRINKING)}] ({each.described})"
+
+
+def tests(programs: Iterable[str]) -> list[tuple[str, str, Callable[[Bench], str]]]:
+    """Return names, titles and functions of the scenes of some programs."""
+    chosen = set(programs)
+    return [
+        (each.name, each.choice["program"], partial(_compare, each, expected))
+        for each, expected in golden()
+        if each.choice["program"] in chosen
+    ]
+
+
+def write_golden(bench: Bench, path: Path) -> int:
+    """Draw all scenes, compare each with the oracle, and write choices and digests; return the number of scenes.
+
+    Raises DeviceError, and writes nothing, if any frame exceeds its bounds.
+    """
+    rows = []
+    for number, row in enumerate(choices()):
+        each = golden_scene(number, row)
+        frame = bench.draw(each.scene, **options(each))
+        wrong = fuzz.problem(frame)
+        if wrong:
+            raise DeviceError(f"{bench.device.name}: {each.name}: expected a frame within its bounds, found {wrong}")
+        rows.append({"digest": digest(frame), "choice": row})
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    write_bytes(path, f"[\n{lines}\n]\n".encode())
+    return len(rows)
+
+
+# Coverage
+
+
+class _CaseBench(cases_bench.Bench):
+    """The bench of `stability`'s cases, which draws as ours does."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench.device, Path(), triangles=2000, fractions=100)
+        self._bench = bench
+
+    def draw(self, scene: Any, **chosen: Any) -> Any:
+        return self._bench.draw(scene, layers=cases_bench.LAYERS, **chosen)
+
+
+COVERAGE = ("half-pixel-grid", "edges-on-centers", "windings", "slivers", "zero-area")
+
+
+def _cover(name: str, bench: Bench) -> str:
+    case = next(case for case in coverage.CASES if case.name == name)
+    outcome = case.run(_CaseBench(bench))
+    return "" if outcome.passed else f"{outcome.wrong} pixels are wrong: {outcome.detail}"
+
+
+def coverage_tests() -> list[tuple[str, str, Callable[[Bench], str]]]:
+    """Return names, titles and functions of cases of `stability` that are compared with exact integers."""
+    return [
+        (case.name.replace("-", "_"), f"{case.title}: {case.expected}", partial(_cover, case.name))
+        for case in coverage.CASES
+        if case.name in COVERAGE
+    ]

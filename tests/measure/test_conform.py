@@ -1,0 +1,294 @@
+"""`conform`: planted faults are found, made small and written as scripts; a device that crashes or hangs costs a line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command_line import assert_refused, run
+
+from clshade.measure.conform import (
+    card,
+    child,
+    conform,
+    constructs,
+    faults,
+    planted,
+    reproducer,
+    scenes,
+    shrink,
+    tests_of_device,
+)
+from clshade.measure.conform import case as case_module
+from clshade.measure.conform.case import Bench, Case, without_denormals
+from clshade.measure.conform.child import Task
+from clshade.measure.conform.content import FACTORS, golden_scene
+from clshade.measure.conform.pairs import Draws, covering, uncovered
+from clshade.measure.conform.part import Part
+from clshade.measure.conform.results import Judged, Result
+from clshade.measure.conform.tests_of_device import GROUPS, Check, described, parts_of
+from clshade.pipeline import programs
+from clshade.pipeline.opencl.device import chosen_devices
+
+pytestmark = pytest.mark.optimized
+
+
+def case_of(name: str) -> Case:
+    return next(case for case in constructs.all_cases() if case.name == name)
+
+
+def with_fault(device, name: str):
+    """Return the wrong case that a planted fault gives, and the smallest that was found from it."""
+    with faults.planted(name, device) as bench:
+        wrong = bench.wrong(case_of(faults.FAULTS[name].test))
+        assert wrong is not None
+        return wrong, shrink.smallest(bench, wrong)
+
+
+def task(device, folder, **fields) -> Task:
+    return Task(device.index, device.name, "constructs", "", str(folder), only="divergent_loop", **fields)
+
+
+# Choices
+
+
+def test_golden_scenes_cover_all_pairs():
+    rows = [row["choice"] for row in json.loads(scenes.GOLDEN.read_text())]
+    assert uncovered(FACTORS, rows) == {(("texture_at", "vertex"), ("texture_filter", "trilinear"))}
+    assert len(rows) >= 100
+    assert len({row["digest"] for row in json.loads(scenes.GOLDEN.read_text())}) == len(rows)
+
+
+def test_choices_cover_what_is_allowed():
+    factors = {"a": (0, 1, 2), "b": "xyz", "c": (False, True)}
+    found = covering(factors, lambda row: (row["a"], row["b"]) != (2, "z"), 12)
+    assert uncovered(factors, found) == {(("a", 2), ("b", "z"))}
+    assert len(found) == 12
+    assert len(covering(factors, lambda row: True, 0)) <= 14
+
+
+def test_draws_are_the_same_everywhere():
+    draws = Draws(5)
+    assert draws.below(1000, 6).tolist() == [805, 807, 515, 285, 53, 383]
+    values = draws.parts(-1.5, 1.5, 500, 2)
+    assert values.shape == (500, 2)
+    assert (values * 4096 == np.rint(values * 4096)).all()
+    assert -1.5 <= values.min() < -1.4
+    assert 1.4 < values.max() <= 1.5
+
+
+def test_a_scene_follows_from_its_choices():
+    row = json.loads(scenes.GOLDEN.read_text())[0]["choice"]
+    one, again, other = golden_scene(0, row), golden_scene(0, row), golden_scene(1, row)
+    assert np.array_equal(one.scene.meshes[0].verts, again.scene.meshes[0].verts)
+    assert not np.array_equal(one.scene.meshes[0].verts, other.scene.meshes[0].verts)
+    assert one.settings.shader == "phong"
+
+
+# Small cases
+
+
+def test_a_fault_is_made_small_and_written_as_a_script(opened, tmp_path):
+    """The script fails with the fault in its kernel, and does not without it."""
+    wrong, small = with_fault(opened, "divergent-loop")
+    assert wrong.rows.sum() > 500
+    assert len(small.case.inputs[0]) == 64
+    assert len(np.unique(small.case.inputs[0])) <= 64
+    options = programs.compiler_options(opened)
+    path = reproducer.write(small, opened, options, tmp_path, "constructs/divergent loop")
+    assert path.name == "constructs_divergent_loop.py"
+    text = path.read_text()
+    assert len(text.splitlines()) < reproducer.MOST_LINES
+    assert "clshade." not in text
+    assert opened.name in text
+    for kernel, code in ((text, 0), (text.replace("k < a[i]", "k < a[i - get_local_id(0)]"), 1)):
+        path.write_text(kernel)
+        where = opened.index.split(":")
+        done = subprocess.run([sys.executable, path, *where], capture_output=True, text=True, timeout=60)
+        assert done.returncode == code, done.stdout + done.stderr
+        assert ("as expected" in done.stdout) == (code == 0)
+
+
+def test_values_of_a_failure_become_simple(opened):
+    """Of 1024 rows one is left, with the simplest numbers that fail."""
+    _, small = with_fault(opened, "long-shift")
+    assert len(small.case.inputs[0]) == 1
+    assert small.case.inputs[0].tolist() == [1]
+    assert described(small).startswith("1 of 1 rows; of 1, ")
+
+
+TEXT = """
+// a comment
+#line 3 "x"
+#define TWICE(v) ((v) * 2) \\
+    + 0
+#if LANES == 1
+typedef int lanes;
+#else
+typedef int4 lanes;
+#endif
+int unused(int v)
+{
+    return v;
+}
+lanes moved(lanes v)
+{
+    return TWICE(v);
+}
+"""
+
+
+def test_a_text_is_cut_into_units():
+    units = shrink.units(TEXT)
+    assert units[0] == "#define TWICE(v) ((v) * 2) + 0"
+    assert units[1:6] == ["#if LANES == 1", "typedef int lanes;", "#else", "typedef int4 lanes;", "#endif"]
+    assert [unit.split("\n")[0] for unit in units[6:]] == ["int unused(int v)", "lanes moved(lanes v)"]
+    used = shrink.reachable(units, "out[i] = moved(a[i]);")
+    assert used == units[:6] + units[7:]
+
+
+def test_the_fewest_units():
+    """The first branch and the function are needed, and nothing else."""
+    needed = {"typedef int lanes;", shrink.units(TEXT)[-1]}
+    found = shrink.fewer(shrink.units(TEXT), lambda units: needed <= set(units))
+    assert set(found) == needed
+
+
+def test_denormals_may_be_zeros():
+    tiny = np.array([1e-40, -1e-40, 1.0, np.inf], np.float32)
+    assert without_denormals(tiny).tolist() == [0.0, -0.0, 1.0, np.inf]
+    assert np.signbit(without_denormals(tiny)[1])
+
+
+def test_a_device_that_flushes_may_give_zeros_of_any_sign(opened, monkeypatch):
+    """In place of denormals, in operands and results; no other device may, nor where there is none."""
+    tiny = np.array([1e-40, -1e-40, 1.0, -2.0], np.float32)
+    case = Case("same", "", "", (tiny,), lambda v: v)
+    for found, right in (
+        ([-0.0, 0.0, 1.0, -2.0], True),
+        ([0.0, -0.0, 1.0, 0.0], False),
+        ([1.0, 0.0, 1.0, -2.0], False),
+    ):
+        monkeypatch.setattr(Bench, "run", lambda *_, found=found: np.array(found, np.float32))
+        for flushing in (True, False):
+            monkeypatch.setattr(case_module, "flushes", lambda device, flushing=flushing: flushing)
+            assert (Bench(opened).wrong(case) is None) == (right and flushing)
+
+
+# Processes
+
+
+def test_a_compiler_that_aborts_is_one_line(opened, tmp_path):
+    (found,) = Part(task(opened, tmp_path, fault="abort"), Judged(None), 30.0).run()
+    assert found.problem == "ends the process: SIGABRT"
+    assert found.title == "a loop of another length in each work-item"
+
+
+def test_a_launch_that_does_not_end_is_one_line(opened, tmp_path, monkeypatch):
+    code = 'import time; print(\'{"begin": "one", "title": ""}\', flush=True); time.sleep(60)'
+    monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", "pass" if self.done else code])
+    (found,) = Part(task(opened, tmp_path), Judged(None), 3.0).run()
+    assert found.problem == "does not end within 3 s"
+
+
+def test_after_a_crash_the_other_tests_go_on(opened, tmp_path, monkeypatch):
+    """The first process ends in its first test; the next one leaves that out."""
+    commands = []
+    code = "import json; print(json.dumps({'begin': NAME, 'title': ''}), flush=True); END"
+    first, second = (
+        code.replace("NAME", repr(name)).replace("END", end)
+        for name, end in (("one", "import os; os.abort()"), ("two", 'print(\'{"end": "two", "seconds": 1}\')'))
+    )
+
+    def command(self) -> list[str]:
+        commands.append(self.done)
+        return [sys.executable, "-c", second if self.done else first]
+
+    monkeypatch.setattr(Task, "command", command)
+    found = Part(task(opened, tmp_path), Judged(None), 30.0).run()
+    assert commands == [(), ("one",)]
+    assert [(result.name, result.problem) for result in found] == [("one", "ends the process: SIGABRT"), ("two", "")]
+
+
+def test_a_failure_is_told_with_its_script(opened, tmp_path, capsys):
+    """A process with a fault: its events, and the script that it writes."""
+    with faults.planted("divergent-loop", opened) as bench:
+        child.run(task(opened, tmp_path, shrinks=False), opened, bench)
+    begin, end = map(json.loads, capsys.readouterr().out.splitlines())
+    assert begin["begin"] == end["end"] == "divergent_loop"
+    assert "of 1024 rows" in end["problem"]
+    assert (tmp_path / end["script"]).is_file()
+
+
+# Groups and card
+
+
+def test_every_group_has_tests(opened):
+    for group in GROUPS:
+        for part in parts_of(group, opened.has_fp64):
+            tests = tests_of_device.tests_of(group, part, opened)
+            assert tests
+            assert len({test.name for test in tests}) == len(tests)
+            assert all((test.run is None) == (test.case is not None) for test in tests)
+
+
+@pytest.mark.parametrize("name", faults.FAULTS)
+def test_every_fault_names_a_test(opened, name):
+    fault = faults.FAULTS[name]
+    assert fault.test in {test.name for test in tests_of_device.tests_of(fault.group, fault.part, opened)}
+
+
+def test_faults_are_of_many_kinds():
+    assert len({fault.what for fault in faults.FAULTS.values()}) == len(faults.FAULTS) >= 20
+
+
+def test_the_card(opened, tmp_path):
+    info = chosen_devices(opened.index)[1][0]
+    passed = Result("constructs", "one", "what", seconds=1.0)
+    judged = Judged(info, [passed, Result("scenes", "two", skipped="no float64")], {"lanes": 16})
+    text = card.markdown(judged)
+    assert text.endswith("The device conforms.\n")
+    assert "- Skipped: no float64." in text
+    judged.results.append(replace(passed, group="scenes", name="three", problem="a | b"))
+    text = card.markdown(judged)
+    assert "No operation and no construct that was tested explains it." in text
+    assert r"| scenes/three | what | a \| b | - |" in text
+    assert text.endswith("does not conform: scenes/three.\n")
+    card.write(judged, tmp_path)
+    found = json.loads((tmp_path / "conform.json").read_text())
+    assert found["verdict"] == "does not conform: scenes/three"
+    assert [test["name"] for test in found["tests"]] == ["one", "two", "three"]
+
+
+def test_the_command(opened, capsys, tmp_path):
+    code, out, _ = run(capsys, "conform", "--device", opened.index, "--only", "memory", "-o", tmp_path / "card")
+    assert code == 0
+    assert out.splitlines()[-1] == "conforms"
+    assert {path.name for path in (tmp_path / "card").iterdir()} == {"conform.json", "conform.md"}
+
+
+def test_bad_input(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert_refused(run(capsys, "conform", "--only", "operation"), "--only", "did you mean 'operations'?")
+    assert_refused(run(capsys, "conform", "--device", "none such"), "'none such'")
+
+
+# All of it
+
+
+@pytest.mark.long
+def test_the_device_conforms(device, tmp_path):
+    assert conform.run(device.index, out=tmp_path)
+
+
+@pytest.mark.long
+def test_all_faults_are_found(opened, tmp_path):
+    assert planted.run(opened.index, out=tmp_path)
+
+
+def test_a_test_without_a_kernel_has_no_wrong_case(opened):
+    assert Check("name", "title", lambda bench: "").wrong(Bench(opened)) is None
