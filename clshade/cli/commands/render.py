@@ -57,6 +57,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     view_options(parser)
     stereo_options(parser)
     setting_options(parser, SAMPLES_HELP)
+    parser.set_defaults(
+        repeated=[each.dest for each in parser._actions if each.dest not in ("help", "scenes", "crop_zoom")]
+    )
     output = parser.add_argument_group(OUTPUT)
     output.add_argument(
         "-o",
@@ -101,8 +104,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     limit_options(measured)
     device_option(parser)
-    repeated = [action.dest for action in parser._actions if action.dest not in ("help", "scenes", "crop_zoom", "json")]
-    parser.set_defaults(repeated=repeated)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -166,7 +167,7 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
 
 
 def _command(name: str, arguments: argparse.Namespace) -> str:
-    """Return the command that draws one scene so, with the options that were given."""
+    """Return the command that draws one scene so, with the options that were given, but for those of files."""
     from ...view.live_command import as_argument
 
     return shlex.join(["clshade", "render", as_argument(name), *given_options(arguments, arguments.repeated)])
