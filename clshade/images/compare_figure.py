@@ -14,7 +14,7 @@ from .clusters import Cluster
 from .compare import errors_of
 from .compare_windows import Window, cut, windows
 from .layer_plots import panel_size, plain_text, show_pixels
-from .thumbnails import thinned, thumbnails
+from .thumbnails import largest, thinned, thumbnails
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ def draw(
     for name, (group, reference) in layers.items():
         shown = crops.get(name, ())
         whole = next(rows)
-        _draw_row(
+        draw_row(
             figure, whole, name, (group, reference), encoded, [f"{plain_text(name)} of {plain_text(t)}" for t in titles]
         )
         for number, (cluster, window) in enumerate(shown, 1):
@@ -65,11 +65,11 @@ def draw(
                 f"{place}\n{count}",
                 f"{number}: {plain_text(titles[1])}\n{window[2]} x {window[3]} pixels from {window[0]},{window[1]}",
             ]
-            _draw_row(figure, next(rows), name, pair, encoded, captions, prefix=f"{number}: ")
+            draw_row(figure, next(rows), name, pair, encoded, captions, prefix=f"{number}: ")
     return figure
 
 
-def _draw_row(
+def draw_row(
     figure: Any,
     row: Any,
     name: str,
@@ -122,7 +122,7 @@ def _draw_errors(figure: Any, axes: Any, errors: Array, prefix: str = "") -> Non
 
     finite = errors[np.isfinite(errors)]
     most = float(finite.max()) if finite.size else 0.0
-    small = _largest(errors)
+    small = largest(errors, SIDE)
     pixels = np.rint(255.0 * colormaps["inferno"](np.nan_to_num(small / (most or 1.0), posinf=1.0))[..., :3]).astype(
         np.uint8
     )
@@ -130,12 +130,3 @@ def _draw_errors(figure: Any, axes: Any, errors: Array, prefix: str = "") -> Non
     note = ("," + " \n"[bool(prefix)] + "cyan: NaN or infinite in one") if np.isinf(small).any() else ""
     show_pixels(axes, pixels, f"{prefix}difference, up to {most:.4g}{note}")
     figure.colorbar(ScalarMappable(Normalize(0.0, most or 1.0), "inferno"), ax=axes)
-
-
-def _largest(errors: Array) -> Array:
-    """Return the largest error of each block of pixels of which `thinned` shows the first."""
-    rows, columns = thinned(errors, SIDE).shape
-    down, across = -(-errors.shape[0] // rows), -(-errors.shape[1] // columns)
-    padded = np.pad(errors, ((0, rows * down - errors.shape[0]), (0, columns * across - errors.shape[1])))
-    largest: Array = padded.reshape(rows, down, columns, across).max(axis=(1, 3))
-    return largest

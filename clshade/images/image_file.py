@@ -18,8 +18,8 @@ from ..errors import InputError
 from . import decode, exr
 from .channels import color_group
 
-_EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
-SIGNATURES = (_EXR, _PNG)  # what files that are read begin with
+EXR, _PNG = b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"
+SIGNATURES = (EXR, _PNG)  # what files that are read begin with
 _MAX_BYTES = 1 << 31  # size of a PNG
 _MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
 
@@ -70,7 +70,7 @@ def read_picture(path: Path) -> Picture:
 
 def _read(path: Path, owner: str) -> Picture:
     begin = first_bytes(path, len(_PNG))
-    if begin.startswith(_EXR):
+    if begin.startswith(EXR):
         return Picture(*exr.read(path), name=owner)
     if begin != _PNG:
         raise file_error(owner, "file", "an OpenEXR or PNG image", "something else")

@@ -36,6 +36,15 @@ def thinned(plane: Array, side: int = SIDE) -> Array:
     return plane[::down, ::across]
 
 
+def largest(errors: Array, side: int = SIDE) -> Array:
+    """Return the largest error of each block of pixels of which `thinned` shows the first."""
+    rows, columns = thinned(errors, side).shape
+    down, across = -(-errors.shape[0] // rows), -(-errors.shape[1] // columns)
+    padded = np.pad(errors, ((0, rows * down - errors.shape[0]), (0, columns * across - errors.shape[1])))
+    found: Array = padded.reshape(rows, down, columns, across).max(axis=(1, 3))
+    return found
+
+
 def thumbnails(channels: Mapping[str, Array], *, encoded: bool = False, side: int = SIDE) -> dict[str, Thumbnail]:
     """Return a thumbnail of each layer of an image. channels: name -> (M, N); encoded: whether colors are sRGB-encoded.
 

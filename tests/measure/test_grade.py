@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from clshade.cli.main import main
 from clshade.errors import InputError
-from clshade.images import exr, png
 from clshade.measure.bench import scanline
-from clshade.measure.grade import grade, page, planted, search, tables
+from clshade.measure.grade import grade, planted, search, tables
 from clshade.measure.grade.mistakes import MISTAKES
 from clshade.oracle import frame
 from clshade.oracle.terms import Directions
@@ -85,6 +82,12 @@ def test_terms_of_the_light_in_closed_form():
     assert np.isclose(term("highlight without gate", "ks", at._replace(to_light=-tilted, to_eye=-z)), 0.8**3)
 
 
+def test_settings_that_are_not_modeled_are_refused():
+    scene = builtin("course", resolution=(8, 8))
+    with pytest.raises(InputError, match="expected one sample"):
+        grade.right_of(scene, Settings.from_preset("course", samples=4))
+
+
 # Searches
 
 
@@ -149,105 +152,6 @@ def test_the_course_s_own_python_code_is_right(shader, rounded):
     found = grade.graded(image, grade.right_of(scene, Settings.from_preset("course", shader=shader)), "scanline")
     assert found.right
     assert found.edges < 0.01 * 80 * 60
-
-
-# Files
-
-
-def test_files_of_every_kind_are_right(tmp_path):
-    linear = right().linear
-    png.write(tmp_path / "a.png", np.uint8(right().codes))
-    exr.write(tmp_path / "b.exr", linear.astype(np.float32))
-    np.save(tmp_path / "c.npy", linear[::-1])
-    np.savez(tmp_path / "d.npz", rgb=linear, Z=linear[..., 0])
-    for name in ("a.png", "b.exr", "c.npy", "d.npz"):
-        assert grade.grade(tmp_path / name, right()).differ == 0, name
-
-
-def test_a_file_that_cannot_be_graded_is_refused_in_one_line(tmp_path):
-    np.save(tmp_path / "flat.npy", np.zeros((4, 4)))
-    np.save(tmp_path / "objects.npy", np.array([{}], object))
-    np.savez(tmp_path / "two.npz", a=np.zeros(1), b=np.zeros(1))
-    (tmp_path / "text.png").write_text("text")
-    png.write(tmp_path / "small.png", np.zeros((4, 5, 3), np.uint8))
-    expected = {
-        "flat.npy": r"array: expected floats or uint8 of shape \(M, N, 3\), found float64 of shape \(4, 4\)",
-        "objects.npy": "file: expected an array",
-        "two.npz": "arrays: expected one named rgb, found a, b",
-        "text.png": "image: expected an image of type",
-        "small.png": r"size: expected 48 x 48 pixels, as the scene has \(--resolution\), found 5 x 4",
-    }
-    for name, message in expected.items():
-        with pytest.raises(InputError, match=message) as error:
-            grade.grade(tmp_path / name, right())
-        assert "\n" not in str(error.value)
-
-
-def test_settings_that_are_not_modeled_are_refused():
-    scene = builtin("course", resolution=(8, 8))
-    with pytest.raises(InputError, match="expected one sample"):
-        grade.right_of(scene, Settings.from_preset("course", samples=4))
-
-
-def test_a_folder_becomes_a_table_and_a_page(tmp_path):
-    folder = tmp_path / "in"
-    (folder / "late").mkdir(parents=True)
-    png.write(folder / "<b>.png", np.uint8(right().codes))
-    png.write(folder / "late" / "z.png", np.uint8(drawn(right(), "upside down")))
-    (folder / ".hidden.png").write_text("not read")
-    (folder / "notes.txt").write_text("not read")
-    (folder / "bad.png").write_text("text")
-    paths = grade.submissions(folder)
-    names = [str(path.relative_to(folder)) for path in paths]
-    assert names == ["<b>.png", "bad.png", "late/z.png"]
-    found = list(grade.grade_all(paths, right()))
-    rows = tables.rows(names, found)
-    assert [row[1] for row in rows] == ["yes", "", "no"]
-    assert rows[2][3] == "upside down"
-    assert "expected an image" in rows[1][6]
-    page.write(names, found, right(), tmp_path / "out.html")
-    text = (tmp_path / "out.html").read_text()
-    assert "&lt;b&gt;.png" in text
-    assert "<b>.png" not in text
-    assert "http" not in text.replace("http-equiv", "")
-
-
-# The command
-
-GIVEN = ("course", "--resolution", f"{SIZE},{SIZE}")
-
-
-def test_the_command_s_exit_codes(tmp_path, capsys):
-    png.write(tmp_path / "a.png", np.uint8(right().codes))
-    png.write(tmp_path / "b.png", np.uint8(drawn(right(), "upside down")))
-    assert main(["grade", str(tmp_path / "a.png"), *GIVEN]) == 0
-    assert "right within 1/255" in capsys.readouterr().out
-    out = tmp_path / "found.png"
-    assert main(["grade", str(tmp_path / "b.png"), *GIVEN, "--json", "-o", str(out)]) == 1
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["explanations"][0]["mistakes"] == ["upside down"]
-    assert png.read(out).ndim == 3
-    assert main(["grade", str(tmp_path / "none.png"), *GIVEN]) == 2
-    assert main(["grade", str(tmp_path / "a.png")]) == 2
-    assert main(["grade", str(tmp_path / "a.png"), *GIVEN, "--html", "x.html"]) == 2
-    assert main(["grade", "--list"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == len(MISTAKES)
-
-
-def test_the_command_on_a_folder(tmp_path, capsys):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    png.write(folder / "a.png", np.uint8(right().codes))
-    csv, html = tmp_path / "out.csv", tmp_path / "out.html"
-    assert main(["grade", str(folder), *GIVEN, "-o", str(csv), "--html", str(html)]) == 0
-    assert csv.read_text().splitlines()[1].startswith("a.png,yes,0.0 %")
-    assert html.stat().st_size > 1000
-    (folder / "b.png").write_text("text")
-    assert main(["grade", str(folder), *GIVEN]) == 1
-    (folder / "a.png").unlink()
-    (folder / "b.png").unlink()
-    assert main(["grade", str(folder), *GIVEN]) == 2
-    assert "expected images in the folder, found none" in capsys.readouterr().err
 
 
 # How many are named

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array, Bools, Bytes, Floats
+from ...base.arrays import Bools, Floats
 from ...base.atomic_files import shown
-from ...base.input_files import file_error, first_bytes, reason_of
-from ...errors import ClshadeError, InputError
-from ...images import decode
-from ...images.image_file import read_picture
+from ...errors import InputError
 from ...scene.model import Scene, Settings
 from .drawing import Canvas, Drawing, as_codes
 from .edge_mistakes import STEPS, snapped
+from .reading import read_codes
 from .search import Explanation, explain, wrong
 
-_EXR, _ARRAYS = b"\x76\x2f\x31\x01", (".npy", ".npz")
 _FEW = 0.05  # share of pixels, above which differences are no matter of edges
-ENDINGS = (".png", ".exr", ".npy", ".npz", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif", ".ppm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +39,7 @@ class Grade:
 
     name: of its file. image: its codes (M, N, 3), 0 to 255. differ: number of pixels that differ by more than one code.
     edges: how many of these another rule for edges decides. worst: largest difference, codes. explanations: the best first,
-    none if the image is right or nothing comes near.
+    none if the image is right or nothing comes near. remarks: on its file, such as that it has alpha.
     """
 
     name: str
@@ -57,6 +48,7 @@ class Grade:
     edges: int
     worst: float
     explanations: tuple[Explanation, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def right(self) -> bool:
@@ -77,6 +69,7 @@ class Grade:
             "largest_difference": self.worst / 255.0,
             "explained": bool(self.best and self.best.claimed),
             "explanations": [_facts(each) for each in self.explanations],
+            "remarks": list(self.remarks),
         }
 
 
@@ -118,55 +111,10 @@ def explained_codes(right: Right, found: Explanation) -> Floats:
     return np.rint(_everywhere(shape).codes(found.draw(_seen(right, right.codes)))).reshape(right.linear.shape)
 
 
-def read_codes(path: str | Path) -> Floats:
-    """Read an image as codes (M, N, 3), 0 to 255, row 0 at the top: those of 8-bit files as they are; linear floats of EXR,
-    .npy and .npz (its array `rgb`, or its only one) times 255, clipped to [0, 255]. Row 0 of an .npy is the bottom, as the
-    course's functions return images; of all others it is the top. Raises InputError naming the file."""
-    owner = shown(path)
-    begin = first_bytes(path, len(_EXR))
-    if begin == _EXR:
-        color = read_picture(path).color()
-        if color is None:
-            raise file_error(owner, "channels", "R, G and B", "none")
-        return as_codes(np.asarray(color[1], np.float64))
-    if Path(path).suffix.lower() in _ARRAYS:
-        codes = _codes_of(_array(path, owner), owner)
-        return codes[::-1] if Path(path).suffix.lower() == ".npy" else codes
-    codes = np.asarray(decode.read_image(path, srgb=False), np.float64) * 255.0
-    return np.where(np.abs(codes - np.rint(codes)) < 1e-4, np.rint(codes), codes)
-
-
-def _array(path: str | Path, owner: str) -> Array:
-    try:
-        found = np.load(path, allow_pickle=False)
-        if isinstance(found, np.ndarray):
-            return found
-        with found:
-            names = found.files
-            if "rgb" in names or len(names) == 1:
-                return np.asarray(found["rgb" if "rgb" in names else names[0]])
-    except Exception as error:  # damaged archives raise exceptions of many types
-        raise file_error(owner, "file", "an array", reason_of(error) or "damaged data") from None
-    raise file_error(owner, "arrays", "one named rgb", ", ".join(names[:8]) or "none")
-
-
-def _codes_of(array: Array, owner: str) -> Floats:
-    if array.ndim != 3 or array.shape[2] != 3 or array.dtype.kind not in "fu":
-        raise file_error(owner, "array", "floats or uint8 of shape (M, N, 3)", f"{array.dtype} of shape {array.shape}")
-    if array.dtype.kind == "f":
-        return as_codes(array.astype(np.float64))
-    return array.astype(np.float64) * (255.0 / np.iinfo(array.dtype).max)
-
-
 def grade(path: str | Path, right: Right) -> Grade:
     """Grade an image file. Raises InputError if it cannot be read or has another size than the right image."""
-    image = read_codes(path)
-    if image.shape != right.linear.shape:
-        (rows, columns), (M, N) = image.shape[:2], right.linear.shape[:2]
-        raise file_error(
-            shown(path), "size", f"{N} x {M} pixels, as the scene has (--resolution)", f"{columns} x {rows}"
-        )
-    return graded(image, right, shown(path))
+    read = read_codes(path, (right.linear.shape[0], right.linear.shape[1]))
+    return replace(graded(read.codes, right, shown(path)), remarks=read.remarks)
 
 
 def graded(image: Floats, right: Right, name: str) -> Grade:
@@ -203,56 +151,3 @@ def _on_edges(image: Floats, right: Right, differ: Bools) -> Bools:
         codes = np.rint(canvas.codes(snapped(right.drawing, snap)))
         found[rows, columns] |= ~wrong(image[rows, columns], codes)
     return found
-
-
-# Folders
-
-
-class Row(NamedTuple):
-    """A submission that was graded: its facts, see `Grade.facts`, and 8-bit images (M, N, 3) of itself and of what explains
-    it, if anything does."""
-
-    facts: dict[str, Any]
-    image: Bytes
-    explained: Bytes | None
-
-
-def submissions(folder: str | Path) -> list[Path]:
-    """Return the image files of a folder, and of folders within it, in the order of their names: those with ENDINGS whose
-    names, and folders' names, begin with no dot. Links to folders are not followed."""
-    found = []
-    for where, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [Path(where, name) for name in sorted(names) if not name.startswith(".")]
-    return [path for path in found if path.suffix.lower() in ENDINGS]
-
-
-def _one(path: Path, right: Right) -> Row | str:
-    try:
-        found = grade(path, right)
-    except ClshadeError as error:
-        return str(error)
-    explained = None if found.best is None else np.uint8(explained_codes(right, found.best))
-    return Row(found.facts(), np.uint8(np.rint(found.image)), explained)
-
-
-def grade_all(paths: Sequence[Path], right: Right) -> Iterator[Row | str]:
-    """Grade files in parallel, and yield the result of each, or in one line why it cannot be read."""
-    workers = min(len(paths), len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
-    if workers < 2:
-        yield from map(partial(_one, right=right), paths)
-        return
-    with ProcessPoolExecutor(workers, get_context("forkserver"), _keep, (right,)) as pool:
-        yield from pool.map(_kept_one, paths)
-
-
-_kept: list[Right] = []
-
-
-def _keep(right: Right) -> None:
-    """Keep the right image in a worker."""
-    _kept[:] = [right]
-
-
-def _kept_one(path: Path) -> Row | str:
-    return _one(path, _kept[0])

@@ -7,19 +7,16 @@ from typing import Any
 
 from ...base import text_tables
 from ...base.atomic_files import shown
-from .grade import Row
+from ..course_report.wording import percent
+from .folder import Row
 
 Facts = dict[str, Any]
-HEADER = ("submission", "right", "differ", "mistake", "removes", "same image", "error")
-
-
-def percent(share: float) -> str:
-    return f"{100.0 * share:.1f} %"
-
-
-def share(facts: Facts) -> float:
-    """Return the share of pixels that differ."""
-    return float(facts["pixels_that_differ"] / facts["pixels"])
+HEADER = (
+    *("submission", "right", "pixels", "pixels differ", "on edges"),
+    *("mistake", "nearest", "removes", "makes right", "same image", "remark"),
+)
+PAGE = ("submission", "result")
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what begins a formula in spreadsheets
 
 
 def verdict(facts: Facts) -> str:
@@ -35,6 +32,11 @@ def verdict(facts: Facts) -> str:
     on_edges = f" ({edges:,} of them on edges, where another fill rule may decide)" if edges else ""
     most = round(255.0 * facts["largest_difference"])
     return f"not right: {differ:,} of {facts['pixels']:,} pixels differ{on_edges}, by up to {most}/255"
+
+
+def pixels(count: int) -> str:
+    """Say that so many pixels differ."""
+    return "1 pixel differs" if count == 1 else f"{count:,} pixels differ"
 
 
 def named(found: Facts) -> str:
@@ -62,30 +64,71 @@ def _reasons(facts: Facts) -> Iterator[str]:
             yield from (f"   {advice}" for advice in found["advice"])
             if found["same_image"]:
                 yield f"   Cannot be told apart in this scene: {same(found)}"
+    yield from (f"Note: {each}" for each in facts["remarks"])
+
+
+def counted(found: Sequence[Row | str]) -> str:
+    """Say in a sentence how many submissions are right."""
+    graded = [each.facts for each in found if not isinstance(each, str)]
+    right, explained = sum(each["right"] for each in graded), sum(each["explained"] for each in graded)
+    missed = f", {len(found) - len(graded)} not graded" if len(graded) < len(found) else ""
+    wrong = f"{len(graded) - right} not right ({explained} explained)"
+    return f"{len(found)} submission{'s' * (len(found) != 1)}: {right} right within 1/255, {wrong}{missed}"
 
 
 def summary(names: Sequence[str], found: Sequence[Row | str]) -> list[str]:
-    """Return a table of a folder for the terminal."""
-    return text_tables.as_lines(HEADER[:5], [row[:4] + (row[4] or row[6][:40],) for row in rows(names, found)], 4)
+    """Return a line for each submission of a folder, for the terminal, and a last one on all."""
+    each_line = [f"{shown(name)}: {short(each)}" for name, each in zip(names, found, strict=True)]
+    return [*each_line, counted(found)]
+
+
+def short(found: Row | str) -> str:
+    """Return the result in one line."""
+    if isinstance(found, str):
+        return f"not graded: {found}"
+    facts = found.facts
+    remarks = "".join(f"; {each}" for each in facts["remarks"])
+    if facts["right"]:
+        on_edges = f", but for {facts['of_these_on_edges']:,} pixels on edges" if facts["of_these_on_edges"] else ""
+        return f"right{on_edges}{remarks}"
+    start = f"not right, {pixels(facts['pixels_that_differ'])}"
+    if not facts["explanations"]:
+        return f"{start}; no mistake explains it{remarks}"
+    first = facts["explanations"][0]
+    removes = f"(removes {percent(first['difference_removed'])})"
+    claim = "" if facts["explained"] else "no mistake explains it, nearest: "
+    return f"{start}; {claim}{named(first)} {removes}{remarks}"
 
 
 def csv(names: Sequence[str], found: Sequence[Row | str]) -> str:
-    return text_tables.as_csv(HEADER, rows(names, found))
+    """Return the table as CSV. Texts that a spreadsheet would take for formulas begin with an apostrophe."""
+    return text_tables.as_csv(HEADER, [[_harmless(cell) for cell in row] for row in rows(names, found)])
+
+
+def _harmless(cell: str) -> str:
+    return f"'{cell}" if cell.startswith(_FORMULAS) else cell
 
 
 def rows(names: Sequence[str], found: Sequence[Row | str]) -> list[tuple[str, ...]]:
-    """Return a row of HEADER for each submission."""
+    """Return a row of HEADER for each submission: removes and makes right are shares."""
     return [_row(shown(name), each) for name, each in zip(names, found, strict=True)]
 
 
 def _row(name: str, found: Row | str) -> tuple[str, ...]:
     if isinstance(found, str):
-        return name, "", "", "", "", "", found
+        return name, *[""] * (len(HEADER) - 2), found
     facts = found.facts
-    start = name, "yes" if facts["right"] else "no", percent(share(facts))
-    if facts["right"]:
-        return *start, "", "", "", ""
-    if not facts["explained"]:
-        return *start, "none explains it", "", "", ""
+    counts = (str(facts[key]) for key in ("pixels", "pixels_that_differ", "of_these_on_edges"))
+    start = name, "yes" if facts["right"] else "no", *counts
+    remarks = "; ".join(facts["remarks"])
+    if not facts["explanations"]:
+        return *start, "", "", "", "", "", remarks
     first = facts["explanations"][0]
-    return *start, named(first), percent(first["difference_removed"]), same(first), ""
+    either = (named(first), "") if facts["explained"] else ("", named(first))
+    shares = (f"{first[key]:.4f}" for key in ("difference_removed", "pixels_made_right"))
+    return *start, *either, *shares, same(first), remarks
+
+
+def page_rows(names: Sequence[str], found: Sequence[Row | str]) -> list[tuple[str, str]]:
+    """Return a row of PAGE for each submission."""
+    return [(shown(name), short(each)) for name, each in zip(names, found, strict=True)]
