@@ -38,8 +38,7 @@ def drawn(given: grade.Right, *labels: str) -> np.ndarray:
     """Return the codes of the image with mistakes."""
     known = {change.label: change for change in search.changes_of(given.drawing)}
     drawing = search.Explanation(tuple(known[label] for label in labels), 0.0, 0.0).draw(given.drawing)
-    linear = grade.picture(drawing, (SIZE, SIZE))
-    return np.rint(grade.as_codes(drawing.shown(linear)))
+    return np.rint(grade.all_pixels((SIZE, SIZE)).codes(drawing)).reshape(SIZE, SIZE, 3)
 
 
 def found_first(given: grade.Right, image: np.ndarray) -> list[set[str]]:
@@ -85,6 +84,65 @@ def test_terms_of_the_light_in_closed_form():
     assert np.isclose(term("highlight without gate", "ks", at._replace(to_light=-tilted, to_eye=-z)), 0.8**3)
 
 
+def test_a_normal_that_is_not_renormalized_in_closed_form():
+    """All directions along z, with |N| = 0.9: R.V = 2*0.81 - 1."""
+    changes = {change.label: change for change in search.changes_of(right().drawing)}
+    z = np.array([0.0, 0.0, 1.0])
+    for pair, expected in (((), 0.62), (("Blinn for Phong",), 0.9), (("R.V by absolute value",), 0.62)):
+        drawing = right().drawing
+        for label in ("normals not renormalized", *pair):
+            drawing = changes[label](drawing)
+        at = drawing.light.directions(0.0 * z, 0.9 * z, z, 2.0 * z)
+        assert np.isclose(drawing.light.terms["ks"](at, np.float64(10.0)), expected**10)
+        assert np.isclose(drawing.light.terms["kd"](at, np.float64(10.0)), 0.9)
+
+
+def vertex_colored(shader: str, intensity: float) -> grade.Right:
+    """Return the right image of the course's object without texture, with lights that many times as bright."""
+    scene = planted.scene_of("course, vertex colors", (SIZE, SIZE))
+    lights = tuple(replace(light, intensity=intensity * light.intensity) for light in scene.lights)
+    return grade.right_of(replace(scene, lights=lights), Settings.from_preset("course", shader=shader))
+
+
+def linear_of(given: grade.Right, label: str) -> np.ndarray:
+    known = {change.label: change for change in search.changes_of(given.drawing)}
+    return grade.picture(known[label](given.drawing), (SIZE, SIZE))
+
+
+@pytest.mark.parametrize("shader", ["phong", "gouraud"])
+def test_a_highlight_without_color_is_that_of_a_white_object(shader):
+    given = vertex_colored(shader, 1.0)
+    scene, settings = given.drawing.scene, given.drawing.settings
+    mesh = scene.meshes[0]
+    matte = replace(mesh, material=replace(mesh.material, ks=0.0))
+    white = replace(mesh, colors=None, material=replace(mesh.material, ka=0.0, kd=0.0, color=1.0))
+    parts = [frame.render(replace(scene, meshes=(each,)), settings).rgb for each in (matte, white)]
+    drawn_at = frame.render(scene, settings).id > 0
+    found = linear_of(given, "highlight without color")
+    assert np.allclose(found[drawn_at], (parts[0] + parts[1])[drawn_at])
+    assert not np.allclose(found, given.linear)
+
+
+@pytest.mark.parametrize("shader", ["phong", "gouraud"])
+def test_dim_light_that_is_clipped_before_the_color_is_right(shader):
+    given = vertex_colored(shader, 0.01)
+    assert np.array_equal(linear_of(given, "light clipped before color"), given.linear)
+
+
+def test_bright_light_that_is_clipped_before_the_color_leaves_the_color():
+    """Where the light is far above 1 at all corners, ambient light and the color itself are left."""
+    given = vertex_colored("gouraud", 1e6)
+    scene, settings = given.drawing.scene, given.drawing.settings
+    unlit = frame.render(scene, replace(settings, shader="nolight"))
+    ambient = scene.meshes[0].material.ka * scene.ambient
+    lit = (given.linear > 1e3).all(axis=2) & (unlit.id > 0)
+    found = linear_of(given, "light clipped before color")
+    near = np.isclose(found, unlit.rgb + ambient).all(axis=2)
+    assert lit.any()
+    assert near[lit].mean() > 0.8  # other triangles have corners in the dark
+    assert (found <= unlit.rgb + ambient + 1e-9)[unlit.id > 0].all()
+
+
 # Searches
 
 
@@ -126,6 +184,21 @@ def test_the_color_of_a_wrong_background_is_found():
     empty = (right().linear == right().drawing.scene.background).all(axis=2)
     image = np.where(empty[..., None], [10.0, 200.0, 30.0], right().codes)
     assert {"wrong background (as it is)"} in found_first(right(), image)
+
+
+def test_gamma_beside_a_wrong_background_is_found():
+    scene = replace(right().drawing.scene, background=[0.2, 0.5, 0.8])
+    linear = np.clip(frame.render(scene, right().drawing.settings).rgb, 0.0, 1.0)
+    image = np.rint(255.0 * linear ** (1.0 / 2.2))
+    assert {"wrong background (as it is)", "gamma (1/2.2)"} in found_first(right(), image)
+
+
+def test_an_image_without_the_object_is_not_blamed_on_edges():
+    background = np.zeros((SIZE, SIZE, 3)) + right().drawing.scene.background
+    assert {"nothing is drawn"} in found_first(right(), np.rint(grade.as_codes(background)))
+    black = grade.graded(np.zeros((SIZE, SIZE, 3)), right(), "black").best
+    assert black is not None
+    assert "nothing is drawn" in {change.label for change in black.changes}
 
 
 def test_pixels_that_are_off_by_one_code_are_right():

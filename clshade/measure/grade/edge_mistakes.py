@@ -81,6 +81,10 @@ def _reaching(drawing: Drawing, reach: Reach) -> Drawing:
     return replace(drawing, reach=reach)
 
 
+def nothing(drawing: Drawing) -> Iterator[Variant]:
+    yield "", partial(_reaching, reach=Reach(True, ()))
+
+
 def too_many(drawing: Drawing) -> Iterator[Variant]:
     yield "to the right", partial(_reaching, reach=Reach(True, ((0, 0), (-1, 0))))
     yield "to the left", partial(_reaching, reach=Reach(True, ((0, 0), (1, 0))))

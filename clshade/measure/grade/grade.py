@@ -103,19 +103,20 @@ def right_of(scene: Scene, settings: Settings) -> Right:
     return Right(drawing, picture(drawing, (rows, columns)))
 
 
-def _everywhere(shape: tuple[int, int]) -> Canvas:
+def all_pixels(shape: tuple[int, int]) -> Canvas:
+    """Return the canvas of a whole image, (M, N)."""
     return Canvas(shape, *np.divmod(np.arange(shape[0] * shape[1]), shape[1]))
 
 
 def picture(drawing: Drawing, shape: tuple[int, int]) -> Floats:
     """Return the linear image (M, N, 3) of a drawing, row 0 at the top."""
-    return _everywhere(shape).linear(drawing).reshape(*shape, 3)
+    return all_pixels(shape).linear(drawing).reshape(*shape, 3)
 
 
 def explained_codes(right: Right, found: Explanation) -> Floats:
     """Return the codes (M, N, 3) of the image that the mistakes of an explanation give."""
     shape = right.linear.shape[0], right.linear.shape[1]
-    return np.rint(_everywhere(shape).codes(found.draw(_seen(right, right.codes)))).reshape(right.linear.shape)
+    return np.rint(all_pixels(shape).codes(found.draw(_seen(right, right.codes)))).reshape(right.linear.shape)
 
 
 def read_codes(path: str | Path) -> Floats:
@@ -163,8 +164,9 @@ def grade(path: str | Path, right: Right) -> Grade:
     image = read_codes(path)
     if image.shape != right.linear.shape:
         (rows, columns), (M, N) = image.shape[:2], right.linear.shape[:2]
+        exchanged = "; rows and columns exchanged? index image[row, column]" if (rows, columns) == (N, M) else ""
         raise file_error(
-            shown(path), "size", f"{N} x {M} pixels, as the scene has (--resolution)", f"{columns} x {rows}"
+            shown(path), "size", f"{N} x {M} pixels, as the scene has (--resolution)", f"{columns} x {rows}{exchanged}"
         )
     return graded(image, right, shown(path))
 

@@ -69,6 +69,10 @@ def transposed(drawing: Drawing) -> Iterator[Variant]:
         yield "about the diagonal from the bottom left", partial(_mapped, place=_across_up)
 
 
+def wrong_background(drawing: Drawing) -> Iterator[Variant]:
+    yield "as it is", lambda given: replace(given, covers=True)
+
+
 def _written(drawing: Drawing, change: Callable[[Floats], Floats]) -> Drawing:
     """Return the drawing whose values, as far as they are shown, are changed."""
     before = drawing.shown

@@ -14,9 +14,9 @@ from ...base.progress_bar import Bar
 from ...course.arguments import Shader
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
-from ...scene.model import Scene, Settings
+from ...scene.model import Scene, Settings, with_materials
 from .drawing import Drawing, as_codes
-from .grade import Right, graded, picture, right_of
+from .grade import Right, all_pixels, graded, right_of
 from .search import Change, Explanation, changes_of, wrong
 
 SCENES = {
@@ -48,10 +48,7 @@ def scene_of(name: str, resolution: tuple[int, int]) -> Scene:
     """Return a scene of SCENES, with the textures that it is to have."""
     built, textured = SCENES[name]
     scene = builtin(built, resolution=resolution)
-    if textured:
-        return scene
-    meshes = [replace(mesh, material=replace(mesh.material, texture=None)) for mesh in scene.meshes]
-    return replace(scene, meshes=tuple(meshes))
+    return scene if textured else with_materials(scene, lambda material: replace(material, texture=None))
 
 
 def _rights() -> dict[str, Right]:
@@ -67,7 +64,7 @@ def drawn(drawing: Drawing, shape: tuple[int, int]) -> tuple[Floats, str]:
     """Return the codes (M, N, 3) of a drawing, not rounded, and what drew them: the OpenCL kernels, if only scene and
     settings are wrong."""
     if not drawing.of_scene:
-        return as_codes(drawing.shown(picture(drawing, shape).reshape(-1, 3))).reshape(*shape, 3), "oracle"
+        return all_pixels(shape).codes(drawing).reshape(*shape, 3), "oracle"
     with Renderer(drawing.scene, settings=drawing.settings) as renderer:
         return as_codes(np.asarray(renderer.render().rgb, np.float64)), "OpenCL"
 

@@ -13,9 +13,10 @@ from ...base.arrays import Floats
 from ...oracle.corners import Corners
 from ...oracle.vectors import cross, unit
 from ...scene.lights import PointLight
+from ...scene.model import Material
 from ...scene.texture import Texture
 from .drawing import Drawing
-from .light_mistakes import Variant, scaled, without_texture
+from .light_mistakes import Variant, of_materials, scaled, without_texture
 
 # Settings
 
@@ -190,13 +191,8 @@ def ambient_without_intensity(drawing: Drawing) -> Iterator[Variant]:
     yield "", lambda given: replace(given, scene=replace(given.scene, ambient=np.ones(3)))
 
 
-def _exponent_1(drawing: Drawing) -> Drawing:
-    meshes = [replace(mesh, material=replace(mesh.material, n=1.0)) for mesh in drawing.scene.meshes]
-    return replace(drawing, scene=replace(drawing.scene, meshes=tuple(meshes)))
-
-
 def no_exponent(drawing: Drawing) -> Iterator[Variant]:
-    yield "", _exponent_1
+    yield "", partial(of_materials, change=lambda material: replace(material, n=1.0))
 
 
 # Textures
@@ -213,12 +209,11 @@ def untextured(drawing: Drawing) -> Iterator[Variant]:
 
 def _image(drawing: Drawing, change: Callable[[Texture], Texture]) -> Drawing:
     """Return the drawing with other images as textures."""
-    meshes = []
-    for mesh in drawing.scene.meshes:
-        texture = mesh.material.texture
-        changed = None if texture is None else change(texture)
-        meshes.append(replace(mesh, material=replace(mesh.material, texture=changed)))
-    return replace(drawing, scene=replace(drawing.scene, meshes=tuple(meshes)))
+
+    def changed(material: Material) -> Material:
+        return material if material.texture is None else replace(material, texture=change(material.texture))
+
+    return of_materials(drawing, changed)
 
 
 def _looked_up(change: Callable[[Texture], Texture]) -> Callable[[Drawing], Iterator[Variant]]:
@@ -258,7 +253,3 @@ def nearest_texel(drawing: Drawing) -> Iterator[Variant]:
     if _textured(drawing) and drawing.settings.texture_at == "vertex":
         yield "rounded", partial(_in_texels, change=lambda texels: np.floor(texels + 0.5))
         yield "down", partial(_in_texels, change=np.floor)
-
-
-def wrong_background(drawing: Drawing) -> Iterator[Variant]:
-    yield "as it is", lambda given: replace(given, scene=replace(given.scene, background=drawing.backdrop))

@@ -138,7 +138,7 @@ class Search:
             return self.canvas.codes(drawing)
         if first not in self._linear:
             self._linear[first] = self.canvas.linear(self.right if first is None else first(self.right))
-        return as_codes(drawing.shown(self._linear[first]))
+        return self.canvas.written(drawing, self._linear[first])
 
     def singles(self) -> list[Explanation]:
         """Return all single mistakes, the one that explains most first; equals in the table's order."""
