@@ -13,7 +13,7 @@ from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.images import exr, png
 from clshade.measure.bench import scanline
-from clshade.measure.grade import grade, page, planted, search, tables
+from clshade.measure.grade import grade, page, planted, search, tables, wrong_kernels
 from clshade.measure.grade.mistakes import MISTAKES
 from clshade.oracle import frame
 from clshade.oracle.terms import Directions
@@ -37,7 +37,7 @@ def right(shader: str = "phong", bright: bool = False) -> grade.Right:
 def drawn(given: grade.Right, *labels: str) -> np.ndarray:
     """Return the codes of the image with mistakes."""
     known = {change.label: change for change in search.changes_of(given.drawing)}
-    drawing = search.Explanation(tuple(known[label] for label in labels), 0.0, 0.0).draw(given.drawing)
+    drawing = search.applied(given.drawing, [known[label] for label in labels])
     return np.rint(grade.all_pixels((SIZE, SIZE)).codes(drawing)).reshape(SIZE, SIZE, 3)
 
 
@@ -89,9 +89,7 @@ def test_a_normal_that_is_not_renormalized_in_closed_form():
     changes = {change.label: change for change in search.changes_of(right().drawing)}
     z = np.array([0.0, 0.0, 1.0])
     for pair, expected in (((), 0.62), (("Blinn for Phong",), 0.9), (("R.V by absolute value",), 0.62)):
-        drawing = right().drawing
-        for label in ("normals not renormalized", *pair):
-            drawing = changes[label](drawing)
+        drawing = search.applied(right().drawing, [changes[label] for label in ("normals not renormalized", *pair)])
         at = drawing.light.directions(0.0 * z, 0.9 * z, z, 2.0 * z)
         assert np.isclose(drawing.light.terms["ks"](at, np.float64(10.0)), expected**10)
         assert np.isclose(drawing.light.terms["kd"](at, np.float64(10.0)), 0.9)
@@ -141,6 +139,33 @@ def test_bright_light_that_is_clipped_before_the_color_leaves_the_color():
     assert lit.any()
     assert near[lit].mean() > 0.8  # other triangles have corners in the dark
     assert (found <= unlit.rgb + ambient + 1e-9)[unlit.id > 0].all()
+
+
+def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
+    scene = planted.scene_of("course, textured", (SIZE, SIZE))
+    given = grade.right_of(scene, Settings.from_preset("course", shader="nolight"))
+    mesh = scene.meshes[0]
+    image = mesh.material.texture.image
+    corners = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces] * (np.array(image.shape[1::-1]) - 1)
+    low = np.minimum(np.floor(corners).astype(int), np.array(image.shape[1::-1]) - 2)
+    (x, y), (s, t) = np.moveaxis(low, -1, 0), np.moveaxis(corners - low, -1, 0)[..., None]
+    texels = (1 - t) * ((1 - s) * image[y, x] + s * image[y, x + 1])
+    texels += t * ((1 - s) * image[y + 1, x] + s * image[y + 1, x + 1])
+    face = frame.render(scene, given.drawing.settings).id.astype(int)
+    expected = (texels.mean(axis=1) * mesh.material.color)[face - 1]
+    assert np.allclose(linear_of(given, "one color per triangle")[face > 0], expected[face > 0])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("label", [*wrong_kernels.IMAGES, *wrong_kernels.KERNELS])
+def test_the_kernels_make_the_same_mistake(label):
+    given = vertex_colored("phong", 1.0)
+    change = next(change for change in search.changes_of(given.drawing) if change.label == label)
+    codes, by = planted.drawn(given.drawing, [change], (SIZE, SIZE))
+    assert by == "OpenCL"
+    assert np.allclose(
+        codes, grade.all_pixels((SIZE, SIZE)).codes(change(given.drawing)).reshape(codes.shape), atol=0.01
+    )
 
 
 # Searches
@@ -254,6 +279,13 @@ def test_a_file_that_cannot_be_graded_is_refused_in_one_line(tmp_path):
         with pytest.raises(InputError, match=message) as error:
             grade.grade(tmp_path / name, right())
         assert "\n" not in str(error.value)
+
+
+def test_the_size_of_an_image_with_exchanged_axes_says_so(tmp_path):
+    png.write(tmp_path / "turned.png", np.zeros((12, 9, 3), np.uint8))
+    given = grade.right_of(builtin("course", resolution=(12, 9)), Settings.from_preset("course"))
+    with pytest.raises(InputError, match="rows and columns exchanged"):
+        grade.grade(tmp_path / "turned.png", given)
 
 
 def test_settings_that_are_not_modeled_are_refused():

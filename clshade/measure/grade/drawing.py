@@ -84,6 +84,9 @@ class Drawing:
         return self.reach == right.reach and all(getattr(self, name) is getattr(right, name) for name in names)
 
 
+Variant = tuple[str, Callable[[Drawing], Drawing]]  # of a mistake: its words, and what it does to a drawing
+
+
 class _Visible(NamedTuple):
     """What pixels show: the prepared scene, the piece at each pixel, -1 for none, and columns and rows from the bottom."""
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...base.arrays import Floats, Integers
 from ...oracle.transform import SUBPIXELS
-from .drawing import Drawing, Reach
-from .light_mistakes import Variant
+from .drawing import Drawing, Reach, Variant
 
 Snap = Callable[[Integers], Integers]
 _HALF = SUBPIXELS // 2

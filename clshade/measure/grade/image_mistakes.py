@@ -12,9 +12,8 @@ import numpy as np
 from ...base.arrays import Floats, Integers
 from ...images.decode import srgb_to_linear
 from ...images.tonemap import srgb_curve
-from .drawing import Drawing, Place
+from .drawing import Drawing, Place, Variant
 
-Variant = tuple[str, Callable[[Drawing], Drawing]]
 Shape = tuple[int, int]
 _DISPLAY_GAMMA = 2.2  # of monitors
 

@@ -13,9 +13,8 @@ from ...oracle.corners import Corners
 from ...oracle.terms import RIGHT, Directions
 from ...oracle.vectors import dot, unit
 from ...scene.model import Material, Scene, with_materials
-from .drawing import Drawing, Shade
+from .drawing import Drawing, Shade, Variant
 
-Variant = tuple[str, Callable[[Drawing], Drawing]]
 Value = Callable[[Directions, Floats], Floats]
 
 
@@ -184,6 +183,11 @@ def without_texture(drawing: Drawing) -> Drawing:
     return of_materials(drawing, lambda material: replace(material, texture=None))
 
 
+def plain_materials(drawing: Drawing) -> Drawing:
+    """Return the drawing with materials whose color is that of the vertices."""
+    return of_materials(drawing, lambda material: replace(material, texture=None, color=1.0))
+
+
 def _uncolored(drawing: Drawing) -> Drawing:
     """Return the drawing in white. Colors of vertices are replaced at the corners, which drawings on a canvas share."""
     before = drawing.corners
@@ -192,8 +196,7 @@ def _uncolored(drawing: Drawing) -> Drawing:
         found = before(corners)
         return replace(found, colors=np.ones_like(found.colors))
 
-    plain = of_materials(drawing, lambda material: replace(material, texture=None, color=1.0))
-    return replace(plain, corners=white)
+    return replace(plain_materials(drawing), corners=white)
 
 
 def _white_apart(drawing: Drawing, shade: Shade) -> Floats:

@@ -9,9 +9,9 @@ from . import edge_mistakes as edge
 from . import image_mistakes as image
 from . import light_mistakes as light
 from . import scene_mistakes as scene
-from .drawing import Drawing
+from .drawing import Drawing, Variant
 
-Variants = Callable[[Drawing], Iterator[tuple[str, Callable[[Drawing], Drawing]]]]
+Variants = Callable[[Drawing], Iterator[Variant]]
 
 
 class Mistake(NamedTuple):
@@ -116,7 +116,6 @@ MISTAKES = (
         "The colors are shown unlit: call light() for each corner (Gouraud) or pixel (Phong).",
         scene.unlit,
     ),
-    Mistake("one color per triangle", "Colors and normals of a triangle are not interpolated.", scene.flat_triangles),
     Mistake(
         "normals per face",
         "Each face has its own normal: average those of the faces around a vertex.",
@@ -211,6 +210,11 @@ MISTAKES = (
     Mistake("nearest for bilinear", "The nearest texel is shown: interpolate between four.", scene.nearest_texel),
     Mistake(
         "texture per pixel", "Texels are looked up per pixel: the course looks up corners.", scene.texture_per_pixel
+    ),
+    Mistake(
+        "one color per triangle",
+        "Colors and normals of a triangle are not interpolated: blend those of its corners.",
+        scene.flat_triangles,
     ),
     Mistake(
         "wrong background",

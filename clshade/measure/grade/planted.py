@@ -20,7 +20,7 @@ from ...scene.builtin.scenes import builtin
 from ...scene.model import Scene, Settings, with_materials
 from .drawing import Drawing, as_codes
 from .grade import Right, all_pixels, graded, right_of
-from .search import Change, Explanation, changes_of, wrong
+from .search import Change, Explanation, applied, changes_of, wrong
 from .wrong_kernels import IMAGES, KERNELS, rewritten
 
 SCENES = {
@@ -69,9 +69,9 @@ def drawn(right: Drawing, changes: Sequence[Change], shape: tuple[int, int]) -> 
     can make these mistakes, else the oracle."""
     in_kernels = [change.label for change in changes if change.label in KERNELS]
     moves = [IMAGES[change.label] for change in changes if change.label in IMAGES]
-    drawing = _made(right, [change for change in changes if change.label not in {*KERNELS, *IMAGES}])
+    drawing = applied(right, [change for change in changes if change.label not in {*KERNELS, *IMAGES}])
     if len(in_kernels) > 1 or drawing.covers or not replace(drawing, shown=right.shown).of_scene:
-        return all_pixels(shape).codes(_made(right, changes)).reshape(*shape, 3), "oracle"
+        return all_pixels(shape).codes(applied(right, changes)).reshape(*shape, 3), "oracle"
     wrong_light = rewriting(partial(rewritten, in_kernels[0])) if in_kernels else contextlib.nullcontext()
     with wrong_light, Renderer(drawing.scene, settings=drawing.settings) as renderer:
         image = np.asarray(renderer.render().rgb, np.float64)
@@ -116,10 +116,6 @@ def plant(count: int, mistakes: int, seed: int) -> Iterator[Planted]:
         found = graded(_noisy(codes, generator), right, scene)
         label = " + ".join(change.label for change in changes)
         yield Planted(scene, label, found.best.label if found.best else "", _is_named(changes, found.best), by)
-
-
-def _made(drawing: Drawing, changes: Sequence[Change]) -> Drawing:
-    return Explanation(tuple(changes), 0.0, 0.0).draw(drawing)
 
 
 def _is_named(changes: tuple[Change, ...], found: Explanation | None) -> bool:

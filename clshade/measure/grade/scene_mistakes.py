@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Floats
-from ...oracle.corners import Corners
+from ...oracle.corners import Corners, corner_colors
 from ...oracle.vectors import cross, unit
 from ...scene.lights import PointLight
 from ...scene.model import Material
 from ...scene.texture import Texture
-from .drawing import Drawing
-from .light_mistakes import Variant, of_materials, scaled, without_texture
+from .drawing import Drawing, Variant
+from .light_mistakes import of_materials, plain_materials, scaled, without_texture
 
 # Settings
 
@@ -90,9 +90,18 @@ def _mean(values: Floats) -> Floats:
     return np.repeat(values.mean(axis=1, keepdims=True), 3, axis=1)
 
 
-def _flat(corners: Corners) -> Corners:
-    means = _mean(corners.colors), unit(_mean(corners.normals)), _mean(corners.uvs)
-    return replace(corners, colors=means[0], normals=means[1], uvs=means[2])
+def _flat(drawing: Drawing) -> Drawing:
+    """Return the drawing with means of what triangles have at their corners: of texels, where these are looked up there."""
+    scene, settings = drawing.scene, drawing.settings
+    at_corners = settings.texture_at == "vertex"
+
+    def change(corners: Corners) -> Corners:
+        faces = np.arange(len(corners.mesh))
+        colors = corner_colors(scene, settings, corners, faces) if at_corners else corners.colors
+        means = _mean(colors), unit(_mean(corners.normals)), _mean(corners.uvs)
+        return replace(corners, colors=means[0], normals=means[1], uvs=means[2])
+
+    return _attributes(plain_materials(drawing) if at_corners else drawing, change)
 
 
 def flipped_normals(drawing: Drawing) -> Iterator[Variant]:
@@ -104,7 +113,7 @@ def face_normals(drawing: Drawing) -> Iterator[Variant]:
 
 
 def flat_triangles(drawing: Drawing) -> Iterator[Variant]:
-    yield "", partial(_attributes, change=_flat)
+    yield "", _flat
 
 
 # Lights and materials
@@ -245,8 +254,8 @@ def _in_texels(drawing: Drawing, change: Callable[[Floats], Floats]) -> Drawing:
 
 def half_texel(drawing: Drawing) -> Iterator[Variant]:
     if _textured(drawing):
-        yield "less", partial(_in_texels, change=lambda texels: texels - 0.5)
-        yield "more", partial(_in_texels, change=lambda texels: texels + 0.5)
+        yield "looked up toward (0, 0)", partial(_in_texels, change=lambda texels: texels - 0.5)
+        yield "looked up away from (0, 0)", partial(_in_texels, change=lambda texels: texels + 0.5)
 
 
 def nearest_texel(drawing: Drawing) -> Iterator[Variant]:
