@@ -88,10 +88,11 @@ def prepare(scene: Scene, settings: Settings) -> Prepared:
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
     cut = pieces(points, near, transform.lens_of(camera))
-    return Prepared(corners, points[:, :, 2], cut, _set_up(scene, settings, corners, cut))
+    return Prepared(corners, points[:, :, 2], cut, set_up(scene, settings, corners, cut))
 
 
-def _set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> coverage.Setup:
+def set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> coverage.Setup:
+    """Return the setup of pieces, without those that are culled, or whose material is drawn from the front only."""
     setup = coverage.setup(cut.xy, *scene.camera.resolution, settings.cull)
     front_only = _front_only(scene, corners)[cut.face]
     return setup._replace(culled=setup.culled | (front_only & (setup.area < 0)))
@@ -118,7 +119,7 @@ def samples_of(scene: Scene, settings: Settings, prepared: Prepared) -> list[Pre
     for place in sampling.places(settings.samples):
         cut = replace(prepared.pieces, xy=prepared.pieces.xy + (coverage.HALF - place))
         at = int(place[0]), int(place[1])
-        views.append(replace(prepared, pieces=cut, setup=_set_up(scene, settings, prepared.corners, cut), place=at))
+        views.append(replace(prepared, pieces=cut, setup=set_up(scene, settings, prepared.corners, cut), place=at))
     return views
 
 

@@ -82,7 +82,7 @@ def reflected(
         arriving = intensity * share[..., None]
         white = [factor * steps.terms[name](at, surface.n)[..., None] for name, factor in surface.k.items()]
         total = total + arriving * sum(white)
-    return total
+    return steps.total(total)
 
 
 def budget(color: Floats, surface: Surface, light_intensities: Floats, tinted: bool = False) -> Floats:

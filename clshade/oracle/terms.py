@@ -129,12 +129,17 @@ TERMS = {"kd": Term(_diffuse), "ks": Term(specular, _specular_jump, _specular_st
 _VALUES = {name: term.value for name, term in TERMS.items()}
 
 
+def _same(light: Floats) -> Floats:
+    return light
+
+
 class Steps(NamedTuple):
     """The steps of the light that `measure.grade` replaces by wrong ones: from point, normal, eye and light to directions,
-    and the values of TERMS by coefficient."""
+    the values of TERMS by coefficient, and from the sum over the lights (..., 3) to what the color is multiplied by."""
 
     directions: Callable[[Floats, Floats, Floats, Floats], Directions] = Directions.at
     terms: Mapping[str, Callable[[Directions, Floats], Floats]] = _VALUES
+    total: Callable[[Floats], Floats] = _same
 
 
 RIGHT = Steps()

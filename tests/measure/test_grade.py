@@ -10,7 +10,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.measure.bench import scanline
-from clshade.measure.grade import grade, planted, search, tables
+from clshade.measure.grade import grade, planted, search, tables, wrong_kernels
 from clshade.measure.grade.mistakes import MISTAKES
 from clshade.oracle import frame
 from clshade.oracle.terms import Directions
@@ -34,9 +34,8 @@ def right(shader: str = "phong", bright: bool = False) -> grade.Right:
 def drawn(given: grade.Right, *labels: str) -> np.ndarray:
     """Return the codes of the image with mistakes."""
     known = {change.label: change for change in search.changes_of(given.drawing)}
-    drawing = search.Explanation(tuple(known[label] for label in labels), 0.0, 0.0).draw(given.drawing)
-    linear = grade.picture(drawing, (SIZE, SIZE))
-    return np.rint(grade.as_codes(drawing.shown(linear)))
+    drawing = search.applied(given.drawing, [known[label] for label in labels])
+    return np.rint(grade.all_pixels((SIZE, SIZE)).codes(drawing)).reshape(SIZE, SIZE, 3)
 
 
 def found_first(given: grade.Right, image: np.ndarray) -> list[set[str]]:
@@ -88,6 +87,90 @@ def test_settings_that_are_not_modeled_are_refused():
         grade.right_of(scene, Settings.from_preset("course", samples=4))
 
 
+def test_a_normal_that_is_not_renormalized_in_closed_form():
+    """All directions along z, with |N| = 0.9: R.V = 2*0.81 - 1."""
+    changes = {change.label: change for change in search.changes_of(right().drawing)}
+    z = np.array([0.0, 0.0, 1.0])
+    for pair, expected in (((), 0.62), (("Blinn for Phong",), 0.9), (("R.V by absolute value",), 0.62)):
+        drawing = search.applied(right().drawing, [changes[label] for label in ("normals not renormalized", *pair)])
+        at = drawing.light.directions(0.0 * z, 0.9 * z, z, 2.0 * z)
+        assert np.isclose(drawing.light.terms["ks"](at, np.float64(10.0)), expected**10)
+        assert np.isclose(drawing.light.terms["kd"](at, np.float64(10.0)), 0.9)
+
+
+def vertex_colored(shader: str, intensity: float) -> grade.Right:
+    """Return the right image of the course's object without texture, with lights that many times as bright."""
+    scene = planted.scene_of("course, vertex colors", (SIZE, SIZE))
+    lights = tuple(replace(light, intensity=intensity * light.intensity) for light in scene.lights)
+    return grade.right_of(replace(scene, lights=lights), Settings.from_preset("course", shader=shader))
+
+
+def linear_of(given: grade.Right, label: str) -> np.ndarray:
+    known = {change.label: change for change in search.changes_of(given.drawing)}
+    return grade.picture(known[label](given.drawing), (SIZE, SIZE))
+
+
+@pytest.mark.parametrize("shader", ["phong", "gouraud"])
+def test_a_highlight_without_color_is_that_of_a_white_object(shader):
+    given = vertex_colored(shader, 1.0)
+    scene, settings = given.drawing.scene, given.drawing.settings
+    mesh = scene.meshes[0]
+    matte = replace(mesh, material=replace(mesh.material, ks=0.0))
+    white = replace(mesh, colors=None, material=replace(mesh.material, ka=0.0, kd=0.0, color=1.0))
+    parts = [frame.render(replace(scene, meshes=(each,)), settings).rgb for each in (matte, white)]
+    drawn_at = frame.render(scene, settings).id > 0
+    found = linear_of(given, "highlight without color")
+    assert np.allclose(found[drawn_at], (parts[0] + parts[1])[drawn_at])
+    assert not np.allclose(found, given.linear)
+
+
+@pytest.mark.parametrize("shader", ["phong", "gouraud"])
+def test_dim_light_that_is_clipped_before_the_color_is_right(shader):
+    given = vertex_colored(shader, 0.01)
+    assert np.array_equal(linear_of(given, "light clipped before color"), given.linear)
+
+
+def test_bright_light_that_is_clipped_before_the_color_leaves_the_color():
+    """Where the light is far above 1 at all corners, ambient light and the color itself are left."""
+    given = vertex_colored("gouraud", 1e6)
+    scene, settings = given.drawing.scene, given.drawing.settings
+    unlit = frame.render(scene, replace(settings, shader="nolight"))
+    ambient = scene.meshes[0].material.ka * scene.ambient
+    lit = (given.linear > 1e3).all(axis=2) & (unlit.id > 0)
+    found = linear_of(given, "light clipped before color")
+    near = np.isclose(found, unlit.rgb + ambient).all(axis=2)
+    assert lit.any()
+    assert near[lit].mean() > 0.8  # other triangles have corners in the dark
+    assert (found <= unlit.rgb + ambient + 1e-9)[unlit.id > 0].all()
+
+
+def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
+    scene = planted.scene_of("course, textured", (SIZE, SIZE))
+    given = grade.right_of(scene, Settings.from_preset("course", shader="nolight"))
+    mesh = scene.meshes[0]
+    image = mesh.material.texture.image
+    corners = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces] * (np.array(image.shape[1::-1]) - 1)
+    low = np.minimum(np.floor(corners).astype(int), np.array(image.shape[1::-1]) - 2)
+    (x, y), (s, t) = np.moveaxis(low, -1, 0), np.moveaxis(corners - low, -1, 0)[..., None]
+    texels = (1 - t) * ((1 - s) * image[y, x] + s * image[y, x + 1])
+    texels += t * ((1 - s) * image[y + 1, x] + s * image[y + 1, x + 1])
+    face = frame.render(scene, given.drawing.settings).id.astype(int)
+    expected = (texels.mean(axis=1) * mesh.material.color)[face - 1]
+    assert np.allclose(linear_of(given, "one color per triangle")[face > 0], expected[face > 0])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("label", [*wrong_kernels.IMAGES, *wrong_kernels.KERNELS])
+def test_the_kernels_make_the_same_mistake(label):
+    given = vertex_colored("phong", 1.0)
+    change = next(change for change in search.changes_of(given.drawing) if change.label == label)
+    codes, by = planted.drawn(given.drawing, [change], (SIZE, SIZE))
+    assert by == "OpenCL"
+    assert np.allclose(
+        codes, grade.all_pixels((SIZE, SIZE)).codes(change(given.drawing)).reshape(codes.shape), atol=0.01
+    )
+
+
 # Searches
 
 
@@ -129,6 +212,21 @@ def test_the_color_of_a_wrong_background_is_found():
     empty = (right().linear == right().drawing.scene.background).all(axis=2)
     image = np.where(empty[..., None], [10.0, 200.0, 30.0], right().codes)
     assert {"wrong background (as it is)"} in found_first(right(), image)
+
+
+def test_gamma_beside_a_wrong_background_is_found():
+    scene = replace(right().drawing.scene, background=[0.2, 0.5, 0.8])
+    linear = np.clip(frame.render(scene, right().drawing.settings).rgb, 0.0, 1.0)
+    image = np.rint(255.0 * linear ** (1.0 / 2.2))
+    assert {"wrong background (as it is)", "gamma (1/2.2)"} in found_first(right(), image)
+
+
+def test_an_image_without_the_object_is_not_blamed_on_edges():
+    background = np.zeros((SIZE, SIZE, 3)) + right().drawing.scene.background
+    assert {"nothing is drawn"} in found_first(right(), np.rint(grade.as_codes(background)))
+    black = grade.graded(np.zeros((SIZE, SIZE, 3)), right(), "black").best
+    assert black is not None
+    assert "nothing is drawn" in {change.label for change in black.changes}
 
 
 def test_pixels_that_are_off_by_one_code_are_right():

@@ -110,6 +110,13 @@ def test_the_size_is_checked_before_anything_is_converted(tmp_path, monkeypatch)
             grade.grade(tmp_path / name, right())
 
 
+def test_the_size_of_an_image_with_exchanged_axes_says_so(tmp_path):
+    png.write(tmp_path / "turned.png", np.zeros((12, 9, 3), np.uint8))
+    given = grade.right_of(builtin("course", resolution=(12, 9)), Settings.from_preset("course"))
+    with pytest.raises(InputError, match="rows and columns exchanged"):
+        grade.grade(tmp_path / "turned.png", given)
+
+
 def test_jpeg_is_refused(tmp_path):
     Image.fromarray(np.uint8(right().codes)).save(tmp_path / "a.png", "JPEG", quality=95)
     with pytest.raises(InputError, match="image: expected a lossless format such as PNG, found JPEG"):

@@ -11,8 +11,9 @@ import numpy as np
 from ...base.arrays import Bools, Floats, Integers
 from ...oracle import coverage
 from ...oracle.corners import Corners
-from ...oracle.frame import Prepared, face_weights, prepare
+from ...oracle.frame import Prepared, face_weights, prepare, set_up
 from ...oracle.pixels import shade_pixels
+from ...oracle.shade import depth
 from ...oracle.terms import RIGHT, Steps
 from ...scene.model import Scene, Settings
 
@@ -59,7 +60,7 @@ class Drawing:
     reach: of triangles. corners: of the faces' attributes. light: its steps. compose: from the drawing and a function that
     shades drawings to colors (K, 3). place: from rows (from the TOP), columns and shape (M, N) to the pixels that are shown
     there. shown: from linear colors (K, 3) to values that are then clipped to [0, 1]. backdrop: color where the right image
-    shows none of the object, (3,), as the image that is graded has it.
+    shows none of the object, (3,), as the image that is graded has it. covers: whether it replaces the finished background.
     """
 
     scene: Scene
@@ -73,13 +74,17 @@ class Drawing:
     place: Place = _in_place
     shown: Callable[[Floats], Floats] = _same
     backdrop: Floats = field(default_factory=lambda: np.zeros(3))
+    covers: bool = False
 
     @property
     def of_scene(self) -> bool:
         """Whether only scene and settings may differ from the right ones: any renderer can draw it."""
         right = Drawing(self.scene, self.settings)
-        names = ("order", "snap", "reach", "corners", "light", "compose", "place", "shown")
-        return all(getattr(self, name) is getattr(right, name) or self.reach == getattr(right, name) for name in names)
+        names = ("order", "snap", "corners", "light", "compose", "place", "shown", "covers")
+        return self.reach == right.reach and all(getattr(self, name) is getattr(right, name) for name in names)
+
+
+Variant = tuple[str, Callable[[Drawing], Drawing]]  # of a mistake: its words, and what it does to a drawing
 
 
 class _Visible(NamedTuple):
@@ -112,14 +117,21 @@ class Canvas:
 
     def codes(self, drawing: Drawing) -> Floats:
         """Return the colors (K, 3) as a file of 8 bits has them, 0 to 255, not rounded."""
-        return as_codes(drawing.shown(self.linear(drawing)))
+        return self.written(drawing, self.linear(drawing))
+
+    def written(self, drawing: Drawing, linear: Floats) -> Floats:
+        """Return the codes (K, 3), not rounded, that a drawing makes of linear colors."""
+        found = as_codes(drawing.shown(linear))
+        if drawing.covers:
+            found[self.covered(drawing) < 0] = as_codes(drawing.backdrop)
+        return found
 
     def covered(self, drawing: Drawing) -> Integers:
         """Return the piece that each pixel shows, (K,), -1 for the background."""
         return self._visible(drawing).owner
 
     def _visible(self, drawing: Drawing) -> _Visible:
-        """Find what the pixels show; scenes of one camera have the same positions."""
+        """Find what the pixels show; scenes of one camera have the same meshes, with other materials."""
         settings, changed = drawing.settings, (drawing.order, drawing.snap, drawing.reach, drawing.place)
         key = (drawing.scene.camera, settings.visibility, settings.cull, *changed)
         if key not in self._kept:
@@ -135,7 +147,7 @@ class Canvas:
         prepared = self._prepared[seen_by]
         if drawing.snap is not _unmoved:
             cut = replace(prepared.pieces, xy=drawing.snap(prepared.pieces.xy))
-            setup = coverage.setup(cut.xy, *drawing.scene.camera.resolution, drawing.settings.cull)
+            setup = set_up(drawing.scene, drawing.settings, prepared.corners, cut)
             prepared = replace(prepared, pieces=cut, setup=setup)
         return _Visible(prepared, _first(drawing, prepared, column, upward), column, upward)
 
@@ -155,11 +167,11 @@ def _first(drawing: Drawing, prepared: Prepared, column: Integers, upward: Integ
     for across, up in reach.steps:
         found = coverage.samples_at(cut.xy[order], setup.box[order], column + across, upward + up)
         hits.append(np.concatenate([np.zeros(0, np.int64), *(k * count + pixel for k, pixel, _ in found)]))
-    keys, times = np.unique(np.concatenate(hits), return_counts=True)
+    keys, times = np.unique(np.concatenate([np.zeros(0, np.int64), *hits]), return_counts=True)
     rank, pixel = np.divmod(keys if reach.any else keys[times == len(reach.steps)], count)
     if drawing.settings.visibility == "depth":
         edges = coverage.edge_functions(cut.xy[order[rank]], column[pixel], upward[pixel])
-        near = 1.0 / (edges / cut.z[order[rank]]).sum(axis=1) * edges.sum(axis=1)
+        near = depth(edges, cut.z[order[rank]])
         by_depth = np.lexsort((-order[rank], near))
         rank, pixel = rank[by_depth], pixel[by_depth]
     first = np.full(count, -1)

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...base.arrays import Floats, Integers
 from ...oracle.transform import SUBPIXELS
-from .drawing import Drawing, Reach
-from .light_mistakes import Variant
+from .drawing import Drawing, Reach, Variant
 
 Snap = Callable[[Integers], Integers]
 _HALF = SUBPIXELS // 2
@@ -79,6 +78,10 @@ def rounded_corners(drawing: Drawing) -> Iterator[Variant]:
 
 def _reaching(drawing: Drawing, reach: Reach) -> Drawing:
     return replace(drawing, reach=reach)
+
+
+def nothing(drawing: Drawing) -> Iterator[Variant]:
+    yield "", partial(_reaching, reach=Reach(True, ()))
 
 
 def too_many(drawing: Drawing) -> Iterator[Variant]:

@@ -40,27 +40,14 @@ def _refuse(error: OSError) -> None:
 
 
 def grade_all(paths: Sequence[Path], right: Right) -> Iterator[Row | str]:
-    """Grade files in parallel, and yield the result of each, or in one line why it cannot be graded.
-
-    If a worker is killed, as for want of memory, one alone grades what is left: the file at which that happens again is
-    the cause, and a new worker grades those after it.
-    """
+    """Grade files in parallel, and yield the result of each, or in one line why it cannot be graded."""
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    rest = list(paths)
-    while rest:
-        with ProcessPoolExecutor(min(workers, len(rest)), get_context("forkserver"), _keep, (right,)) as pool:
+    with ProcessPoolExecutor(min(workers, len(paths)), get_context("forkserver"), _keep, (right,)) as pool:
+        for future in [pool.submit(_kept_one, path) for path in paths]:
             try:
-                for future in [pool.submit(_kept_one, path) for path in rest]:
-                    row = future.result()
-                    del rest[0]
-                    yield row
+                yield future.result()
             except BrokenExecutor:
-                if workers == 1:
-                    del rest[0]
-                    yield "the process that graded it was ended, perhaps for want of memory"
-                workers = 1
-            finally:
-                pool.shutdown(cancel_futures=True)
+                yield "a process that grades was ended, perhaps for want of memory"
 
 
 _kept: list[Right] = []

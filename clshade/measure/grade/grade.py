@@ -96,19 +96,20 @@ def right_of(scene: Scene, settings: Settings) -> Right:
     return Right(drawing, picture(drawing, (rows, columns)))
 
 
-def _everywhere(shape: tuple[int, int]) -> Canvas:
+def all_pixels(shape: tuple[int, int]) -> Canvas:
+    """Return the canvas of a whole image, (M, N)."""
     return Canvas(shape, *np.divmod(np.arange(shape[0] * shape[1]), shape[1]))
 
 
 def picture(drawing: Drawing, shape: tuple[int, int]) -> Floats:
     """Return the linear image (M, N, 3) of a drawing, row 0 at the top."""
-    return _everywhere(shape).linear(drawing).reshape(*shape, 3)
+    return all_pixels(shape).linear(drawing).reshape(*shape, 3)
 
 
 def explained_codes(right: Right, found: Explanation) -> Floats:
     """Return the codes (M, N, 3) of the image that the mistakes of an explanation give."""
     shape = right.linear.shape[0], right.linear.shape[1]
-    return np.rint(_everywhere(shape).codes(found.draw(_seen(right, right.codes)))).reshape(right.linear.shape)
+    return np.rint(all_pixels(shape).codes(found.draw(_seen(right, right.codes)))).reshape(right.linear.shape)
 
 
 def grade(path: str | Path, right: Right) -> Grade:

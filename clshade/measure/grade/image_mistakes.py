@@ -12,9 +12,8 @@ import numpy as np
 from ...base.arrays import Floats, Integers
 from ...images.decode import srgb_to_linear
 from ...images.tonemap import srgb_curve
-from .drawing import Drawing, Place
+from .drawing import Drawing, Place, Variant
 
-Variant = tuple[str, Callable[[Drawing], Drawing]]
 Shape = tuple[int, int]
 _DISPLAY_GAMMA = 2.2  # of monitors
 
@@ -67,6 +66,10 @@ def transposed(drawing: Drawing) -> Iterator[Variant]:
     if rows == columns:
         yield "about the diagonal from the top left", partial(_mapped, place=_across)
         yield "about the diagonal from the bottom left", partial(_mapped, place=_across_up)
+
+
+def wrong_background(drawing: Drawing) -> Iterator[Variant]:
+    yield "as it is", lambda given: replace(given, covers=True)
 
 
 def _written(drawing: Drawing, change: Callable[[Floats], Floats]) -> Drawing:

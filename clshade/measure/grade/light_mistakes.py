@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 
 from ...base.arrays import Floats
-from ...oracle.terms import Directions, mirrored, power
+from ...oracle.corners import Corners
+from ...oracle.terms import RIGHT, Directions
 from ...oracle.vectors import dot, unit
-from ...scene.model import Scene
-from .drawing import Drawing, Shade
+from ...scene.model import Material, Scene, with_materials
+from .drawing import Drawing, Shade, Variant
 
-Variant = tuple[str, Callable[[Drawing], Drawing]]
 Value = Callable[[Directions, Floats], Floats]
 
 
@@ -35,8 +35,15 @@ def _shorter(at: Directions, point: Floats, light: Floats, normal: Floats, scene
     return at._replace(normal=normal)
 
 
+def _with_short_normals(drawing: Drawing) -> Drawing:
+    """Return the drawing with N as it is interpolated, in N.L and in R; |R-V|^2 would give R.V of unit vectors only."""
+    drawing = _directed(drawing, _shorter)
+    right_so_far = drawing.light.terms["ks"] is RIGHT.terms["ks"]
+    return _with_term(drawing, "ks", partial(_with_cosine, mirror=_mirror)) if right_so_far else drawing
+
+
 def unnormalized(drawing: Drawing) -> Iterator[Variant]:
-    yield "", partial(_directed, change=_shorter)
+    yield "", _with_short_normals
 
 
 def _view_back(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
@@ -109,30 +116,36 @@ def _magnitude(at: Directions, n: Floats) -> Floats:
     return np.abs(at.n_l)
 
 
-def _everywhere(at: Directions, n: Floats) -> Floats:
-    return power(*mirrored(at), n)
+# All of these take cosines of vectors of any length, as N has another where it is not normalized.
+
+
+def _mirror(at: Directions) -> Floats:
+    return 2.0 * at.normal * at.n_l[..., None] - at.to_light
+
+
+def _to_power(cosine: Floats, n: Floats) -> Floats:
+    return np.where(cosine > 0.0, np.maximum(cosine, 0.0) ** n, 0.0)
+
+
+def _behind_too(at: Directions, n: Floats) -> Floats:
+    return _to_power(dot(_mirror(at), at.to_eye), n)
 
 
 def _both_ways(at: Directions, n: Floats) -> Floats:
-    cosine, distance2 = mirrored(at)
-    near = np.where(cosine < 0.0, 4.0 - distance2, distance2)  # |R + V|^2 = 4 - |R - V|^2
-    return np.where(at.n_l > 0.0, power(np.abs(cosine), near, n), 0.0)
+    return np.where(at.n_l > 0.0, _to_power(np.abs(dot(_mirror(at), at.to_eye)), n), 0.0)
 
 
 def _halfway(at: Directions, n: Floats) -> Floats:
-    half = unit(at.to_light + at.to_eye)
-    apart = half - at.normal
-    return np.where(at.n_l > 0.0, power(dot(half, at.normal), dot(apart, apart), n), 0.0)
+    return np.where(at.n_l > 0.0, _to_power(dot(unit(at.to_light + at.to_eye), at.normal), n), 0.0)
 
 
 def _with_cosine(at: Directions, n: Floats, mirror: Callable[[Directions], Floats]) -> Floats:
-    """Return the highlight of a wrong mirrored direction, of any length."""
-    cosine = np.maximum(dot(mirror(at), at.to_eye), 0.0)
-    return np.where((at.n_l > 0.0) & (cosine > 0.0), cosine**n, 0.0)
+    """Return the highlight of a mirrored direction of any length."""
+    return np.where(at.n_l > 0.0, _to_power(dot(mirror(at), at.to_eye), n), 0.0)
 
 
 def _backward(at: Directions) -> Floats:
-    return at.to_light - 2.0 * at.normal * at.n_l[..., None]
+    return -_mirror(at)
 
 
 def _halved(at: Directions) -> Floats:
@@ -141,7 +154,7 @@ def _halved(at: Directions) -> Floats:
 
 unclamped = _term("kd", _cosine)
 absolute = _term("kd", _magnitude)
-ungated = _term("ks", _everywhere)
+ungated = _term("ks", _behind_too)
 absolute_mirror = _term("ks", _both_ways)
 blinn = _term("ks", _halfway)
 reversed_mirror = _term("ks", partial(_with_cosine, mirror=_backward))
@@ -151,26 +164,39 @@ halved_mirror = _term("ks", partial(_with_cosine, mirror=_halved))
 # Sums
 
 
+def of_materials(drawing: Drawing, change: Callable[[Material], Material]) -> Drawing:
+    """Return the drawing with changed materials."""
+    return replace(drawing, scene=with_materials(drawing.scene, change))
+
+
 def scaled(drawing: Drawing, **factors: float) -> Drawing:
     """Return the drawing with coefficients of all materials multiplied."""
-    scene = drawing.scene
-    meshes = []
-    for mesh in scene.meshes:
-        changed = {name: getattr(mesh.material, name) * factor for name, factor in factors.items()}
-        meshes.append(replace(mesh, material=replace(mesh.material, **changed)))
-    return replace(drawing, scene=replace(scene, meshes=tuple(meshes)))
+
+    def change(material: Material) -> Material:
+        return replace(material, **{name: getattr(material, name) * factor for name, factor in factors.items()})
+
+    return of_materials(drawing, change)
 
 
 def without_texture(drawing: Drawing) -> Drawing:
     """Return the drawing without textures."""
-    meshes = [replace(mesh, material=replace(mesh.material, texture=None)) for mesh in drawing.scene.meshes]
-    return replace(drawing, scene=replace(drawing.scene, meshes=tuple(meshes)))
+    return of_materials(drawing, lambda material: replace(material, texture=None))
+
+
+def plain_materials(drawing: Drawing) -> Drawing:
+    """Return the drawing with materials whose color is that of the vertices."""
+    return of_materials(drawing, lambda material: replace(material, texture=None, color=1.0))
 
 
 def _uncolored(drawing: Drawing) -> Drawing:
-    plain = without_texture(drawing)
-    meshes = [replace(m, colors=None, material=replace(m.material, color=1.0)) for m in plain.scene.meshes]
-    return replace(plain, scene=replace(plain.scene, meshes=tuple(meshes)))
+    """Return the drawing in white. Colors of vertices are replaced at the corners, which drawings on a canvas share."""
+    before = drawing.corners
+
+    def white(corners: Corners) -> Corners:
+        found = before(corners)
+        return replace(found, colors=np.ones_like(found.colors))
+
+    return replace(plain_materials(drawing), corners=white)
 
 
 def _white_apart(drawing: Drawing, shade: Shade) -> Floats:
@@ -181,12 +207,9 @@ def white_highlight(drawing: Drawing) -> Iterator[Variant]:
     yield "", lambda given: replace(given, compose=_white_apart)
 
 
-def _clipped_first(drawing: Drawing, shade: Shade) -> Floats:
-    """Return ambient light and the color times the light that a white surface reflects, at most 1."""
-    colors = shade(replace(drawing, settings=replace(drawing.settings, shader="nolight")))
-    light = shade(scaled(_uncolored(drawing), ka=0.0))
-    return shade(scaled(drawing, kd=0.0, ks=0.0)) + colors * np.clip(light, 0.0, 1.0)
+def _at_most_1(light: Floats) -> Floats:
+    return np.clip(light, 0.0, 1.0)
 
 
 def clipped_light(drawing: Drawing) -> Iterator[Variant]:
-    yield "", lambda given: replace(given, compose=_clipped_first)
+    yield "", lambda given: replace(given, light=given.light._replace(total=_at_most_1))

@@ -9,9 +9,9 @@ from . import edge_mistakes as edge
 from . import image_mistakes as image
 from . import light_mistakes as light
 from . import scene_mistakes as scene
-from .drawing import Drawing
+from .drawing import Drawing, Variant
 
-Variants = Callable[[Drawing], Iterator[tuple[str, Callable[[Drawing], Drawing]]]]
+Variants = Callable[[Drawing], Iterator[Variant]]
 
 
 class Mistake(NamedTuple):
@@ -33,7 +33,7 @@ class Mistake(NamedTuple):
 MISTAKES = (
     Mistake(
         "upside down",
-        "Rows are upside down: image row 0 is the top, y points up. Write row M-1-y.",
+        "The course's functions return row 0 at the bottom; flip with image[::-1] once, only when writing a PNG.",
         image.rows_reversed,
         early=False,
         moves=True,
@@ -59,6 +59,7 @@ MISTAKES = (
         early=False,
         moves=True,
     ),
+    Mistake("nothing is drawn", "The image shows the background alone: nothing of the object is drawn.", edge.nothing),
     Mistake(
         "whole pixels off",
         "The image is shifted by whole pixels: pixel (column, row) counts from 0.",
@@ -105,13 +106,16 @@ MISTAKES = (
         scene.depth_buffer,
     ),
     Mistake("back faces left out", "Faces seen from behind are left out: the course draws all.", scene.culled),
-    Mistake("shader exchanged", "Gouraud is drawn as Phong, or Phong as Gouraud.", scene.other_shader),
+    Mistake(
+        "shader exchanged",
+        "Gouraud lights corners and interpolates colors, Phong lights each pixel: this is the other one.",
+        scene.other_shader,
+    ),
     Mistake(
         "no light at all",
         "The colors are shown unlit: call light() for each corner (Gouraud) or pixel (Phong).",
         scene.unlit,
     ),
-    Mistake("one color per triangle", "Colors and normals of a triangle are not interpolated.", scene.flat_triangles),
     Mistake(
         "normals per face",
         "Each face has its own normal: average those of the faces around a vertex.",
@@ -130,7 +134,7 @@ MISTAKES = (
     Mistake("a light missing", "A light is not added: sum over all lights.", scene.missing_light),
     Mistake(
         "one channel of a light",
-        "Only one channel of a light arrives: its intensity has three, multiply by all.",
+        "Only one channel of a light arrives: multiply by its intensity channel by channel.",
         scene.one_channel,
     ),
     Mistake(
@@ -191,7 +195,7 @@ MISTAKES = (
     ),
     Mistake(
         "the other interpolation",
-        "Values are interpolated with perspective instead of linearly in the image, or the reverse.",
+        "Values are interpolated with perspective: the course interpolates linearly in the image (affine).",
         scene.other_interpolation,
     ),
     Mistake("texture ignored", "The vertex colors are shown in place of the texture.", scene.untextured),
@@ -207,7 +211,17 @@ MISTAKES = (
     Mistake(
         "texture per pixel", "Texels are looked up per pixel: the course looks up corners.", scene.texture_per_pixel
     ),
-    Mistake("wrong background", "The background has another color than bg_color.", scene.wrong_background),
+    Mistake(
+        "one color per triangle",
+        "Colors and normals of a triangle are not interpolated: blend those of its corners.",
+        scene.flat_triangles,
+    ),
+    Mistake(
+        "wrong background",
+        "The background has another color than bg_color.",
+        image.wrong_background,
+        early=False,
+    ),
     Mistake(
         "gamma",
         "The image is gamma-encoded: the course writes linear values, round(255*x).",

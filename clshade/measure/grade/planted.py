@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,12 +14,14 @@ from ...base import text_tables
 from ...base.arrays import Array, Floats
 from ...base.progress_bar import Bar
 from ...course.arguments import Shader
+from ...pipeline.programs import rewriting
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
-from ...scene.model import Scene, Settings
+from ...scene.model import Scene, Settings, with_materials
 from .drawing import Drawing, as_codes
-from .grade import Right, graded, picture, right_of
-from .search import Change, Explanation, changes_of, wrong
+from .grade import Right, all_pixels, graded, right_of
+from .search import Change, Explanation, applied, changes_of, wrong
+from .wrong_kernels import IMAGES, KERNELS, rewritten
 
 SCENES = {
     "course, textured": ("course", True),
@@ -48,10 +52,7 @@ def scene_of(name: str, resolution: tuple[int, int]) -> Scene:
     """Return a scene of SCENES, with the textures that it is to have."""
     built, textured = SCENES[name]
     scene = builtin(built, resolution=resolution)
-    if textured:
-        return scene
-    meshes = [replace(mesh, material=replace(mesh.material, texture=None)) for mesh in scene.meshes]
-    return replace(scene, meshes=tuple(meshes))
+    return scene if textured else with_materials(scene, lambda material: replace(material, texture=None))
 
 
 def _rights() -> dict[str, Right]:
@@ -63,13 +64,20 @@ def _rights() -> dict[str, Right]:
     return found
 
 
-def drawn(drawing: Drawing, shape: tuple[int, int]) -> tuple[Floats, str]:
-    """Return the codes (M, N, 3) of a drawing, not rounded, and what drew them: the OpenCL kernels, if only scene and
-    settings are wrong."""
-    if not drawing.of_scene:
-        return as_codes(drawing.shown(picture(drawing, shape).reshape(-1, 3))).reshape(*shape, 3), "oracle"
-    with Renderer(drawing.scene, settings=drawing.settings) as renderer:
-        return as_codes(np.asarray(renderer.render().rgb, np.float64)), "OpenCL"
+def drawn(right: Drawing, changes: Sequence[Change], shape: tuple[int, int]) -> tuple[Floats, str]:
+    """Return the codes (M, N, 3) of an image with mistakes, not rounded, and what drew them: the OpenCL kernels where they
+    can make these mistakes, else the oracle."""
+    in_kernels = [change.label for change in changes if change.label in KERNELS]
+    moves = [IMAGES[change.label] for change in changes if change.label in IMAGES]
+    drawing = applied(right, [change for change in changes if change.label not in {*KERNELS, *IMAGES}])
+    if len(in_kernels) > 1 or drawing.covers or not replace(drawing, shown=right.shown).of_scene:
+        return all_pixels(shape).codes(applied(right, changes)).reshape(*shape, 3), "oracle"
+    wrong_light = rewriting(partial(rewritten, in_kernels[0])) if in_kernels else contextlib.nullcontext()
+    with wrong_light, Renderer(drawing.scene, settings=drawing.settings) as renderer:
+        image = np.asarray(renderer.render().rgb, np.float64)
+    for move in moves:
+        image = move(image)
+    return as_codes(drawing.shown(image.reshape(-1, 3))).reshape(*shape, 3), "OpenCL"
 
 
 def _noisy(codes: Array, generator: np.random.Generator) -> Floats:
@@ -100,18 +108,14 @@ def plant(count: int, mistakes: int, seed: int) -> Iterator[Planted]:
         right = rights[scene]
         changes = _chosen(right, mistakes, generator)
         shape = right.linear.shape[0], right.linear.shape[1]
-        codes, by = drawn(_made(right.drawing, changes), shape)
-        without = [drawn(_made(right.drawing, [c for c in changes if c is not left]), shape)[0] for left in changes]
+        codes, by = drawn(right.drawing, changes, shape)
+        without = [drawn(right.drawing, [c for c in changes if c is not left], shape)[0] for left in changes]
         if min(wrong(np.rint(codes), np.rint(other)).sum() for other in without) < _LEAST:
             continue
         done += 1
         found = graded(_noisy(codes, generator), right, scene)
         label = " + ".join(change.label for change in changes)
         yield Planted(scene, label, found.best.label if found.best else "", _is_named(changes, found.best), by)
-
-
-def _made(drawing: Drawing, changes: tuple[Change, ...] | list[Change]) -> Drawing:
-    return Explanation(tuple(changes), 0.0, 0.0).draw(drawing)
 
 
 def _is_named(changes: tuple[Change, ...], found: Explanation | None) -> bool:

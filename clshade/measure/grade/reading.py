@@ -62,7 +62,8 @@ def _codes(path: str | Path, shape: tuple[int, int], owner: str) -> Floats:
 def _check_size(found: tuple[int, ...], shape: tuple[int, int], owner: str) -> None:
     if found[:2] != shape:
         expected = f"{shape[1]} x {shape[0]} pixels, as the scene has (--resolution)"
-        raise file_error(owner, "size", expected, f"{found[1]} x {found[0]}")
+        exchanged = "; rows and columns exchanged? index image[row, column]" if found[1::-1] == shape else ""
+        raise file_error(owner, "size", expected, f"{found[1]} x {found[0]}{exchanged}")
 
 
 def _array(path: str | Path, owner: str) -> Array:

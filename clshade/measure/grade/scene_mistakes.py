@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Floats
-from ...oracle.corners import Corners
+from ...oracle.corners import Corners, corner_colors
 from ...oracle.vectors import cross, unit
 from ...scene.lights import PointLight
+from ...scene.model import Material
 from ...scene.texture import Texture
-from .drawing import Drawing
-from .light_mistakes import Variant, scaled, without_texture
+from .drawing import Drawing, Variant
+from .light_mistakes import of_materials, plain_materials, scaled, without_texture
 
 # Settings
 
@@ -89,9 +90,18 @@ def _mean(values: Floats) -> Floats:
     return np.repeat(values.mean(axis=1, keepdims=True), 3, axis=1)
 
 
-def _flat(corners: Corners) -> Corners:
-    means = _mean(corners.colors), unit(_mean(corners.normals)), _mean(corners.uvs)
-    return replace(corners, colors=means[0], normals=means[1], uvs=means[2])
+def _flat(drawing: Drawing) -> Drawing:
+    """Return the drawing with means of what triangles have at their corners: of texels, where these are looked up there."""
+    scene, settings = drawing.scene, drawing.settings
+    at_corners = settings.texture_at == "vertex"
+
+    def change(corners: Corners) -> Corners:
+        faces = np.arange(len(corners.mesh))
+        colors = corner_colors(scene, settings, corners, faces) if at_corners else corners.colors
+        means = _mean(colors), unit(_mean(corners.normals)), _mean(corners.uvs)
+        return replace(corners, colors=means[0], normals=means[1], uvs=means[2])
+
+    return _attributes(plain_materials(drawing) if at_corners else drawing, change)
 
 
 def flipped_normals(drawing: Drawing) -> Iterator[Variant]:
@@ -103,7 +113,7 @@ def face_normals(drawing: Drawing) -> Iterator[Variant]:
 
 
 def flat_triangles(drawing: Drawing) -> Iterator[Variant]:
-    yield "", partial(_attributes, change=_flat)
+    yield "", _flat
 
 
 # Lights and materials
@@ -190,13 +200,8 @@ def ambient_without_intensity(drawing: Drawing) -> Iterator[Variant]:
     yield "", lambda given: replace(given, scene=replace(given.scene, ambient=np.ones(3)))
 
 
-def _exponent_1(drawing: Drawing) -> Drawing:
-    meshes = [replace(mesh, material=replace(mesh.material, n=1.0)) for mesh in drawing.scene.meshes]
-    return replace(drawing, scene=replace(drawing.scene, meshes=tuple(meshes)))
-
-
 def no_exponent(drawing: Drawing) -> Iterator[Variant]:
-    yield "", _exponent_1
+    yield "", partial(of_materials, change=lambda material: replace(material, n=1.0))
 
 
 # Textures
@@ -213,12 +218,11 @@ def untextured(drawing: Drawing) -> Iterator[Variant]:
 
 def _image(drawing: Drawing, change: Callable[[Texture], Texture]) -> Drawing:
     """Return the drawing with other images as textures."""
-    meshes = []
-    for mesh in drawing.scene.meshes:
-        texture = mesh.material.texture
-        changed = None if texture is None else change(texture)
-        meshes.append(replace(mesh, material=replace(mesh.material, texture=changed)))
-    return replace(drawing, scene=replace(drawing.scene, meshes=tuple(meshes)))
+
+    def changed(material: Material) -> Material:
+        return material if material.texture is None else replace(material, texture=change(material.texture))
+
+    return of_materials(drawing, changed)
 
 
 def _looked_up(change: Callable[[Texture], Texture]) -> Callable[[Drawing], Iterator[Variant]]:
@@ -250,15 +254,11 @@ def _in_texels(drawing: Drawing, change: Callable[[Floats], Floats]) -> Drawing:
 
 def half_texel(drawing: Drawing) -> Iterator[Variant]:
     if _textured(drawing):
-        yield "less", partial(_in_texels, change=lambda texels: texels - 0.5)
-        yield "more", partial(_in_texels, change=lambda texels: texels + 0.5)
+        yield "looked up toward (0, 0)", partial(_in_texels, change=lambda texels: texels - 0.5)
+        yield "looked up away from (0, 0)", partial(_in_texels, change=lambda texels: texels + 0.5)
 
 
 def nearest_texel(drawing: Drawing) -> Iterator[Variant]:
     if _textured(drawing) and drawing.settings.texture_at == "vertex":
         yield "rounded", partial(_in_texels, change=lambda texels: np.floor(texels + 0.5))
         yield "down", partial(_in_texels, change=np.floor)
-
-
-def wrong_background(drawing: Drawing) -> Iterator[Variant]:
-    yield "as it is", lambda given: replace(given, scene=replace(given.scene, background=drawing.backdrop))

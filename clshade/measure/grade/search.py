@@ -73,9 +73,14 @@ class Explanation:
         return " + ".join(change.label for change in self.changes)
 
     def draw(self, drawing: Drawing) -> Drawing:
-        for change in self.changes:
-            drawing = change(drawing)
-        return drawing
+        return applied(drawing, self.changes)
+
+
+def applied(drawing: Drawing, changes: Sequence[Change]) -> Drawing:
+    """Return the drawing with mistakes, made one after another."""
+    for change in changes:
+        drawing = change(drawing)
+    return drawing
 
 
 def changes_of(drawing: Drawing, mistakes: Sequence[Mistake] = MISTAKES) -> list[Change]:
@@ -128,9 +133,7 @@ class Search:
 
     def _drawn(self, changes: Sequence[Change]) -> Floats:
         """Return the codes of the pixels; linear colors of a single mistake in the scene are kept."""
-        drawing = self.right
-        for change in changes:
-            drawing = change(drawing)
+        drawing = applied(self.right, changes)
         first = changes[0] if changes and changes[0].mistake.early else None
         written = [change for change in changes if not change.mistake.early]
         moved = drawing.place is not self.right.place
@@ -138,7 +141,7 @@ class Search:
             return self.canvas.codes(drawing)
         if first not in self._linear:
             self._linear[first] = self.canvas.linear(self.right if first is None else first(self.right))
-        return as_codes(drawing.shown(self._linear[first]))
+        return self.canvas.written(drawing, self._linear[first])
 
     def singles(self) -> list[Explanation]:
         """Return all single mistakes, the one that explains most first; equals in the table's order."""
