@@ -253,7 +253,7 @@ def test_the_command_s_exit_codes(tmp_path, capsys):
     assert main(["grade", str(tmp_path / "a.png")]) == 2
     assert main(["grade", str(tmp_path / "a.png"), *GIVEN, "--html", "x.html"]) == 2
     assert main(["grade", "--list"]) == 0
-    assert "upside down: Rows are" in capsys.readouterr().out
+    assert "upside down: The course" in capsys.readouterr().out
 
 
 def test_the_command_on_a_folder(tmp_path, capsys):
