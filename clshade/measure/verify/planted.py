@@ -167,7 +167,7 @@ class _Planting:
                 read: Floats = (
                     new.astype(np.float64) if self._exact else nearest_stored(new.astype(most.dtype), self._right)
                 )
-                is_wrong: Bools = (~(np.abs(read - self._right) <= self._most)).any(axis=-1)
+                is_wrong: Bools = np.asarray(~(np.abs(read - self._right) <= self._most).all(axis=-1))
                 new = np.where((is_wrong & self._decided)[..., None], new, rgb)
                 if not np.array_equal(new, rgb, equal_nan=True):
                     break
