@@ -29,6 +29,8 @@ from ..scene.scalars import Scalars
 from .kernel_files import kernels_digest
 
 RECORD, SEAL = "clshade", "clshadeSeal"  # names of the header's attributes
+_PICTURE_TYPES = {"tonemap": str, "exposure": float, "colorbar": bool}
+_STORAGE_TYPES = {"png": dict, "half": bool, "compression": str, "crop": bool}
 # What the EXR's writer adds to the header is not sealed.
 NOT_SEALED = {*exr.PROTECTED, *exr.WRITTEN, *exr_limits.OUTSIDE.values(), SEAL}
 
@@ -55,8 +57,8 @@ class Storage:
     def of(cls, scene: Scene, saving: Mapping[str, Any]) -> Storage:
         """Return what the files keep of an image of a scene. saving: keywords of `Frame.save`."""
         operator = saving.get("tonemap") or default_tonemap(scene)
-        picture = Picture(operator, saving.get("exposure", 0.0), saving.get("colorbar", False))
-        own = saving.get("half", False), saving.get("compression", "zip"), saving.get("crop", False)
+        picture = Picture(operator, float(saving.get("exposure", 0.0)), bool(saving.get("colorbar", False)))
+        own = bool(saving.get("half", False)), saving.get("compression", "zip"), bool(saving.get("crop", False))
         return cls(picture, *own)
 
 
@@ -88,7 +90,7 @@ def record_of(
         "scene": part_digests(scene),
         "name": scene.name,
         "camera": None if is_part or max(scene.camera.resolution) > MAX_RESOLUTION else _values(scene.camera),
-        "settings": {name: _value(value) for name, (value, default) in given.items() if value != default},
+        "settings": {name: plain_value(value) for name, (value, default) in given.items() if value != default},
         "storage": {**_values(storage), "png": _values(storage.png)},
         "kernels": kernels_digest(),
         "device": device,
@@ -101,7 +103,8 @@ def _values(instance: Any) -> dict[str, Any]:
     return {each.name: plain(getattr(instance, each.name)) for each in fields(instance)}
 
 
-def _value(value: Any) -> Any:
+def plain_value(value: Any) -> Any:
+    """Return the value of a field of Settings as a record has it."""
     return _values(value) if isinstance(value, (Edges, Scalars)) else plain(value)
 
 
@@ -141,7 +144,8 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
         raise file_error(owner, f"{RECORD}.scene", f"digests of {', '.join(PARTS)}", found_text(scene))
     make = partial(_made, owner)
     storage = get("storage", dict)
-    picture = make(Picture, storage.get("png"), "storage.png")
+    picture = make(Picture, _typed(owner, storage.get("png"), _PICTURE_TYPES, "storage.png"), "storage.png")
+    _typed(owner, storage, _STORAGE_TYPES, "storage")
     make(checked, {"operator": picture.tonemap, "exposure": picture.exposure}, "storage.png")
     camera = value.get("camera")
     return Record(
@@ -162,6 +166,14 @@ def _get(value: Any, owner: str, name: str, kind: type, *default: Any) -> Any:
     if not isinstance(found, kind) and not (default and found is None):
         raise file_error(owner, f"header: {RECORD}.{name}", kind.__name__, found_text(found))
     return found
+
+
+def _typed(owner: str, values: Any, types: Mapping[str, type], name: str) -> Any:
+    """Return values that are a mapping with these names and types. Raises InputError for others."""
+    if not isinstance(values, dict) or {key: type(each) for key, each in values.items()} != types:
+        expected = ", ".join(f"{key}: {each.__name__}" for key, each in types.items())
+        raise file_error(owner, f"header: {RECORD}.{name}", expected, found_text(values))
+    return values
 
 
 def _made(owner: str, make: Callable[..., Any], values: Any, name: str) -> Any:

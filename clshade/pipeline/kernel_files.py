@@ -22,7 +22,7 @@ def kernel_folder() -> Path:
 def kernels_digest() -> str:
     """Return the SHA-256 of the names and contents of all sources, in hexadecimal."""
     found = hashlib.sha256()
-    for path in sorted(kernel_folder().glob("*.cl*")):
+    for path in sorted(each for ending in ("cl", "clh") for each in kernel_folder().glob(f"*.{ending}")):
         content = path.read_text().encode()  # with the same line ends everywhere
         found.update(b"%s %d\n" % (path.name.encode(), len(content)) + content)
     return found.hexdigest()

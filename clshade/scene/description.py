@@ -25,7 +25,7 @@ _LEFT_OUT: dict[type, tuple[str, ...]] = {
     Scene: ("preset", "ignored", "own_lights", "fitted", "light_scale", "animations"),
     Mesh: ("material", "nonfinite", "dropped"),
 }
-_LARGE = (Mesh, Texture, Environment)  # their arrays are read-only: each object is read once
+_LARGE = (Mesh, Texture, Environment)  # each is read once, if nobody can write into its arrays
 _known: WeakKeyDictionary[Any, bytes] = WeakKeyDictionary()
 
 
@@ -84,5 +84,20 @@ def _described_fields(value: Any) -> bytes:
     named = {each.name: getattr(value, each.name) for each in fields(value) if each.name not in left_out}
     found = f"{type(value).__name__} ".encode() + _described(named)
     if isinstance(value, _LARGE):
-        found = _known[value] = hashlib.sha256(found).digest()
+        found = hashlib.sha256(found).digest()
+        if _is_constant(named):
+            _known[value] = found
     return found
+
+
+def _is_constant(value: Any) -> bool:
+    """Return whether no array in it can be written, nor the memory that it is a view of."""
+    if isinstance(value, np.ndarray):
+        return not value.flags.writeable and (value.base is None or _is_constant(value.base))
+    if isinstance(value, Mapping):
+        return all(map(_is_constant, value.values()))
+    if isinstance(value, (tuple, list)):
+        return all(map(_is_constant, value))
+    if is_dataclass(value):
+        return all(_is_constant(getattr(value, each.name)) for each in fields(value))
+    return value is None or isinstance(value, (str, bytes, bool, int, float, np.generic))

@@ -58,6 +58,7 @@ def test_commands_of_strangers_do_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
     before = sorted(tmp_path.iterdir())
+    drawn = "--samples=1 --resolution=64,48"
     for command, expected in (
         ("rm -rf out.exr", "expected clshade render"),
         ("clshade render 'icosphere", "expected clshade render"),
@@ -65,11 +66,13 @@ def test_commands_of_strangers_do_nothing(tmp_path, monkeypatch, capsys):
         ("clshade render icosphere teapot", "expected one scene, found 2"),
         ("clshade render /dev/zero.obj", "found no such file"),
         ("clshade render --samples=" + "9" * 5000, "verify: the header's command"),
+        ("clshade render " + "9" * 5000, "expected"),
+        ("clshade render icosphere --environment=" + "9" * 5000, "9"),
         ("clshade render nothing.obj --save-scene=made.glb -o made", "nothing.obj"),
     ):
         with_command(tmp_path / "out.exr", command)
         assert_refused(run(capsys, "verify", "out.exr"), expected)
-    with_command(tmp_path / "out.exr", "clshade render icosphere --save-scene=made.glb --output=made --layers=Z")
+    with_command(tmp_path / "out.exr", f"clshade render icosphere {drawn} --save-scene=made.glb --output=made")
     assert run(capsys, "verify", "out.exr")[0] == 0
     assert sorted(tmp_path.iterdir()) == before
 
@@ -98,3 +101,20 @@ def test_files_that_are_no_images_are_refused(tmp_path, capsys, name):
 
 def test_planted_changes_look_at_all_pixels_by_themselves(tmp_path, capsys):
     assert_refused(run(capsys, "verify", tmp_path / "none.exr", "--all", "--pixels", "3"), "not allowed with")
+    assert_refused(run(capsys, "verify", tmp_path / "none.exr", "--all", "--planted", "3"), "cannot go with --planted")
+
+
+@needs_device
+def test_a_command_draws_what_is_judged(tmp_path, monkeypatch, capsys):
+    """A sealed header may not name another camera or other settings than those that the pixels show."""
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
+    drawn = "clshade render icosphere --samples=1 --resolution=64,48"
+    for changed, expected in (
+        ("--camera-azimuth-angle=77", "camera: the header differs from its command in eye"),
+        ("--shadows --samples=16", "settings: the header differs from its command in s"),
+    ):
+        with_command(tmp_path / "out.exr", f"{drawn} {changed}")
+        code, out, _ = run(capsys, "verify", "out.exr")
+        assert code == 1
+        assert expected in out

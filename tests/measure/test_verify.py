@@ -23,7 +23,8 @@ from clshade.measure.verify.recorded_image import nearest_stored, read_recorded,
 from clshade.pipeline.drawing_record import RECORD, read_record, seal_of, sealed
 from clshade.scene.builtin import scenes
 from clshade.scene.description import digest_of, part_digests
-from clshade.scene.model import Scene, Settings
+from clshade.scene.environment import Environment
+from clshade.scene.model import Material, Mesh, Scene, Settings, with_materials
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -86,11 +87,21 @@ def test_only_the_part_that_changed_differs():
         "camera": replace(before, camera=before.camera.with_resolution((40, 30))),
         "lights": replace(before, lights=()),
         "meshes": replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes)),
+        "materials": with_materials(before, lambda each: replace(each, kd=0.25)),
+        "environment": replace(before, environment=Environment(np.ones((4, 8, 3)))),
         "others": replace(before, ambient=0.5),
     }.items():
         a, b = part_digests(before), part_digests(changed)
         assert [name for name in a if a[name] != b[name]] == [part]
     assert part_digests(replace(before, preset="pbr", ignored=("a remark",))) == part_digests(before)
+
+
+def test_meshes_in_memory_that_others_may_write_are_read_again():
+    verts = np.eye(3)
+    mesh = Mesh(verts, [[0, 1, 2]])
+    before = digest_of(mesh)
+    verts[0, 0] = 2.0
+    assert (digest_of(mesh) == before) == bool(mesh.verts[0, 0] == 1.0)
 
 
 # Values as stored
@@ -123,14 +134,17 @@ def test_a_right_image_is_verified_without_opencl(tmp_path, options):
     assert clshade.verify(path, scene(), pixels="all").claim.startswith("0 of 4,800 pixels are wrong")
 
 
-def test_nothing_of_it_imports_opencl(tmp_path):
-    path = saved(tmp_path)
-    code = "import sys; sys.modules['pyopencl'] = None\nfrom clshade.cli.main import main\n"
-    code += f"sys.exit(main(['verify', {str(path)!r}, 'icosphere']))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 1
-    assert not done.stderr
-    assert "the scene is not the one that was drawn: its meshes" in done.stdout
+@pytest.mark.parametrize(("name", "code"), [("teapot", 0), ("icosphere", 1)])
+def test_nothing_of_it_imports_opencl(tmp_path, name, code):
+    drawn, settings = scenes.builtin("teapot"), Settings(layers=("Z", "id"))
+    drawn = replace(drawn, camera=drawn.camera.with_resolution((80, 60)))
+    frame_of(drawn, settings).save(tmp_path / "teapot")
+    program = "import sys; sys.modules['pyopencl'] = None\nfrom clshade.cli.main import main\n"
+    program += f"sys.exit(main(['verify', {str(tmp_path / 'teapot.exr')!r}, {name!r}]))"
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (code, "")
+    expected = ("compared: color, coverage, Z, id, PNG", "the scene is not the one that was drawn: its meshes")
+    assert expected[code] in done.stdout
 
 
 def test_seeds_are_fresh_and_repeat_a_sample(tmp_path):
@@ -140,15 +154,25 @@ def test_seeds_are_fresh_and_repeat_a_sample(tmp_path):
     assert clshade.verify(path, scene(), pixels=9, seed=first.seed).stats() == first.stats()
 
 
+def written_again(path: Path, record: dict | None = None, storage: dict | None = None, **planes: np.ndarray) -> None:
+    """Write an EXR with other fields of its record, and the seal that belongs to it, or with other channels."""
+    before, header = exr.read(path)
+    new = {**json.loads(header[RECORD]), **(record or {})}
+    new["storage"] = {**new["storage"], **(storage or {})}
+    metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
+    exr.write(path, {**before, **planes}, metadata=sealed(metadata, new))
+
+
 def test_other_kernels_are_a_remark(tmp_path):
     path = saved(tmp_path)
-    planes, header = exr.read(path)
-    record = {**json.loads(header[RECORD]), "kernels": "others", "device": None}
-    metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
-    exr.write(path, planes, metadata=sealed(metadata, record))
+    written_again(path, {"kernels": "others", "device": "a card", "version": "1\nverified \x1b[31m"})
     found = clshade.verify(path, scene(), pixels=50)
     assert found.passed
     assert "other kernels" in found.remarks[0]
+    lines = "\n".join(found.lines())
+    assert lines.count("\n") == len(found.lines()) - 1
+    assert "\x1b" not in lines
+    assert "on a card, as the header says" in lines
     header = exr.read(path)[1]
     assert header["clshadeSeal"] == seal_of(header)
 
@@ -158,6 +182,19 @@ def test_thirty_planted_changes_are_found(tmp_path):
     found = plant(image, scene(), 30, pixels=1000, seed=5)
     assert found.passed, found.lines()
     assert found.found.total() + found.outside.total() == 30
+
+
+def test_planted_changes_of_half_images_are_beyond_what_half_hides(tmp_path):
+    image = read_recorded(saved(tmp_path, half=True))
+    found = plant(image, scene(), 20, pixels=4800)
+    assert found.passed, found.lines()
+
+
+@pytest.mark.parametrize("options", [{"pixels": 0}, {"count": 0}, {"seed": -1}])
+def test_planted_changes_need_a_sample(tmp_path, options):
+    image = read_recorded(saved(tmp_path))
+    with pytest.raises(InputError, match="expected"):
+        plant(image, scene(), **{"count": 3, "pixels": 9, **options})
 
 
 @pytest.mark.long
@@ -188,6 +225,72 @@ def test_what_cannot_be_judged_is_refused_in_one_line(tmp_path):
             clshade.verify(path, scene(), **refused)
     with pytest.raises(InputError, match="scene: expected a Scene"):
         clshade.verify(path, "teapot")
+
+
+def test_channels_of_another_type_are_refused(tmp_path):
+    path = saved(tmp_path)
+    for name, kind in (("R", np.uint32), ("Z", np.uint32), ("id", np.float32)):
+        before = exr.read(path)[0][name]
+        written_again(path, **{name: np.nan_to_num(before, posinf=1.0).astype(kind)})
+        with pytest.raises(InputError, match="channels: expected"):
+            clshade.verify(path, scene())
+        written_again(path, **{name: before})
+
+
+def test_an_image_written_again_as_half_is_not_as_its_record_says(tmp_path):
+    path = saved(tmp_path)
+    planes, header = exr.read(path)
+    metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
+    exr.write(path, planes, metadata=metadata, half=True)
+    found = clshade.verify(path, scene(), pixels=50)
+    assert "the file was written again: float16 where it had float32" in found.faults
+
+
+@pytest.mark.parametrize("storage", [{"half": "yes"}, {"crop": 1}, {"png": {"tonemap": "srgb"}}, {"more": 1}])
+def test_storage_of_other_types_is_refused(tmp_path, storage):
+    path = saved(tmp_path)
+    written_again(path, storage=storage)
+    with pytest.raises(InputError, match=r"clshade\.storage"):
+        clshade.verify(path, scene())
+
+
+def test_a_damaged_picture_is_a_fault(tmp_path):
+    path = saved(tmp_path)
+    path.with_suffix(".png").write_bytes(b"\x89PNG")
+    found = clshade.verify(path, scene(), pixels=50)
+    assert found.pixels == 50
+    assert len(found.faults) == 1
+    assert "teapot.png" in found.faults[0]
+
+
+def test_another_scene_of_a_builtin_name_has_to_be_given(tmp_path):
+    path = saved(tmp_path)  # of teapot(3), which is not the built-in one
+    with pytest.raises(InputError, match="expected the Scene that was drawn"):
+        clshade.verify(path)
+
+
+def test_pixels_whose_face_cannot_be_told_are_not_verified(tmp_path):
+    """Two quads at one depth, of which either may show, so that any color would pass."""
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    quads = tuple(Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=Material(kd=kd)) for kd in (0.2, 0.9))
+    drawn = replace(scenes.builtin("teapot"), meshes=quads, name="quads at one depth")
+    camera = replace(drawn.camera, eye=(0, 0, 5), lookat=(0, 0, 0), up=(0, 1, 0)).with_resolution((40, 40))
+    drawn = replace(drawn, camera=camera)
+    frame_of(drawn, Settings()).save(tmp_path / "quads")
+    path = tmp_path / "quads.exr"
+    assert clshade.verify(path, drawn, pixels="all").passed
+    planes = exr.read(path)[0]
+    path.with_suffix(".png").unlink()
+    written_again(path, **{name: np.where(planes["A"] > 0, 123, planes[name]).astype(np.float32) for name in "RGB"})
+    with pytest.raises(InputError, match="which cannot be judged"):
+        clshade.verify(path, drawn, pixels="all")
+    at = np.argwhere(planes["A"] > 0)[0]
+    planes["R"][tuple(at)] = 123
+    written_again(path, **planes)
+    found = clshade.verify(path, drawn, pixels="all")
+    assert found.ties == 1
+    assert "and 1 cannot be judged" in found.claim
+    assert found.at_most == 1 / 1600
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -10,11 +10,17 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ...errors import DeviceError, InputError
 from .arguments import with_values
 
 if TYPE_CHECKING:
+    from ...pipeline.drawing_record import Record
     from ...scene.model import Scene
+
+# By which a camera may differ that was chosen for a scene, on another processor: some roundings.
+_CAMERA_ERROR = 2.0**-44
 
 
 def parsed(command: str | None, given: str | None, folder: Path) -> argparse.Namespace:
@@ -50,7 +56,7 @@ def parsed(command: str | None, given: str | None, folder: Path) -> argparse.Nam
 
 def _beside(name: str | None, folder: Path) -> str | None:
     """Return a file's name, or that of one beside the image if there is only such a one."""
-    is_beside = name is not None and not os.path.exists(name) and (folder / name).exists()
+    is_beside = name is not None and not os.path.exists(name) and os.path.exists(folder / name)
     return str(folder / name) if is_beside and name is not None else name
 
 
@@ -81,3 +87,32 @@ def drawn_scenes(arguments: argparse.Namespace, *, is_drawn_so: bool) -> tuple[l
         "the ground's contact shadow was computed by OpenCL again, as when the image was drawn" if is_completed else ""
     )
     return (views if is_drawn_so else [read, *views]), remark
+
+
+def command_faults(scene: Scene, record: Record, arguments: argparse.Namespace) -> list[str]:
+    """Return where a record's camera and settings are not those with which a command draws a scene that it made. Of settings
+    that --budget and --tolerance choose nothing is known; layers may be more than the command's."""
+    from ...pipeline.drawing_record import plain_value
+    from ...pipeline.effective_settings import effective_settings
+    from .render import render_options
+
+    options = render_options(arguments, scene)
+    del options["device"]
+    drawn, settings = effective_settings(scene, **options)
+    mine, theirs = vars(drawn.camera), vars(record.camera)
+    reach = max(np.abs(mine[name]).max() for name in ("eye", "lookat"))
+    zeros = {"eye": reach, "lookat": reach, "up": 1.0}  # beside which a number is as good as none
+    cameras = [
+        name
+        for name in mine
+        if not np.allclose(mine[name], theirs[name], rtol=_CAMERA_ERROR, atol=_CAMERA_ERROR * zeros.get(name, 0.0))
+    ]
+    found = {"camera": cameras}
+    if arguments.budget is None and arguments.tolerance is None:
+        values = {name: (value, getattr(record.settings, name)) for name, value in vars(settings).items()}
+        found["settings"] = [
+            name for name, (a, b) in values.items() if name != "layers" and plain_value(a) != plain_value(b)
+        ]
+    return [
+        f"{what}: the header differs from its command in {', '.join(names)}" for what, names in found.items() if names
+    ]

@@ -103,6 +103,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="the same, and what each thing left out costs by itself; builds a program for each",
     )
     limit_options(measured)
+    parser.set_defaults(repeated=[*parser.get_default("repeated"), "budget", "tolerance"])
     device_option(parser)
 
 
@@ -149,7 +150,7 @@ def _render_each(outputs: list[str], arguments: argparse.Namespace, warming: Thr
 def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thread) -> tuple[int, dict[str, Any]]:
     """Load, render and save one scene; return the exit code and all figures."""
     scene = load_scene(arguments, name)
-    options = _render_options(arguments, scene)
+    options = render_options(arguments, scene)
     check_crops(scene, arguments)
     if arguments.sheet:
         warming.join()
@@ -227,7 +228,7 @@ def _draw(
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
 
 
-def _render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
+def render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """Return the keyword arguments of `clshade.render`."""
     limited = arguments.budget is not None or arguments.tolerance is not None  # which choose the samples
     chosen = picture_settings(arguments, scene)

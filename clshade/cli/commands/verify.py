@@ -38,25 +38,27 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from ...base import console
     from ...measure.verify.recorded_image import read_recorded
-    from ...measure.verify.verify import verified
+    from ...measure.verify.verify import closest, verified
 
+    if arguments.planted is not None:
+        why = "cannot go with --planted, which looks at all pixels where a sample has missed a change"
+        refuse(arguments, ("all",), why)
     image = read_recorded(arguments.image)
     pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
-    scenes, remark = _scenes(image, arguments.scene)
+    scenes, remark, faults = _scenes(image, arguments.scene)
     found: Verification | Planted
     if arguments.planted is not None:
         from ...measure.verify.planted import plant
 
-        refuse(
-            arguments,
-            ("all",),
-            "cannot go with --planted, which looks at all pixels where a sample has missed a change",
-        )
-        found = plant(image, scenes[0], arguments.planted, pixels=arguments.pixels, seed=arguments.seed or 0)
+        scene = closest(scenes, image.record)[0]
+        found = plant(image, scene, arguments.planted, pixels=arguments.pixels, seed=arguments.seed or 0)
     else:
-        found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
-        found = replace(found, remarks=(*found.remarks, remark)) if remark and found.pixels else found
+        with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
+            found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
+        remarks = (*found.remarks, remark) if remark and found.pixels else found.remarks
+        found = replace(found, faults=(*found.faults, *faults), remarks=remarks)
     if arguments.json:
         import json
 
@@ -66,22 +68,26 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE if found.passed else FAILED
 
 
-def _scenes(image: RecordedImage, given: str | None) -> tuple[list[Scene], str]:
-    """Return the scenes that the image may show, with its camera, and a remark on them, "" for none. given: a file or a
-    built-in scene, or None: what the header's command says. Raises InputError if there is none, or none that can be
-    loaded."""
+def _scenes(image: RecordedImage, given: str | None) -> tuple[list[Scene], str, list[str]]:
+    """Return the scenes that the image may show, with its camera, a remark on them, "" for none, and where the record is not
+    what its command says. given: a file or a built-in scene, or None: what the header's command says. Raises InputError if
+    there is none, or none that can be loaded."""
     from ...base import console
     from ...measure.verify.verify import builtin_of
-    from .drawn_command import drawn_scenes, parsed
+    from .drawn_command import command_faults, drawn_scenes, parsed
 
     record = image.record
+    faults: list[str] = []
     with console.at_level(console.QUIET):
         if record.command is None and given is None:
             found, remark = [builtin_of(record)], ""
         else:
-            found, remark = drawn_scenes(
-                parsed(record.command, given, image.path.parent), is_drawn_so=record.command is not None
-            )
+            command = parsed(record.command, given, image.path.parent)
+            found, remark = drawn_scenes(command, is_drawn_so=record.command is not None)
+            if record.command is not None:
+                each = [command_faults(scene, record, command) for scene in found]
+                faults = min(each, key=len)
+                found = [scene for scene, mine in zip(found, each, strict=True) if len(mine) == len(faults)]
     camera = record.camera
     assert camera is not None
-    return [replace(scene, camera=camera) for scene in found], remark
+    return [replace(scene, camera=camera) for scene in found], remark, faults

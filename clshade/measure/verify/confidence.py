@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from ...base.arrays import Floats
+
 CONFIDENCE = 0.99
 
 
@@ -19,20 +23,19 @@ def upper_bound(found: int, looked_at: int, of: int) -> float:
         return found / of
     if found == looked_at:
         return 1.0
+    k = np.arange(1.0, found + 1.0)
+    ways = np.append(0.0, np.cumsum(np.log((looked_at + 1.0 - k) / k)))
     low, high = found / looked_at, 1.0
     while low < (middle := (low + high) / 2.0) < high:
-        low, high = (middle, high) if _at_most(found, looked_at, middle) > 1.0 - CONFIDENCE else (low, middle)
+        low, high = (middle, high) if _at_most(ways, looked_at, middle) > 1.0 - CONFIDENCE else (low, middle)
     return high
 
 
-def _at_most(found: int, looked_at: int, share: float) -> float:
-    """Return the probability that at most `found` of `looked_at` are wrong, each with the probability `share`."""
-    wrong, right = math.log(share), math.log1p(-share)
-    ways = math.lgamma(looked_at + 1)
-    return math.fsum(
-        math.exp(ways - math.lgamma(k + 1) - math.lgamma(looked_at - k + 1) + k * wrong + (looked_at - k) * right)
-        for k in range(found + 1)
-    )
+def _at_most(ways: Floats, looked_at: int, share: float) -> float:
+    """Return the probability that fewer than K are wrong, each with the probability `share`. ways: (K,), logarithms of the
+    binomial coefficients."""
+    k = np.arange(len(ways))
+    return float(np.exp(ways + k * math.log(share) + (looked_at - k) * math.log1p(-share)).sum())
 
 
 def rounded_up(share: float) -> str:

@@ -13,15 +13,17 @@ import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools, Floats
+from ...base.validation import integer
 from ...errors import InputError
 from ...images import exr, png
 from ...pipeline.drawing_record import NOT_SEALED, RECORD, SEAL
 from ...scene.model import Mesh, Scene, with_materials
 from ..check import oracle_bounds
-from .recorded_image import RecordedImage, read_recorded
+from .recorded_image import RecordedImage, nearest_stored, read_recorded
 from .verify import as_drawn, sampled, verified
 
 _TRIES = 1000  # at a change that is none
+_REFUSED = ("header record", "rows cut off", "file cut off")  # kinds of which nothing may be left that can be judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,9 @@ def plant(image: RecordedImage, scene: Scene, count: int, *, pixels: int, seed: 
     """Change an image that is right in `count` ways, each with a seed of its own from `seed` on, and verify each. Raises
     InputError if it cannot be judged, or is wrong already."""
     path = image.path
+    count = integer("verify", "planted", count, 1, 2**31)
+    pixels = integer("verify", "pixels", pixels, 1, 2**63)
+    seed = integer("verify", "seed", seed, 0, 2**63)
     if not verified(image, [scene], pixels="all").passed:
         raise InputError(f"verify: --planted: expected an image that is right, found faults in {path}")
     planes, header = exr.read(path)
@@ -88,7 +93,8 @@ class _Planting:
     """Changes of one image. pixels: of the sample."""
 
     def __init__(self, image: RecordedImage, files: _Files, pixels: int) -> None:
-        self._files, self._pixels, self._half = files, pixels, image.record.storage.half
+        self._files, self._pixels, self._exact = files, pixels, image.exact
+        self._half = image.record.storage.half
         scene, settings = as_drawn(files.scene, image.record), image.record.settings
         expected = oracle.render(scene, settings)
         factor = oracle_bounds.allowed(scene, settings)
@@ -119,9 +125,13 @@ class _Planting:
             data = path.read_bytes()
             path.write_bytes(data[: len(data) * len(changed) // 100])
         scene = changed.scene if isinstance(changed, _Files) else self._files.scene
-        if _is_found(path, scene, self._pixels, seed):
+
+        def is_found(pixels: Any) -> bool:
+            return _is_found(path, scene, pixels, seed, kind in _REFUSED)
+
+        if is_found(self._pixels):
             found.found[kind] += 1
-        elif isinstance(changed, _Files) and self._is_outside(changed, seed) and _is_found(path, scene, "all", seed):
+        elif isinstance(changed, _Files) and self._is_outside(changed, seed) and is_found("all"):
             found.outside[kind] += 1
         else:
             found.missed.append((kind, seed))
@@ -152,8 +162,12 @@ class _Planting:
             for _ in range(_TRIES):
                 where = _some_pixels(rgb.shape[:2], random)
                 new = rgb.copy()
-                new[where] = change(rgb[where].astype(np.float64), (self._right + self._most)[where], random)
-                is_wrong: Bools = ~(np.abs(new.astype(np.float64) - self._right) <= self._most).all(axis=-1)
+                most = (self._right + self._most)[where].astype(np.float16 if self._half else rgb.dtype)
+                new[where] = change(rgb[where].astype(np.float64), most, random)
+                read: Floats = (
+                    new.astype(np.float64) if self._exact else nearest_stored(new.astype(most.dtype), self._right)
+                )
+                is_wrong: Bools = np.asarray(~(np.abs(read - self._right) <= self._most).all(axis=-1))
                 new = np.where((is_wrong & self._decided)[..., None], new, rgb)
                 if not np.array_equal(new, rgb, equal_nan=True):
                     break
@@ -163,11 +177,11 @@ class _Planting:
         return changed
 
 
-def _is_found(path: Path, scene: Scene, pixels: Any, seed: int) -> bool:
+def _is_found(path: Path, scene: Scene, pixels: Any, seed: int, may_refuse: bool) -> bool:
     try:
         return not verified(read_recorded(path), [scene], pixels=pixels, seed=seed).passed
     except InputError:
-        return True
+        return may_refuse
 
 
 def _some_pixels(shape: tuple[int, int], random: Any) -> tuple[slice, slice]:
@@ -177,9 +191,9 @@ def _some_pixels(shape: tuple[int, int], random: Any) -> tuple[slice, slice]:
     return slice(row, row + int(rows)), slice(column, column + int(columns))
 
 
-def _next_beyond(colors: Floats, most: Floats, random: Any) -> Array:
-    """Return the next float32 beyond the largest color that is allowed."""
-    beyond: Array = np.nextafter(np.nextafter(most.astype(np.float32), np.float32(np.inf)), np.float32(np.inf))
+def _next_beyond(colors: Floats, most: Array, random: Any) -> Array:
+    """Return the next number, as stored, beyond the largest color that is allowed."""
+    beyond: Array = np.nextafter(np.nextafter(most, most.dtype.type(np.inf)), most.dtype.type(np.inf))
     return beyond
 
 

@@ -54,15 +54,31 @@ def read_recorded(path: str | os.PathLike[str]) -> RecordedImage:
         raise file_error(owner, "R", f"{size}, as the header says", f"{columns} x {rows}")
     if any(plane.shape != (rows, columns) for plane in planes.values()) or not set("RGBA") <= set(planes):
         raise file_error(owner, "channels", "R, G, B and A of the whole image", ", ".join(planes))
-    channels = {"RGBA": np.stack([planes.pop(name) for name in "RGBA"], axis=-1)}
+    parts = [planes.pop(name) for name in "RGBA"]
+    faults = {*_type_faults(parts, "RGBA", record, owner)}
+    channels = {"RGBA": np.stack(parts, axis=-1)}
     for name in record.settings.layers:
         suffixes = exr.SUFFIXES.get(name, "RGB" if LAYER_TABLE[name].components == "RGB" else "")
         names = [f"{name}.{suffix}" for suffix in suffixes] or [name]
         if not set(names) <= set(planes):
             raise file_error(owner, "channels", f"the layer {name}, as the header says", "none")
         parts = [planes.pop(each) for each in names]
+        faults |= {*_type_faults(parts, name, record, owner)}
         channels[name] = np.stack(parts, axis=-1) if suffixes else parts[0]
-    return RecordedImage(Path(path), record, channels, tuple(planes), _header_faults(header, record))
+    return RecordedImage(
+        Path(path), record, channels, tuple(planes), (*_header_faults(header, record), *sorted(faults))
+    )
+
+
+def _type_faults(planes: list[Array], name: str, record: Record, owner: str) -> list[str]:
+    """Return what is wrong with the floats of a layer's planes. Raises InputError if they are not of its kind."""
+    row = None if name == "RGBA" else LAYER_TABLE[name]  # type: ignore[index]
+    is_half = record.storage.half and name not in exr.FULL_PRECISION
+    expected = np.dtype(np.uint32 if row and row.kind == "uint32" else np.float16 if is_half else np.float32)
+    found = [plane.dtype for plane in planes]
+    if any(each.kind != expected.kind for each in found):
+        raise file_error(owner, "channels", f"{name} as {expected}", ", ".join(map(str, found)))
+    return [f"the file was written again: {each} where it had {expected}" for each in found if each != expected]
 
 
 def _header_faults(header: Mapping[str, Any], record: Record) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ...base.console import in_one_line
 from .confidence import CONFIDENCE, rounded_up
 
 
@@ -21,17 +22,21 @@ class Verification:
         How many of them are wrong: colors beyond their bounds, other coverage, or another layer
         beyond its bound.
     at_most : float
-        Share of all pixels that is wrong at most, with 99 % confidence: the exact binomial bound. If
-        all were computed again, the share itself.
+        Share of all pixels that is wrong or cannot be judged at most, with 99 % confidence: the exact
+        binomial bound. If all were computed again, the share itself.
     bounds, allowed : float
         Largest error of a color that is not wrong for another reason, and the largest allowed, as of
         `clshade.check`.
-    ties, gates : int
-        Pixels of the sample excepted as `clshade.check` does.
+    ties : int
+        Pixels of the sample that cannot be judged: faces at one depth, of which either may show.
+    gates : int
+        Pixels of the sample that are off by a highlight which rounding may open or close.
     worst : tuple of int or None
         Row (from the top) and column of a wrong pixel, None if there is none.
     seed : int or None
         Seed of the sample; None if all pixels were computed again.
+    drawn_by : str
+        The version and the device that the header names.
     compared : tuple of str
         What was compared: `color`, `coverage` and names of layers, `PNG`.
     faults : tuple of str
@@ -50,6 +55,7 @@ class Verification:
     gates: int
     worst: tuple[int, int] | None
     seed: int | None
+    drawn_by: str
     compared: tuple[str, ...]
     faults: tuple[str, ...]
     remarks: tuple[str, ...]
@@ -63,11 +69,13 @@ class Verification:
     def claim(self) -> str:
         """What the sample says of all pixels, in words."""
         if self.pixels == self.of:
-            return f"{self.wrong:,} of {self.of:,} pixels are wrong: every one was looked at"
+            unknown = f", and {self.ties:,} cannot be judged" if self.ties else ""
+            return f"{self.wrong:,} of {self.of:,} pixels are wrong{unknown}: every one was looked at"
+        unknown = " or cannot be judged" if self.ties else ""
+        share = rounded_up(self.at_most)
         return (
-            f"with {CONFIDENCE:.0%} confidence fewer than {rounded_up(self.at_most)} of the pixels are wrong".replace(
-                "%", " %", 1
-            )
+            f"with {CONFIDENCE:.0%}".replace("%", " %")
+            + f" confidence fewer than {share} of the pixels are wrong{unknown}"
         )
 
     def lines(self) -> list[str]:
@@ -75,16 +83,18 @@ class Verification:
         found = ["verified" if self.passed else "FAILED", *self.faults]
         if self.pixels:
             seed = "" if self.seed is None else f", seed {self.seed}"
-            except_ = [f"{n:,} {what}" for n, what in ((self.ties, "ties"), (self.gates, "at a highlight's gate")) if n]
+            ties, gates = "not judged, at faces of one depth", "accepted at a highlight's gate"
+            except_ = "".join(f"; {n:,} {what}" for n, what in ((self.ties, ties), (self.gates, gates)) if n)
             found += [
                 self.claim,
                 f"{self.pixels:,} of {self.of:,} pixels computed again in float64{seed}: {self.wrong:,} wrong"
                 + (f", the first at row {self.worst[0]}, column {self.worst[1]}" if self.worst else "")
-                + (f"; not counted: {', '.join(except_)}" if except_ else ""),
+                + except_,
                 f"largest error {self.bounds:.3g} of {self.allowed:g} bounds",
                 f"compared: {', '.join(self.compared)}",
             ]
-        return [*found, *(f"remark: {each}" for each in self.remarks)]
+        found += [f"drawn by {self.drawn_by}, as the header says", *(f"remark: {each}" for each in self.remarks)]
+        return [in_one_line(each) for each in found]  # some of it is whatever the header's author wrote
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as JSON-compatible values."""

@@ -13,6 +13,8 @@ import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools
+from ...base.atomic_files import shown as shown_path
+from ...base.input_files import file_error
 from ...base.validation import integer, value_error
 from ...base.version import VERSION
 from ...errors import InputError
@@ -37,6 +39,7 @@ from .recorded_image import RecordedImage, nearest_stored, read_recorded, stored
 from .verification import Verification
 
 _ENTROPY = 6  # bytes of a seed that nobody chose
+_UNKNOWN = 0.01  # of the pixels; of an image in which more cannot be judged nothing is said
 
 
 def verify(
@@ -70,7 +73,7 @@ def verify(
     ------
     InputError
         If the file cannot be judged: it is no EXR of clshade's, has no record, is of another size than
-        that says, or shows a scene that is not known.
+        that says, or shows a scene that is not known, or faces at one depth in more than 1 % of it.
 
     Notes
     -----
@@ -92,11 +95,15 @@ def verify(
 
 
 def builtin_of(record: Record) -> Scene:
-    """Return the built-in scene that a record names, with its camera. Raises InputError if it names none."""
+    """Return the built-in scene that a record names, with its camera. Raises InputError if it names none, or another."""
+    expected = "verify: scene: expected the Scene that was drawn, found"
     if record.name not in scenes.BUILTINS:
-        raise InputError(f"verify: scene: expected the Scene that was drawn, found none for {record.name!r}")
+        raise InputError(f"{expected} none for {record.name!r}")
     assert record.camera is not None
-    return replace(scenes.builtin(record.name), camera=record.camera)
+    found = replace(scenes.builtin(record.name), camera=record.camera)
+    if closest([found], record)[1]:  # which needs not be wrong: anyone may name a scene so
+        raise InputError(f"{expected} only another one, the built-in scene named {record.name!r}")
+    return found
 
 
 def verified(
@@ -113,31 +120,37 @@ def verified(
     seed = (
         int.from_bytes(os.urandom(_ENTROPY), "big") if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
     )
-    shown = [as_drawn(scene, record) for scene in candidates]
-    different = [_different_parts(scene, record) for scene in shown]
-    least = min(range(len(shown)), key=lambda k: len(different[k]))
-    if different[least]:
-        fault = f"the scene is not the one that was drawn: its {', '.join(different[least])} differ"
+    scene, different = closest(candidates, record)
+    if different:
+        fault = f"the scene is not the one that was drawn: its {', '.join(different)} differ"
         return _unseen(image, of, [fault])
+    shown = as_drawn(scene, record)
     index = sampled(of, count, seed)
-    judged = _judge(image, shown[least], *np.divmod(index, record.camera.resolution[0]))  # type: ignore[union-attr]
-    picture = _PictureBeside(image, shown[least])
+    judged = _judge(image, shown, *np.divmod(index, record.camera.resolution[0]))  # type: ignore[union-attr]
+    picture = _PictureBeside(image, shown)
     wrong = np.flatnonzero(judged.wrong)
     worst = np.divmod(index[wrong[0]], image.channels["RGBA"].shape[1]) if len(wrong) else None
-    found = judged.found
+    found, faults = judged.found, (*image.faults, *picture.faults)
+    unknown = int(judged.unknown.sum())
+    if unknown > max(1.0, _UNKNOWN * count) and not (len(wrong) or faults):
+        expected = f"at most {_UNKNOWN:.0%} of the pixels at faces of one depth, where either may show"
+        raise file_error(
+            shown_path(image.path), "pixels", expected, f"{unknown:,} of {count:,}, which cannot be judged"
+        )
     return Verification(
         pixels=count,
         of=of,
         wrong=len(wrong),
-        at_most=upper_bound(len(wrong), count, of),
+        at_most=upper_bound(len(wrong) + unknown, count, of),
         bounds=float(found.counted.max(initial=0.0)),
         allowed=found.allowed,
-        ties=int(found.ties.sum()),
+        ties=unknown,
         gates=int(found.gates.sum()),
         worst=None if worst is None else (int(worst[0]), int(worst[1])),
         seed=seed if count < of else None,
+        drawn_by=_drawn_by(record),
         compared=("color", "coverage", *record.settings.layers, *(["PNG"] if picture.compared else [])),
-        faults=(*image.faults, *picture.faults),
+        faults=faults,
         remarks=(*_remarks(image), *picture.remarks),
     )
 
@@ -156,8 +169,18 @@ def as_drawn(scene: Scene, record: Record) -> Scene:
     return effective_settings(scene, settings=record.settings, resolution=camera.resolution)[0]
 
 
-def _different_parts(scene: Scene, record: Record) -> list[str]:
-    return [name for name, digest in part_digests(scene).items() if digest != record.scene[name]]
+def closest(candidates: Sequence[Scene], record: Record) -> tuple[Scene, list[str]]:
+    """Return the scene that differs least from the one that was drawn, and the parts in which it does."""
+
+    def different(scene: Scene) -> list[str]:
+        digests = part_digests(as_drawn(scene, record))
+        return [name for name, digest in digests.items() if digest != record.scene[name]]
+
+    return min(((scene, different(scene)) for scene in candidates), key=lambda each: len(each[1]))
+
+
+def _drawn_by(record: Record) -> str:
+    return f"clshade {record.version}" + (f" on {record.device}" if record.device else "")
 
 
 def _unseen(image: RecordedImage, of: int, faults: list[str]) -> Verification:
@@ -173,6 +196,7 @@ def _unseen(image: RecordedImage, of: int, faults: list[str]) -> Verification:
         gates=0,
         worst=None,
         seed=None,
+        drawn_by=_drawn_by(image.record),
         compared=(),
         faults=(*faults, *image.faults),
         remarks=_remarks(image),
@@ -193,10 +217,11 @@ def _remarks(image: RecordedImage) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What is found in pixels, (K,). wrong: bool."""
+    """What is found in pixels, (K,). wrong, unknown: bool; what is unknown may be wrong."""
 
     found: Comparison
     wrong: Bools
+    unknown: Bools
 
 
 def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _Judged:
@@ -213,7 +238,8 @@ def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _
         wrong |= compared & ~(oracle_bounds.depth_errors(frame["Z"][where], expected) <= _depth_allowed(frame))
     if layers is not None:
         wrong |= ~found.ties & ~expected.unsure & _wrong_layers(frame, layers, names, where)
-    return _Judged(found, wrong)
+    unknown = found.ties | (expected.unsure if layers is not None else False)
+    return _Judged(found, wrong, unknown & ~wrong)
 
 
 def _depth_allowed(frame: Frame) -> int:
@@ -288,7 +314,11 @@ class _PictureBeside:
         if not image.exact and (how.tonemap in JOINT or scene.background is None):
             self.remarks.append(f"not looked at: {path.name}, whose colors the EXR holds rounded")
             return
-        codes = png.read(path, alpha=True)
+        try:
+            codes = png.read(path, alpha=True)
+        except InputError as error:
+            self.faults.append(str(error))
+            return
         self.compared = True
         low, high = _codes(image, scene, how)
         if codes.shape != low.shape:
