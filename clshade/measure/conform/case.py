@@ -31,7 +31,7 @@ class Case:
     columns: what each column of the output is, if several expressions are evaluated at once, and `alone` returns the case
     of one of them. options: of the compiler. lanes: rows of a work-item. group: work-items of a work-group, on which the
     output depends: rows are left out by whole groups. grid: the whole launch, where rows say too little of it.
-    double: whether it needs float64.
+    double: whether it needs float64. allowed: returns the rows, (K,), of inputs for which the kernel is defined; None: all.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Case:
     group: int = 1
     grid: Grid | None = None
     double: bool = False
+    allowed: Callable[..., Bools] | None = None
 
     @property
     def rows(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Array, Bools
 from ...pipeline.features import COMPILED
 from .case import UNWRITTEN, Case
 from .definitions import each, fused, nearest, rounded
@@ -116,6 +116,7 @@ def _case(
     operations: Sequence[Operation],
     inputs: Sequence[Array],
     write: Callable[..., str] = kernel,
+    allowed: Callable[..., Bools] | None = None,
 ) -> Case:
     """Return the case of some operations of the same inputs. out: the C type and the NumPy type of the results."""
 
@@ -123,11 +124,18 @@ def _case(
         return np.stack([op.define(*given).astype(out[1]) for op in operations], axis=1)
 
     def alone(column: int) -> Case:
-        return _case(way, name, operations[column].expression, kinds, out, [operations[column]], inputs, write)
+        return _case(way, name, operations[column].expression, kinds, out, [operations[column]], inputs, write, allowed)
 
     words = tuple(op.expression for op in operations)
     text = write(name, kinds, out[0], operations)
-    return Case(name, title, text, tuple(inputs), define, HEAD, words, alone, way.options, way.lanes)
+    way_of = {"options": way.options, "lanes": way.lanes, "allowed": allowed}
+    return Case(name, title, text, tuple(inputs), define, HEAD, words, alone, **way_of)
+
+
+def _ordered(a: Array, b: Array, c: Array) -> Bools:
+    """Return where clamp(a, b, c) is defined."""
+    found: Bools = (a == a) & (b <= c)
+    return found
 
 
 def _first(count: int, define: Callable[..., Array]) -> Callable[..., Array]:
@@ -170,11 +178,13 @@ def _reals(way: Way) -> Iterator[Case]:
     table = [Operation("REAL", f"{name}(a)", _first(1, define)) for name, define in OF_REALS.items()]
     table += [Operation("REAL", f"{name}(a, b)", define) for name, define in OF_PAIRS.items()]
     yield _case(way, "of_reals", "functions of reals", "REAL REAL", out, table, (a, b))
-    ordered = ~np.isnan(a) & (b <= c)
+    ordered = _ordered(a, b, c)
     a, b, c = (np.where(v == 0.0, real(0.0), v)[ordered] for v in (a, b, c))
     count = len(a) - len(a) % 16
     clamp = [Operation("REAL", "clamp(a, b, c)", np.clip)]
-    yield _case(way, "clamp_reals", "clamp of reals", three, out, clamp, [v[:count] for v in (a, b, c)])
+    yield _case(
+        way, "clamp_reals", "clamp of reals", three, out, clamp, [v[:count] for v in (a, b, c)], allowed=_ordered
+    )
 
 
 def _integers(way: Way, name: str, kind: Any) -> Case:
@@ -188,7 +198,8 @@ def _integers(way: Way, name: str, kind: Any) -> Case:
         Operation(name, "clamp(a, b, c)", np.clip),
         Operation(f"u{name}", f"JOIN(as_, LANES_OF(u{name}))(abs(a))", lambda a, b, c: np.abs(a)),
     ]
-    return _case(way, f"of_{name}", f"functions of {name}", f"{name} {name} {name}", (name, kind), table, (a, b, c))
+    kinds, title = f"{name} {name} {name}", f"functions of {name}"
+    return _case(way, f"of_{name}", title, kinds, (name, kind), table, (a, b, c), allowed=_ordered)
 
 
 def _bits(way: Way) -> Case:
@@ -290,19 +301,8 @@ def atomics(name: str = "count", options: tuple[str, ...] = (), lanes: int = 1, 
 
     x = rng(11).integers(1, 1000, rows).astype(np.int32)
     text = COUNT_TEXT.format(name=name)
-    return Case(
-        name,
-        "atomic operations on global memory",
-        text,
-        (x, np.zeros_like(x)),
-        define,
-        HEAD,
-        (),
-        None,
-        options,
-        lanes,
-        64,
-    )
+    more: dict[str, Any] = {"options": options, "lanes": lanes, "group": 64, "allowed": lambda x, scratch: scratch == 0}
+    return Case(name, "atomic operations on global memory", text, (x, np.zeros_like(x)), define, HEAD, **more)
 
 
 def cases(way: Way) -> list[Case]:
