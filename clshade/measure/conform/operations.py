@@ -73,11 +73,12 @@ class Way(NamedTuple):
 
 
 class Operation(NamedTuple):
-    """An expression of lanes a, b, c and d, and of the type `kind`; what its value is."""
+    """An expression of lanes a, b, c and d, and of the type `kind`; what its value is, and an intermediate result."""
 
     kind: str
     expression: str
     define: Callable[..., Array]
+    between: Callable[..., Array] | None = None
 
 
 def kernel(name: str, kinds: str, out: str, operations: Sequence[Operation]) -> str:
@@ -86,7 +87,7 @@ def kernel(name: str, kinds: str, out: str, operations: Sequence[Operation]) -> 
     inputs = list(zip("abcd", kinds.split(), strict=False))
     lines = [f"LANES_IN({kind}) {v}_; EACH {v}_.each[lane] = {v}s[i + lane];" for v, kind in inputs]
     lines += [f"LANES_OF({kind}) {v} = {v}_.all;" for v, kind in inputs]
-    for k, (kind, expression, _) in enumerate(operations):
+    for k, (kind, expression, *_) in enumerate(operations):
         write = f"EACH out[{len(operations)} * (i + lane) + {k}] = v.each[lane];"
         lines.append(f"{{ LANES_IN({kind}) v = {{{expression}}}; {write} }}")
     return _whole(name, inputs, out, lines)
@@ -96,7 +97,7 @@ def scalar_kernel(name: str, kinds: str, out: str, operations: Sequence[Operatio
     """Return the same of numbers instead of lanes."""
     inputs = list(zip("abcd", kinds.split(), strict=False))
     lines = [f"EACH {{ {' '.join(f'{kind} {v} = {v}s[i + lane];' for v, kind in inputs)}"]
-    for k, (kind, expression, _) in enumerate(operations):
+    for k, (kind, expression, *_) in enumerate(operations):
         lines.append(f"    out[{len(operations)} * (i + lane) + {k}] = ({kind})({expression});")
     return _whole(name, inputs, out, [*lines, "}"])
 
@@ -123,12 +124,20 @@ def _case(
     def define(*given: Array) -> Array:
         return np.stack([op.define(*given).astype(out[1]) for op in operations], axis=1)
 
+    def between(*given: Array) -> Array:
+        return np.stack([(op.between or op.define)(*given).astype(out[1]) for op in operations], axis=1)
+
     def alone(column: int) -> Case:
         return _case(way, name, operations[column].expression, kinds, out, [operations[column]], inputs, write, allowed)
 
     words = tuple(op.expression for op in operations)
     text = write(name, kinds, out[0], operations)
-    way_of = {"options": way.options, "lanes": way.lanes, "allowed": allowed}
+    way_of = {
+        "options": way.options,
+        "lanes": way.lanes,
+        "allowed": allowed,
+        "between": between if any(op.between for op in operations) else None,
+    }
     return Case(name, title, text, tuple(inputs), define, HEAD, words, alone, **way_of)
 
 
@@ -143,14 +152,12 @@ def _first(count: int, define: Callable[..., Array]) -> Callable[..., Array]:
     return lambda *v: define(*v[:count])
 
 
-OF_REALS = {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint, "sqrt": np.sqrt}
+OF_REALS = {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint}
 OF_PAIRS = {"fmin": np.fmin, "fmax": np.fmax}
 ARITHMETIC = {
     "a + b": lambda a, b, c: a + b,
     "a - b": lambda a, b, c: a - b,
     "a * b": lambda a, b, c: a * b,
-    "a / b": lambda a, b, c: a / b,
-    "a * b + c": lambda a, b, c: a * b + c,  # rounded twice
 }
 
 
@@ -173,11 +180,15 @@ def _reals(way: Way) -> Iterator[Case]:
     three = "REAL REAL REAL"
     yield _case(way, "fused", "a * b + c, rounded once", three, out, [Operation("REAL", "fma(a, b, c)", once)], given)
     table = [Operation("REAL", text, define) for text, define in ARITHMETIC.items()]
+    table.append(Operation("REAL", "a * b + c", lambda a, b, c: a * b + c, lambda a, b, c: a * b))  # rounded twice
     yield _case(way, "arithmetic", "operators, each rounded", three, out, table, given)
     a, b, c = quiet_operands(real)
     table = [Operation("REAL", f"{name}(a)", _first(1, define)) for name, define in OF_REALS.items()]
     table += [Operation("REAL", f"{name}(a, b)", define) for name, define in OF_PAIRS.items()]
     yield _case(way, "of_reals", "functions of reals", "REAL REAL", out, table, (a, b))
+    table = [Operation("REAL", "a / b", np.divide), Operation("REAL", "sqrt(a)", _first(1, np.sqrt))]
+    divided = _case(way, "divided", "division and roots", "REAL REAL", out, table, given[:2])
+    yield replace(divided, divides=real is np.float32)
     ordered = _ordered(a, b, c)
     a, b, c = (np.where(v == 0.0, real(0.0), v)[ordered] for v in (a, b, c))
     count = len(a) - len(a) % 16
@@ -242,11 +253,14 @@ def _conversions(way: Way) -> Iterator[Case]:
         Operation("REAL", "TO_REALS(a)", lambda a, b, c, d: of(real)(a)),
         Operation("REAL", "TO_REALS(b)", lambda a, b, c, d: of(real)(b)),
         Operation("REAL", "TO_REALS(c)", lambda a, b, c, d: of(real)(c)),
-        Operation("float", "TO_LANES(a, float)", lambda a, b, c, d: of(np.float32)(a)),
-        Operation("float", "TO_LANES(d, float)", lambda a, b, c, d: each(rounded, np.float32, d)),
     ]
     kinds, given = "int uint long REAL", [x, x.view(np.uint32), y, z]
     yield _case(way, "to_reals", "conversions to reals, rounded once", kinds, ("REAL", real), table, given)
+    table = [
+        Operation("float", "TO_LANES(a, float)", lambda a, b, c, d: of(np.float32)(a)),
+        Operation("float", "TO_LANES(d, float)", lambda a, b, c, d: each(rounded, np.float32, d)),
+    ]
+    yield _case(way, "to_floats", "conversions to float32, rounded once", kinds, ("float", np.float32), table, given)
     most = 31 if real is np.float32 else 63
     x, y = integers(np.int32), integers(np.int64) >> (63 - most)
     z = np.concatenate([patterns(real), spread(-2, 30, real, 10), (x / 2).astype(real)])

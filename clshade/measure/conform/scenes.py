@@ -14,9 +14,8 @@ from ..digest import digest
 from ..fuzz import fuzz
 from ..stability.cases import bench as cases_bench
 from ..stability.cases import coverage
-from .case import Bench
+from .case import Bench, Skipped
 from .content import GoldenScene, choices, golden_scene, options
-from .skipped import Skipped
 
 GOLDEN = Path(__file__).with_name("golden.json")
 SHRINKING = 20.0  # seconds
