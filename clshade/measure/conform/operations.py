@@ -132,7 +132,7 @@ def _case(
 
     words = tuple(op.expression for op in operations)
     text = write(name, kinds, out[0], operations)
-    way_of = {
+    way_of: dict[str, Any] = {
         "options": way.options,
         "lanes": way.lanes,
         "allowed": allowed,
