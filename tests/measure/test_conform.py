@@ -17,6 +17,7 @@ from clshade.measure.conform import (
     conform,
     constructs,
     faults,
+    operations,
     planted,
     reproducer,
     scenes,
@@ -47,6 +48,14 @@ def with_fault(device, name: str):
         wrong = bench.wrong(case_of(faults.FAULTS[name].test))
         assert wrong is not None
         return wrong, shrink.smallest(bench, wrong)
+
+
+def exit_code(script, device) -> int:
+    """Run a script on the device; return its exit code, which fits to what it prints."""
+    command = [sys.executable, script, *device.index.split(":")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert ("as expected" in done.stdout) == (done.returncode == 0), done.stdout + done.stderr
+    return done.returncode
 
 
 def task(device, folder, **fields) -> Task:
@@ -97,20 +106,34 @@ def test_a_fault_is_made_small_and_written_as_a_script(opened, tmp_path):
     wrong, small = with_fault(opened, "divergent-loop")
     assert wrong.rows.sum() > 500
     assert len(small.case.inputs[0]) == 64
-    assert len(np.unique(small.case.inputs[0])) <= 64
     options = programs.compiler_options(opened)
     path = reproducer.write(small, opened, options, tmp_path, "constructs/divergent loop")
     assert path.name == "constructs_divergent_loop.py"
     text = path.read_text()
-    assert len(text.splitlines()) < reproducer.MOST_LINES
+    assert len(text.splitlines()) < 100
     assert "clshade." not in text
     assert opened.name in text
     for kernel, code in ((text, 0), (text.replace("k < a[i]", "k < a[i - get_local_id(0)]"), 1)):
         path.write_text(kernel)
-        where = opened.index.split(":")
-        done = subprocess.run([sys.executable, path, *where], capture_output=True, text=True, timeout=60)
-        assert done.returncode == code, done.stdout + done.stderr
-        assert ("as expected" in done.stdout) == (code == 0)
+        assert exit_code(path, opened) == code
+
+
+@pytest.mark.parametrize(("name", "right", "fault"), [
+    ("count", "atomic_add(out + 3, x[item]);", ""),
+    ("of_int", "clamp(a, b, c)", "min(max(a, b), c - 1)"),
+])  # fmt: skip
+def test_a_script_of_a_fault_asks_for_nothing_undefined(opened, tmp_path, name, right, fault):
+    """Made small, it is still as a right device has it: scratch memory is 0, and limits are ordered."""
+    way = operations.Way(np.float32, True, 1)
+    case = next(case for case in operations.cases(way) if case.name == name)
+    case = (case.alone(case.columns.index(right)) if case.alone else case).with_inputs([v[:1024] for v in case.inputs])
+    with programs.rewriting(lambda source, options: source.replace(right, fault)):
+        wrong = Bench(opened).wrong(case)
+        small = shrink.smallest(Bench(opened), wrong, 5.0)
+    assert len(small.case.inputs[0]) < 128
+    assert small.case.allowed(*small.case.inputs).all()
+    path = reproducer.write(small, opened, programs.compiler_options(opened), tmp_path, name)
+    assert exit_code(path, opened) == 0
 
 
 def test_values_of_a_failure_become_simple(opened):
@@ -182,15 +205,30 @@ def test_a_device_that_flushes_may_give_zeros_of_any_sign(opened, monkeypatch):
 # Processes
 
 
+def planning(*names: str) -> str:
+    return f"import json; print(json.dumps({{'planned': {list(names)}}}), flush=True); "
+
+
+@pytest.mark.parametrize("code", ["", "1 / 0", "print(json.dumps({'begin': 'one', 'title': ''}))"])
+def test_a_process_that_ends_too_early_is_a_failure(opened, tmp_path, monkeypatch, code):
+    """Between two tests too, and whatever its exit code."""
+    monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", planning("one", "two") + code])
+    found = Part(task(opened, tmp_path), Judged(None), 30.0).run()
+    assert any(result.problem.startswith("ends the process: exit code") for result in found)
+
+
 def test_a_compiler_that_aborts_is_one_line(opened, tmp_path):
     (found,) = Part(task(opened, tmp_path, fault="abort"), Judged(None), 30.0).run()
     assert found.problem == "ends the process: SIGABRT"
+    assert (tmp_path / found.script).is_file()
     assert found.title == "a loop of another length in each work-item"
 
 
 def test_a_launch_that_does_not_end_is_one_line(opened, tmp_path, monkeypatch):
     code = 'import time; print(\'{"begin": "one", "title": ""}\', flush=True); time.sleep(60)'
-    monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", "pass" if self.done else code])
+    monkeypatch.setattr(
+        Task, "command", lambda self: [sys.executable, "-c", planning() if self.done else planning("one") + code]
+    )
     (found,) = Part(task(opened, tmp_path), Judged(None), 3.0).run()
     assert found.problem == "does not end within 3 s"
 
@@ -206,7 +244,7 @@ def test_after_a_crash_the_other_tests_go_on(opened, tmp_path, monkeypatch):
 
     def command(self) -> list[str]:
         commands.append(self.done)
-        return [sys.executable, "-c", second if self.done else first]
+        return [sys.executable, "-c", planning("one", "two") + (second if self.done else first)]
 
     monkeypatch.setattr(Task, "command", command)
     found = Part(task(opened, tmp_path), Judged(None), 30.0).run()
@@ -218,10 +256,25 @@ def test_a_failure_is_told_with_its_script(opened, tmp_path, capsys):
     """A process with a fault: its events, and the script that it writes."""
     with faults.planted("divergent-loop", opened) as bench:
         child.run(task(opened, tmp_path, shrinks=False), opened, bench)
-    begin, end = map(json.loads, capsys.readouterr().out.splitlines())
+    _, begin, script, end = map(json.loads, capsys.readouterr().out.splitlines())
     assert begin["begin"] == end["end"] == "divergent_loop"
     assert "of 1024 rows" in end["problem"]
-    assert (tmp_path / end["script"]).is_file()
+    assert (tmp_path / script["script"]).is_file()
+
+
+def test_a_failure_that_is_not_made_small_has_few_rows(opened, tmp_path):
+    """Of one column, and the script fails as the whole case does; a case that has not run has its first rows."""
+    way = operations.Way(np.float32, True, 1)
+    case = next(case for case in operations.cases(way) if case.name == "of_int")
+    with programs.rewriting(lambda source, options: source.replace("{max(a, b)}", "{max(a, b + 1)}")):
+        wrong = Bench(opened).wrong(case)
+    assert wrong.case.columns[wrong.column] == "max(a, b)"
+    small = reproducer.cut(wrong)
+    assert len(small.inputs[0]) == len(reproducer.cut(case).inputs[0]) == reproducer.MOST_ROWS
+    assert small.columns == ("max(a, b)",)
+    text = reproducer.write(wrong, opened, [], tmp_path, "of_int").read_text()
+    assert "#line" not in text
+    assert "clamp(a, b, c)" not in text.split("kernel void")[-1]
 
 
 # Groups and card

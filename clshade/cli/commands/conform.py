@@ -10,12 +10,13 @@ from .arguments import device_option, output_name
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     what = "only these groups of tests: operations, constructs, structs, memory, repeatability, coverage, scenes"
-    parser.add_argument("--only", type=lambda text: text.split(","), default=(), metavar="GROUP,...", help=what)
-    parser.add_argument(
+    what_else = parser.add_mutually_exclusive_group()
+    what_else.add_argument("--only", type=lambda text: text.split(","), default=(), metavar="GROUP,...", help=what)
+    what_else.add_argument(
         "--planted", action="store_true", help="instead, plant faults, one at a time, and say which tests find them"
     )
     what = "instead, write the golden hashes of this device's scenes, if all agree with the oracle"
-    parser.add_argument("--write-golden", type=output_name, metavar="FILE", help=what)
+    what_else.add_argument("--write-golden", type=output_name, metavar="FILE", help=what)
     device_option(parser)
     parser.add_argument(
         "-o",

@@ -49,14 +49,15 @@ def markdown(judged: Judged) -> str:
     reasons = sorted({each.skipped for each in results if each.skipped})
     lines += [*(f"- Skipped: {reason}." for reason in reasons), ""] if reasons else []
     if judged.failures:
-        failures = [
-            (f"{each.group}/{each.name}", each.title, each.problem, f"`{each.script}`" if each.script else "-")
-            for each in judged.failures
-        ]
+        failures = [(f"{each.group}/{each.name}", each.title, each.problem, _script(each)) for each in judged.failures]
         lines += [*as_markdown(("failure", "what is tested", "found", "script"), failures), ""]
     if judged.failures and not any(each.group in ("operations", "constructs", "structs") for each in judged.failures):
         lines += ["No operation and no construct that was tested explains it.", ""]
     return "\n".join([*lines, f"{digits(judged.seconds)} s. The device {judged.verdict()}."]) + "\n"
+
+
+def _script(result: Result) -> str:
+    return f"`{result.script}`{'' if result.small else ', not made small'}" if result.script else "-"
 
 
 def _facts(judged: Judged) -> str:

@@ -31,7 +31,9 @@ class Case:
     columns: what each column of the output is, if several expressions are evaluated at once, and `alone` returns the case
     of one of them. options: of the compiler. lanes: rows of a work-item. group: work-items of a work-group, on which the
     output depends: rows are left out by whole groups. grid: the whole launch, where rows say too little of it.
-    double: whether it needs float64.
+    double: whether it needs float64. allowed: returns the rows, (K,), of inputs for which the kernel is defined; None: all.
+    between: returns results that are rounded again, as the output; devices that flush may do so in between.
+    divides: whether float32 divisions and roots have to be correctly rounded, as a device may claim or not.
     """
 
     name: str
@@ -47,6 +49,9 @@ class Case:
     group: int = 1
     grid: Grid | None = None
     double: bool = False
+    allowed: Callable[..., Bools] | None = None
+    between: Callable[..., Array] | None = None
+    divides: bool = False
 
     @property
     def rows(self) -> int:
@@ -111,12 +116,12 @@ class Bench:
         with Renderer(scene, device=self.device, **options) as renderer:
             return [digest(renderer.render()) for _ in range(times)]
 
-    def run(self, case: Case, source: str = "") -> Array:
-        """Return what a case's kernel writes. source: another text with this kernel."""
+    def run(self, case: Case, source: str = "", expected: Array | None = None) -> Array:
+        """Return what a case's kernel writes. source: another text with this kernel. expected: of the case, if known."""
         key = (source or case.source, *case.options)
         if key not in self.built:
             self.built[key] = self.build(source or case.source, case.options)
-        expected = case.expected()
+        expected = case.expected() if expected is None else expected
         found = np.full(expected.nbytes, UNWRITTEN, np.uint8).view(expected.dtype).reshape(expected.shape)
         inputs = [v.copy() for v in case.inputs]
         for v in inputs:
@@ -125,12 +130,19 @@ class Bench:
         return found
 
     def wrong(self, case: Case, source: str = "") -> Wrong | None:
-        """Run a case, and return what is wrong; None if nothing."""
-        found, expected = self.run(case, source), case.expected()
+        """Run a case, and return what is wrong; None if nothing. Raises Skipped."""
+        if case.divides and not divides(self.device):
+            raise Skipped(
+                "the device does not claim correctly rounded division and roots: clshade's bits may differ there"
+            )
+        expected = case.expected()
+        found = self.run(case, source, expected)
         right = same(found, expected)
         if flushes(self.device):
             with np.errstate(all="ignore"):
                 flushed = np.ascontiguousarray(case.define(*map(without_denormals, case.inputs)))
+                if case.between is not None:
+                    right |= _is_tiny(np.ascontiguousarray(case.between(*case.inputs)), True)
             tiny = np.any([_is_tiny(v, True).reshape(len(v), -1).any(axis=1) for v in (*case.inputs, expected)], axis=0)
             # A zero in place of a denormal has any sign; the least normal number may be rounded from one.
             zero = tiny.reshape(-1, *[1] * (found.ndim - 1)) & (found == 0)
@@ -143,6 +155,15 @@ class Bench:
         column = int(by_row.any(axis=0).argmax()) if case.columns else 0
         rows: Bools = by_row[:, column] if case.columns else np.any(by_row, axis=1)
         return Wrong(case, found, expected, rows, column)
+
+
+class Skipped(Exception):
+    """A test that a device cannot take; the message says why."""
+
+
+def divides(device: Device) -> bool:
+    """Return whether a device rounds float32 divisions and square roots correctly, as it says itself."""
+    return bool(int(device.device.single_fp_config) & 128)  # CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT
 
 
 def flushes(device: Device) -> bool:

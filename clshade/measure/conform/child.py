@@ -21,8 +21,7 @@ from ...errors import ClshadeError, DeviceError
 from ...pipeline import programs
 from ...pipeline.opencl.device import Device, open_untested
 from . import faults, reproducer, shrink
-from .case import Bench, Wrong
-from .skipped import Skipped
+from .case import Bench, Skipped, Wrong
 from .tests_of_device import Check, described, tests_of
 
 LEAST_MEMORY, MOST_MEMORY = 3 << 30, 64 << 30  # bytes
@@ -75,19 +74,26 @@ def _run(test: Check, bench: Bench) -> tuple[str, Wrong | None, str]:
 def run(task: Task, device: Device, bench: Bench) -> None:
     """Run the tests of a task, and write a script for each that fails."""
     options, failed = programs.compiler_options(device), list[tuple[Check, Wrong]]()
-    tests = [test for test in tests_of(task.group, task.part, device) if test.name not in task.done]
+    tests = [
+        test
+        for test in tests_of(task.group, task.part, device)
+        if test.name not in task.done and task.only in ("", test.name)
+    ]
+    _say(planned=[test.name for test in tests])
     for test in tests:
-        if task.only and test.name != task.only:
-            continue
         _say(begin=test.name, title=test.title)
-        start = time.perf_counter()
+        start, path = time.perf_counter(), None
+        where = Path(task.folder), script_name(task, test)
+        if test.case is not None:  # it may take the process along
+            path = reproducer.write(test.case, device, options, *where)
+            _say(script=path.name)
         problem, wrong, skipped = _run(test, bench)
-        script = ""
-        case = wrong or (test.case if problem else None)
-        if case is not None:
-            script = reproducer.write(case, device, options, Path(task.folder), script_name(task, test)).name
+        if wrong is not None:
+            reproducer.write(wrong, device, options, *where)
+        elif path is not None and not problem:
+            path.unlink()
         seconds = time.perf_counter() - start
-        _say(end=test.name, problem=problem, skipped=skipped, seconds=seconds, script=script)
+        _say(end=test.name, problem=problem, skipped=skipped, seconds=seconds)
         if wrong is not None:
             failed.append((test, wrong))
     for test, wrong in failed[:MOST_SHRUNK] if task.shrinks else ():

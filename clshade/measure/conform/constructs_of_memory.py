@@ -76,10 +76,10 @@ for (int k = 0; k < 16; ++k)
     own[k] = a[i] * k;
 for (int k = 0; k < 5; ++k)
     own[(b[i] + k) & 15] ^= own[(b[i] * 3 + k) & 15];
-int sum = 0;
+uint sum = 0;
 for (int k = 0; k < 16; ++k)
     sum = sum * 3 + own[k];
-out[i] = sum;
+out[i] = (int)sum;
 """,
         [a, b],
         lambda a, b: _mixed(a, b),

@@ -67,12 +67,17 @@ FAULTS = {
     ),
     "division": Fault(
         "division is a product with a reciprocal",
-        "constructs",
-        "division_rounds",
-        _swap(r"= a\[i\] / b\[i\]", "= a[i] * (1.0f / b[i])"),
+        "operations",
+        "float32-library-1/divided",
+        _swap(r"\{a / b\}", "{a * (1.0f / b)}"),
+        "float32-library",
     ),
     "root": Fault(
-        "roots are not correctly rounded", "constructs", "root_rounds", _prefix("#define sqrt(x) ((x) * rsqrt(x))\n")
+        "roots are not correctly rounded",
+        "operations",
+        "float32-library-1/divided",
+        _swap(r"\{sqrt\(a\)\}", "{a * rsqrt(a)}"),
+        "float32-library",
     ),
     "rint-away": Fault(
         "rint rounds ties away from 0", "constructs", "rounds_to_even", _prefix("#define rint(x) round(x)\n")
@@ -154,18 +159,18 @@ FAULTS = {
         "local_atomics",
         _swap(r"atomic_add\(&sum, a\[i\]\);", "if (l) atomic_add(&sum, a[i]);"),
     ),
-    "atomic-not-atomic": Fault(
-        "atomic_add loads and stores",
+    "atomic-lost": Fault(
+        "an atomic addition to global memory is lost",
         "operations",
         "float32-library-1/count",
-        _swap(r"atomic_add\(out \+ 3, x\[item\]\);", "{ int v = out[3]; out[3] = v + x[item]; }"),
+        _swap(r"atomic_add\(out \+ 3, x\[item\]\);", "if (item) atomic_add(out + 3, x[item]);"),
         "float32-library",
     ),
     "atomic-inc-new": Fault(
         "atomic_inc returns the new value",
         "operations",
         "float32-library-1/count",
-        _swap(r"4 \* atomic_inc\(scratch\)", "4 * (atomic_inc(scratch) + 1)"),
+        _swap(r"4 \* atomic_inc\(scratch\)", "4 * min(atomic_inc(scratch) + 1, (int)get_global_size(0) * LANES - 1)"),
         "float32-library",
     ),
     "struct-padding": Fault(

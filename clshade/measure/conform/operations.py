@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Array
+from ...base.arrays import Array, Bools
 from ...pipeline.features import COMPILED
 from .case import UNWRITTEN, Case
 from .definitions import each, fused, nearest, rounded
@@ -73,11 +73,12 @@ class Way(NamedTuple):
 
 
 class Operation(NamedTuple):
-    """An expression of lanes a, b, c and d, and of the type `kind`; what its value is."""
+    """An expression of lanes a, b, c and d, and of the type `kind`; what its value is, and an intermediate result."""
 
     kind: str
     expression: str
     define: Callable[..., Array]
+    between: Callable[..., Array] | None = None
 
 
 def kernel(name: str, kinds: str, out: str, operations: Sequence[Operation]) -> str:
@@ -86,7 +87,7 @@ def kernel(name: str, kinds: str, out: str, operations: Sequence[Operation]) -> 
     inputs = list(zip("abcd", kinds.split(), strict=False))
     lines = [f"LANES_IN({kind}) {v}_; EACH {v}_.each[lane] = {v}s[i + lane];" for v, kind in inputs]
     lines += [f"LANES_OF({kind}) {v} = {v}_.all;" for v, kind in inputs]
-    for k, (kind, expression, _) in enumerate(operations):
+    for k, (kind, expression, *_) in enumerate(operations):
         write = f"EACH out[{len(operations)} * (i + lane) + {k}] = v.each[lane];"
         lines.append(f"{{ LANES_IN({kind}) v = {{{expression}}}; {write} }}")
     return _whole(name, inputs, out, lines)
@@ -96,7 +97,7 @@ def scalar_kernel(name: str, kinds: str, out: str, operations: Sequence[Operatio
     """Return the same of numbers instead of lanes."""
     inputs = list(zip("abcd", kinds.split(), strict=False))
     lines = [f"EACH {{ {' '.join(f'{kind} {v} = {v}s[i + lane];' for v, kind in inputs)}"]
-    for k, (kind, expression, _) in enumerate(operations):
+    for k, (kind, expression, *_) in enumerate(operations):
         lines.append(f"    out[{len(operations)} * (i + lane) + {k}] = ({kind})({expression});")
     return _whole(name, inputs, out, [*lines, "}"])
 
@@ -116,18 +117,34 @@ def _case(
     operations: Sequence[Operation],
     inputs: Sequence[Array],
     write: Callable[..., str] = kernel,
+    allowed: Callable[..., Bools] | None = None,
 ) -> Case:
     """Return the case of some operations of the same inputs. out: the C type and the NumPy type of the results."""
 
     def define(*given: Array) -> Array:
         return np.stack([op.define(*given).astype(out[1]) for op in operations], axis=1)
 
+    def between(*given: Array) -> Array:
+        return np.stack([(op.between or op.define)(*given).astype(out[1]) for op in operations], axis=1)
+
     def alone(column: int) -> Case:
-        return _case(way, name, operations[column].expression, kinds, out, [operations[column]], inputs, write)
+        return _case(way, name, operations[column].expression, kinds, out, [operations[column]], inputs, write, allowed)
 
     words = tuple(op.expression for op in operations)
     text = write(name, kinds, out[0], operations)
-    return Case(name, title, text, tuple(inputs), define, HEAD, words, alone, way.options, way.lanes)
+    way_of: dict[str, Any] = {
+        "options": way.options,
+        "lanes": way.lanes,
+        "allowed": allowed,
+        "between": between if any(op.between for op in operations) else None,
+    }
+    return Case(name, title, text, tuple(inputs), define, HEAD, words, alone, **way_of)
+
+
+def _ordered(a: Array, b: Array, c: Array) -> Bools:
+    """Return where clamp(a, b, c) is defined."""
+    found: Bools = (a == a) & (b <= c)
+    return found
 
 
 def _first(count: int, define: Callable[..., Array]) -> Callable[..., Array]:
@@ -135,14 +152,12 @@ def _first(count: int, define: Callable[..., Array]) -> Callable[..., Array]:
     return lambda *v: define(*v[:count])
 
 
-OF_REALS = {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint, "sqrt": np.sqrt}
+OF_REALS = {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint}
 OF_PAIRS = {"fmin": np.fmin, "fmax": np.fmax}
 ARITHMETIC = {
     "a + b": lambda a, b, c: a + b,
     "a - b": lambda a, b, c: a - b,
     "a * b": lambda a, b, c: a * b,
-    "a / b": lambda a, b, c: a / b,
-    "a * b + c": lambda a, b, c: a * b + c,  # rounded twice
 }
 
 
@@ -165,16 +180,22 @@ def _reals(way: Way) -> Iterator[Case]:
     three = "REAL REAL REAL"
     yield _case(way, "fused", "a * b + c, rounded once", three, out, [Operation("REAL", "fma(a, b, c)", once)], given)
     table = [Operation("REAL", text, define) for text, define in ARITHMETIC.items()]
+    table.append(Operation("REAL", "a * b + c", lambda a, b, c: a * b + c, lambda a, b, c: a * b))  # rounded twice
     yield _case(way, "arithmetic", "operators, each rounded", three, out, table, given)
     a, b, c = quiet_operands(real)
     table = [Operation("REAL", f"{name}(a)", _first(1, define)) for name, define in OF_REALS.items()]
     table += [Operation("REAL", f"{name}(a, b)", define) for name, define in OF_PAIRS.items()]
     yield _case(way, "of_reals", "functions of reals", "REAL REAL", out, table, (a, b))
-    ordered = ~np.isnan(a) & (b <= c)
+    table = [Operation("REAL", "a / b", np.divide), Operation("REAL", "sqrt(a)", _first(1, np.sqrt))]
+    divided = _case(way, "divided", "division and roots", "REAL REAL", out, table, given[:2])
+    yield replace(divided, divides=real is np.float32)
+    ordered = _ordered(a, b, c)
     a, b, c = (np.where(v == 0.0, real(0.0), v)[ordered] for v in (a, b, c))
     count = len(a) - len(a) % 16
     clamp = [Operation("REAL", "clamp(a, b, c)", np.clip)]
-    yield _case(way, "clamp_reals", "clamp of reals", three, out, clamp, [v[:count] for v in (a, b, c)])
+    yield _case(
+        way, "clamp_reals", "clamp of reals", three, out, clamp, [v[:count] for v in (a, b, c)], allowed=_ordered
+    )
 
 
 def _integers(way: Way, name: str, kind: Any) -> Case:
@@ -188,7 +209,8 @@ def _integers(way: Way, name: str, kind: Any) -> Case:
         Operation(name, "clamp(a, b, c)", np.clip),
         Operation(f"u{name}", f"JOIN(as_, LANES_OF(u{name}))(abs(a))", lambda a, b, c: np.abs(a)),
     ]
-    return _case(way, f"of_{name}", f"functions of {name}", f"{name} {name} {name}", (name, kind), table, (a, b, c))
+    kinds, title = f"{name} {name} {name}", f"functions of {name}"
+    return _case(way, f"of_{name}", title, kinds, (name, kind), table, (a, b, c), allowed=_ordered)
 
 
 def _bits(way: Way) -> Case:
@@ -231,11 +253,14 @@ def _conversions(way: Way) -> Iterator[Case]:
         Operation("REAL", "TO_REALS(a)", lambda a, b, c, d: of(real)(a)),
         Operation("REAL", "TO_REALS(b)", lambda a, b, c, d: of(real)(b)),
         Operation("REAL", "TO_REALS(c)", lambda a, b, c, d: of(real)(c)),
-        Operation("float", "TO_LANES(a, float)", lambda a, b, c, d: of(np.float32)(a)),
-        Operation("float", "TO_LANES(d, float)", lambda a, b, c, d: each(rounded, np.float32, d)),
     ]
     kinds, given = "int uint long REAL", [x, x.view(np.uint32), y, z]
     yield _case(way, "to_reals", "conversions to reals, rounded once", kinds, ("REAL", real), table, given)
+    table = [
+        Operation("float", "TO_LANES(a, float)", lambda a, b, c, d: of(np.float32)(a)),
+        Operation("float", "TO_LANES(d, float)", lambda a, b, c, d: each(rounded, np.float32, d)),
+    ]
+    yield _case(way, "to_floats", "conversions to float32, rounded once", kinds, ("float", np.float32), table, given)
     most = 31 if real is np.float32 else 63
     x, y = integers(np.int32), integers(np.int64) >> (63 - most)
     z = np.concatenate([patterns(real), spread(-2, 30, real, 10), (x / 2).astype(real)])
@@ -290,19 +315,8 @@ def atomics(name: str = "count", options: tuple[str, ...] = (), lanes: int = 1, 
 
     x = rng(11).integers(1, 1000, rows).astype(np.int32)
     text = COUNT_TEXT.format(name=name)
-    return Case(
-        name,
-        "atomic operations on global memory",
-        text,
-        (x, np.zeros_like(x)),
-        define,
-        HEAD,
-        (),
-        None,
-        options,
-        lanes,
-        64,
-    )
+    more: dict[str, Any] = {"options": options, "lanes": lanes, "group": 64, "allowed": lambda x, scratch: scratch == 0}
+    return Case(name, "atomic operations on global memory", text, (x, np.zeros_like(x)), define, HEAD, **more)
 
 
 def cases(way: Way) -> list[Case]:

@@ -11,9 +11,9 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import write_bytes
 from ...pipeline.opencl.device import Device
-from .case import PRAGMA, UNWRITTEN, Case, Wrong
+from .case import UNWRITTEN, Case, Wrong
 
-MOST_LINES = 100
+MOST_ROWS = 16  # of a failure that was not made small
 _SCRIPT = '''\
 """{title}
 
@@ -72,14 +72,26 @@ def _values(array: Array) -> str:
     )
 
 
+def cut(wrong: Wrong | Case) -> Case:
+    """Return the case of the column that is wrong, with the work-groups of at most MOST_ROWS wrong rows; of a case that
+    has not run, the first rows."""
+    case, rows = (wrong.case, wrong.rows) if isinstance(wrong, Wrong) else (wrong, np.ones(len(wrong.inputs[0]), bool))
+    if isinstance(wrong, Wrong) and case.alone is not None:
+        case = case.alone(wrong.column).with_inputs(case.inputs)
+    if case.grid is not None:
+        return case
+    groups = np.unique(np.flatnonzero(rows) // case.rows)[: max(MOST_ROWS // case.rows, 1)]
+    kept = (groups[:, None] * case.rows + np.arange(case.rows)).reshape(-1)
+    return case.with_inputs([v[kept] for v in case.inputs])
+
+
 def script(case: Case, device: Device, options: list[str]) -> str:
     """Return the script of a case. options: of the compiler, for every program."""
     grid, inputs = case.launched, "".join(f"    {_values(v)},\n" for v in case.inputs)
-    text = case.source if case.head or "double" in case.text or case.double else PRAGMA + case.text
     return _SCRIPT.format(
         title=case.title,
         device=f"{device.title}, driver {device.driver}",
-        kernel=re.sub(r"\n{2,}", "\n", text),
+        kernel=re.sub(r"\n{2,}", "\n", re.sub(r"(?m)^#line.*$", "", case.source)),
         options=json.dumps([*case.options, *options]),
         inputs=f"INPUTS = [\n{_wrapped(inputs)}]",
         expected=_wrapped(_values(case.expected())).strip(),
@@ -98,7 +110,7 @@ def _wrapped(text: str, width: int = 400) -> str:
 
 def write(wrong: Wrong | Case, device: Device, options: list[str], folder: Path, name: str) -> Path:
     """Write the script of a failure as NAME.py; return its path. Raises OutputError."""
-    case = wrong.case if isinstance(wrong, Wrong) else wrong
+    case = cut(wrong)
     path = folder / f"{re.sub(r'[^A-Za-z0-9_]+', '_', name)}.py"
     write_bytes(path, script(case, device, options).encode())
     return path

@@ -10,7 +10,8 @@ from ...pipeline.opencl.probe import DeviceInfo
 
 @dataclass
 class Result:
-    """Result of a test. problem: what is wrong, "" if nothing. skipped: why it was not taken. script: file that shows it."""
+    """Result of a test. problem: what is wrong, "" if nothing. skipped: why it was not taken. script: file that shows it.
+    small: whether that was made small."""
 
     group: str
     name: str
@@ -19,6 +20,7 @@ class Result:
     skipped: str = ""
     seconds: float = 0.0
     script: str = ""
+    small: bool = False
 
 
 @dataclass
