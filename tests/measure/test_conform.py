@@ -218,8 +218,8 @@ def test_a_process_that_ends_too_early_is_a_failure(opened, tmp_path, monkeypatc
 
 
 def test_a_compiler_that_aborts_is_one_line(opened, tmp_path):
-    (found,) = Part(task(opened, tmp_path, fault="abort"), Judged(None), 30.0).run()
-    assert found.problem == "ends the process: SIGABRT"
+    (found,) = Part(task(opened, tmp_path, fault="abort"), Judged(None), 60.0).run()
+    assert found.problem.startswith("ends the process: SIGABRT")
     assert (tmp_path / found.script).is_file()
     assert found.title == "a loop of another length in each work-item"
 
