@@ -21,6 +21,7 @@ _STYLE = (
 .right { border-left: .4rem solid #4b9b4b } .wrong { border-left: .4rem solid #c0504d } section { padding-left: .8rem }
 section img { width: 12rem; image-rendering: pixelated } figure { display: inline-block; margin: .3rem }
 figcaption { font-size: .8rem; color: #444 } td, tbody th { white-space: normal }
+td, thead th { text-align: left }
 """
 )
 

@@ -183,14 +183,14 @@ def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[
 
 def explain(right: Drawing, image: Floats, linear: Floats, doubtful: Bools) -> list[Explanation]:
     """Return what explains an image, codes (M, N, 3), that differs from the right linear colors elsewhere than at doubtful
-    pixels, (M, N): the best explanation first, at most three."""
+    pixels, (M, N): the best first, at most three; one alone if it explains nearly all."""
     shape = image.shape[0], image.shape[1]
     search = Search(right, shape, sample(image, linear, doubtful, SINGLES))
     singles = search.singles()
     best = search.together(singles)
     found = [each for each in (best, *singles[1:]) if each.changes not in best.same and each.score > _WORTH_NAMING]
     if best.score >= _ENOUGH:
-        return found[:3]
+        return found[:1]
     fewer = Search(right, shape, sample(image, linear, doubtful, PAIRS))
     likely = fewer.pairs(singles)[:24]
     pairs = sorted((search.explained(*each.changes) for each in likely), key=lambda each: -round(each.score, 3))
