@@ -183,7 +183,7 @@ def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, 
         assert (program, verb) == ("clshade", "render")
         parsed = _parser(["render"]).parse_args(["render", *arguments])
         again = scene_options.load_scene(parsed, parsed.scenes[0])
-        kept = render_command._render_options(parsed, again)
+        kept = render_command.render_options(parsed, again)
         kept.pop("device")
         drawn, its_settings = effective_settings(again, **kept)
         its_own = replace(its_settings, ao_distance=None)  # which is the scene's, where none is given

@@ -341,7 +341,7 @@ def test_the_options_named_draw_what_was_measured(device, name):
     for each in variants_for(scene, base, device):
         options = tables.render_options(scene, tables.render_fields(each.settings(base), scene))
         arguments = parser.parse_args(["render", name, *options])
-        kept = command._render_options(arguments, own)
+        kept = command.render_options(arguments, own)
         kept.pop("device")
         again, settings = effective_settings(own, **kept)
         assert settings == each.settings(base), each.name
