@@ -221,6 +221,7 @@ def test_gamma_beside_a_wrong_background_is_found():
     assert {"wrong background (as it is)", "gamma (1/2.2)"} in found_first(right(), image)
 
 
+@pytest.mark.long
 def test_an_image_without_the_object_is_not_blamed_on_edges():
     background = np.zeros((SIZE, SIZE, 3)) + right().drawing.scene.background
     assert {"nothing is drawn"} in found_first(right(), np.rint(grade.as_codes(background)))

@@ -166,6 +166,7 @@ def pictures_of(found: grade.Grade) -> tuple[pictures.Shot, ...]:
     return pictures.shots(found, right())
 
 
+@pytest.mark.long
 def test_a_summary_has_a_line_for_each_submission():
     name = "a-very-long-folder-name-of-a-student/and-a-file-name-that-is-as-long-as-that-one-is-or-longer.png"
     few = right().codes.copy()
@@ -190,6 +191,7 @@ def test_cells_that_a_spreadsheet_takes_for_formulas_begin_with_an_apostrophe():
     assert {remark for _, remark in cells} == {"'-1 found"}
 
 
+@pytest.mark.long
 def test_a_table_has_plain_numbers_and_what_comes_nearest():
     codes = upside_down()
     codes[: SIZE // 2] = np.random.default_rng(0).integers(0, 256, (SIZE // 2, SIZE, 3))
