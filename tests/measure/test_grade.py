@@ -16,7 +16,8 @@ from clshade.oracle import frame
 from clshade.oracle.terms import Directions
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.lights import PointLight
-from clshade.scene.model import Settings
+from clshade.scene.material import Material
+from clshade.scene.model import Mesh, Scene, Settings
 
 SIZE = 48
 
@@ -256,13 +257,34 @@ def test_the_course_s_own_python_code_is_right(shader, rounded):
 # How many are named
 
 
+def crossing() -> Scene:
+    """Two triangles that cross and one that faces away, with a dull highlight, under a point light behind them."""
+    quads = builtin("quads", resolution=(SIZE, SIZE), count=1)
+    verts = np.array(
+        [
+            [[-3.0, -2.0, -3.0], [3.0, -2.0, -9.0], [-1.0, 3.0, -4.0]],
+            [[-3.0, -2.0, -9.0], [3.0, -2.0, -3.0], [1.0, 3.0, -7.0]],
+            [[-3.0, 0.5, -3.5], [-1.0, 2.5, -3.5], [-1.0, 0.5, -3.5]],
+        ]
+    ).reshape(-1, 3)
+    mesh = Mesh(
+        verts,
+        np.arange(9).reshape(3, 3),
+        colors=np.repeat([[0.9, 0.2, 0.1], [0.2, 0.8, 0.3], [0.3, 0.4, 0.9]], 3, axis=0),
+        normals=np.array([[0.9, 0.0, 0.4]]),
+        normal_faces=np.zeros((3, 3), int),
+        material=Material(ka=0.1, kd=0.5, ks=0.4, n=3.0),
+    )
+    lamp = PointLight([-2.0, 2.0, -20.0], [0.8, 0.7, 0.5])
+    return replace(quads, meshes=(mesh,), lights=(*quads.lights, lamp))
+
+
 @pytest.mark.long
 def test_every_mistake_shows_somewhere_and_is_found_alone():
+    course = Settings.from_preset("course")
+    crossed, dull = (grade.right_of(scene, course) for scene in (crossing(), planted.scene_of("teapot", (SIZE, SIZE))))
     seen = set()
-    lamps = (PointLight([0.0, 3.0, 4.0], 3.0),)
-    scene = builtin("course", resolution=(SIZE, SIZE))
-    lit = grade.right_of(replace(scene, lights=scene.lights + lamps), Settings.from_preset("course"))
-    for given in (lit, right("gouraud"), right(bright=True)):
+    for given in (right(), right("gouraud"), right(bright=True), crossed, dull):
         for change in search.changes_of(given.drawing):
             image = drawn(given, change.label)
             if change.mistake.name not in seen and search.wrong(image, given.codes).sum() > 20:
