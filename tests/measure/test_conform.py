@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from clshade.measure.conform import case as case_module
 from clshade.measure.conform.case import GROUP, Bench, Case, without_denormals
 from clshade.measure.conform.child import Task
 from clshade.measure.conform.content import FACTORS, golden_scene
-from clshade.measure.conform.pairs import Draws, covering, uncovered
+from clshade.measure.conform.pairs import Draws, covering
 from clshade.measure.conform.part import Part
 from clshade.measure.conform.results import Judged, Result
 from clshade.measure.conform.tests_of_device import GROUPS, Check, described, parts_of
@@ -63,6 +64,14 @@ def task(device, folder, **fields) -> Task:
 
 
 # Choices
+
+
+def uncovered(factors: dict, rows: list[dict]) -> set:
+    """Return the pairs of levels of different factors that no row has."""
+    every = {
+        ((one, a), (other, b)) for one, other in combinations(factors, 2) for a in factors[one] for b in factors[other]
+    }
+    return every - {pair for row in rows for pair in combinations(row.items(), 2)}
 
 
 def test_golden_scenes_cover_all_pairs():
