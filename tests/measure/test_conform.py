@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -25,10 +26,10 @@ from clshade.measure.conform import (
     tests_of_device,
 )
 from clshade.measure.conform import case as case_module
-from clshade.measure.conform.case import Bench, Case, without_denormals
+from clshade.measure.conform.case import GROUP, Bench, Case, without_denormals
 from clshade.measure.conform.child import Task
 from clshade.measure.conform.content import FACTORS, golden_scene
-from clshade.measure.conform.pairs import Draws, covering, uncovered
+from clshade.measure.conform.pairs import Draws, covering
 from clshade.measure.conform.part import Part
 from clshade.measure.conform.results import Judged, Result
 from clshade.measure.conform.tests_of_device import GROUPS, Check, described, parts_of
@@ -65,11 +66,31 @@ def task(device, folder, **fields) -> Task:
 # Choices
 
 
+def uncovered(factors: dict, rows: list[dict]) -> set:
+    """Return the pairs of levels of different factors that no row has."""
+    every = {
+        ((one, a), (other, b)) for one, other in combinations(factors, 2) for a in factors[one] for b in factors[other]
+    }
+    return every - {pair for row in rows for pair in combinations(row.items(), 2)}
+
+
 def test_golden_scenes_cover_all_pairs():
     rows = [row["choice"] for row in json.loads(scenes.GOLDEN.read_text())]
     assert uncovered(FACTORS, rows) == {(("texture_at", "vertex"), ("texture_filter", "trilinear"))}
     assert len(rows) >= 100
     assert len({row["digest"] for row in json.loads(scenes.GOLDEN.read_text())}) == len(rows)
+
+
+@pytest.mark.parametrize("program", ["nolight", "float64"])
+def test_a_device_without_float64_draws_every_scene(opened, program):
+    """A few scenes of a program: those that need float64 are drawn in float32, without edges, and have digests too."""
+    without = replace(opened, has_fp64=False)
+    given = [each for each, _ in scenes.golden(True) if each.choice["program"] == program]
+    tests = scenes.tests(program, has_fp64=False)
+    assert [name for name, *_ in tests] == [each.name for each in given]
+    needing = [run for (_, _, run), each in zip(tests, given, strict=True) if each.needs_float64]
+    assert len(needing) > 3
+    assert [run(Bench(without)) for run in needing[:3]] == ["", "", ""]
 
 
 def test_choices_cover_what_is_allowed():
@@ -271,7 +292,7 @@ def test_a_failure_that_is_not_made_small_has_few_rows(opened, tmp_path):
         wrong = Bench(opened).wrong(case)
     assert wrong.case.columns[wrong.column] == "max(a, b)"
     small = reproducer.cut(wrong)
-    assert len(small.inputs[0]) == len(reproducer.cut(case).inputs[0]) == reproducer.MOST_ROWS
+    assert len(small.inputs[0]) == len(reproducer.cut(case).inputs[0]) == GROUP
     assert small.columns == ("max(a, b)",)
     text = reproducer.write(wrong, opened, [], tmp_path, "of_int").read_text()
     assert "#line" not in text

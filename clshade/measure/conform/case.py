@@ -18,6 +18,7 @@ from ...pipeline.renderer import Renderer
 from ...scene.model import Scene
 from ..digest import digest
 
+GROUP = 64  # rows of a work-group
 UNWRITTEN = 0xA5  # the bytes of an output before the kernel runs
 PRAGMA = "#pragma OPENCL FP_CONTRACT OFF\n"
 
@@ -29,8 +30,8 @@ class Case:
     name: of the kernel too. head: OpenCL C before it, which may include kernel files. text: the kernel; its arguments are
     the inputs, (K, ...) each, then the output. define: returns the output, (K, ...), for any rows of the inputs.
     columns: what each column of the output is, if several expressions are evaluated at once, and `alone` returns the case
-    of one of them. options: of the compiler. lanes: rows of a work-item. group: work-items of a work-group, on which the
-    output depends: rows are left out by whole groups. grid: the whole launch, where rows say too little of it.
+    of one of them. options: of the compiler. lanes: rows of a work-item. group: work-items of a work-group: rows are
+    left out by whole groups. grid: the whole launch, where rows say too little of it.
     double: whether it needs float64. allowed: returns the rows, (K,), of inputs for which the kernel is defined; None: all.
     between: returns results that are rounded again, as the output; devices that flush may do so in between.
     divides: whether float32 divisions and roots have to be correctly rounded, as a device may claim or not.
@@ -63,10 +64,21 @@ class Case:
         count = len(self.inputs[0]) // self.lanes
         return self.grid or Grid((count,), (self.group,))
 
+    @property
+    def needs_group(self) -> bool:
+        """Whether a work-item uses its work-group, so that its output depends on the size."""
+        return "local" in self.text or "group" in self.text
+
     @cached_property
     def source(self) -> str:
         """The whole text that is built."""
         return PRAGMA + (programs.flatten_text(self.head) if "#include" in self.head else self.head) + self.text
+
+    def in_groups(self) -> Case:
+        """Return the case in work-groups of GROUP rows, with copies of its last row where one would not be full."""
+        more, alone = -len(self.inputs[0]) % GROUP, self.alone
+        case = self.with_inputs([np.concatenate([v, np.repeat(v[-1:], more, axis=0)]) for v in self.inputs])
+        return replace(case, group=GROUP // self.lanes, alone=alone and (lambda column: alone(column).in_groups()))
 
     def with_inputs(self, inputs: Sequence[Array]) -> Case:
         return replace(self, inputs=tuple(np.ascontiguousarray(v) for v in inputs))

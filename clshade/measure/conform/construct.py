@@ -12,7 +12,7 @@ from ...pipeline.bare_kernel import Grid
 from .case import Case
 from .operands import rng
 
-ROWS, GROUP = 1024, 64
+ROWS = 1024
 TYPES = {np.dtype(name): c for name, c in (("i4", "int"), ("u4", "uint"), ("f4", "float"), ("f8", "double"))}
 TYPES |= {np.dtype(name): c for name, c in (("i8", "long"), ("u8", "ulong"), ("u1", "uchar"), ("i2", "short"))}
 Define = Callable[..., Array]
@@ -28,8 +28,8 @@ def construct(
     out: str = "",
     **more: Any,
 ) -> Case:
-    """Return a case whose kernel has arguments a, b, c, ... and out, and the item's number i. out: the C type of what it
-    writes, that of a by default."""
+    """Return a case whose kernel has arguments a, b, c, ... and out, and the item's number i; its work-groups have
+    GROUP rows. out: the C type of what it writes, that of a by default."""
     given = [np.ascontiguousarray(v) for v in inputs]
     kinds = [TYPES[v.dtype] for v in given]
     arguments = ", ".join(f"global const {kind} *{v}" for kind, v in zip(kinds, "abcd", strict=False))
@@ -37,7 +37,8 @@ def construct(
     text = f"kernel void {name}({arguments}, global {out or kinds[0]} *out)\n{{\n"
     text += f"    int i = get_global_id(0);\n{lines}\n}}\n"
     kind = next(kind for kind, c in TYPES.items() if c == out) if out else given[0].dtype
-    return Case(name, title, text, tuple(given), lambda *v: np.asarray(define(*v)).astype(kind), head, **more)
+    case = Case(name, title, text, tuple(given), lambda *v: np.asarray(define(*v)).astype(kind), head, **more)
+    return case.in_groups()
 
 
 def ints(seed: int, low: int, high: int, *width: int) -> Array:

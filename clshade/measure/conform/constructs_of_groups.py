@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ...base.arrays import Array
-from .case import Case
-from .construct import GROUP, Define, construct, ints
+from .case import GROUP, Case
+from .construct import Define, construct, ints
 
 
 def groups() -> Iterator[Case]:
@@ -25,7 +25,6 @@ def groups() -> Iterator[Case]:
         f"local int kept[{GROUP}];\n{item}kept[l] = a[i];\nbarrier(CLK_LOCAL_MEM_FENCE);\nout[i] = kept[{GROUP - 1} - l];",
         [a],
         by_group(lambda v: v[:, ::-1]),
-        group=GROUP,
     )
     yield construct(
         "prefix_sums",
@@ -43,7 +42,6 @@ out[i] = kept[l];
 """,
         [a],
         by_group(lambda v: np.cumsum(v, axis=1)),
-        group=GROUP,
     )
     yield construct(
         "groups_apart",
@@ -60,7 +58,6 @@ out[i] = kept[l];
 """,
         [a],
         by_group(lambda v: np.sum([np.roll(v, k, axis=1) for k in range(50)], axis=0)),
-        group=GROUP,
     )
     yield construct(
         "loop_to_local_count",
@@ -81,7 +78,6 @@ out[i] = sum;
 """,
         [a],
         by_group(lambda v: np.repeat([[row[: (row[0] & 15) + 1].sum()] for row in v], GROUP, axis=1)),
-        group=GROUP,
     )
     yield construct(
         "batches_of_bits",
@@ -107,7 +103,6 @@ out[i] = found;
         lambda a, b: np.concatenate(
             [_batches(*pair) for pair in zip(a.reshape(-1, GROUP), b.reshape(-1, GROUP), strict=True)]
         ),
-        group=GROUP,
     )
     yield construct(
         "local_atomics",
@@ -130,7 +125,6 @@ out[i] = sum ^ least ^ most;
         by_group(
             lambda v: np.repeat(v.sum(1) ^ v.min(1) ^ v.max(1), GROUP).reshape(v.shape),
         ),
-        group=GROUP,
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .case import Case
-from .construct import GROUP, construct, ints
+from .construct import construct, ints
 
 
 def loops() -> Iterator[Case]:
@@ -19,7 +19,6 @@ def loops() -> Iterator[Case]:
         "int sum = 0;\nfor (int k = 0; k < a[i]; ++k)\n    sum += k * k;\nout[i] = sum;",
         [count],
         lambda a: np.array([sum(k * k for k in range(n)) for n in a.tolist()], np.int32),
-        group=GROUP,
     )
     table = ints(2, 0, 100, 16)
     yield construct(
@@ -39,7 +38,6 @@ out[i] = sum;
 """,
         [ints(3, 20, 100), table],
         lambda a, b: np.array([_until(*row) for row in zip(a.tolist(), b.tolist(), strict=True)], np.int32),
-        group=GROUP,
     )
     yield construct(
         "nested_loops",
@@ -55,7 +53,6 @@ out[i] = sum;
         lambda a, b: np.array(
             [sum(j - 2 * k for k in range(n) for j in range(k, m, 2)) for n, m in zip(a, b, strict=True)], np.int32
         ),
-        group=GROUP,
     )
     yield construct(
         "while_halving",
@@ -71,7 +68,6 @@ out[i] = steps;
 """,
         [ints(6, 1, 1000)],
         lambda a: np.array([_collatz(n) for n in a.tolist()], np.int32),
-        group=GROUP,
     )
     yield construct(
         "early_return",
@@ -87,7 +83,6 @@ out[i] = a[i] * 3;
 """,
         [ints(7, 0, 40)],
         lambda a: np.where((a % 2 == 1) | (a < 16), -1, 3 * a).astype(np.int32),
-        group=GROUP,
     )
     yield construct(
         "switch_falls",
@@ -104,7 +99,6 @@ out[i] = v;
 """,
         [ints(8, 0, 5)],
         lambda a: np.array([11, 10, 1100, 1000, 1000], np.int32)[a],
-        group=GROUP,
     )
     yield from _lane_loops()
 
@@ -168,7 +162,6 @@ out[i] = owner;
         lambda a, b: np.array(
             [_owner(int(m) & 0xFFFFFFFF, row) for m, row in zip(a, b.tolist(), strict=True)], np.int32
         ),
-        group=GROUP,
     )
 
 

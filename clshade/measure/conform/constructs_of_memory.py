@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from .case import Case
-from .construct import GRID_2D, GROUP, construct, ints
+from .construct import GRID_2D, construct, ints
 
 POINT = """
 typedef struct { int x; float w[3]; uchar tag; short more; int y; } point;
@@ -55,7 +55,6 @@ out[i] = kept[l].x + 1000 * kept[l].y + kept[l].more + (int)sizeof(point);
         [a, b],
         lambda a, b: _reversed(a) + 1000 * _reversed(b) + np.tile(np.arange(64)[::-1], len(a) // 64) + 24,
         POINT,
-        group=GROUP,
     )
     yield construct(
         "constant_tables",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -77,6 +77,16 @@ class GoldenScene:
     @property
     def described(self) -> str:
         return ", ".join(f"{name} {level}" for name, level in self.choice.items())
+
+    @property
+    def needs_float64(self) -> bool:
+        return self.settings.precision == "float64" or self.settings.edges is not None
+
+    def without_float64(self) -> GoldenScene:
+        """Return the scene drawn in float32 and without edges, as a device without float64 can."""
+        precision = "float32" if self.settings.precision == "float64" else self.settings.precision
+        settings = replace(self.settings, precision=precision, edges=None)
+        return replace(self, choice={**self.choice, "edges": None}, settings=settings)
 
 
 def _allowed(row: Choice) -> bool:

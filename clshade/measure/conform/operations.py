@@ -38,10 +38,10 @@ kernel void {name}(global const int *places, global const {kind} *from, global {
 # Each item takes a number from a counter by atomic_inc, one from another by atomic_add, and the place in its word of the bit
 # that it sets: in each column one item gets each row, to which it adds 1. The last column is the sum of x.
 COUNT_TEXT = """
-kernel void {name}(global const int *x, global int *scratch, global int *out)
-{{
+kernel void count(global const int *x, global int *scratch, global int *out)
+{
     FIRST;
-    EACH {{
+    EACH {
         int item = i + lane;
         atomic_add(out + 4 * atomic_inc(scratch), 1);
         atomic_add(out + 4 * (atomic_add(scratch + 1, 3) / 3) + 1, 1);
@@ -49,8 +49,8 @@ kernel void {name}(global const int *x, global int *scratch, global int *out)
         if (!(had >> item % 32 & 1))
             atomic_add(out + 4 * (item / 32 * 32 + popcount(had)) + 2, 1);
         atomic_add(out + 3, x[item]);
-    }}
-}}
+    }
+}
 """
 
 
@@ -191,17 +191,13 @@ def _reals(way: Way) -> Iterator[Case]:
     yield replace(divided, divides=real is np.float32)
     ordered = _ordered(a, b, c)
     a, b, c = (np.where(v == 0.0, real(0.0), v)[ordered] for v in (a, b, c))
-    count = len(a) - len(a) % 16
     clamp = [Operation("REAL", "clamp(a, b, c)", np.clip)]
-    yield _case(
-        way, "clamp_reals", "clamp of reals", three, out, clamp, [v[:count] for v in (a, b, c)], allowed=_ordered
-    )
+    yield _case(way, "clamp_reals", "clamp of reals", three, out, clamp, (a, b, c), allowed=_ordered)
 
 
 def _integers(way: Way, name: str, kind: Any) -> Case:
     a = integers(kind)
     a = a[a != np.iinfo(kind).min]
-    a = a[: len(a) - len(a) % 16]
     b, c = np.sort([rng(7).permutation(a), rng(8).permutation(a)], axis=0)
     table = [
         Operation(name, "min(a, b)", lambda a, b, c: np.minimum(a, b)),
@@ -227,8 +223,8 @@ def _bits(way: Way) -> Case:
 
     x = integers(np.uint64)
     y = rng(9).permutation(x)
-    kept = np.flatnonzero((x != 0) & (y & np.uint64(0xFFFFFFFF) != 0))
-    x, y = (v[kept[: len(kept) - len(kept) % 16]] for v in (x, y))
+    kept = (x != 0) & (y & np.uint64(0xFFFFFFFF) != 0)
+    x, y = x[kept], y[kept]
     table = [
         Operation("ulong", "popcount(a)", lambda a, b: counted(a)),
         Operation("ulong", "popcount((uint)a)", lambda a, b: counted(a.astype(np.uint32))),
@@ -302,7 +298,7 @@ def _moves(way: Way) -> Iterator[Case]:
         )
 
 
-def atomics(name: str = "count", options: tuple[str, ...] = (), lanes: int = 1, rows: int = 1 << 17) -> Case:
+def _atomics(way: Way) -> Case:
     """Return the case of atomic operations by work-items that run at the same time: each gets what the others have left,
     and nothing is lost."""
 
@@ -313,28 +309,16 @@ def atomics(name: str = "count", options: tuple[str, ...] = (), lanes: int = 1, 
         found[0, 3] += int(x.sum())
         return found.astype(np.int32)
 
-    x = rng(11).integers(1, 1000, rows).astype(np.int32)
-    text = COUNT_TEXT.format(name=name)
-    more: dict[str, Any] = {"options": options, "lanes": lanes, "group": 64, "allowed": lambda x, scratch: scratch == 0}
-    return Case(name, "atomic operations on global memory", text, (x, np.zeros_like(x)), define, HEAD, **more)
+    x = rng(11).integers(1, 1000, 1 << 17).astype(np.int32)
+    more: dict[str, Any] = {"options": way.options, "lanes": way.lanes, "allowed": lambda x, scratch: scratch == 0}
+    return Case("count", "atomic operations on global memory", COUNT_TEXT, (x, np.zeros_like(x)), define, HEAD, **more)
 
 
 def cases(way: Way) -> list[Case]:
     """Return all cases of a way. Their kernels form one program."""
     found = [*_reals(way), _integers(way, "int", np.int32), _integers(way, "long", np.int64), _bits(way)]
-    found += [*_conversions(way), *_moves(way), atomics("count", way.options, way.lanes)]
-    return [_whole_blocks(case) for case in found]
-
-
-def _whole_blocks(case: Case) -> Case:
-    """Return the case with copies of its last row, so that work-items have all their lanes."""
-    more = -len(case.inputs[0]) % 16
-    if not more:
-        return case
-    inputs = tuple(np.concatenate([v, np.repeat(v[-1:], more, axis=0)]) for v in case.inputs)
-    alone = case.alone
-    again = (lambda column: _whole_blocks(alone(column))) if alone else None
-    return replace(case, inputs=inputs, alone=again)
+    found += [*_conversions(way), *_moves(way), _atomics(way)]
+    return [case.in_groups() for case in found]
 
 
 def program(found: Sequence[Case]) -> str:

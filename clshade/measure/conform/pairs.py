@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -63,11 +63,3 @@ def _row(factors: Mapping[str, Sequence[Any]], draws: Draws) -> Choice:
 
 def _sets(row: Choice, size: int) -> set[Any]:
     return {tuple((name, row[name]) for name in names) for names in combinations(row, size)}
-
-
-def uncovered(factors: Mapping[str, Sequence[Any]], found: Iterable[Choice]) -> set[Any]:
-    """Return the pairs of levels of different factors that no choice has."""
-    every = {
-        ((one, a), (other, b)) for one, other in combinations(factors, 2) for a in factors[one] for b in factors[other]
-    }
-    return every - {pair for row in found for pair in _sets(row, 2)}

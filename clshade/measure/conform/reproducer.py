@@ -13,7 +13,6 @@ from ...base.atomic_files import write_bytes
 from ...pipeline.opencl.device import Device
 from .case import UNWRITTEN, Case, Wrong
 
-MOST_ROWS = 16  # of a failure that was not made small
 _SCRIPT = '''\
 """{title}
 
@@ -73,16 +72,15 @@ def _values(array: Array) -> str:
 
 
 def cut(wrong: Wrong | Case) -> Case:
-    """Return the case of the column that is wrong, with the work-groups of at most MOST_ROWS wrong rows; of a case that
-    has not run, the first rows."""
-    case, rows = (wrong.case, wrong.rows) if isinstance(wrong, Wrong) else (wrong, np.ones(len(wrong.inputs[0]), bool))
+    """Return the case of the column that is wrong, with the first work-group that has a wrong row; of a case that has not
+    run, the first one."""
+    case, first = (wrong.case, int(wrong.rows.argmax())) if isinstance(wrong, Wrong) else (wrong, 0)
     if isinstance(wrong, Wrong) and case.alone is not None:
         case = case.alone(wrong.column).with_inputs(case.inputs)
     if case.grid is not None:
         return case
-    groups = np.unique(np.flatnonzero(rows) // case.rows)[: max(MOST_ROWS // case.rows, 1)]
-    kept = (groups[:, None] * case.rows + np.arange(case.rows)).reshape(-1)
-    return case.with_inputs([v[kept] for v in case.inputs])
+    first -= first % case.rows
+    return case.with_inputs([v[first : first + case.rows] for v in case.inputs])
 
 
 def script(case: Case, device: Device, options: list[str]) -> str:

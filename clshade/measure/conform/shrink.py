@@ -42,6 +42,8 @@ def smallest(bench: Bench, wrong: Wrong, seconds: float = SECONDS) -> Wrong:
     attempts = _Attempts(bench, wrong, seconds)
     if wrong.case.alone is not None:
         attempts.fails(wrong.case.alone(wrong.column))
+    if not wrong.case.needs_group:
+        attempts.fails(replace(attempts.wrong.case, group=1))
     if attempts.wrong.case.grid is None:
         _fewer_rows(attempts)
         _simpler_values(attempts)

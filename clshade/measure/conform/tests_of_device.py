@@ -69,7 +69,7 @@ def tests_of(group: str, part: str, device: Device) -> list[Check]:
     if group == "structs":
         return list(_of_cases(structs.cases(device.has_fp64)))
     if group == "scenes":
-        return [Check(*row) for row in scenes.tests([part])]
+        return [Check(*row) for row in scenes.tests(part, device.has_fp64)]
     rows = {"memory": memory.tests, "repeatability": repeatability.tests, "coverage": scenes.coverage_tests}[group]()
     return [Check(*row) for row in rows]
 
