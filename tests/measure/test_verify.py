@@ -16,7 +16,7 @@ from oracle_frames import frame_of
 
 import clshade
 from clshade.errors import InputError
-from clshade.images import exr
+from clshade.images import exr, png
 from clshade.measure.verify.confidence import rounded_up, upper_bound
 from clshade.measure.verify.planted import plant
 from clshade.measure.verify.recorded_image import nearest_stored, read_recorded, stored_range
@@ -25,6 +25,7 @@ from clshade.scene.builtin import scenes
 from clshade.scene.description import digest_of, part_digests
 from clshade.scene.environment import Environment
 from clshade.scene.model import Material, Mesh, Scene, Settings, with_materials
+from clshade.scene.texture import Texture
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -58,7 +59,7 @@ def test_the_bound_of_all_pixels_is_their_share():
 def test_4605_pixels_are_the_fewest_that_bound_a_thousandth():
     assert upper_bound(0, 4605, 480000) < 0.001 < upper_bound(0, 4602, 480000)
     assert rounded_up(upper_bound(0, 4605, 480000)) == "0.1 %"
-    assert [rounded_up(share) for share in (0.0, 0.01001, 0.5)] == ["0 %", "1.1 %", "50 %"]
+    assert [rounded_up(share) for share in (0.0, 0.01001, 0.5, 0.999)] == ["0 %", "1.1 %", "50 %", "100 %"]
 
 
 # Descriptions of scenes
@@ -82,15 +83,20 @@ def test_descriptions_tell_values_apart():
 
 
 def test_only_the_part_that_changed_differs():
-    before = scene()
-    for part, changed in {
-        "camera": replace(before, camera=before.camera.with_resolution((40, 30))),
-        "lights": replace(before, lights=()),
-        "meshes": replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes)),
-        "materials": with_materials(before, lambda each: replace(each, kd=0.25)),
-        "environment": replace(before, environment=Environment(np.ones((4, 8, 3)))),
-        "others": replace(before, ambient=0.5),
-    }.items():
+    texels = np.full((2, 2, 3), 0.5, np.float32)
+    before = with_materials(scene(), lambda each: replace(each, texture=Texture(texels)))
+    other = texels.copy()
+    other[1, 0, 2] = np.nextafter(other[1, 0, 2], np.float32(1.0))
+    for part, changed in (
+        ("camera", replace(before, camera=before.camera.with_resolution((40, 30)))),
+        ("lights", replace(before, lights=())),
+        ("meshes", replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes))),
+        ("materials", with_materials(before, lambda each: replace(each, kd=0.25))),
+        ("materials", with_materials(before, lambda each: replace(each, texture=None))),
+        ("materials", with_materials(before, lambda each: replace(each, texture=Texture(other)))),
+        ("environment", replace(before, environment=Environment(np.ones((4, 8, 3))))),
+        ("others", replace(before, ambient=0.5)),
+    ):
         a, b = part_digests(before), part_digests(changed)
         assert [name for name in a if a[name] != b[name]] == [part]
     assert part_digests(replace(before, preset="pbr", ignored=("a remark",))) == part_digests(before)
@@ -252,6 +258,32 @@ def test_storage_of_other_types_is_refused(tmp_path, storage):
     written_again(path, storage=storage)
     with pytest.raises(InputError, match=r"clshade\.storage"):
         clshade.verify(path, scene())
+
+
+def test_a_colorbar_needs_scalars(tmp_path):
+    path = saved(tmp_path)
+    written_again(path, storage={"png": {"tonemap": "srgb", "exposure": 0.0, "colorbar": True}})
+    with pytest.raises(InputError, match=r"storage\.png: expected no colorbar without scalars, found one"):
+        clshade.verify(path, scene())
+
+
+@pytest.mark.parametrize("name", ["R", "A", "Z", "id"])
+def test_an_image_of_which_nothing_is_right(tmp_path, name):
+    path = saved(tmp_path)
+    plane = exr.read(path)[0][name]
+    written_again(path, **{name: plane + plane.dtype.type(7) if name != "Z" else np.full_like(plane, np.nan)})
+    found = clshade.verify(path, scene(), pixels=300)
+    assert found.wrong == 300
+    assert "fewer than 100 % of the pixels are wrong" in found.claim
+
+
+def test_a_picture_of_another_size_is_a_fault(tmp_path):
+    path = saved(tmp_path)
+    with path.with_suffix(".png").open("wb") as file:
+        png.encode(file, np.zeros((30, 40, 3), np.uint8))
+    (fault,) = clshade.verify(path, scene(), pixels=50).faults
+    expected = "expected 80 x 60 pixels of 3 channels, found 40 x 30 pixels of 3 channels"
+    assert fault == f"teapot.png is of another size: {expected}"
 
 
 def test_a_damaged_picture_is_a_fault(tmp_path):

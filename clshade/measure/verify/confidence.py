@@ -43,4 +43,4 @@ def rounded_up(share: float) -> str:
     if share <= 0.0:
         return "0 %"
     step = 10.0 ** (math.floor(math.log10(100.0 * share)) - 1)
-    return f"{math.ceil(100.0 * share / step - 1e-9) * step:.2g} %"
+    return f"{math.ceil(100.0 * share / step - 1e-9) * step:.3g} %"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,19 @@ _REFUSED = ("header record", "rows cut off", "file cut off")  # kinds of which n
 
 @dataclass(frozen=True, eq=False)
 class _Files:
-    """What is changed: the EXR's channels and header, how it is stored, the PNG's codes, and the scene that is given."""
+    """What is changed: the EXR's channels and header, the PNG's codes, and the scene that is given. left: hundredths of the
+    EXR that are not cut off."""
 
     planes: dict[str, Array]
     header: dict[str, Any]
     codes: Array | None
     scene: Scene
+    left: int = 100
+
+
+_Change = Callable[[_Files, Any], _Files]  # by a random generator
+# Of colors (K, L, 3), with the largest that are allowed, by a random generator.
+_ColorChange = Callable[[Floats, Array, Any], Array]
 
 
 @dataclass
@@ -66,19 +73,18 @@ class Planted:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as JSON-compatible values."""
-        return {**{each.name: getattr(self, each.name) for each in fields(self)}, "passed": self.passed}
+        return {**vars(self), "passed": self.passed}
 
 
 def plant(image: RecordedImage, scene: Scene, count: int, *, pixels: int, seed: int = 0) -> Planted:
     """Change an image that is right in `count` ways, each with a seed of its own from `seed` on, and verify each. Raises
     InputError if it cannot be judged, or is wrong already."""
-    path = image.path
     count = integer("verify", "planted", count, 1, 2**31)
     pixels = integer("verify", "pixels", pixels, 1, 2**63)
     seed = integer("verify", "seed", seed, 0, 2**63)
     if not verified(image, [scene], pixels="all").passed:
-        raise InputError(f"verify: --planted: expected an image that is right, found faults in {path}")
-    planes, header = exr.read(path)
+        raise InputError(f"verify: --planted: expected an image that is right, found faults in {image.path}")
+    planes, header = exr.read(image.path)
     picture = image.path.with_suffix(".png")
     codes = png.read(picture, alpha=True) if picture.exists() else None
     planting = _Planting(image, _Files(planes, header, codes, scene), pixels)
@@ -103,14 +109,14 @@ class _Planting:
         # A tie is no fault, whatever its color.
         everywhere = np.ones(expected.alpha.shape, bool)
         self._decided = ~(expected.unsure | oracle_bounds.depth_ties(scene, settings, everywhere))
-        self._kinds: dict[str, Callable[[_Files, Any], _Files | bytes]] = {
+        self._kinds: dict[str, _Change] = {
             **{f"color {name}": self._changed_color(change) for name, change in _COLORS.items()},
             **{f"layer {name}": _changed_layer(name) for name in ("A", "id", "Z") if name in files.planes},
             **{f"scene {name}": _changed_scene(change) for name, change in _SCENES.items()},
             "header attribute": _changed_attribute,
             "header record": _changed_record,
             "rows cut off": lambda files, random: replace(files, planes={n: p[:-1] for n, p in files.planes.items()}),
-            "file cut off": lambda files, random: bytes(int(random.integers(4, 95))),
+            "file cut off": lambda files, random: replace(files, left=int(random.integers(4, 95))),
         }
         if files.codes is not None:
             self._kinds["PNG code"] = _changed_code
@@ -120,18 +126,17 @@ class _Planting:
         random = np.random.default_rng(seed)
         kind = sorted(self._kinds)[seed % len(self._kinds)]
         changed = self._kinds[kind](self._files, random)
-        self._write(path, changed if isinstance(changed, _Files) else self._files)
-        if isinstance(changed, bytes):  # as many hundredths of the file stay
-            data = path.read_bytes()
-            path.write_bytes(data[: len(data) * len(changed) // 100])
-        scene = changed.scene if isinstance(changed, _Files) else self._files.scene
+        self._write(path, changed)
 
         def is_found(pixels: Any) -> bool:
-            return _is_found(path, scene, pixels, seed, kind in _REFUSED)
+            try:
+                return not verified(read_recorded(path), [changed.scene], pixels=pixels, seed=seed).passed
+            except InputError:
+                return kind in _REFUSED
 
         if is_found(self._pixels):
             found.found[kind] += 1
-        elif isinstance(changed, _Files) and self._is_outside(changed, seed) and is_found("all"):
+        elif self._is_outside(changed, seed) and is_found("all"):
             found.outside[kind] += 1
         else:
             found.missed.append((kind, seed))
@@ -140,6 +145,8 @@ class _Planting:
         metadata = {name: value for name, value in files.header.items() if name not in exr.PROTECTED}
         compression = files.header["compression"]
         exr.write(path, files.planes, metadata=metadata, half=self._half, compression=compression)
+        data = path.read_bytes()
+        path.write_bytes(data[: len(data) * files.left // 100])
         path.with_suffix(".png").unlink(missing_ok=True)
         if files.codes is not None:
             with open(path.with_suffix(".png"), "wb") as file:
@@ -153,14 +160,16 @@ class _Planting:
         at = np.flatnonzero(other)
         return len(at) > 0 and not np.isin(at, sampled(other.size, self._pixels, seed)).any()
 
-    def _changed_color(self, change: Callable[[Floats, Floats, Any], Array]) -> Callable[[_Files, Any], _Files]:
-        """Return what changes the colors of a pixel, or a block or row of them, by more than is allowed, without the
-        PNG, whose colors would tell."""
+    def _changed_color(self, change: _ColorChange) -> _Change:
+        """Return what changes the colors of a pixel, a block of them, or a part of a row by more than is allowed, without
+        the PNG, whose colors would tell."""
 
         def changed(files: _Files, random: Any) -> _Files:
             rgb = np.stack([files.planes[name] for name in "RGB"], axis=-1)
             for _ in range(_TRIES):
-                where = _some_pixels(rgb.shape[:2], random)
+                rows, columns = random.choice([(1, 1), (4, 4), (1, 32)])
+                row, column = _place(rgb[..., 0], random)
+                where = slice(row, row + int(rows)), slice(column, column + int(columns))
                 new = rgb.copy()
                 most = (self._right + self._most)[where].astype(np.float16 if self._half else rgb.dtype)
                 new[where] = change(rgb[where].astype(np.float64), most, random)
@@ -177,18 +186,8 @@ class _Planting:
         return changed
 
 
-def _is_found(path: Path, scene: Scene, pixels: Any, seed: int, may_refuse: bool) -> bool:
-    try:
-        return not verified(read_recorded(path), [scene], pixels=pixels, seed=seed).passed
-    except InputError:
-        return may_refuse
-
-
-def _some_pixels(shape: tuple[int, int], random: Any) -> tuple[slice, slice]:
-    """Return one pixel, a block of them, or a part of a row."""
-    rows, columns = random.choice([(1, 1), (4, 4), (1, 32)])
-    row, column = (int(random.integers(size)) for size in shape)
-    return slice(row, row + int(rows)), slice(column, column + int(columns))
+def _place(array: Array, random: Any) -> tuple[int, ...]:
+    return tuple(int(random.integers(size)) for size in array.shape)
 
 
 def _next_beyond(colors: Floats, most: Array, random: Any) -> Array:
@@ -197,7 +196,7 @@ def _next_beyond(colors: Floats, most: Array, random: Any) -> Array:
     return beyond
 
 
-_COLORS: Mapping[str, Callable[[Floats, Floats, Any], Array]] = {
+_COLORS: Mapping[str, _ColorChange] = {
     "an ulp beyond its bound": _next_beyond,
     "1 % brighter": lambda colors, most, random: 1.01 * colors,
     "NaN": lambda colors, most, random: np.full_like(colors, np.nan),
@@ -207,12 +206,12 @@ _COLORS: Mapping[str, Callable[[Floats, Floats, Any], Array]] = {
 }
 
 
-def _changed_layer(name: str) -> Callable[[_Files, Any], _Files]:
+def _changed_layer(name: str) -> _Change:
     """Return what changes a number of a layer in one pixel."""
 
     def changed(files: _Files, random: Any) -> _Files:
         plane = files.planes[name].copy()
-        at = tuple(int(random.integers(size)) for size in plane.shape)
+        at = _place(plane, random)
         value = plane[at]
         if name == "id":
             plane[at] = value + 1
@@ -249,18 +248,17 @@ def _changed_record(files: _Files, random: Any) -> _Files:
     return replace(files, header={**files.header, RECORD: new})
 
 
-def _changed_scene(change: Callable[[Scene, Any], Scene]) -> Callable[[_Files, Any], _Files]:
+def _changed_scene(change: Callable[[Scene, Any], Scene]) -> _Change:
     return lambda files, random: replace(files, scene=change(files.scene, random))
 
 
 def _moved_vertex(scene: Scene, random: Any) -> Scene:
-    meshes = list(scene.meshes)
-    k = int(random.integers(len(meshes)))
-    verts = np.array(meshes[k].verts)
-    at = tuple(int(random.integers(size)) for size in verts.shape)
+    k = int(random.integers(len(scene.meshes)))
+    mesh = scene.meshes[k]
+    verts = np.array(mesh.verts)
+    at = _place(verts, random)
     verts[at] = np.nextafter(verts[at], verts.dtype.type(np.inf))
-    meshes[k] = replace(meshes[k], verts=verts)
-    return replace(scene, meshes=tuple(meshes))
+    return replace(scene, meshes=(*scene.meshes[:k], replace(mesh, verts=verts), *scene.meshes[k + 1 :]))
 
 
 def _nudged(value: Any) -> Any:
@@ -286,6 +284,6 @@ _SCENES: Mapping[str, Callable[[Scene, Any], Scene]] = {
 def _changed_code(files: _Files, random: Any) -> _Files:
     assert files.codes is not None
     codes = files.codes.copy()
-    at = tuple(int(random.integers(size)) for size in codes.shape)
+    at = _place(codes, random)
     codes[at] += 1 if codes[at] < 255 else -1
     return replace(files, codes=codes)
