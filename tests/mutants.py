@@ -144,6 +144,10 @@ TESTS = {
     "clshade/images/decode.py": "images deep_images limits",
     "clshade/images/pnm.py": "deep_images",
     "clshade/images/tiff.py": "deep_images",
+    "clshade/measure/verify/confidence.py": "confidence",
+    "clshade/measure/verify/recorded_image.py": "verify",
+    "clshade/pipeline/drawing_record.py": "verify",
+    "clshade/scene/description.py": "description verify",
 }
 # Then these, for kernels and for loaders, one group at a time.
 KERNELS = (

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 import sys
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +15,12 @@ from oracle_frames import frame_of
 import clshade
 from clshade.errors import InputError
 from clshade.images import exr, png
-from clshade.measure.verify.confidence import rounded_up, upper_bound
+from clshade.measure.verify.confidence import upper_bound
 from clshade.measure.verify.planted import plant
 from clshade.measure.verify.recorded_image import nearest_stored, read_recorded, stored_range
 from clshade.pipeline.drawing_record import RECORD, read_record, seal_of, sealed
 from clshade.scene.builtin import scenes
-from clshade.scene.description import digest_of, part_digests
-from clshade.scene.environment import Environment
-from clshade.scene.model import Material, Mesh, Scene, Settings, with_materials
-from clshade.scene.texture import Texture
+from clshade.scene.model import Material, Mesh, Scene, Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,75 +34,6 @@ def saved(folder: Path, **options: object) -> Path:
     settings = Settings(layers=("Z", "id"))
     frame_of(scene(), settings).save(folder / "teapot", **options)
     return folder / "teapot.exr"
-
-
-# The bound
-
-
-@pytest.mark.parametrize(("found", "looked_at"), [(0, 10), (1, 10), (3, 40), (39, 40), (0, 4605)])
-def test_the_bound_is_where_so_few_are_found_with_one_percent(found, looked_at):
-    share = Fraction(upper_bound(found, looked_at, 10**6))
-    ways = (math.comb(looked_at, k) * share**k * (1 - share) ** (looked_at - k) for k in range(found + 1))
-    assert float(sum(ways)) == pytest.approx(0.01, rel=1e-9)
-
-
-def test_the_bound_of_all_pixels_is_their_share():
-    assert upper_bound(3, 12, 12) == 0.25
-    assert upper_bound(12, 12, 13) == 1.0
-
-
-def test_4605_pixels_are_the_fewest_that_bound_a_thousandth():
-    assert upper_bound(0, 4605, 480000) < 0.001 < upper_bound(0, 4602, 480000)
-    assert rounded_up(upper_bound(0, 4605, 480000)) == "0.1 %"
-    assert [rounded_up(share) for share in (0.0, 0.01001, 0.5, 0.999)] == ["0 %", "1.1 %", "50 %", "100 %"]
-
-
-# Descriptions of scenes
-
-
-def test_descriptions_are_the_same_in_another_process():
-    code = "import clshade, json; from clshade.scene.description import part_digests\n"
-    code += "print(json.dumps(part_digests(clshade.builtin('quads'))))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout) == part_digests(clshade.builtin("quads"))
-
-
-def test_descriptions_tell_values_apart():
-    values = [0, 0.0, -0.0, False, None, "", "0", (), (0,), ((0,),), {"0": 0}, np.zeros(1), np.zeros((1, 1))]
-    values += [np.zeros(2, np.float32), np.zeros(1, np.int64), ("a", "b"), ("ab",), Settings()]
-    assert len({digest_of(value) for value in values}) == len(values)
-    big = np.arange(6.0).reshape(2, 3)
-    assert digest_of(big.astype(">f8")) == digest_of(np.asfortranarray(big)) == digest_of(big)
-    with pytest.raises(TypeError, match="expected plain values"):
-        digest_of(object())
-
-
-def test_only_the_part_that_changed_differs():
-    texels = np.full((2, 2, 3), 0.5, np.float32)
-    before = with_materials(scene(), lambda each: replace(each, texture=Texture(texels)))
-    other = texels.copy()
-    other[1, 0, 2] = np.nextafter(other[1, 0, 2], np.float32(1.0))
-    for part, changed in (
-        ("camera", replace(before, camera=before.camera.with_resolution((40, 30)))),
-        ("lights", replace(before, lights=())),
-        ("meshes", replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes))),
-        ("materials", with_materials(before, lambda each: replace(each, kd=0.25))),
-        ("materials", with_materials(before, lambda each: replace(each, texture=None))),
-        ("materials", with_materials(before, lambda each: replace(each, texture=Texture(other)))),
-        ("environment", replace(before, environment=Environment(np.ones((4, 8, 3))))),
-        ("others", replace(before, ambient=0.5)),
-    ):
-        a, b = part_digests(before), part_digests(changed)
-        assert [name for name in a if a[name] != b[name]] == [part]
-    assert part_digests(replace(before, preset="pbr", ignored=("a remark",))) == part_digests(before)
-
-
-def test_meshes_in_memory_that_others_may_write_are_read_again():
-    verts = np.eye(3)
-    mesh = Mesh(verts, [[0, 1, 2]])
-    before = digest_of(mesh)
-    verts[0, 0] = 2.0
-    assert (digest_of(mesh) == before) == bool(mesh.verts[0, 0] == 1.0)
 
 
 # Values as stored

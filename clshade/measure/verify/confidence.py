@@ -1,4 +1,4 @@
-"""What a random sample says about all: exact binomial bounds."""
+"""A random sample, and what it says about all: exact binomial bounds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import math
 
 import numpy as np
 
-from ...base.arrays import Floats
+from ...base.arrays import Array, Floats
 
 CONFIDENCE = 0.99
+
+
+def sampled(of: int, count: int, seed: int) -> Array:
+    """Return the ascending indices, in reading order, of `count` random pixels, of all if there are no more."""
+    return np.sort(np.random.default_rng(seed).choice(of, min(count, of), replace=False))
 
 
 def upper_bound(found: int, looked_at: int, of: int) -> float:

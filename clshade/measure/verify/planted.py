@@ -19,8 +19,9 @@ from ...images import exr, png
 from ...pipeline.drawing_record import NOT_SEALED, RECORD, SEAL
 from ...scene.model import Mesh, Scene, with_materials
 from ..check import oracle_bounds
+from .confidence import sampled
 from .recorded_image import RecordedImage, nearest_stored, read_recorded
-from .verify import as_drawn, sampled, verified
+from .verify import as_drawn, verified
 
 _TRIES = 1000  # at a change that is none
 _REFUSED = ("header record", "rows cut off", "file cut off")  # kinds of which nothing may be left that can be judged
@@ -59,15 +60,13 @@ class Planted:
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
-        kinds = sorted({*self.found, *self.outside})
-        rows = [
-            f"{kind}: {self.found[kind]:,} found, {self.outside[kind]:,} outside the sample, found by --all"
-            for kind in kinds
-        ]
-        total = self.found.total() + self.outside.total()
+        every = self.found + self.outside
         return [
-            *rows,
-            f"{total:,} planted changes found",
+            *(
+                f"{k}: {self.found[k]:,} found, {self.outside[k]:,} outside the sample, found by --all"
+                for k in sorted(every)
+            ),
+            f"{every.total():,} planted changes found",
             *(f"MISSED: {kind}, seed {seed}" for kind, seed in self.missed),
         ]
 

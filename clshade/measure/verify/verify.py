@@ -32,7 +32,7 @@ from ..check import oracle_bounds
 from ..check.check import Comparison
 from ..check.layer_bounds import layer_errors
 from ..defaults import SAMPLE
-from .confidence import upper_bound
+from .confidence import sampled, upper_bound
 from .recorded_image import RecordedImage, nearest_stored, read_recorded, stored_range
 from .verification import Verification
 
@@ -113,7 +113,8 @@ def verified(
 ) -> Verification:
     """Return the result for an image of one of these scenes, see `verify`."""
     record = image.record
-    of = image.channels["RGBA"][..., 0].size
+    rows, columns = image.channels["RGBA"].shape[:2]
+    of = rows * columns
     count = of if pixels == "all" else min(integer("verify", "pixels", pixels, 1, 2**63), of)
     seed = (
         int.from_bytes(os.urandom(_ENTROPY), "big") if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
@@ -125,17 +126,14 @@ def verified(
         return Verification(0, of, drawn_by=drawn_by, faults=(fault, *image.faults), remarks=_remarks(image))
     shown = as_drawn(scene, record)
     index = sampled(of, count, seed)
-    judged = _judge(image, shown, *np.divmod(index, record.camera.resolution[0]))  # type: ignore[union-attr]
+    found, is_wrong, is_unknown = _judge(image, shown, *np.divmod(index, columns))
     picture = _picture(image, shown)
-    wrong = np.flatnonzero(judged.wrong)
-    worst = np.divmod(index[wrong[0]], image.channels["RGBA"].shape[1]) if len(wrong) else None
-    found, faults = judged.found, (*image.faults, *picture.faults)
-    unknown = int(judged.unknown.sum())
-    if unknown > max(1.0, _UNKNOWN * count) and not (len(wrong) or faults):
+    faults = (*image.faults, *picture.faults)
+    wrong, unknown = index[is_wrong].tolist(), int(is_unknown.sum())
+    if unknown > max(1.0, _UNKNOWN * count) and not (wrong or faults):
         expected = f"at most {_UNKNOWN:.0%} of the pixels at faces of one depth, where either may show"
-        raise file_error(
-            shown_path(image.path), "pixels", expected, f"{unknown:,} of {count:,}, which cannot be judged"
-        )
+        seen = f"{unknown:,} of {count:,}, which cannot be judged"
+        raise file_error(shown_path(image.path), "pixels", expected, seen)
     return Verification(
         pixels=count,
         of=of,
@@ -145,20 +143,13 @@ def verified(
         allowed=found.allowed,
         ties=unknown,
         gates=int(found.gates.sum()),
-        worst=None if worst is None else (int(worst[0]), int(worst[1])),
+        worst=divmod(wrong[0], columns) if wrong else None,
         seed=seed if count < of else None,
         drawn_by=drawn_by,
         compared=("color", "coverage", *record.settings.layers, *(["PNG"] if picture.compared else [])),
         faults=faults,
         remarks=(*_remarks(image), *picture.remarks),
     )
-
-
-def sampled(of: int, count: int, seed: int) -> Array:
-    """Return the ascending indices, in reading order, of `count` random pixels, of all if there are no more."""
-    if count >= of:
-        return np.arange(of)
-    return np.sort(np.random.default_rng(seed).choice(of, count, replace=False))
 
 
 def as_drawn(scene: Scene, record: Record) -> Scene:
@@ -190,17 +181,8 @@ def _remarks(image: RecordedImage) -> tuple[str, ...]:
 # Pixels
 
 
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """What is found in pixels, (K,). wrong, unknown: bool; what is unknown may be wrong."""
-
-    found: Comparison
-    wrong: Bools
-    unknown: Bools
-
-
-def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _Judged:
-    """Compare pixels with the oracle: colors, coverage and all layers."""
+def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> tuple[Comparison, Bools, Bools]:
+    """Compare pixels with the oracle: colors, coverage and all layers. Return also which are wrong, and which may be."""
     settings, where = image.record.settings, (rows, columns)
     expected = oracle.sample(scene, settings, rows, columns)
     names = [name for name in settings.layers if name not in ("Z", "id")]
@@ -215,7 +197,7 @@ def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _
     if layers is not None:
         wrong |= ~found.ties & ~expected.unsure & _wrong_layers(frame, layers, names, where)
     unknown = found.ties | (expected.unsure if layers is not None else False)
-    return _Judged(found, wrong, unknown & ~wrong)
+    return found, wrong, unknown & ~wrong
 
 
 def _frame(
