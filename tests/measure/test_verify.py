@@ -13,7 +13,7 @@ import pytest
 from oracle_frames import frame_of
 
 import clshade
-from clshade.errors import InputError
+from clshade.errors import InputError, OutputError
 from clshade.images import exr, png
 from clshade.measure.verify.confidence import upper_bound
 from clshade.measure.verify.planted import plant
@@ -127,6 +127,17 @@ def test_planted_changes_need_a_sample(tmp_path, options):
     image = read_recorded(saved(tmp_path))
     with pytest.raises(InputError, match="expected"):
         plant(image, scene(), **{"count": 3, "pixels": 9, **options})
+
+
+def test_planted_changes_need_a_place_to_write_to(tmp_path, monkeypatch):
+    image = read_recorded(saved(tmp_path))
+
+    def no_folder(*_, **__):
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", no_folder)
+    with pytest.raises(OutputError, match="temporary folder: cannot be written: No usable temporary directory found"):
+        plant(image, scene(), 1, pixels=9)
 
 
 @pytest.mark.long

@@ -31,7 +31,8 @@ def upper_bound(found: int, looked_at: int, of: int) -> float:
     k = np.arange(1.0, found + 1.0)
     ways = np.append(0.0, np.cumsum(np.log((looked_at + 1.0 - k) / k)))
     low, high = found / looked_at, 1.0
-    while low < (middle := (low + high) / 2.0) < high:
+    for _ in range(128):  # halvings, until both are neighbors among floats
+        middle = (low + high) / 2.0
         low, high = (middle, high) if _at_most(ways, looked_at, middle) > 1.0 - CONFIDENCE else (low, middle)
     return high
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools, Floats
+from ...base.atomic_files import naming
 from ...base.validation import integer
 from ...errors import InputError
 from ...images import exr, png
@@ -88,7 +89,7 @@ def plant(image: RecordedImage, scene: Scene, count: int, *, pixels: int, seed: 
     codes = png.read(picture, alpha=True) if picture.exists() else None
     planting = _Planting(image, _Files(planes, header, codes, scene), pixels)
     found = Planted()
-    with tempfile.TemporaryDirectory() as folder:
+    with naming("temporary folder"), tempfile.TemporaryDirectory() as folder:
         for number in range(seed, seed + count):
             planting.try_change(number, Path(folder) / "planted.exr", found)
     return found
