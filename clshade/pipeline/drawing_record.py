@@ -40,8 +40,8 @@ class Picture:
     """How the PNG beside an EXR is made of it, if there is one."""
 
     tonemap: Operator
-    exposure: float = 0.0
-    colorbar: bool = False
+    exposure: float
+    colorbar: bool
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,19 @@ def test_planted_changes_need_a_sample(tmp_path, options):
         plant(image, scene(), **{"count": 3, "pixels": 9, **options})
 
 
+@pytest.mark.parametrize(("background", "intensity"), [((0.2, 0.2, 0.2), 10.0), ((0.0, 0.0, 0.0), 0.0)])
+def test_changes_that_are_none_are_not_planted(tmp_path, background, intensity):
+    """An image of one color is the same when it is moved, black is not brightened, and no light of it is known."""
+    lights = tuple(replace(light, intensity=(intensity,) * 3) for light in scene().lights)
+    camera = replace(scene().camera, eye=(100, 100, 100), lookat=(200, 200, 200))
+    empty = replace(scene(), background=background, camera=camera, lights=lights)
+    frame_of(empty, Settings()).save(tmp_path / "empty")
+    found = plant(read_recorded(tmp_path / "empty.exr"), empty, 20, pixels=300)
+    assert found.passed, found.lines()
+    assert found.found.total() + found.outside.total() == 20
+    assert found.found["color moved by a column"] == 0
+
+
 def test_planted_changes_need_a_place_to_write_to(tmp_path, monkeypatch):
     image = read_recorded(saved(tmp_path))
 
@@ -157,6 +170,7 @@ def test_what_cannot_be_judged_is_refused_in_one_line(tmp_path):
         ({"metadata": {}}, "the record of how, found none"),
         ({"channels": {name: plane[:-1] for name, plane in planes.items()}}, "80 x 60 pixels, as the header says"),
         ({"channels": {name: planes[name] for name in "RGBA"}}, "the layer Z, as the header says"),
+        ({"channels": {name: planes[name] for name in ("R", "G", "B", "Z", "id")}}, "R, G, B and A of the whole image"),
         ({"compression": "dwaa"}, "compression: expected a lossless one"),
     ):
         exr.write(tmp_path / "other.exr", **{"channels": planes, "metadata": metadata, **change})

@@ -40,7 +40,7 @@ class _Files:
     left: int = 100
 
 
-_Change = Callable[[_Files, Any], _Files]  # by a random generator
+_Change = Callable[[_Files, Any], _Files]  # by a random generator; the same files if there is nothing to change
 # Of colors (K, L, 3), with the largest that are allowed, by a random generator.
 _ColorChange = Callable[[Floats, Array, Any], Array]
 
@@ -105,7 +105,8 @@ class _Planting:
         expected = oracle.render(scene, settings)
         factor = oracle_bounds.allowed(scene, settings)
         self._right = expected.rgb
-        self._most = factor * oracle_bounds.color_bound(expected, settings.precision) + expected.jump
+        most = factor * oracle_bounds.color_bound(expected, settings.precision) + expected.jump
+        self._most = np.maximum(most, oracle_bounds.FLOAT32_TINY)
         # A tie is no fault, whatever its color.
         everywhere = np.ones(expected.alpha.shape, bool)
         self._decided = ~(expected.unsure | oracle_bounds.depth_ties(scene, settings, everywhere))
@@ -124,8 +125,11 @@ class _Planting:
     def try_change(self, seed: int, path: Path, found: Planted) -> None:
         """Plant the change of a seed, and count whether it was found."""
         random = np.random.default_rng(seed)
-        kind = sorted(self._kinds)[seed % len(self._kinds)]
-        changed = self._kinds[kind](self._files, random)
+        kinds = sorted(self._kinds)
+        kinds = np.roll(kinds, -(seed % len(kinds))).tolist()
+        # An image of one color stays as it is if it is moved: then the next kind is planted.
+        tried = ((kind, self._kinds[kind](self._files, random)) for kind in kinds)
+        kind, changed = next(each for each in tried if each[1] is not self._files)
         self._write(path, changed)
 
         def is_found(pixels: Any) -> bool:
@@ -179,9 +183,9 @@ class _Planting:
                 is_wrong: Bools = np.asarray(~(np.abs(read - self._right) <= self._most).all(axis=-1))
                 new = np.where((is_wrong & self._decided)[..., None], new, rgb)
                 if not np.array_equal(new, rgb, equal_nan=True):
-                    break
-            planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
-            return replace(files, planes=planes, codes=None)
+                    planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
+                    return replace(files, planes=planes, codes=None)
+            return files
 
         return changed
 
@@ -262,7 +266,7 @@ def _moved_vertex(scene: Scene, random: Any) -> Scene:
 
 
 def _nudged(value: Any) -> Any:
-    return np.nextafter(np.asarray(value, np.float64), 10.0)
+    return np.nextafter(np.asarray(value, np.float64), np.inf)
 
 
 def _changed_light(scene: Scene, random: Any) -> Scene:
