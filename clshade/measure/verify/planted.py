@@ -126,9 +126,9 @@ class _Planting:
         """Plant the change of a seed, and count whether it was found."""
         random = np.random.default_rng(seed)
         kinds = sorted(self._kinds)
-        kinds = np.roll(kinds, -(seed % len(kinds))).tolist()
+        first = seed % len(kinds)
         # An image of one color stays as it is if it is moved: then the next kind is planted.
-        tried = ((kind, self._kinds[kind](self._files, random)) for kind in kinds)
+        tried = ((kind, self._kinds[kind](self._files, random)) for kind in kinds[first:] + kinds[:first])
         kind, changed = next(each for each in tried if each[1] is not self._files)
         self._write(path, changed)
 

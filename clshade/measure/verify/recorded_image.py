@@ -55,10 +55,8 @@ def read_recorded(path: str | os.PathLike[str]) -> RecordedImage:
     if any(plane.shape != (rows, columns) for plane in planes.values()) or not set("RGBA") <= set(planes):
         raise file_error(owner, "channels", "R, G, B and A of the whole image", ", ".join(planes))
     faults, channels = set[str](), {}
-    listed = [
-        (str(name), [f"{name}.{each}" for each in LAYER_TABLE[name].components]) for name in record.settings.layers
-    ]
-    for name, names in [("RGBA", list("RGBA")), *listed]:
+    named = {name: [f"{name}.{each}" for each in LAYER_TABLE[name].components] for name in record.settings.layers}
+    for name, names in (("RGBA", list("RGBA")), *named.items()):
         if not set(names or [name]) <= set(planes):
             raise file_error(owner, "channels", f"the layer {name}, as the header says", "none")
         parts = [planes.pop(each) for each in names or [name]]

@@ -105,20 +105,15 @@ def builtin_of(record: Record) -> Scene:
 
 
 def verified(
-    image: RecordedImage,
-    candidates: Sequence[Scene],
-    *,
-    pixels: int | Literal["all"] = SAMPLE,
-    seed: int | None = None,
+    image: RecordedImage, candidates: Sequence[Scene], *, pixels: int | Literal["all"] = SAMPLE, seed: int | None = None
 ) -> Verification:
     """Return the result for an image of one of these scenes, see `verify`."""
     record = image.record
     rows, columns = image.channels["RGBA"].shape[:2]
     of = rows * columns
     count = of if pixels == "all" else min(integer("verify", "pixels", pixels, 1, 2**63), of)
-    seed = (
-        int.from_bytes(os.urandom(_ENTROPY), "big") if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
-    )
+    unforeseen = int.from_bytes(os.urandom(_ENTROPY), "big")
+    seed = unforeseen if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
     scene, different = closest(candidates, record)
     drawn_by = f"clshade {record.version}" + (f" on {record.device}" if record.device else "")
     if different:
@@ -201,11 +196,7 @@ def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> t
 
 
 def _frame(
-    image: RecordedImage,
-    scene: Scene,
-    expected: OracleFrame,
-    layers: OracleLayers | None,
-    where: tuple[Array, Array],
+    image: RecordedImage, scene: Scene, expected: OracleFrame, layers: OracleLayers | None, where: tuple[Array, Array]
 ) -> Frame:
     """Return the frame in the file. At these pixels its values are, of all that are stored so, nearest to the expected."""
     settings = image.record.settings
