@@ -147,7 +147,6 @@ TESTS = {
     "clshade/measure/conform/pairs.py": "conform",
     "clshade/measure/conform/shrink.py": "conform",
     "clshade/measure/grade/reading.py": "grade_files grade",
-    "clshade/measure/grade/search.py": "grade",
     "clshade/measure/verify/confidence.py": "confidence",
     "clshade/measure/verify/recorded_image.py": "verify",
     "clshade/pipeline/drawing_record.py": "verify",

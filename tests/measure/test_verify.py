@@ -20,6 +20,7 @@ from clshade.measure.verify.planted import plant
 from clshade.measure.verify.recorded_image import nearest_stored, read_recorded, stored_range
 from clshade.pipeline.drawing_record import RECORD, read_record, seal_of, sealed
 from clshade.scene.builtin import scenes
+from clshade.scene.description import PARTS
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -222,6 +223,14 @@ def test_storage_that_cannot_be_is_refused(tmp_path, storage):
     path = saved(tmp_path)
     written_again(path, storage=storage)
     with pytest.raises(InputError, match=r"clshade\.storage"):
+        clshade.verify(path, scene())
+
+
+@pytest.mark.parametrize("digests", [{}, {"meshes": "0"}, dict.fromkeys(PARTS, 0)])
+def test_digests_that_cannot_be_are_refused(tmp_path, digests):
+    path = saved(tmp_path)
+    written_again(path, {"scene": digests})
+    with pytest.raises(InputError, match=r"clshade\.scene: expected digests of meshes, materials"):
         clshade.verify(path, scene())
 
 
