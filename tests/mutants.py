@@ -1,4 +1,4 @@
-"""Mutation testing: plant small faults in kernels and loaders, one at a time, and report which the tests detect.
+"""Mutation testing: plant small faults in kernels, loaders and verify, one at a time, and report which the tests detect.
 
     python tests/mutants.py --count 200                      # draws with a random seed, which it prints
     python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # resumes an interrupted run
@@ -144,6 +144,13 @@ TESTS = {
     "clshade/images/decode.py": "images deep_images limits",
     "clshade/images/pnm.py": "deep_images",
     "clshade/images/tiff.py": "deep_images",
+    "clshade/measure/conform/pairs.py": "conform",
+    "clshade/measure/conform/shrink.py": "conform",
+    "clshade/measure/grade/reading.py": "grade_files grade",
+    "clshade/measure/verify/confidence.py": "confidence",
+    "clshade/measure/verify/recorded_image.py": "verify",
+    "clshade/pipeline/drawing_record.py": "verify",
+    "clshade/scene/description.py": "description verify",
 }
 # Then these, for kernels and for loaders, one group at a time.
 KERNELS = (
@@ -327,7 +334,8 @@ def test_file(name: str) -> str:
 
 def test_groups(file: str) -> list[list[str]]:
     """Return the arguments of pytest by group: each group runs if the previous ones detect nothing."""
-    named = [TESTS[file], *(KERNELS if file.startswith("kernels/") else LOADERS)]
+    loads = file.startswith(("clshade/scene/", "clshade/images/"))
+    named = [TESTS[file], *(KERNELS if file.startswith("kernels/") else LOADERS if loads else ())]
     seen: set[str] = set()
     groups = []
     for names in named:

@@ -40,8 +40,8 @@ class Picture:
     """How the PNG beside an EXR is made of it, if there is one."""
 
     tonemap: Operator
-    exposure: float = 0.0
-    colorbar: bool = False
+    exposure: float
+    colorbar: bool
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,7 @@ class Storage:
         """Return what the files keep of an image of a scene. saving: keywords of `Frame.save`."""
         operator = saving.get("tonemap") or default_tonemap(scene)
         picture = Picture(operator, float(saving.get("exposure", 0.0)), bool(saving.get("colorbar", False)))
-        own = bool(saving.get("half", False)), saving.get("compression", "zip"), bool(saving.get("crop", False))
-        return cls(picture, *own)
+        return cls(picture, **{name: saving[name] for name in ("half", "compression", "crop") if name in saving})
 
 
 @dataclass(frozen=True)
@@ -83,14 +82,13 @@ def record_of(
     """Return the record of an image as JSON-compatible values. scene, settings: as drawn; fields of the settings are those
     that differ from `Settings()`. The camera is None for a part of an image, and for one of more than 16384
     pixels a side."""
-    is_part = isinstance(scene.camera, PartCamera)
-    given = {each.name: (getattr(settings, each.name), each.default) for each in fields(settings)}
+    is_part, usual = isinstance(scene.camera, PartCamera), vars(Settings())
     found = {
         "version": VERSION,
         "scene": part_digests(scene),
         "name": scene.name,
         "camera": None if is_part or max(scene.camera.resolution) > MAX_RESOLUTION else _values(scene.camera),
-        "settings": {name: plain_value(value) for name, (value, default) in given.items() if value != default},
+        "settings": {name: plain_value(value) for name, value in vars(settings).items() if value != usual[name]},
         "storage": {**_values(storage), "png": _values(storage.png)},
         "kernels": kernels_digest(),
         "device": device,
@@ -148,11 +146,14 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
     _typed(owner, storage, _STORAGE_TYPES, "storage")
     make(checked, {"operator": picture.tonemap, "exposure": picture.exposure}, "storage.png")
     camera = value.get("camera")
+    settings = make(_settings, get("settings", dict), "settings")
+    if picture.colorbar and settings.scalars is None:
+        raise file_error(owner, f"header: {RECORD}.storage.png", "no colorbar without scalars", "one")
     return Record(
         scene=scene,
         name=get("name", str),
         camera=None if camera is None else make(Camera, camera, "camera"),
-        settings=make(_settings, get("settings", dict), "settings"),
+        settings=settings,
         storage=make(Storage, {**storage, "png": picture}, "storage"),
         kernels=get("kernels", str),
         version=get("version", str),

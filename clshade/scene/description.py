@@ -10,7 +10,6 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -25,8 +24,7 @@ _LEFT_OUT: dict[type, tuple[str, ...]] = {
     Scene: ("preset", "ignored", "own_lights", "fitted", "light_scale", "animations"),
     Mesh: ("material", "nonfinite", "dropped"),
 }
-_LARGE = (Mesh, Texture, Environment)  # each is read once, if nobody can write into its arrays
-_known: WeakKeyDictionary[Any, bytes] = WeakKeyDictionary()
+_LARGE = (Mesh, Texture, Environment)  # described by their digests
 
 
 def part_digests(scene: Scene) -> dict[str, str]:
@@ -78,26 +76,7 @@ def _described_array(array: Any) -> bytes:
 
 
 def _described_fields(value: Any) -> bytes:
-    if isinstance(value, _LARGE) and value in _known:
-        return _known[value]
     left_out = _LEFT_OUT.get(type(value), ())
     named = {each.name: getattr(value, each.name) for each in fields(value) if each.name not in left_out}
     found = f"{type(value).__name__} ".encode() + _described(named)
-    if isinstance(value, _LARGE):
-        found = hashlib.sha256(found).digest()
-        if _is_constant(named):
-            _known[value] = found
-    return found
-
-
-def _is_constant(value: Any) -> bool:
-    """Return whether no array in it can be written, nor the memory that it is a view of."""
-    if isinstance(value, np.ndarray):
-        return not value.flags.writeable and (value.base is None or _is_constant(value.base))
-    if isinstance(value, Mapping):
-        return all(map(_is_constant, value.values()))
-    if isinstance(value, (tuple, list)):
-        return all(map(_is_constant, value))
-    if is_dataclass(value):
-        return all(_is_constant(getattr(value, each.name)) for each in fields(value))
-    return value is None or isinstance(value, (str, bytes, bool, int, float, np.generic))
+    return hashlib.sha256(found).digest() if isinstance(value, _LARGE) else found

@@ -179,6 +179,7 @@ def test_the_kernels_make_the_same_mistake(label):
     "label",
     [
         "upside down",
+        "mirrored",
         "half a pixel off (up)",
         "normals not renormalized",
         "V from the wrong point (toward the origin, -P)",

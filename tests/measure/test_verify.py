@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 import sys
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +13,15 @@ import pytest
 from oracle_frames import frame_of
 
 import clshade
-from clshade.errors import InputError
-from clshade.images import exr
-from clshade.measure.verify.confidence import rounded_up, upper_bound
+from clshade.errors import InputError, OutputError
+from clshade.images import exr, png
+from clshade.measure.verify.confidence import upper_bound
 from clshade.measure.verify.planted import plant
 from clshade.measure.verify.recorded_image import nearest_stored, read_recorded, stored_range
 from clshade.pipeline.drawing_record import RECORD, read_record, seal_of, sealed
 from clshade.scene.builtin import scenes
-from clshade.scene.description import digest_of, part_digests
-from clshade.scene.environment import Environment
-from clshade.scene.model import Material, Mesh, Scene, Settings, with_materials
+from clshade.scene.description import PARTS
+from clshade.scene.model import Material, Mesh, Scene, Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -38,70 +35,6 @@ def saved(folder: Path, **options: object) -> Path:
     settings = Settings(layers=("Z", "id"))
     frame_of(scene(), settings).save(folder / "teapot", **options)
     return folder / "teapot.exr"
-
-
-# The bound
-
-
-@pytest.mark.parametrize(("found", "looked_at"), [(0, 10), (1, 10), (3, 40), (39, 40), (0, 4605)])
-def test_the_bound_is_where_so_few_are_found_with_one_percent(found, looked_at):
-    share = Fraction(upper_bound(found, looked_at, 10**6))
-    ways = (math.comb(looked_at, k) * share**k * (1 - share) ** (looked_at - k) for k in range(found + 1))
-    assert float(sum(ways)) == pytest.approx(0.01, rel=1e-9)
-
-
-def test_the_bound_of_all_pixels_is_their_share():
-    assert upper_bound(3, 12, 12) == 0.25
-    assert upper_bound(12, 12, 13) == 1.0
-
-
-def test_4605_pixels_are_the_fewest_that_bound_a_thousandth():
-    assert upper_bound(0, 4605, 480000) < 0.001 < upper_bound(0, 4602, 480000)
-    assert rounded_up(upper_bound(0, 4605, 480000)) == "0.1 %"
-    assert [rounded_up(share) for share in (0.0, 0.01001, 0.5)] == ["0 %", "1.1 %", "50 %"]
-
-
-# Descriptions of scenes
-
-
-def test_descriptions_are_the_same_in_another_process():
-    code = "import clshade, json; from clshade.scene.description import part_digests\n"
-    code += "print(json.dumps(part_digests(clshade.builtin('quads'))))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout) == part_digests(clshade.builtin("quads"))
-
-
-def test_descriptions_tell_values_apart():
-    values = [0, 0.0, -0.0, False, None, "", "0", (), (0,), ((0,),), {"0": 0}, np.zeros(1), np.zeros((1, 1))]
-    values += [np.zeros(2, np.float32), np.zeros(1, np.int64), ("a", "b"), ("ab",), Settings()]
-    assert len({digest_of(value) for value in values}) == len(values)
-    big = np.arange(6.0).reshape(2, 3)
-    assert digest_of(big.astype(">f8")) == digest_of(np.asfortranarray(big)) == digest_of(big)
-    with pytest.raises(TypeError, match="expected plain values"):
-        digest_of(object())
-
-
-def test_only_the_part_that_changed_differs():
-    before = scene()
-    for part, changed in {
-        "camera": replace(before, camera=before.camera.with_resolution((40, 30))),
-        "lights": replace(before, lights=()),
-        "meshes": replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes)),
-        "materials": with_materials(before, lambda each: replace(each, kd=0.25)),
-        "environment": replace(before, environment=Environment(np.ones((4, 8, 3)))),
-        "others": replace(before, ambient=0.5),
-    }.items():
-        a, b = part_digests(before), part_digests(changed)
-        assert [name for name in a if a[name] != b[name]] == [part]
-    assert part_digests(replace(before, preset="pbr", ignored=("a remark",))) == part_digests(before)
-
-
-def test_meshes_in_memory_that_others_may_write_are_read_again():
-    verts = np.eye(3)
-    mesh = Mesh(verts, [[0, 1, 2]])
-    before = digest_of(mesh)
-    verts[0, 0] = 2.0
-    assert (digest_of(mesh) == before) == bool(mesh.verts[0, 0] == 1.0)
 
 
 # Values as stored
@@ -197,6 +130,30 @@ def test_planted_changes_need_a_sample(tmp_path, options):
         plant(image, scene(), **{"count": 3, "pixels": 9, **options})
 
 
+@pytest.mark.parametrize(("background", "intensity"), [((0.2, 0.2, 0.2), 10.0), ((0.0, 0.0, 0.0), 0.0)])
+def test_changes_that_are_none_are_not_planted(tmp_path, background, intensity):
+    """An image of one color is the same when it is moved, black is not brightened, and no light of it is known."""
+    lights = tuple(replace(light, intensity=(intensity,) * 3) for light in scene().lights)
+    camera = replace(scene().camera, eye=(100, 100, 100), lookat=(200, 200, 200))
+    empty = replace(scene(), background=background, camera=camera, lights=lights)
+    frame_of(empty, Settings()).save(tmp_path / "empty")
+    found = plant(read_recorded(tmp_path / "empty.exr"), empty, 20, pixels=300)
+    assert found.passed, found.lines()
+    assert found.found.total() + found.outside.total() == 20
+    assert found.found["color moved by a column"] == 0
+
+
+def test_planted_changes_need_a_place_to_write_to(tmp_path, monkeypatch):
+    image = read_recorded(saved(tmp_path))
+
+    def no_folder(*_, **__):
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", no_folder)
+    with pytest.raises(OutputError, match="temporary folder: cannot be written: No usable temporary directory found"):
+        plant(image, scene(), 1, pixels=9)
+
+
 @pytest.mark.long
 def test_many_planted_changes_are_found(tmp_path):
     image = read_recorded(saved(tmp_path))
@@ -214,6 +171,7 @@ def test_what_cannot_be_judged_is_refused_in_one_line(tmp_path):
         ({"metadata": {}}, "the record of how, found none"),
         ({"channels": {name: plane[:-1] for name, plane in planes.items()}}, "80 x 60 pixels, as the header says"),
         ({"channels": {name: planes[name] for name in "RGBA"}}, "the layer Z, as the header says"),
+        ({"channels": {name: planes[name] for name in ("R", "G", "B", "Z", "id")}}, "R, G, B and A of the whole image"),
         ({"compression": "dwaa"}, "compression: expected a lossless one"),
     ):
         exr.write(tmp_path / "other.exr", **{"channels": planes, "metadata": metadata, **change})
@@ -246,12 +204,57 @@ def test_an_image_written_again_as_half_is_not_as_its_record_says(tmp_path):
     assert "the file was written again: float16 where it had float32" in found.faults
 
 
-@pytest.mark.parametrize("storage", [{"half": "yes"}, {"crop": 1}, {"png": {"tonemap": "srgb"}}, {"more": 1}])
-def test_storage_of_other_types_is_refused(tmp_path, storage):
+PICTURE = {"tonemap": "srgb", "exposure": 0.0, "colorbar": False}
+
+
+@pytest.mark.parametrize(
+    "storage",
+    [
+        {"half": "yes"},
+        {"crop": 1},
+        {"png": {"tonemap": "srgb"}},
+        {"png": {**PICTURE, "tonemap": "no such"}},
+        {"png": {**PICTURE, "exposure": 1e9}},
+        {"png": {**PICTURE, "colorbar": True}},  # without scalars
+        {"more": 1},
+    ],
+)
+def test_storage_that_cannot_be_is_refused(tmp_path, storage):
     path = saved(tmp_path)
     written_again(path, storage=storage)
     with pytest.raises(InputError, match=r"clshade\.storage"):
         clshade.verify(path, scene())
+
+
+@pytest.mark.parametrize("digests", [{}, {"meshes": "0"}, dict.fromkeys(PARTS, 0)])
+def test_digests_that_cannot_be_are_refused(tmp_path, digests):
+    path = saved(tmp_path)
+    written_again(path, {"scene": digests})
+    with pytest.raises(InputError, match=r"clshade\.scene: expected digests of meshes, materials"):
+        clshade.verify(path, scene())
+
+
+def test_a_record_is_text_that_people_can_read():
+    assert sealed({}, {"name": "Würfel"})[RECORD] == '{"name":"Würfel"}'
+
+
+@pytest.mark.parametrize("name", ["R", "A", "Z", "id"])
+def test_an_image_of_which_nothing_is_right(tmp_path, name):
+    path = saved(tmp_path)
+    plane = exr.read(path)[0][name]
+    written_again(path, **{name: plane + plane.dtype.type(7) if name != "Z" else np.full_like(plane, np.nan)})
+    found = clshade.verify(path, scene(), pixels=300)
+    assert found.wrong == 300
+    assert "fewer than 100 % of the pixels are wrong" in found.claim
+
+
+def test_a_picture_of_another_size_is_a_fault(tmp_path):
+    path = saved(tmp_path)
+    with path.with_suffix(".png").open("wb") as file:
+        png.encode(file, np.zeros((30, 40, 3), np.uint8))
+    (fault,) = clshade.verify(path, scene(), pixels=50).faults
+    expected = "expected 80 x 60 pixels of 3 channels, found 40 x 30 pixels of 3 channels"
+    assert fault == f"teapot.png is of another size: {expected}"
 
 
 def test_a_damaged_picture_is_a_fault(tmp_path):

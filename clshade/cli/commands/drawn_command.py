@@ -56,8 +56,9 @@ def parsed(command: str | None, given: str | None, folder: Path) -> argparse.Nam
 
 def _beside(name: str | None, folder: Path) -> str | None:
     """Return a file's name, or that of one beside the image if there is only such a one."""
-    is_beside = name is not None and not os.path.exists(name) and os.path.exists(folder / name)
-    return str(folder / name) if is_beside and name is not None else name
+    if name is None or os.path.exists(name) or not os.path.exists(folder / name):
+        return name
+    return str(folder / name)
 
 
 def drawn_scenes(arguments: argparse.Namespace, *, is_drawn_so: bool) -> tuple[list[Scene], str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -68,19 +69,18 @@ def _least_scalar(scene: Scene, settings: Settings) -> float:
     return float(np.ldexp(info.tiny, min(excess, info.maxexp - 100)))
 
 
-def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
-    """Return the error (M, N) of each of these layers in the frame, relative to the bound: 1 is the most allowed.
+def layer_errors(
+    layers: Mapping[str, Array], oracle: OracleLayers, scene: Scene, settings: Settings
+) -> dict[str, Array]:
+    """Return the error (...) of each of these layers, (..., K) or (...), relative to the bound: 1 is the most allowed.
 
     Where numbers of objects, materials or instances differ the error is infinite. Shape, type and finiteness are checked
     first.
     """
     bounds, real = layer_bounds(oracle, scene, settings), real_of(settings)
     found: dict[str, Array] = {}
-    for name in frame.layers:
-        if name in ("Z", "id"):
-            continue
-        value, expected = frame[name], getattr(oracle, name)
-        row = LAYER_TABLE[name]
+    for name, value in layers.items():
+        expected, row = getattr(oracle, name), LAYER_TABLE[name]  # type: ignore[index]
         assert_array(name, value, expected.shape, row.dtype(real), nan=name == "scalar")
         if row.kind == "uint32":
             found[name] = np.where(value == expected, 0.0, np.inf)
@@ -90,7 +90,7 @@ def layer_errors(frame: Any, oracle: OracleLayers, scene: Scene, settings: Setti
             found[name] = _albedo_errors(value, oracle, scene, settings)
         else:
             error = np.abs(value.astype(np.float64) - expected)
-            error = error if error.ndim == 2 else error.max(axis=-1)
+            error = error.max(axis=-1) if row.components else error
             with np.errstate(divide="ignore", invalid="ignore"):
                 found[name] = np.where(error > np.finfo(real).tiny, error / bounds[name], 0.0)
     return found
@@ -124,11 +124,12 @@ def assert_layers(
     Returns the largest error of each, relative to the bound. skip: (M, N) bool, pixels to exclude.
     """
     found = {}
-    for name, error in layer_errors(frame, oracle, scene, settings).items():
+    layers = {name: frame[name] for name in frame.layers if name not in ("Z", "id")}
+    for name, error in layer_errors(layers, oracle, scene, settings).items():
         bad = ~(error <= 1.0) if skip is None else ~(error <= 1.0) & ~skip
         if bad.any():
             raise fail(
-                f"{name} differs", bad, (name, frame[name]), ("expected", getattr(oracle, name)), ("bounds", error)
+                f"{name} differs", bad, (name, layers[name]), ("expected", getattr(oracle, name)), ("bounds", error)
             )
         found[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
     return found

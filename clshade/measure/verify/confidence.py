@@ -1,4 +1,4 @@
-"""What a random sample says about all: exact binomial bounds."""
+"""A random sample, and what it says about all: exact binomial bounds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import math
 
 import numpy as np
 
-from ...base.arrays import Floats
+from ...base.arrays import Array, Floats
 
 CONFIDENCE = 0.99
+
+
+def sampled(of: int, count: int, seed: int) -> Array:
+    """Return the ascending indices, in reading order, of `count` random pixels, of all if there are no more."""
+    return np.sort(np.random.default_rng(seed).choice(of, min(count, of), replace=False))
 
 
 def upper_bound(found: int, looked_at: int, of: int) -> float:
@@ -26,7 +31,8 @@ def upper_bound(found: int, looked_at: int, of: int) -> float:
     k = np.arange(1.0, found + 1.0)
     ways = np.append(0.0, np.cumsum(np.log((looked_at + 1.0 - k) / k)))
     low, high = found / looked_at, 1.0
-    while low < (middle := (low + high) / 2.0) < high:
+    for _ in range(128):  # halvings, until both are neighbors among floats
+        middle = (low + high) / 2.0
         low, high = (middle, high) if _at_most(ways, looked_at, middle) > 1.0 - CONFIDENCE else (low, middle)
     return high
 
@@ -43,4 +49,4 @@ def rounded_up(share: float) -> str:
     if share <= 0.0:
         return "0 %"
     step = 10.0 ** (math.floor(math.log10(100.0 * share)) - 1)
-    return f"{math.ceil(100.0 * share / step - 1e-9) * step:.2g} %"
+    return f"{math.ceil(100.0 * share / step - 1e-9) * step:.3g} %"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,16 @@ import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools, Floats
+from ...base.atomic_files import naming
 from ...base.validation import integer
 from ...errors import InputError
 from ...images import exr, png
 from ...pipeline.drawing_record import NOT_SEALED, RECORD, SEAL
 from ...scene.model import Mesh, Scene, with_materials
 from ..check import oracle_bounds
+from .confidence import sampled
 from .recorded_image import RecordedImage, nearest_stored, read_recorded
-from .verify import as_drawn, sampled, verified
+from .verify import as_drawn, verified
 
 _TRIES = 1000  # at a change that is none
 _REFUSED = ("header record", "rows cut off", "file cut off")  # kinds of which nothing may be left that can be judged
@@ -28,12 +30,19 @@ _REFUSED = ("header record", "rows cut off", "file cut off")  # kinds of which n
 
 @dataclass(frozen=True, eq=False)
 class _Files:
-    """What is changed: the EXR's channels and header, how it is stored, the PNG's codes, and the scene that is given."""
+    """What is changed: the EXR's channels and header, the PNG's codes, and the scene that is given. left: hundredths of the
+    EXR that are not cut off."""
 
     planes: dict[str, Array]
     header: dict[str, Any]
     codes: Array | None
     scene: Scene
+    left: int = 100
+
+
+_Change = Callable[[_Files, Any], _Files]  # by a random generator; the same files if there is nothing to change
+# Of colors (K, L, 3), with the largest that are allowed, by a random generator.
+_ColorChange = Callable[[Floats, Array, Any], Array]
 
 
 @dataclass
@@ -52,38 +61,35 @@ class Planted:
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
-        kinds = sorted({*self.found, *self.outside})
-        rows = [
-            f"{kind}: {self.found[kind]:,} found, {self.outside[kind]:,} outside the sample, found by --all"
-            for kind in kinds
-        ]
-        total = self.found.total() + self.outside.total()
+        every = self.found + self.outside
         return [
-            *rows,
-            f"{total:,} planted changes found",
+            *(
+                f"{k}: {self.found[k]:,} found, {self.outside[k]:,} outside the sample, found by --all"
+                for k in sorted(every)
+            ),
+            f"{every.total():,} planted changes found",
             *(f"MISSED: {kind}, seed {seed}" for kind, seed in self.missed),
         ]
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as JSON-compatible values."""
-        return {**{each.name: getattr(self, each.name) for each in fields(self)}, "passed": self.passed}
+        return {**vars(self), "passed": self.passed}
 
 
 def plant(image: RecordedImage, scene: Scene, count: int, *, pixels: int, seed: int = 0) -> Planted:
     """Change an image that is right in `count` ways, each with a seed of its own from `seed` on, and verify each. Raises
     InputError if it cannot be judged, or is wrong already."""
-    path = image.path
     count = integer("verify", "planted", count, 1, 2**31)
     pixels = integer("verify", "pixels", pixels, 1, 2**63)
     seed = integer("verify", "seed", seed, 0, 2**63)
     if not verified(image, [scene], pixels="all").passed:
-        raise InputError(f"verify: --planted: expected an image that is right, found faults in {path}")
-    planes, header = exr.read(path)
+        raise InputError(f"verify: --planted: expected an image that is right, found faults in {image.path}")
+    planes, header = exr.read(image.path)
     picture = image.path.with_suffix(".png")
     codes = png.read(picture, alpha=True) if picture.exists() else None
     planting = _Planting(image, _Files(planes, header, codes, scene), pixels)
     found = Planted()
-    with tempfile.TemporaryDirectory() as folder:
+    with naming("temporary folder"), tempfile.TemporaryDirectory() as folder:
         for number in range(seed, seed + count):
             planting.try_change(number, Path(folder) / "planted.exr", found)
     return found
@@ -99,18 +105,19 @@ class _Planting:
         expected = oracle.render(scene, settings)
         factor = oracle_bounds.allowed(scene, settings)
         self._right = expected.rgb
-        self._most = factor * oracle_bounds.color_bound(expected, settings.precision) + expected.jump
+        most = factor * oracle_bounds.color_bound(expected, settings.precision) + expected.jump
+        self._most = np.maximum(most, oracle_bounds.FLOAT32_TINY)
         # A tie is no fault, whatever its color.
         everywhere = np.ones(expected.alpha.shape, bool)
         self._decided = ~(expected.unsure | oracle_bounds.depth_ties(scene, settings, everywhere))
-        self._kinds: dict[str, Callable[[_Files, Any], _Files | bytes]] = {
+        self._kinds: dict[str, _Change] = {
             **{f"color {name}": self._changed_color(change) for name, change in _COLORS.items()},
             **{f"layer {name}": _changed_layer(name) for name in ("A", "id", "Z") if name in files.planes},
             **{f"scene {name}": _changed_scene(change) for name, change in _SCENES.items()},
             "header attribute": _changed_attribute,
             "header record": _changed_record,
             "rows cut off": lambda files, random: replace(files, planes={n: p[:-1] for n, p in files.planes.items()}),
-            "file cut off": lambda files, random: bytes(int(random.integers(4, 95))),
+            "file cut off": lambda files, random: replace(files, left=int(random.integers(4, 95))),
         }
         if files.codes is not None:
             self._kinds["PNG code"] = _changed_code
@@ -118,20 +125,22 @@ class _Planting:
     def try_change(self, seed: int, path: Path, found: Planted) -> None:
         """Plant the change of a seed, and count whether it was found."""
         random = np.random.default_rng(seed)
-        kind = sorted(self._kinds)[seed % len(self._kinds)]
-        changed = self._kinds[kind](self._files, random)
-        self._write(path, changed if isinstance(changed, _Files) else self._files)
-        if isinstance(changed, bytes):  # as many hundredths of the file stay
-            data = path.read_bytes()
-            path.write_bytes(data[: len(data) * len(changed) // 100])
-        scene = changed.scene if isinstance(changed, _Files) else self._files.scene
+        kinds = sorted(self._kinds)
+        first = seed % len(kinds)
+        # An image of one color stays as it is if it is moved: then the next kind is planted.
+        tried = ((kind, self._kinds[kind](self._files, random)) for kind in kinds[first:] + kinds[:first])
+        kind, changed = next(each for each in tried if each[1] is not self._files)
+        self._write(path, changed)
 
         def is_found(pixels: Any) -> bool:
-            return _is_found(path, scene, pixels, seed, kind in _REFUSED)
+            try:
+                return not verified(read_recorded(path), [changed.scene], pixels=pixels, seed=seed).passed
+            except InputError:
+                return kind in _REFUSED
 
         if is_found(self._pixels):
             found.found[kind] += 1
-        elif isinstance(changed, _Files) and self._is_outside(changed, seed) and is_found("all"):
+        elif self._is_outside(changed, seed) and is_found("all"):
             found.outside[kind] += 1
         else:
             found.missed.append((kind, seed))
@@ -140,6 +149,8 @@ class _Planting:
         metadata = {name: value for name, value in files.header.items() if name not in exr.PROTECTED}
         compression = files.header["compression"]
         exr.write(path, files.planes, metadata=metadata, half=self._half, compression=compression)
+        data = path.read_bytes()
+        path.write_bytes(data[: len(data) * files.left // 100])
         path.with_suffix(".png").unlink(missing_ok=True)
         if files.codes is not None:
             with open(path.with_suffix(".png"), "wb") as file:
@@ -153,14 +164,16 @@ class _Planting:
         at = np.flatnonzero(other)
         return len(at) > 0 and not np.isin(at, sampled(other.size, self._pixels, seed)).any()
 
-    def _changed_color(self, change: Callable[[Floats, Floats, Any], Array]) -> Callable[[_Files, Any], _Files]:
-        """Return what changes the colors of a pixel, or a block or row of them, by more than is allowed, without the
-        PNG, whose colors would tell."""
+    def _changed_color(self, change: _ColorChange) -> _Change:
+        """Return what changes the colors of a pixel, a block of them, or a part of a row by more than is allowed, without
+        the PNG, whose colors would tell."""
 
         def changed(files: _Files, random: Any) -> _Files:
             rgb = np.stack([files.planes[name] for name in "RGB"], axis=-1)
             for _ in range(_TRIES):
-                where = _some_pixels(rgb.shape[:2], random)
+                rows, columns = random.choice([(1, 1), (4, 4), (1, 32)])
+                row, column = _place(rgb[..., 0], random)
+                where = slice(row, row + int(rows)), slice(column, column + int(columns))
                 new = rgb.copy()
                 most = (self._right + self._most)[where].astype(np.float16 if self._half else rgb.dtype)
                 new[where] = change(rgb[where].astype(np.float64), most, random)
@@ -170,25 +183,15 @@ class _Planting:
                 is_wrong: Bools = np.asarray(~(np.abs(read - self._right) <= self._most).all(axis=-1))
                 new = np.where((is_wrong & self._decided)[..., None], new, rgb)
                 if not np.array_equal(new, rgb, equal_nan=True):
-                    break
-            planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
-            return replace(files, planes=planes, codes=None)
+                    planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
+                    return replace(files, planes=planes, codes=None)
+            return files
 
         return changed
 
 
-def _is_found(path: Path, scene: Scene, pixels: Any, seed: int, may_refuse: bool) -> bool:
-    try:
-        return not verified(read_recorded(path), [scene], pixels=pixels, seed=seed).passed
-    except InputError:
-        return may_refuse
-
-
-def _some_pixels(shape: tuple[int, int], random: Any) -> tuple[slice, slice]:
-    """Return one pixel, a block of them, or a part of a row."""
-    rows, columns = random.choice([(1, 1), (4, 4), (1, 32)])
-    row, column = (int(random.integers(size)) for size in shape)
-    return slice(row, row + int(rows)), slice(column, column + int(columns))
+def _place(array: Array, random: Any) -> tuple[int, ...]:
+    return tuple(int(random.integers(size)) for size in array.shape)
 
 
 def _next_beyond(colors: Floats, most: Array, random: Any) -> Array:
@@ -197,7 +200,7 @@ def _next_beyond(colors: Floats, most: Array, random: Any) -> Array:
     return beyond
 
 
-_COLORS: Mapping[str, Callable[[Floats, Floats, Any], Array]] = {
+_COLORS: Mapping[str, _ColorChange] = {
     "an ulp beyond its bound": _next_beyond,
     "1 % brighter": lambda colors, most, random: 1.01 * colors,
     "NaN": lambda colors, most, random: np.full_like(colors, np.nan),
@@ -207,12 +210,12 @@ _COLORS: Mapping[str, Callable[[Floats, Floats, Any], Array]] = {
 }
 
 
-def _changed_layer(name: str) -> Callable[[_Files, Any], _Files]:
+def _changed_layer(name: str) -> _Change:
     """Return what changes a number of a layer in one pixel."""
 
     def changed(files: _Files, random: Any) -> _Files:
         plane = files.planes[name].copy()
-        at = tuple(int(random.integers(size)) for size in plane.shape)
+        at = _place(plane, random)
         value = plane[at]
         if name == "id":
             plane[at] = value + 1
@@ -249,22 +252,21 @@ def _changed_record(files: _Files, random: Any) -> _Files:
     return replace(files, header={**files.header, RECORD: new})
 
 
-def _changed_scene(change: Callable[[Scene, Any], Scene]) -> Callable[[_Files, Any], _Files]:
+def _changed_scene(change: Callable[[Scene, Any], Scene]) -> _Change:
     return lambda files, random: replace(files, scene=change(files.scene, random))
 
 
 def _moved_vertex(scene: Scene, random: Any) -> Scene:
-    meshes = list(scene.meshes)
-    k = int(random.integers(len(meshes)))
-    verts = np.array(meshes[k].verts)
-    at = tuple(int(random.integers(size)) for size in verts.shape)
+    k = int(random.integers(len(scene.meshes)))
+    mesh = scene.meshes[k]
+    verts = np.array(mesh.verts)
+    at = _place(verts, random)
     verts[at] = np.nextafter(verts[at], verts.dtype.type(np.inf))
-    meshes[k] = replace(meshes[k], verts=verts)
-    return replace(scene, meshes=tuple(meshes))
+    return replace(scene, meshes=(*scene.meshes[:k], replace(mesh, verts=verts), *scene.meshes[k + 1 :]))
 
 
 def _nudged(value: Any) -> Any:
-    return np.nextafter(np.asarray(value, np.float64), 10.0)
+    return np.nextafter(np.asarray(value, np.float64), np.inf)
 
 
 def _changed_light(scene: Scene, random: Any) -> Scene:
@@ -286,6 +288,6 @@ _SCENES: Mapping[str, Callable[[Scene, Any], Scene]] = {
 def _changed_code(files: _Files, random: Any) -> _Files:
     assert files.codes is not None
     codes = files.codes.copy()
-    at = tuple(int(random.integers(size)) for size in codes.shape)
+    at = _place(codes, random)
     codes[at] += 1 if codes[at] < 255 else -1
     return replace(files, codes=codes)

@@ -54,20 +54,16 @@ def read_recorded(path: str | os.PathLike[str]) -> RecordedImage:
         raise file_error(owner, "R", f"{size}, as the header says", f"{columns} x {rows}")
     if any(plane.shape != (rows, columns) for plane in planes.values()) or not set("RGBA") <= set(planes):
         raise file_error(owner, "channels", "R, G, B and A of the whole image", ", ".join(planes))
-    parts = [planes.pop(name) for name in "RGBA"]
-    faults = {*_type_faults(parts, "RGBA", record, owner)}
-    channels = {"RGBA": np.stack(parts, axis=-1)}
-    for name in record.settings.layers:
-        suffixes = exr.SUFFIXES.get(name, "RGB" if LAYER_TABLE[name].components == "RGB" else "")
-        names = [f"{name}.{suffix}" for suffix in suffixes] or [name]
-        if not set(names) <= set(planes):
+    faults, channels = set[str](), {}
+    named = {name: [f"{name}.{each}" for each in LAYER_TABLE[name].components] for name in record.settings.layers}
+    for name, names in (("RGBA", list("RGBA")), *named.items()):
+        if not set(names or [name]) <= set(planes):
             raise file_error(owner, "channels", f"the layer {name}, as the header says", "none")
-        parts = [planes.pop(each) for each in names]
-        faults |= {*_type_faults(parts, name, record, owner)}
-        channels[name] = np.stack(parts, axis=-1) if suffixes else parts[0]
-    return RecordedImage(
-        Path(path), record, channels, tuple(planes), (*_header_faults(header, record), *sorted(faults))
-    )
+        parts = [planes.pop(each) for each in names or [name]]
+        faults.update(_type_faults(parts, name, record, owner))
+        channels[name] = np.stack(parts, axis=-1) if names else parts[0]
+    found = (*_header_faults(header, record), *sorted(faults))
+    return RecordedImage(Path(path), record, channels, tuple(planes), found)
 
 
 def _type_faults(planes: list[Array], name: str, record: Record, owner: str) -> list[str]:
@@ -91,8 +87,7 @@ def _header_faults(header: Mapping[str, Any], record: Record) -> tuple[str, ...]
     for name, value in usual.items():
         if name in header and not np.array_equal(header[name], value, equal_nan=isinstance(value, float)):
             faults.append(f"the header was changed: {name} is not {value}")
-    missing = [name for name in exr.WRITTEN if name not in header]
-    faults += [f"the header was changed: it has no {name}" for name in missing]
+    faults += [f"the header was changed: it has no {name}" for name in exr.WRITTEN if name not in header]
     if header["compression"] != record.storage.compression:
         faults.append(f"the file was compressed again: {header['compression']}, not {record.storage.compression}")
     return tuple(faults)

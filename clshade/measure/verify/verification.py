@@ -47,18 +47,18 @@ class Verification:
 
     pixels: int
     of: int
-    wrong: int
-    at_most: float
-    bounds: float
-    allowed: float
-    ties: int
-    gates: int
-    worst: tuple[int, int] | None
-    seed: int | None
-    drawn_by: str
-    compared: tuple[str, ...]
-    faults: tuple[str, ...]
-    remarks: tuple[str, ...]
+    wrong: int = 0
+    at_most: float = 1.0
+    bounds: float = 0.0
+    allowed: float = 0.0
+    ties: int = 0
+    gates: int = 0
+    worst: tuple[int, int] | None = None
+    seed: int | None = None
+    drawn_by: str = ""
+    compared: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -72,11 +72,8 @@ class Verification:
             unknown = f", and {self.ties:,} cannot be judged" if self.ties else ""
             return f"{self.wrong:,} of {self.of:,} pixels are wrong{unknown}: every one was looked at"
         unknown = " or cannot be judged" if self.ties else ""
-        share = rounded_up(self.at_most)
-        return (
-            f"with {CONFIDENCE:.0%}".replace("%", " %")
-            + f" confidence fewer than {share} of the pixels are wrong{unknown}"
-        )
+        sure, share = f"{100 * CONFIDENCE:g} % confidence", rounded_up(self.at_most)
+        return f"with {sure} fewer than {share} of the pixels are wrong{unknown}"
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""

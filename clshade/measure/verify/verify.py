@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Any, Literal
 
 import numpy as np
@@ -34,7 +32,7 @@ from ..check import oracle_bounds
 from ..check.check import Comparison
 from ..check.layer_bounds import layer_errors
 from ..defaults import SAMPLE
-from .confidence import upper_bound
+from .confidence import sampled, upper_bound
 from .recorded_image import RecordedImage, nearest_stored, read_recorded, stored_range
 from .verification import Verification
 
@@ -107,36 +105,30 @@ def builtin_of(record: Record) -> Scene:
 
 
 def verified(
-    image: RecordedImage,
-    candidates: Sequence[Scene],
-    *,
-    pixels: int | Literal["all"] = SAMPLE,
-    seed: int | None = None,
+    image: RecordedImage, candidates: Sequence[Scene], *, pixels: int | Literal["all"] = SAMPLE, seed: int | None = None
 ) -> Verification:
     """Return the result for an image of one of these scenes, see `verify`."""
     record = image.record
-    of = image.channels["RGBA"][..., 0].size
+    rows, columns = image.channels["RGBA"].shape[:2]
+    of = rows * columns
     count = of if pixels == "all" else min(integer("verify", "pixels", pixels, 1, 2**63), of)
-    seed = (
-        int.from_bytes(os.urandom(_ENTROPY), "big") if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
-    )
+    unforeseen = int.from_bytes(os.urandom(_ENTROPY), "big")
+    seed = unforeseen if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
     scene, different = closest(candidates, record)
+    drawn_by = f"clshade {record.version}" + (f" on {record.device}" if record.device else "")
     if different:
         fault = f"the scene is not the one that was drawn: its {', '.join(different)} differ"
-        return _unseen(image, of, [fault])
+        return Verification(0, of, drawn_by=drawn_by, faults=(fault, *image.faults), remarks=_remarks(image))
     shown = as_drawn(scene, record)
     index = sampled(of, count, seed)
-    judged = _judge(image, shown, *np.divmod(index, record.camera.resolution[0]))  # type: ignore[union-attr]
-    picture = _PictureBeside(image, shown)
-    wrong = np.flatnonzero(judged.wrong)
-    worst = np.divmod(index[wrong[0]], image.channels["RGBA"].shape[1]) if len(wrong) else None
-    found, faults = judged.found, (*image.faults, *picture.faults)
-    unknown = int(judged.unknown.sum())
-    if unknown > max(1.0, _UNKNOWN * count) and not (len(wrong) or faults):
+    found, is_wrong, is_unknown = _judge(image, shown, *np.divmod(index, columns))
+    picture = _picture(image, shown)
+    faults = (*image.faults, *picture.faults)
+    wrong, unknown = index[is_wrong].tolist(), int(is_unknown.sum())
+    if unknown > max(1.0, _UNKNOWN * count) and not (wrong or faults):
         expected = f"at most {_UNKNOWN:.0%} of the pixels at faces of one depth, where either may show"
-        raise file_error(
-            shown_path(image.path), "pixels", expected, f"{unknown:,} of {count:,}, which cannot be judged"
-        )
+        seen = f"{unknown:,} of {count:,}, which cannot be judged"
+        raise file_error(shown_path(image.path), "pixels", expected, seen)
     return Verification(
         pixels=count,
         of=of,
@@ -146,20 +138,13 @@ def verified(
         allowed=found.allowed,
         ties=unknown,
         gates=int(found.gates.sum()),
-        worst=None if worst is None else (int(worst[0]), int(worst[1])),
+        worst=divmod(wrong[0], columns) if wrong else None,
         seed=seed if count < of else None,
-        drawn_by=_drawn_by(record),
+        drawn_by=drawn_by,
         compared=("color", "coverage", *record.settings.layers, *(["PNG"] if picture.compared else [])),
         faults=faults,
         remarks=(*_remarks(image), *picture.remarks),
     )
-
-
-def sampled(of: int, count: int, seed: int) -> Array:
-    """Return the ascending indices, in reading order, of `count` random pixels, of all if there are no more."""
-    if count >= of:
-        return np.arange(of)
-    return np.sort(np.random.default_rng(seed).choice(of, count, replace=False))
 
 
 def as_drawn(scene: Scene, record: Record) -> Scene:
@@ -179,30 +164,6 @@ def closest(candidates: Sequence[Scene], record: Record) -> tuple[Scene, list[st
     return min(((scene, different(scene)) for scene in candidates), key=lambda each: len(each[1]))
 
 
-def _drawn_by(record: Record) -> str:
-    return f"clshade {record.version}" + (f" on {record.device}" if record.device else "")
-
-
-def _unseen(image: RecordedImage, of: int, faults: list[str]) -> Verification:
-    """Return the result of an image that was not looked at."""
-    return Verification(
-        pixels=0,
-        of=of,
-        wrong=0,
-        at_most=1.0,
-        bounds=0.0,
-        allowed=0.0,
-        ties=0,
-        gates=0,
-        worst=None,
-        seed=None,
-        drawn_by=_drawn_by(image.record),
-        compared=(),
-        faults=(*faults, *image.faults),
-        remarks=_remarks(image),
-    )
-
-
 def _remarks(image: RecordedImage) -> tuple[str, ...]:
     record, found = image.record, []
     if record.version != VERSION or record.kernels != kernels_digest():
@@ -215,17 +176,8 @@ def _remarks(image: RecordedImage) -> tuple[str, ...]:
 # Pixels
 
 
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """What is found in pixels, (K,). wrong, unknown: bool; what is unknown may be wrong."""
-
-    found: Comparison
-    wrong: Bools
-    unknown: Bools
-
-
-def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _Judged:
-    """Compare pixels with the oracle: colors, coverage and all layers."""
+def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> tuple[Comparison, Bools, Bools]:
+    """Compare pixels with the oracle: colors, coverage and all layers. Return also which are wrong, and which may be."""
     settings, where = image.record.settings, (rows, columns)
     expected = oracle.sample(scene, settings, rows, columns)
     names = [name for name in settings.layers if name not in ("Z", "id")]
@@ -235,23 +187,16 @@ def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> _
     compared = ~found.wrong & ~found.ties
     wrong = found.wrong | (compared & (found.counted > found.allowed))
     if "Z" in frame.layers:
-        wrong |= compared & ~(oracle_bounds.depth_errors(frame["Z"][where], expected) <= _depth_allowed(frame))
+        roundings = oracle_bounds.depth_errors(frame["Z"][where], expected)
+        wrong |= compared & ~(roundings <= oracle_bounds.depth_roundings(frame.alpha))
     if layers is not None:
         wrong |= ~found.ties & ~expected.unsure & _wrong_layers(frame, layers, names, where)
     unknown = found.ties | (expected.unsure if layers is not None else False)
-    return _Judged(found, wrong, unknown & ~wrong)
-
-
-def _depth_allowed(frame: Frame) -> int:
-    return oracle_bounds.depth_roundings(frame.alpha)
+    return found, wrong, unknown & ~wrong
 
 
 def _frame(
-    image: RecordedImage,
-    scene: Scene,
-    expected: OracleFrame,
-    layers: OracleLayers | None,
-    where: tuple[Array, Array],
+    image: RecordedImage, scene: Scene, expected: OracleFrame, layers: OracleLayers | None, where: tuple[Array, Array]
 ) -> Frame:
     """Return the frame in the file. At these pixels its values are, of all that are stored so, nearest to the expected."""
     settings = image.record.settings
@@ -268,78 +213,63 @@ def _frame(
     return Frame(channels.pop("RGBA"), channels, scene, settings, dict)
 
 
-class _Pixels:
-    """Layers at pixels, as an image of one column, in which whatever is not finite is 0. layers: the names. bad: (K,) bool,
-    where something was not finite that has to be."""
-
-    def __init__(self, frame: Frame, names: Sequence[str], where: tuple[Array, Array]) -> None:
-        self.layers = tuple(names)
-        self.bad: Bools = np.zeros(len(where[0]), bool)
-        self._values: dict[str, Array] = {}
-        for name in names:
-            values = frame[name][where]
-            if values.dtype.kind == "f":
-                refused = np.isinf(values) if name == "scalar" else ~np.isfinite(values)
-                self.bad |= refused.reshape(len(values), -1).any(axis=1)
-                values = np.where(refused, values.dtype.type(0), values)
-            self._values[name] = values[:, None]
-
-    def __getitem__(self, name: str) -> Array:
-        return self._values[name]
-
-
 def _wrong_layers(frame: Frame, layers: OracleLayers, names: Sequence[str], where: tuple[Array, Array]) -> Bools:
-    """Return where a layer is beyond its bound, (K,) bool."""
-    pixels = _Pixels(frame, names, where)
-    columns = OracleLayers(*(getattr(layers, name)[:, None] for name in OracleLayers.__dataclass_fields__))
+    """Return where a layer is beyond its bound, or not finite although it has to be, (K,) bool."""
+    wrong, values = np.zeros(len(where[0]), bool), {}
+    for name in names:
+        value = frame[name][where]
+        if value.dtype.kind == "f":
+            refused = np.isinf(value) if name == "scalar" else ~np.isfinite(value)
+            wrong |= refused.reshape(len(value), -1).any(axis=1)
+            value = np.where(refused, value.dtype.type(0), value)
+        values[name] = value
     with np.errstate(invalid="ignore"):
-        errors = layer_errors(pixels, columns, frame.scene, frame.settings)
-    beyond: Bools = reduce(operator.or_, (~(each[:, 0] <= 1.0) for each in errors.values()))
-    return pixels.bad | beyond
+        for errors in layer_errors(values, layers, frame.scene, frame.settings).values():
+            wrong |= ~(errors <= 1.0)
+    return wrong
 
 
 # The PNG beside the EXR
 
 
-class _PictureBeside:
-    """The comparison of the PNG beside an EXR with it. compared: whether it could be."""
+@dataclass(frozen=True)
+class _Picture:
+    """What is found in the PNG beside an EXR. compared: whether it could be."""
 
-    def __init__(self, image: RecordedImage, scene: Scene) -> None:
-        self.faults: list[str] = []
-        self.remarks: list[str] = []
-        self.compared = False
-        path, how = image.path.with_suffix(".png"), image.record.storage.png
-        if not path.exists():
-            return
-        if not image.exact and (how.tonemap in JOINT or scene.background is None):
-            self.remarks.append(f"not looked at: {path.name}, whose colors the EXR holds rounded")
-            return
-        try:
-            codes = png.read(path, alpha=True)
-        except InputError as error:
-            self.faults.append(str(error))
-            return
-        self.compared = True
-        low, high = _codes(image, scene, how)
-        if codes.shape != low.shape:
-            size, found = ("{1} x {0} pixels of {2} channels".format(*each.shape) for each in (low, codes))
-            self.faults.append(f"{path.name} is of another size: expected {size}, found {found}")
-            return
-        other = ((codes < low) | (codes > high)).any(axis=-1)
-        if other.any():
-            row, column = np.argwhere(other)[0].tolist()
-            place = f"the first at row {row}, column {column}"
-            self.faults.append(f"{path.name} is not the EXR, tone-mapped: {int(other.sum()):,} pixels differ, {place}")
+    compared: bool = False
+    faults: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def _picture(image: RecordedImage, scene: Scene) -> _Picture:
+    """Compare the PNG beside an EXR, if there is one, with it."""
+    path, how = image.path.with_suffix(".png"), image.record.storage.png
+    if not path.exists():
+        return _Picture()
+    if not image.exact and (how.tonemap in JOINT or scene.background is None):
+        return _Picture(remarks=(f"not looked at: {path.name}, whose colors the EXR holds rounded",))
+    try:
+        codes = png.read(path, alpha=True)
+    except InputError as error:
+        return _Picture(faults=(str(error),))
+    low, high = _codes(image, scene, how)
+    if codes.shape != low.shape:
+        size, found = ("{1} x {0} pixels of {2} channels".format(*each.shape) for each in (low, codes))
+        return _Picture(True, (f"{path.name} is of another size: expected {size}, found {found}",))
+    other = np.argwhere(((codes < low) | (codes > high)).any(axis=-1)).tolist()
+    if not other:
+        return _Picture(True)
+    place = "the first at row {}, column {}".format(*other[0])
+    return _Picture(True, (f"{path.name} is not the EXR, tone-mapped: {len(other):,} pixels differ, {place}",))
 
 
 def _codes(image: RecordedImage, scene: Scene, how: Picture) -> tuple[Array, Array]:
     """Return the least and the largest codes that the PNG may have."""
     rgba, settings = image.channels["RGBA"], image.record.settings
-    ends = (rgba,) * 2 if image.exact else stored_range(rgba)
     found = []
-    for values in ends:
+    for values in (rgba,) if image.exact else stored_range(rgba):
         codes = Frame(values, {}, scene, settings, dict).to_png8(how.tonemap, how.exposure)
         if how.colorbar:
             codes = frame_files.with_colorbar(codes, scene, settings, how.tonemap, how.exposure)
         found.append(codes)
-    return found[0], found[1]
+    return found[0], found[-1]

@@ -1,0 +1,72 @@
+"""Descriptions of scenes: what is the same, and what differs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clshade
+from clshade.scene.builtin import scenes
+from clshade.scene.description import digest_of, part_digests
+from clshade.scene.environment import Environment
+from clshade.scene.model import Mesh, Settings, with_materials
+from clshade.scene.texture import Texture
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_descriptions_are_the_same_in_another_process():
+    code = "import clshade, json; from clshade.scene.description import part_digests\n"
+    code += "print(json.dumps(part_digests(clshade.builtin('quads'))))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == part_digests(clshade.builtin("quads"))
+
+
+def test_descriptions_tell_values_apart():
+    values = [0, 0.0, -0.0, False, None, "", "0", (), (0,), ((0,),), {"0": 0}, np.zeros(1), np.zeros((1, 1))]
+    values += [np.zeros(2, np.float32), np.zeros(1, np.int64), ("a", "b"), ("ab",), Settings()]
+    assert len({digest_of(value) for value in values}) == len(values)
+    big = np.arange(6.0).reshape(2, 3)
+    assert digest_of(big.astype(">f8")) == digest_of(np.asfortranarray(big)) == digest_of(big)
+    with pytest.raises(TypeError, match="expected plain values"):
+        digest_of(object())
+
+
+def test_digests_are_those_of_files_that_were_drawn_before():
+    """Another digest would make every EXR that has one fail."""
+    assert digest_of({"a": (1, 2.5, None, "ä"), "b": np.arange(3.0)}).startswith("b76439d05b493628")
+    assert digest_of(Mesh(np.eye(3), [[0, 1, 2]], name="one")).startswith("fa81de5edd2ac327")
+
+
+def test_only_the_part_that_changed_differs():
+    texels = np.full((2, 2, 3), 0.5, np.float32)
+    before = with_materials(scenes.teapot(3, (80, 60)), lambda each: replace(each, texture=Texture(texels)))
+    other = texels.copy()
+    other[1, 0, 2] = np.nextafter(other[1, 0, 2], np.float32(1.0))
+    for part, changed in (
+        ("camera", replace(before, camera=before.camera.with_resolution((40, 30)))),
+        ("lights", replace(before, lights=())),
+        ("meshes", replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes))),
+        ("materials", with_materials(before, lambda each: replace(each, kd=0.25))),
+        ("materials", with_materials(before, lambda each: replace(each, texture=None))),
+        ("materials", with_materials(before, lambda each: replace(each, texture=Texture(other)))),
+        ("environment", replace(before, environment=Environment(np.ones((4, 8, 3))))),
+        ("others", replace(before, ambient=0.5)),
+    ):
+        a, b = part_digests(before), part_digests(changed)
+        assert [name for name in a if a[name] != b[name]] == [part]
+    assert part_digests(replace(before, preset="pbr", ignored=("a remark",))) == part_digests(before)
+
+
+def test_meshes_in_memory_that_others_may_write_are_read_again():
+    verts = np.eye(3)
+    mesh = Mesh(verts, [[0, 1, 2]])
+    before = digest_of(mesh)
+    verts[0, 0] = 2.0
+    assert (digest_of(mesh) == before) == bool(mesh.verts[0, 0] == 1.0)
