@@ -10,6 +10,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.measure.bench import scanline
+from clshade.measure.grade import drawing as drawing_of
 from clshade.measure.grade import grade, planted, search, tables, wrong_kernels
 from clshade.measure.grade.mistakes import MISTAKES
 from clshade.oracle import frame
@@ -36,7 +37,7 @@ def drawn(given: grade.Right, *labels: str) -> np.ndarray:
     """Return the codes of the image with mistakes."""
     known = {change.label: change for change in search.changes_of(given.drawing)}
     drawing = search.applied(given.drawing, [known[label] for label in labels])
-    return np.rint(grade.all_pixels((SIZE, SIZE)).codes(drawing)).reshape(SIZE, SIZE, 3)
+    return np.rint(drawing_of.code_image(drawing))
 
 
 def found_first(given: grade.Right, image: np.ndarray) -> list[set[str]]:
@@ -71,7 +72,7 @@ def test_terms_of_the_light_in_closed_form():
     at = Directions(normal=z, to_light=tilted, to_eye=z)
 
     def term(label: str, name: str, at: Directions) -> float:
-        return float(changes[label](right().drawing).light.terms[name](at, np.float64(3.0)))
+        return float(changes[label].draw(right().drawing).light.terms[name](at, np.float64(3.0)))
 
     assert np.isclose(term("N.L not clamped", "kd", at._replace(to_light=-tilted)), -0.8)
     assert np.isclose(term("N.L by absolute value", "kd", at._replace(to_light=-tilted)), 0.8)
@@ -108,7 +109,7 @@ def vertex_colored(shader: str, intensity: float) -> grade.Right:
 
 def linear_of(given: grade.Right, label: str) -> np.ndarray:
     known = {change.label: change for change in search.changes_of(given.drawing)}
-    return grade.picture(known[label](given.drawing), (SIZE, SIZE))
+    return drawing_of.linear_image(known[label].draw(given.drawing))
 
 
 @pytest.mark.parametrize("shader", ["phong", "gouraud"])
@@ -165,11 +166,9 @@ def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
 def test_the_kernels_make_the_same_mistake(label):
     given = vertex_colored("phong", 1.0)
     change = next(change for change in search.changes_of(given.drawing) if change.label == label)
-    codes, by = planted.drawn(given.drawing, [change], (SIZE, SIZE))
+    codes, by = planted.drawn(given.drawing, [change])
     assert by == "OpenCL"
-    assert np.allclose(
-        codes, grade.all_pixels((SIZE, SIZE)).codes(change(given.drawing)).reshape(codes.shape), atol=0.01
-    )
+    assert np.allclose(codes, drawing_of.code_image(change.draw(given.drawing)), atol=0.01)
 
 
 # Searches
