@@ -57,11 +57,11 @@ def scene_of(name: str, resolution: tuple[int, int]) -> Scene:
 
 def _rights() -> dict[str, Right]:
     """Return the right images of all scenes and shaders, by name."""
-    found = {}
-    for name in SCENES:
-        for shader, size in SHADERS.items():
-            found[f"{name}, {shader}"] = right_of(scene_of(name, size), Settings.from_preset("course", shader=shader))
-    return found
+    return {
+        f"{name}, {shader}": right_of(scene_of(name, size), Settings.from_preset("course", shader=shader))
+        for name in SCENES
+        for shader, size in SHADERS.items()
+    }
 
 
 def drawn(right: Drawing, changes: Sequence[Change]) -> tuple[Floats, str]:
