@@ -141,7 +141,7 @@ def owners(
         for k, column, row, edges in coverage.samples(xy, boxes):
             yield k, row * columns + column, edges
 
-    return _first(prepared, visibility, columns * rows, drawn, opaque, orthographic).reshape(rows, columns)
+    return visible(prepared, visibility, columns * rows, drawn, opaque, orthographic).reshape(rows, columns)
 
 
 def owners_at(
@@ -157,11 +157,16 @@ def owners_at(
     def drawn(xy: Integers, boxes: Integers) -> Iterator[tuple[Integers, Integers, Integers]]:
         return coverage.samples_at(xy, boxes, column, row)
 
-    return _first(prepared, visibility, len(column), drawn, opaque, orthographic)
+    return visible(prepared, visibility, len(column), drawn, opaque, orthographic)
 
 
-def _first(
-    prepared: Prepared, visibility: str, count: int, drawn: Drawn, opaque: Opaque | None, orthographic: bool
+def visible(
+    prepared: Prepared,
+    visibility: str,
+    count: int,
+    drawn: Drawn,
+    opaque: Opaque | None = None,
+    orthographic: bool = False,
 ) -> Integers:
     """Return the piece visible at each of `count` pixels. drawn: which piece covers which pixel."""
     cut, alive = prepared.pieces, ~prepared.setup.culled

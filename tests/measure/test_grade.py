@@ -10,7 +10,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.measure.bench import scanline
-from clshade.measure.grade import grade, planted, search, tables, wrong_kernels
+from clshade.measure.grade import drawing, grade, planted, search, tables, wrong_kernels
 from clshade.measure.grade.mistakes import MISTAKES
 from clshade.oracle import frame
 from clshade.oracle.terms import Directions
@@ -32,11 +32,14 @@ def right(shader: str = "phong", bright: bool = False) -> grade.Right:
     return grade.right_of(scene, Settings.from_preset("course", shader=shader))
 
 
+def with_mistakes(given: grade.Right, *labels: str) -> drawing.Drawing:
+    known = {change.label: change for change in search.changes_of(given.drawing)}
+    return search.applied(given.drawing, [known[label] for label in labels])
+
+
 def drawn(given: grade.Right, *labels: str) -> np.ndarray:
     """Return the codes of the image with mistakes."""
-    known = {change.label: change for change in search.changes_of(given.drawing)}
-    drawing = search.applied(given.drawing, [known[label] for label in labels])
-    return np.rint(grade.all_pixels((SIZE, SIZE)).codes(drawing)).reshape(SIZE, SIZE, 3)
+    return np.rint(drawing.code_image(with_mistakes(given, *labels)))
 
 
 def found_first(given: grade.Right, image: np.ndarray) -> list[set[str]]:
@@ -66,12 +69,11 @@ def test_every_mistake_has_a_name_of_its_own_and_says_what_to_do():
 
 
 def test_terms_of_the_light_in_closed_form():
-    changes = {change.label: change for change in search.changes_of(right().drawing)}
     z, tilted = np.array([0.0, 0.0, 1.0]), np.array([0.6, 0.0, 0.8])
     at = Directions(normal=z, to_light=tilted, to_eye=z)
 
     def term(label: str, name: str, at: Directions) -> float:
-        return float(changes[label](right().drawing).light.terms[name](at, np.float64(3.0)))
+        return float(with_mistakes(right(), label).light.terms[name](at, np.float64(3.0)))
 
     assert np.isclose(term("N.L not clamped", "kd", at._replace(to_light=-tilted)), -0.8)
     assert np.isclose(term("N.L by absolute value", "kd", at._replace(to_light=-tilted)), 0.8)
@@ -90,13 +92,12 @@ def test_settings_that_are_not_modeled_are_refused():
 
 def test_a_normal_that_is_not_renormalized_in_closed_form():
     """All directions along z, with |N| = 0.9: R.V = 2*0.81 - 1."""
-    changes = {change.label: change for change in search.changes_of(right().drawing)}
     z = np.array([0.0, 0.0, 1.0])
     for pair, expected in (((), 0.62), (("Blinn for Phong",), 0.9), (("R.V by absolute value",), 0.62)):
-        drawing = search.applied(right().drawing, [changes[label] for label in ("normals not renormalized", *pair)])
-        at = drawing.light.directions(0.0 * z, 0.9 * z, z, 2.0 * z)
-        assert np.isclose(drawing.light.terms["ks"](at, np.float64(10.0)), expected**10)
-        assert np.isclose(drawing.light.terms["kd"](at, np.float64(10.0)), 0.9)
+        light = with_mistakes(right(), "normals not renormalized", *pair).light
+        at = light.directions(0.0 * z, 0.9 * z, z, 2.0 * z)
+        assert np.isclose(light.terms["ks"](at, np.float64(10.0)), expected**10)
+        assert np.isclose(light.terms["kd"](at, np.float64(10.0)), 0.9)
 
 
 def vertex_colored(shader: str, intensity: float) -> grade.Right:
@@ -107,8 +108,7 @@ def vertex_colored(shader: str, intensity: float) -> grade.Right:
 
 
 def linear_of(given: grade.Right, label: str) -> np.ndarray:
-    known = {change.label: change for change in search.changes_of(given.drawing)}
-    return grade.picture(known[label](given.drawing), (SIZE, SIZE))
+    return drawing.linear_image(with_mistakes(given, label))
 
 
 @pytest.mark.parametrize("shader", ["phong", "gouraud"])
@@ -165,11 +165,9 @@ def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
 def test_the_kernels_make_the_same_mistake(label):
     given = vertex_colored("phong", 1.0)
     change = next(change for change in search.changes_of(given.drawing) if change.label == label)
-    codes, by = planted.drawn(given.drawing, [change], (SIZE, SIZE))
+    codes, by = planted.drawn(given.drawing, [change])
     assert by == "OpenCL"
-    assert np.allclose(
-        codes, grade.all_pixels((SIZE, SIZE)).codes(change(given.drawing)).reshape(codes.shape), atol=0.01
-    )
+    assert np.allclose(codes, drawing.code_image(with_mistakes(given, label)), atol=0.01)
 
 
 # Searches

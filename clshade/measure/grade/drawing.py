@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ...base.arrays import Bools, Floats, Integers
 from ...oracle import coverage
 from ...oracle.corners import Corners
-from ...oracle.frame import Prepared, face_weights, prepare, set_up
+from ...oracle.frame import Prepared, face_weights, prepare, set_up, visible
 from ...oracle.pixels import shade_pixels
-from ...oracle.shade import depth
 from ...oracle.terms import RIGHT, Steps
 from ...scene.model import Scene, Settings
 
 Place = Callable[[Integers, Integers, tuple[int, int]], tuple[Integers, Integers]]
 Shade = Callable[["Drawing"], Floats]
 Compose = Callable[["Drawing", Shade], Floats]
+Step = Callable[["Drawing"], "Drawing"]  # what a mistake does to a drawing
+Variant = tuple[str, Step]  # of a mistake: its words, and what it does
+Variants = Callable[["Drawing"], Iterable[Variant]]
+_Value = TypeVar("_Value")
 
 
-def _same(values: Floats) -> Floats:
-    return values
+def _through(steps: Iterable[Callable[[_Value], _Value]], value: _Value) -> _Value:
+    for step in steps:
+        value = step(value)
+    return value
 
 
-def _as_they_are(corners: Corners) -> Corners:
-    return corners
-
-
-def _in_place(rows: Integers, columns: Integers, shape: tuple[int, int]) -> tuple[Integers, Integers]:
-    return rows, columns
-
-
-def _unmoved(xy: Integers) -> Integers:
-    return xy
+def _sorted_by(z: Floats) -> Floats:
+    return z
 
 
 def _at_once(drawing: Drawing, shade: Shade) -> Floats:
@@ -56,35 +54,60 @@ ONE_PIXEL = Reach()
 class Drawing:
     """How an image is made. A mistake returns a drawing with other steps.
 
-    order: from corner depths (F, 3) to those that painter's order means. snap: of image coordinates (K, 3, 2), 1/256 px.
-    reach: of triangles. corners: of the faces' attributes. light: its steps. compose: from the drawing and a function that
-    shades drawings to colors (K, 3). place: from rows (from the TOP), columns and shape (M, N) to the pixels that are shown
-    there. shown: from linear colors (K, 3) to values that are then clipped to [0, 1]. backdrop: color where the right image
-    shows none of the object, (3,), as the image that is graded has it. covers: whether it replaces the finished background.
+    order: from corner depths (F, 3) to those that painter's order means. snap: of image coordinates (K, 3, 2), 1/256 px, one
+    after another. reach: of triangles. corners: of the faces' attributes, one after another. light: its steps. compose: from
+    the drawing and a function that shades drawings to colors (K, 3). place: from rows (from the TOP), columns and shape (M,
+    N) to the pixels that are shown there, the last first. shown: from linear colors (K, 3) to values that are then clipped
+    to [0, 1], one after another. backdrop: color where the right image shows none of the object, (3,), as the image that is
+    graded has it. covers: whether it replaces the finished background.
     """
 
     scene: Scene
     settings: Settings
-    order: Callable[[Floats], Floats] = _same
-    snap: Callable[[Integers], Integers] = _unmoved
+    order: Callable[[Floats], Floats] = _sorted_by
+    snap: tuple[Callable[[Integers], Integers], ...] = ()
     reach: Reach = ONE_PIXEL
-    corners: Callable[[Corners], Corners] = _as_they_are
+    corners: tuple[Callable[[Corners], Corners], ...] = ()
     light: Steps = RIGHT
     compose: Compose = _at_once
-    place: Place = _in_place
-    shown: Callable[[Floats], Floats] = _same
+    place: tuple[Place, ...] = ()
+    shown: tuple[Callable[[Floats], Floats], ...] = ()
     backdrop: Floats = field(default_factory=lambda: np.zeros(3))
     covers: bool = False
 
     @property
     def of_scene(self) -> bool:
         """Whether only scene and settings may differ from the right ones: any renderer can draw it."""
-        right = Drawing(self.scene, self.settings)
-        names = ("order", "snap", "corners", "light", "compose", "place", "shown", "covers")
-        return self.reach == right.reach and all(getattr(self, name) is getattr(right, name) for name in names)
+        return all(getattr(self, each.name) == each.default for each in fields(self) if each.default is not MISSING)
+
+    def codes_of(self, linear: Floats) -> Floats:
+        """Return linear colors (K, 3) as codes from 0 to 255, not rounded."""
+        return as_codes(_through(self.shown, linear))
 
 
-Variant = tuple[str, Callable[[Drawing], Drawing]]  # of a mistake: its words, and what it does to a drawing
+def then(**steps: Any) -> Step:
+    """Return what makes a step after those that a drawing has of its kind, such as `snap`."""
+
+    def change(drawing: Drawing) -> Drawing:
+        longer: dict[str, Any] = {name: (*getattr(drawing, name), step) for name, step in steps.items()}
+        return replace(drawing, **longer)
+
+    return change
+
+
+def instead(**steps: Any) -> Step:
+    """Return what makes other steps, such as `order`, instead of those of a drawing."""
+    return lambda drawing: replace(drawing, **steps)
+
+
+def variants(changes: Mapping[str, Step], when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
+    """Return the variants of a mistake: the same, by their words, in all drawings that can have it."""
+    return lambda drawing: changes.items() if when(drawing) else ()
+
+
+def only(change: Step, when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
+    """Return the only variant of a mistake, in all drawings that can have it."""
+    return variants({"": change}, when)
 
 
 class _Visible(NamedTuple):
@@ -100,10 +123,10 @@ class Canvas:
     """Pixels (rows from the TOP, columns, (K,) each) on which drawings of one scene are compared. What they show is kept for
     drawings that differ in light alone."""
 
-    def __init__(self, shape: tuple[int, int], rows: Integers, columns: Integers) -> None:
-        self.shape, self.rows, self.columns = shape, np.asarray(rows, np.int64), np.asarray(columns, np.int64)
+    def __init__(self, rows: Integers, columns: Integers) -> None:
+        self.rows, self.columns = np.asarray(rows, np.int64), np.asarray(columns, np.int64)
         self._kept: dict[tuple[object, ...], _Visible] = {}
-        self._prepared: dict[tuple[object, ...], Prepared] = {}
+        self._prepared: dict[bool, Prepared] = {}
 
     def linear(self, drawing: Drawing) -> Floats:
         """Return the linear colors (K, 3) of a drawing, before `shown`."""
@@ -115,41 +138,53 @@ class Canvas:
             found[drawn] = drawing.compose(drawing, lambda part: _shade(part, seen, drawn))
         return found
 
-    def codes(self, drawing: Drawing) -> Floats:
-        """Return the colors (K, 3) as a file of 8 bits has them, 0 to 255, not rounded."""
-        return self.written(drawing, self.linear(drawing))
-
-    def written(self, drawing: Drawing, linear: Floats) -> Floats:
-        """Return the codes (K, 3), not rounded, that a drawing makes of linear colors."""
-        found = as_codes(drawing.shown(linear))
+    def codes(self, drawing: Drawing, linear: Floats | None = None) -> Floats:
+        """Return the colors (K, 3) as a file of 8 bits has them, 0 to 255, not rounded. linear: those before, if known."""
+        found = drawing.codes_of(self.linear(drawing) if linear is None else linear)
         if drawing.covers:
-            found[self.covered(drawing) < 0] = as_codes(drawing.backdrop)
+            found[self._visible(drawing).owner < 0] = as_codes(drawing.backdrop)
         return found
 
-    def covered(self, drawing: Drawing) -> Integers:
-        """Return the piece that each pixel shows, (K,), -1 for the background."""
-        return self._visible(drawing).owner
-
     def _visible(self, drawing: Drawing) -> _Visible:
-        """Find what the pixels show; scenes of one camera have the same meshes, with other materials."""
-        settings, changed = drawing.settings, (drawing.order, drawing.snap, drawing.reach, drawing.place)
-        key = (drawing.scene.camera, settings.visibility, settings.cull, *changed)
+        """Find what the pixels show; all scenes have the same camera and meshes, with other materials."""
+        settings = drawing.settings
+        key = settings.visibility, settings.cull, drawing.order, drawing.snap, drawing.reach, drawing.place
         if key not in self._kept:
             self._kept[key] = self._found(drawing)
         return self._kept[key]
 
     def _found(self, drawing: Drawing) -> _Visible:
-        rows, column = drawing.place(self.rows, self.columns, self.shape)
-        upward = self.shape[0] - 1 - rows
-        seen_by = drawing.scene.camera, drawing.settings.cull
-        if seen_by not in self._prepared:
-            self._prepared[seen_by] = prepare(drawing.scene, drawing.settings)
-        prepared = self._prepared[seen_by]
-        if drawing.snap is not _unmoved:
-            cut = replace(prepared.pieces, xy=drawing.snap(prepared.pieces.xy))
-            setup = set_up(drawing.scene, drawing.settings, prepared.corners, cut)
-            prepared = replace(prepared, pieces=cut, setup=setup)
-        return _Visible(prepared, _first(drawing, prepared, column, upward), column, upward)
+        scene, settings = drawing.scene, drawing.settings
+        width, height = scene.camera.resolution
+        rows: Integers = self.rows
+        columns: Integers = self.columns
+        for place in reversed(drawing.place):
+            rows, columns = place(rows, columns, (height, width))
+        if settings.cull not in self._prepared:
+            self._prepared[settings.cull] = prepare(scene, settings)
+        prepared = self._prepared[settings.cull]
+        if drawing.snap:
+            cut = replace(prepared.pieces, xy=_through(drawing.snap, prepared.pieces.xy))
+            prepared = replace(prepared, pieces=cut, setup=set_up(scene, settings, prepared.corners, cut))
+        upward = height - 1 - rows
+        covered = partial(_covered, reach=drawing.reach, column=columns, upward=upward)
+        ordered = replace(prepared, z=drawing.order(prepared.z))
+        return _Visible(prepared, visible(ordered, settings.visibility, len(rows), covered), columns, upward)
+
+
+def _of_all_pixels(drawing: Drawing, colors: Callable[[Canvas, Drawing], Floats]) -> Floats:
+    columns, rows = drawing.scene.camera.resolution
+    return colors(Canvas(*np.divmod(np.arange(rows * columns), columns)), drawing).reshape(rows, columns, 3)
+
+
+def linear_image(drawing: Drawing) -> Floats:
+    """Return the linear image (M, N, 3) of a drawing, before `shown`, row 0 at the top."""
+    return _of_all_pixels(drawing, Canvas.linear)
+
+
+def code_image(drawing: Drawing) -> Floats:
+    """Return the codes (M, N, 3) of a drawing, not rounded, row 0 at the top."""
+    return _of_all_pixels(drawing, Canvas.codes)
 
 
 def as_codes(values: Floats) -> Floats:
@@ -157,27 +192,17 @@ def as_codes(values: Floats) -> Floats:
     return np.clip(np.nan_to_num(values), 0.0, 1.0) * 255.0
 
 
-def _first(drawing: Drawing, prepared: Prepared, column: Integers, upward: Integers) -> Integers:
-    """Return the piece that pixels (Q,) show, -1 for none: the first in painter's order, or of the smallest depth."""
-    cut, setup, reach = prepared.pieces, prepared.setup, drawing.reach
-    count = len(column)
-    depths = drawing.order(prepared.z)[cut.face]
-    order = coverage.painter_order(depths, ~setup.culled)
-    hits: list[Integers] = []
+def _covered(
+    xy: Integers, boxes: Integers, reach: Reach, column: Integers, upward: Integers
+) -> Iterator[tuple[Integers, Integers, Integers]]:
+    """Yield which triangles cover, in their reach, which pixels (Q,), as `coverage.samples_at` does, all at once."""
+    hits = [np.zeros(0, np.int64)]
     for across, up in reach.steps:
-        found = coverage.samples_at(cut.xy[order], setup.box[order], column + across, upward + up)
-        hits.append(np.concatenate([np.zeros(0, np.int64), *(k * count + pixel for k, pixel, _ in found)]))
-    keys, times = np.unique(np.concatenate([np.zeros(0, np.int64), *hits]), return_counts=True)
-    rank, pixel = np.divmod(keys if reach.any else keys[times == len(reach.steps)], count)
-    if drawing.settings.visibility == "depth":
-        edges = coverage.edge_functions(cut.xy[order[rank]], column[pixel], upward[pixel])
-        near = depth(edges, cut.z[order[rank]])
-        by_depth = np.lexsort((-order[rank], near))
-        rank, pixel = rank[by_depth], pixel[by_depth]
-    first = np.full(count, -1)
-    shown, at = np.unique(pixel, return_index=True)
-    first[shown] = order[rank[at]]
-    return first
+        for k, pixel, _ in coverage.samples_at(xy, boxes, column + across, upward + up):
+            hits.append(k * len(column) + pixel)
+    keys, times = np.unique(np.concatenate(hits), return_counts=True)
+    k, pixel = np.divmod(keys if reach.any else keys[times == len(reach.steps)], len(column))
+    yield k, pixel, coverage.edge_functions(xy[k], column[pixel], upward[pixel])
 
 
 def _shade(drawing: Drawing, seen: _Visible, drawn: Bools) -> Floats:
@@ -187,5 +212,5 @@ def _shade(drawing: Drawing, seen: _Visible, drawn: Bools) -> Floats:
     edges = coverage.edge_functions(cut.xy[piece], column, upward)
     weights = face_weights(scene, settings, seen.prepared, piece, edges)
     behind = seen.prepared.setup.area[piece] < 0
-    corners = drawing.corners(seen.prepared.corners)
+    corners = _through(drawing.corners, seen.prepared.corners)
     return shade_pixels(scene, settings, corners, cut.face[piece], weights, behind, light=drawing.light).rgb

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
 from ...base.arrays import Floats, Integers
 from ...oracle.transform import SUBPIXELS
-from .drawing import Drawing, Reach, Variant
+from .drawing import Drawing, Reach, Step, instead, only, then, variants
 
-Snap = Callable[[Integers], Integers]
 _HALF = SUBPIXELS // 2
 _COMPASS = (
     *(("to the right", 1, 0), ("to the left", -1, 0), ("up", 0, 1), ("down", 0, -1)),
@@ -28,129 +25,74 @@ def _shift(xy: Integers, by: tuple[int, int]) -> Integers:
     return moved
 
 
-def _rounded(xy: Integers) -> Integers:
-    return (xy + _HALF) // SUBPIXELS * SUBPIXELS
+def _shifts(size: int) -> dict[str, Step]:
+    """Return shifts to all sides by so many 1/256 px."""
+    return {words: then(snap=partial(_shift, by=(size * x, size * y))) for words, x, y in _COMPASS}
 
 
-def _truncated(xy: Integers) -> Integers:
+def _corner(xy: Integers) -> Integers:
+    """Return the corners of pixels at the lower left."""
     return xy // SUBPIXELS * SUBPIXELS
 
 
-def _centered(xy: Integers) -> Integers:
-    return (xy + _HALF) // SUBPIXELS * SUBPIXELS + _HALF
-
-
-def _truncated_centers(xy: Integers) -> Integers:
-    return xy // SUBPIXELS * SUBPIXELS + _HALF
-
-
-_HALVES = {words: partial(_shift, by=(_HALF * x, _HALF * y)) for words, x, y in _COMPASS}
-_WHOLES = {words: partial(_shift, by=(SUBPIXELS * x, SUBPIXELS * y)) for words, x, y in _COMPASS}
-STEPS = {words: partial(_shift, by=(x, y)) for words, x, y in _COMPASS}  # of 1/256 px
-
-
-@cache  # so that pixels of the same positions are found once
-def _one_after_another(before: Snap, snap: Snap) -> Snap:
-    return lambda xy: snap(before(xy))
-
-
-def snapped(drawing: Drawing, snap: Snap) -> Drawing:
-    """Return the drawing with image coordinates changed."""
-    return replace(drawing, snap=_one_after_another(drawing.snap, snap))
-
-
-def half_pixel(drawing: Drawing) -> Iterator[Variant]:
-    for words, snap in _HALVES.items():
-        yield words, partial(snapped, snap=snap)
-
-
-def whole_pixels(drawing: Drawing) -> Iterator[Variant]:
-    for words, snap in _WHOLES.items():
-        yield words, partial(snapped, snap=snap)
-
-
-def rounded_corners(drawing: Drawing) -> Iterator[Variant]:
-    yield "to the nearest corner of pixels", partial(snapped, snap=_rounded)
-    yield "down, to a corner of pixels", partial(snapped, snap=_truncated)
-    yield "to the nearest corner, taken for centers", partial(snapped, snap=_centered)
-    yield "down, taken for centers", partial(snapped, snap=_truncated_centers)
-
-
-def _reaching(drawing: Drawing, reach: Reach) -> Drawing:
-    return replace(drawing, reach=reach)
-
-
-def nothing(drawing: Drawing) -> Iterator[Variant]:
-    yield "", partial(_reaching, reach=Reach(True, ()))
-
-
-def too_many(drawing: Drawing) -> Iterator[Variant]:
-    yield "to the right", partial(_reaching, reach=Reach(True, ((0, 0), (-1, 0))))
-    yield "to the left", partial(_reaching, reach=Reach(True, ((0, 0), (1, 0))))
-    yield "on both sides", partial(_reaching, reach=Reach(True, ((0, 0), (-1, 0), (1, 0))))
-    yield "up", partial(_reaching, reach=Reach(True, ((0, 0), (0, -1))))
-    yield "down", partial(_reaching, reach=Reach(True, ((0, 0), (0, 1))))
-
-
-def too_few(drawing: Drawing) -> Iterator[Variant]:
-    yield "at the right", partial(_reaching, reach=Reach(False, ((0, 0), (1, 0))))
-    yield "at the left", partial(_reaching, reach=Reach(False, ((0, 0), (-1, 0))))
-    yield "at the top", partial(_reaching, reach=Reach(False, ((0, 0), (0, 1))))
-    yield "at the bottom", partial(_reaching, reach=Reach(False, ((0, 0), (0, -1))))
+STEPS = _shifts(1)
+half_pixel = variants(_shifts(_HALF))
+whole_pixels = variants(_shifts(SUBPIXELS))
+rounded_corners = variants(
+    {
+        "to the nearest corner of pixels": then(snap=lambda xy: _corner(xy + _HALF)),
+        "down, to a corner of pixels": then(snap=_corner),
+        "to the nearest corner, taken for centers": then(snap=lambda xy: _corner(xy + _HALF) + _HALF),
+        "down, taken for centers": then(snap=lambda xy: _corner(xy) + _HALF),
+    }
+)
+nothing = only(instead(reach=Reach(True, ())))
+too_many = variants(
+    {
+        "to the right": instead(reach=Reach(True, ((0, 0), (-1, 0)))),
+        "to the left": instead(reach=Reach(True, ((0, 0), (1, 0)))),
+        "on both sides": instead(reach=Reach(True, ((0, 0), (-1, 0), (1, 0)))),
+        "up": instead(reach=Reach(True, ((0, 0), (0, -1)))),
+        "down": instead(reach=Reach(True, ((0, 0), (0, 1)))),
+    }
+)
+too_few = variants(
+    {
+        "at the right": instead(reach=Reach(False, ((0, 0), (1, 0)))),
+        "at the left": instead(reach=Reach(False, ((0, 0), (-1, 0)))),
+        "at the top": instead(reach=Reach(False, ((0, 0), (0, 1)))),
+        "at the bottom": instead(reach=Reach(False, ((0, 0), (0, -1)))),
+    }
+)
 
 
 # Order
-
-
-def _farthest(z: Floats) -> Floats:
-    return -z
-
-
-def _as_listed(z: Floats) -> Floats:
-    return np.zeros_like(z)
-
-
-def _as_listed_backward(z: Floats) -> Floats:
-    return np.repeat(np.arange(len(z), dtype=np.float64)[:, None], 3, axis=1)
-
-
-def _of_corner(z: Floats, corner: int) -> Floats:
-    return np.repeat(z[:, corner : corner + 1], 3, axis=1)
-
-
-def _least(z: Floats) -> Floats:
-    return np.repeat(z.min(axis=1, keepdims=True), 3, axis=1)
-
-
-def _largest(z: Floats) -> Floats:
-    return np.repeat(z.max(axis=1, keepdims=True), 3, axis=1)
-
-
-_CORNERS = [partial(_of_corner, corner=k) for k in range(3)]
-
-
-def _ordered(drawing: Drawing, order: Callable[[Floats], Floats]) -> Drawing:
-    return replace(drawing, order=order)
 
 
 def _painted(drawing: Drawing) -> bool:
     return drawing.settings.visibility == "painter"
 
 
-def reversed_order(drawing: Drawing) -> Iterator[Variant]:
-    if _painted(drawing):
-        yield "", partial(_ordered, order=_farthest)
+def _thrice(z: Floats) -> Floats:
+    """Return depths (F,) at all three corners."""
+    return np.repeat(z[:, None], 3, axis=1)
 
 
-def no_sort(drawing: Drawing) -> Iterator[Variant]:
-    if _painted(drawing):
-        yield "first to last", partial(_ordered, order=_as_listed)
-        yield "last to first", partial(_ordered, order=_as_listed_backward)
-
-
-def one_corner(drawing: Drawing) -> Iterator[Variant]:
-    if _painted(drawing):
-        for words, order in zip(("first", "second", "third"), _CORNERS, strict=True):
-            yield words, partial(_ordered, order=order)
-        yield "nearest", partial(_ordered, order=_least)
-        yield "farthest", partial(_ordered, order=_largest)
+reversed_order = only(instead(order=lambda z: -z), _painted)
+no_sort = variants(
+    {
+        "first to last": instead(order=np.zeros_like),
+        "last to first": instead(order=lambda z: _thrice(np.arange(len(z), dtype=np.float64))),
+    },
+    _painted,
+)
+one_corner = variants(
+    {
+        "first": instead(order=lambda z: _thrice(z[:, 0])),
+        "second": instead(order=lambda z: _thrice(z[:, 1])),
+        "third": instead(order=lambda z: _thrice(z[:, 2])),
+        "nearest": instead(order=lambda z: _thrice(z.min(axis=1))),
+        "farthest": instead(order=lambda z: _thrice(z.max(axis=1))),
+    },
+    _painted,
+)

@@ -12,10 +12,10 @@ from ...base.arrays import Bools, Floats
 from ...base.atomic_files import shown
 from ...errors import InputError
 from ...scene.model import Scene, Settings
-from .drawing import Canvas, Drawing, as_codes
-from .edge_mistakes import STEPS, snapped
+from .drawing import Canvas, Drawing, as_codes, code_image, linear_image
+from .edge_mistakes import STEPS
 from .reading import read_codes
-from .search import Explanation, explain, wrong
+from .search import Explanation, applied, explain, wrong
 
 _FEW = 0.05  # share of pixels, above which differences are no matter of edges
 
@@ -89,27 +89,15 @@ def right_of(scene: Scene, settings: Settings) -> Right:
         raise InputError(
             "grade: settings: expected one sample, shader gouraud, phong or nolight, no shadows, found others"
         )
-    columns, rows = scene.camera.resolution
     if scene.camera.orthographic or any(mesh.blends or mesh.tests_alpha for mesh in scene.meshes):
         raise InputError(f"{scene.name}: expected opaque meshes seen in perspective, found others")
     drawing = Drawing(scene, settings)
-    return Right(drawing, picture(drawing, (rows, columns)))
-
-
-def all_pixels(shape: tuple[int, int]) -> Canvas:
-    """Return the canvas of a whole image, (M, N)."""
-    return Canvas(shape, *np.divmod(np.arange(shape[0] * shape[1]), shape[1]))
-
-
-def picture(drawing: Drawing, shape: tuple[int, int]) -> Floats:
-    """Return the linear image (M, N, 3) of a drawing, row 0 at the top."""
-    return all_pixels(shape).linear(drawing).reshape(*shape, 3)
+    return Right(drawing, linear_image(drawing))
 
 
 def explained_codes(right: Right, found: Explanation) -> Floats:
     """Return the codes (M, N, 3) of the image that the mistakes of an explanation give."""
-    shape = right.linear.shape[0], right.linear.shape[1]
-    return np.rint(all_pixels(shape).codes(found.draw(_seen(right, right.codes)))).reshape(right.linear.shape)
+    return np.rint(code_image(applied(_seen(right, right.codes), found.changes)))
 
 
 def grade(path: str | Path, right: Right) -> Grade:
@@ -124,9 +112,7 @@ def graded(image: Floats, right: Right, name: str) -> Grade:
     differ = wrong(image, expected)
     edges = _on_edges(image, right, differ)
     worst = float(np.abs(image - expected).max())
-    if (differ == edges).all():
-        return Grade(name, image, int(differ.sum()), int(edges.sum()), worst, ())
-    found = explain(_seen(right, image), image, right.linear, edges)
+    found = [] if (differ == edges).all() else explain(_seen(right, image), image, right.linear, edges)
     return Grade(name, image, int(differ.sum()), int(edges.sum()), worst, tuple(found))
 
 
@@ -147,8 +133,8 @@ def _on_edges(image: Floats, right: Right, differ: Bools) -> Bools:
     if not 0 < differ.sum() <= _FEW * differ.size:
         return found
     rows, columns = np.nonzero(differ)
-    canvas = Canvas((differ.shape[0], differ.shape[1]), rows, columns)
-    for snap in STEPS.values():
-        codes = np.rint(canvas.codes(snapped(right.drawing, snap)))
+    canvas = Canvas(rows, columns)
+    for moved in STEPS.values():
+        codes = np.rint(canvas.codes(moved(right.drawing)))
         found[rows, columns] |= ~wrong(image[rows, columns], codes)
     return found

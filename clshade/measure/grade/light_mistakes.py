@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Floats
-from ...oracle.corners import Corners
 from ...oracle.terms import RIGHT, Directions
 from ...oracle.vectors import dot, unit
-from ...scene.model import Material, Scene, with_materials
-from .drawing import Drawing, Shade, Variant
+from ...scene.camera import Camera
+from ...scene.model import Material, with_materials
+from .drawing import Drawing, Shade, Step, instead, only, then, variants
 
 Value = Callable[[Directions, Floats], Floats]
 
@@ -21,102 +21,60 @@ Value = Callable[[Directions, Floats], Floats]
 # Directions. Positions are relative to the eye, which lies at 0.
 
 
-def _directed(drawing: Drawing, change: Callable[[Directions, Floats, Floats, Floats, Scene], Directions]) -> Drawing:
-    """Return the drawing with other directions. change: from those so far, point, light, normal and scene."""
-    before = drawing.light.directions
+class _Place(NamedTuple):
+    """Where light arrives: the directions so far, point, normal as it is interpolated, and light (..., 3)."""
 
-    def directions(point: Floats, normal: Floats, eye: Floats, light: Floats) -> Directions:
-        return change(before(point, normal, eye, light), point, light, normal, drawing.scene)
-
-    return replace(drawing, light=drawing.light._replace(directions=directions))
-
-
-def _shorter(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(normal=normal)
+    at: Directions
+    point: Floats
+    normal: Floats
+    light: Floats
+    camera: Camera
 
 
-def _with_short_normals(drawing: Drawing) -> Drawing:
-    """Return the drawing with N as it is interpolated, in N.L and in R; |R-V|^2 would give R.V of unit vectors only."""
-    drawing = _directed(drawing, _shorter)
-    right_so_far = drawing.light.terms["ks"] is RIGHT.terms["ks"]
-    return _with_term(drawing, "ks", partial(_with_cosine, mirror=_mirror)) if right_so_far else drawing
+def _with_light(drawing: Drawing, **steps: Any) -> Drawing:
+    return replace(drawing, light=drawing.light._replace(**steps))
 
 
-def unnormalized(drawing: Drawing) -> Iterator[Variant]:
-    yield "", _with_short_normals
+def _direction(name: str, value: Callable[[_Place], Floats]) -> Step:
+    """Return what exchanges one of the directions."""
+
+    def change(drawing: Drawing) -> Drawing:
+        def directions(point: Floats, normal: Floats, eye: Floats, light: Floats) -> Directions:
+            at = drawing.light.directions(point, normal, eye, light)
+            found = value(_Place(at, point, normal, light, drawing.scene.camera))
+            return at._replace(**{name: np.broadcast_to(found, getattr(at, name).shape)})
+
+        return _with_light(drawing, directions=directions)
+
+    return change
 
 
-def _view_back(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_eye=-at.to_eye)
+wrong_view = variants(
+    {
+        "away from the eye, P - eye": _direction("to_eye", lambda here: -here.at.to_eye),
+        "toward the origin, -P": _direction("to_eye", lambda here: unit(-here.camera.eye - here.point)),
+        "toward lookat": _direction("to_eye", lambda here: unit(here.camera.lookat - here.camera.eye - here.point)),
+        "the same everywhere, eye - lookat": _direction(
+            "to_eye", lambda here: unit(here.camera.eye - here.camera.lookat)
+        ),
+        "the eye's position itself": _direction("to_eye", lambda here: unit(here.camera.eye)),
+    }
+)
+wrong_light = variants(
+    {
+        "away from the light, P - position": _direction("to_light", lambda here: -here.at.to_light),
+        "the light's position itself": _direction("to_light", lambda here: unit(here.light + here.camera.eye)),
+        "from the eye, position - eye": _direction("to_light", lambda here: unit(here.light)),
+    }
+)
 
 
-def _view_of_origin(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_eye=unit(-scene.camera.eye - point))
+# Terms. All of these take cosines of vectors of any length, as N has another where it is not normalized.
 
 
-def _view_from_target(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_eye=unit(scene.camera.lookat - scene.camera.eye - point))
-
-
-def _view_of_camera(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_eye=unit(scene.camera.eye - scene.camera.lookat) + np.zeros_like(at.to_eye))
-
-
-def _view_by_position(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_eye=unit(scene.camera.eye) + np.zeros_like(at.to_eye))
-
-
-def wrong_view(drawing: Drawing) -> Iterator[Variant]:
-    yield "away from the eye, P - eye", partial(_directed, change=_view_back)
-    yield "toward the origin, -P", partial(_directed, change=_view_of_origin)
-    yield "toward lookat", partial(_directed, change=_view_from_target)
-    yield "the same everywhere, eye - lookat", partial(_directed, change=_view_of_camera)
-    yield "the eye's position itself", partial(_directed, change=_view_by_position)
-
-
-def _light_back(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_light=-at.to_light)
-
-
-def _light_by_position(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_light=unit(light + scene.camera.eye) + np.zeros_like(at.to_light))
-
-
-def _light_from_eye(at: Directions, point: Floats, light: Floats, normal: Floats, scene: Scene) -> Directions:
-    return at._replace(to_light=unit(light) + np.zeros_like(at.to_light))
-
-
-def wrong_light(drawing: Drawing) -> Iterator[Variant]:
-    yield "away from the light, P - position", partial(_directed, change=_light_back)
-    yield "the light's position itself", partial(_directed, change=_light_by_position)
-    yield "from the eye, position - eye", partial(_directed, change=_light_from_eye)
-
-
-# Terms
-
-
-def _with_term(drawing: Drawing, name: str, value: Value) -> Drawing:
-    return replace(drawing, light=drawing.light._replace(terms={**drawing.light.terms, name: value}))
-
-
-def _term(name: str, value: Value) -> Callable[[Drawing], Iterator[Variant]]:
-    """Return the variants of a mistake that replaces the term of a coefficient."""
-
-    def variants(drawing: Drawing) -> Iterator[Variant]:
-        yield "", partial(_with_term, name=name, value=value)
-
-    return variants
-
-
-def _cosine(at: Directions, n: Floats) -> Floats:
-    return at.n_l
-
-
-def _magnitude(at: Directions, n: Floats) -> Floats:
-    return np.abs(at.n_l)
-
-
-# All of these take cosines of vectors of any length, as N has another where it is not normalized.
+def _term(name: str, value: Value) -> Step:
+    """Return what replaces the term of a coefficient."""
+    return lambda drawing: _with_light(drawing, terms={**drawing.light.terms, name: value})
 
 
 def _mirror(at: Directions) -> Floats:
@@ -127,38 +85,26 @@ def _to_power(cosine: Floats, n: Floats) -> Floats:
     return np.where(cosine > 0.0, np.maximum(cosine, 0.0) ** n, 0.0)
 
 
-def _behind_too(at: Directions, n: Floats) -> Floats:
-    return _to_power(dot(_mirror(at), at.to_eye), n)
+def _gated(cosine: Callable[[Directions], Floats]) -> Value:
+    """Return the highlight of another cosine."""
+    return lambda at, n: np.where(at.n_l > 0.0, _to_power(cosine(at), n), 0.0)
 
 
-def _both_ways(at: Directions, n: Floats) -> Floats:
-    return np.where(at.n_l > 0.0, _to_power(np.abs(dot(_mirror(at), at.to_eye)), n), 0.0)
+def _short_normals(drawing: Drawing) -> Drawing:
+    """Return the drawing with N as it is interpolated, in N.L and in R; |R-V|^2 would give R.V of unit vectors only."""
+    drawing = _direction("normal", lambda here: here.normal)(drawing)
+    right_so_far = drawing.light.terms["ks"] is RIGHT.terms["ks"]
+    return _term("ks", _gated(lambda at: dot(_mirror(at), at.to_eye)))(drawing) if right_so_far else drawing
 
 
-def _halfway(at: Directions, n: Floats) -> Floats:
-    return np.where(at.n_l > 0.0, _to_power(dot(unit(at.to_light + at.to_eye), at.normal), n), 0.0)
-
-
-def _with_cosine(at: Directions, n: Floats, mirror: Callable[[Directions], Floats]) -> Floats:
-    """Return the highlight of a mirrored direction of any length."""
-    return np.where(at.n_l > 0.0, _to_power(dot(mirror(at), at.to_eye), n), 0.0)
-
-
-def _backward(at: Directions) -> Floats:
-    return -_mirror(at)
-
-
-def _halved(at: Directions) -> Floats:
-    return at.normal * at.n_l[..., None] - at.to_light
-
-
-unclamped = _term("kd", _cosine)
-absolute = _term("kd", _magnitude)
-ungated = _term("ks", _behind_too)
-absolute_mirror = _term("ks", _both_ways)
-blinn = _term("ks", _halfway)
-reversed_mirror = _term("ks", partial(_with_cosine, mirror=_backward))
-halved_mirror = _term("ks", partial(_with_cosine, mirror=_halved))
+unnormalized = only(_short_normals)
+unclamped = only(_term("kd", lambda at, n: at.n_l))
+absolute = only(_term("kd", lambda at, n: np.abs(at.n_l)))
+ungated = only(_term("ks", lambda at, n: _to_power(dot(_mirror(at), at.to_eye), n)))
+absolute_mirror = only(_term("ks", _gated(lambda at: np.abs(dot(_mirror(at), at.to_eye)))))
+blinn = only(_term("ks", _gated(lambda at: dot(unit(at.to_light + at.to_eye), at.normal))))
+reversed_mirror = only(_term("ks", _gated(lambda at: dot(-_mirror(at), at.to_eye))))
+halved_mirror = only(_term("ks", _gated(lambda at: dot(at.normal * at.n_l[..., None] - at.to_light, at.to_eye))))
 
 
 # Sums
@@ -178,11 +124,6 @@ def scaled(drawing: Drawing, **factors: float) -> Drawing:
     return of_materials(drawing, change)
 
 
-def without_texture(drawing: Drawing) -> Drawing:
-    """Return the drawing without textures."""
-    return of_materials(drawing, lambda material: replace(material, texture=None))
-
-
 def plain_materials(drawing: Drawing) -> Drawing:
     """Return the drawing with materials whose color is that of the vertices."""
     return of_materials(drawing, lambda material: replace(material, texture=None, color=1.0))
@@ -190,26 +131,13 @@ def plain_materials(drawing: Drawing) -> Drawing:
 
 def _uncolored(drawing: Drawing) -> Drawing:
     """Return the drawing in white. Colors of vertices are replaced at the corners, which drawings on a canvas share."""
-    before = drawing.corners
-
-    def white(corners: Corners) -> Corners:
-        found = before(corners)
-        return replace(found, colors=np.ones_like(found.colors))
-
-    return replace(plain_materials(drawing), corners=white)
+    white = then(corners=lambda corners: replace(corners, colors=np.ones_like(corners.colors)))
+    return white(plain_materials(drawing))
 
 
 def _white_apart(drawing: Drawing, shade: Shade) -> Floats:
     return shade(scaled(drawing, ks=0.0)) + shade(scaled(_uncolored(drawing), ka=0.0, kd=0.0))
 
 
-def white_highlight(drawing: Drawing) -> Iterator[Variant]:
-    yield "", lambda given: replace(given, compose=_white_apart)
-
-
-def _at_most_1(light: Floats) -> Floats:
-    return np.clip(light, 0.0, 1.0)
-
-
-def clipped_light(drawing: Drawing) -> Iterator[Variant]:
-    yield "", lambda given: replace(given, light=given.light._replace(total=_at_most_1))
+white_highlight = only(instead(compose=_white_apart))
+clipped_light = only(lambda drawing: _with_light(drawing, total=lambda light: np.clip(light, 0.0, 1.0)))

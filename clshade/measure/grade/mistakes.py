@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from . import edge_mistakes as edge
 from . import image_mistakes as image
 from . import light_mistakes as light
 from . import scene_mistakes as scene
-from .drawing import Drawing, Variant
-
-Variants = Callable[[Drawing], Iterator[Variant]]
+from .drawing import Variants
 
 
 class Mistake(NamedTuple):
@@ -80,20 +77,14 @@ MISTAKES = (
         "Triangles are drawn one pixel too far: a span ends before the edge that it meets.",
         edge.too_many,
     ),
-    Mistake(
-        "one pixel too few",
-        "Triangles miss their last pixel: range(first, last) leaves out last.",
-        edge.too_few,
-    ),
+    Mistake("one pixel too few", "Triangles miss their last pixel: range(first, last) leaves out last.", edge.too_few),
     Mistake(
         "painter's order reversed",
         "The nearest triangles are drawn first and covered by far ones: sort by depth, farthest first.",
         edge.reversed_order,
     ),
     Mistake(
-        "no sort",
-        "Triangles are drawn in the order of the file: sort them by depth, farthest first.",
-        edge.no_sort,
+        "no sort", "Triangles are drawn in the order of the file: sort them by depth, farthest first.", edge.no_sort
     ),
     Mistake(
         "sorted by one corner",
@@ -147,11 +138,7 @@ MISTAKES = (
     Mistake("no ambient light", "The term ka*Ia is missing.", scene.no_ambient),
     Mistake("no diffuse light", "The term kd*(N.L) is missing.", scene.no_diffuse),
     Mistake("no highlight", "The term ks*(R.V)^n is missing.", scene.no_highlight),
-    Mistake(
-        "ambient light per lamp",
-        "ka*Ia is added once for each light: add it once.",
-        scene.ambient_per_light,
-    ),
+    Mistake("ambient light per lamp", "ka*Ia is added once for each light: add it once.", scene.ambient_per_light),
     Mistake(
         "ka without Ia", "The ambient intensity Ia is left out: the term is ka*Ia.", scene.ambient_without_intensity
     ),
@@ -173,9 +160,7 @@ MISTAKES = (
     Mistake("N.L not clamped", "N.L is not clamped: max(N.L, 0), or lights behind darken.", light.unclamped),
     Mistake("N.L by absolute value", "|N.L| lights the far side too: max(N.L, 0).", light.absolute),
     Mistake(
-        "highlight without gate",
-        "There are highlights where the light is behind: none where N.L <= 0.",
-        light.ungated,
+        "highlight without gate", "There are highlights where the light is behind: none where N.L <= 0.", light.ungated
     ),
     Mistake(
         "R.V by absolute value", "|R.V| or an even power makes a second highlight: max(R.V, 0).", light.absolute_mirror
@@ -202,11 +187,7 @@ MISTAKES = (
     Mistake("v flipped", "v is upside down: row 0 of the texture is v = 0.", scene.flipped_v),
     Mistake("u flipped", "u is reversed: column 0 of the texture is u = 0.", scene.flipped_u),
     Mistake("u and v swapped", "u and v are exchanged: texture[v, u], row first.", scene.swapped_uv),
-    Mistake(
-        "half a texel off",
-        "The texture is shifted by half a texel: x = u*(w-1), y = v*(h-1).",
-        scene.half_texel,
-    ),
+    Mistake("half a texel off", "The texture is shifted by half a texel: x = u*(w-1), y = v*(h-1).", scene.half_texel),
     Mistake("nearest for bilinear", "The nearest texel is shown: interpolate between four.", scene.nearest_texel),
     Mistake(
         "texture per pixel", "Texels are looked up per pixel: the course looks up corners.", scene.texture_per_pixel
@@ -216,17 +197,9 @@ MISTAKES = (
         "Colors and normals of a triangle are not interpolated: blend those of its corners.",
         scene.flat_triangles,
     ),
+    Mistake("wrong background", "The background has another color than bg_color.", image.wrong_background, early=False),
     Mistake(
-        "wrong background",
-        "The background has another color than bg_color.",
-        image.wrong_background,
-        early=False,
-    ),
-    Mistake(
-        "gamma",
-        "The image is gamma-encoded: the course writes linear values, round(255*x).",
-        image.gamma,
-        early=False,
+        "gamma", "The image is gamma-encoded: the course writes linear values, round(255*x).", image.gamma, early=False
     ),
     Mistake("gamma twice", "The image is gamma-encoded twice.", image.gamma_twice, early=False),
     Mistake("gamma decoded", "The image is too dark: it was decoded from gamma.", image.decoded, early=False),
@@ -240,10 +213,7 @@ MISTAKES = (
         "divided by its maximum", "The image is divided by its largest value: clip it.", image.normalized, early=False
     ),
     Mistake(
-        "channels in another order",
-        "Color channels are exchanged, such as BGR for RGB.",
-        image.channels,
-        early=False,
+        "channels in another order", "Color channels are exchanged, such as BGR for RGB.", image.channels, early=False
     ),
     Mistake("gray", "The image has no color: a mean or one channel is shown.", image.gray, early=False),
     Mistake("negative", "Dark and bright are exchanged: 1 - x.", image.negative, early=False),

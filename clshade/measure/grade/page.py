@@ -28,11 +28,12 @@ td, thead th { text-align: left }
 
 def write(names: Sequence[str], found: Sequence[Row | str], scene: str, path: str | Path) -> None:
     """Write the page. scene: its name. Raises OutputError."""
+    rows = [(shown(name), tables.short(each)) for name, each in zip(names, found, strict=True)]
     body = element(
         "body",
         element("h1", f"Submissions: {scene}"),
         element("p", tables.counted(found)),
-        element("div", table(tables.PAGE, tables.page_rows(names, found)), class_="wide"),
+        element("div", table(("submission", "result"), rows), class_="wide"),
         [_section(shown(name), each) for name, each in zip(names, found, strict=True)],
     )
     atomic_files.write_bytes(path, page("Submissions", _STYLE, body))

@@ -13,6 +13,7 @@ from ...images.channels import Group
 from ...images.layer_plots import panel_size
 from ...images.thumbnails import largest, thinned
 from .grade import Grade, Right, explained_codes
+from .search import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,10 +33,11 @@ class Shot(NamedTuple):
 def draw(found: Grade, right: Right) -> Figure:
     """Draw image, right one and difference; below them the right one with the mistakes in its place."""
     image = _group(found.image)
-    rows = [(_verdict(found), "the right image", _group(right.codes))]
+    verdict = "right within 1/255" if found.right else f"not right: {found.differ:,} pixels differ"
+    rows = [(verdict, "the right image", _group(right.codes))]
     if found.best is not None:
-        caption = f"the right image with {_these(found)}"
-        rows.append((_mistake(found), caption, _group(explained_codes(right, found.best))))
+        mistake = found.best.label if found.best.claimed else f"not explained; nearest: {found.best.label}"
+        rows.append((mistake, _with_mistakes(found.best), _group(explained_codes(right, found.best))))
     width, height = panel_size(found.image.shape, _PANEL)
     figure = figures.blank(3 * width + _BAR, len(rows) * (height + _TITLE), dpi=100)
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
@@ -51,18 +53,8 @@ def _group(codes: Floats) -> Group:
     return Group("RGB", ("R", "G", "B"), tuple(planes))
 
 
-def _verdict(found: Grade) -> str:
-    return "right within 1/255" if found.right else f"not right: {found.differ:,} pixels differ"
-
-
-def _mistake(found: Grade) -> str:
-    """Return the title of what explains an image that is not right."""
-    assert found.best is not None
-    return found.best.label if found.best.claimed else f"not explained; nearest: {found.best.label}"
-
-
-def _these(found: Grade) -> str:
-    return "this mistake" if found.best is None or len(found.best.changes) == 1 else "these mistakes"
+def _with_mistakes(found: Explanation) -> str:
+    return f"the right image with {'this mistake' if len(found.changes) == 1 else 'these mistakes'}"
 
 
 def shots(found: Grade, right: Right) -> tuple[Shot, ...]:
@@ -72,7 +64,7 @@ def shots(found: Grade, right: Right) -> tuple[Shot, ...]:
         made.append(_difference("difference", found.image, right.codes))
     if found.best is not None:
         explained = explained_codes(right, found.best)
-        made.append(_shot(f"the right image with {_these(found)}", explained))
+        made.append(_shot(_with_mistakes(found.best), explained))
         made.append(_difference("difference that is left", found.image, explained))
     return tuple(made)
 

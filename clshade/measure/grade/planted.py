@@ -18,8 +18,8 @@ from ...pipeline.programs import rewriting
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
 from ...scene.model import Scene, Settings, with_materials
-from .drawing import Drawing, as_codes
-from .grade import Right, all_pixels, graded, right_of
+from .drawing import Drawing, code_image
+from .grade import Right, graded, right_of
 from .search import Change, Explanation, applied, changes_of, wrong
 from .wrong_kernels import IMAGES, KERNELS, rewritten
 
@@ -57,27 +57,27 @@ def scene_of(name: str, resolution: tuple[int, int]) -> Scene:
 
 def _rights() -> dict[str, Right]:
     """Return the right images of all scenes and shaders, by name."""
-    found = {}
-    for name in SCENES:
-        for shader, size in SHADERS.items():
-            found[f"{name}, {shader}"] = right_of(scene_of(name, size), Settings.from_preset("course", shader=shader))
-    return found
+    return {
+        f"{name}, {shader}": right_of(scene_of(name, size), Settings.from_preset("course", shader=shader))
+        for name in SCENES
+        for shader, size in SHADERS.items()
+    }
 
 
-def drawn(right: Drawing, changes: Sequence[Change], shape: tuple[int, int]) -> tuple[Floats, str]:
+def drawn(right: Drawing, changes: Sequence[Change]) -> tuple[Floats, str]:
     """Return the codes (M, N, 3) of an image with mistakes, not rounded, and what drew them: the OpenCL kernels where they
     can make these mistakes, else the oracle."""
     in_kernels = [change.label for change in changes if change.label in KERNELS]
     moves = [IMAGES[change.label] for change in changes if change.label in IMAGES]
     drawing = applied(right, [change for change in changes if change.label not in {*KERNELS, *IMAGES}])
-    if len(in_kernels) > 1 or drawing.covers or not replace(drawing, shown=right.shown).of_scene:
-        return all_pixels(shape).codes(applied(right, changes)).reshape(*shape, 3), "oracle"
+    if len(in_kernels) > 1 or not replace(drawing, shown=()).of_scene:
+        return code_image(applied(right, changes)), "oracle"
     wrong_light = rewriting(partial(rewritten, in_kernels[0])) if in_kernels else contextlib.nullcontext()
     with wrong_light, Renderer(drawing.scene, settings=drawing.settings) as renderer:
         image = np.asarray(renderer.render().rgb, np.float64)
     for move in moves:
         image = move(image)
-    return as_codes(drawing.shown(image.reshape(-1, 3))).reshape(*shape, 3), "OpenCL"
+    return drawing.codes_of(image), "OpenCL"
 
 
 def _noisy(codes: Array, generator: np.random.Generator) -> Floats:
@@ -107,9 +107,8 @@ def plant(count: int, mistakes: int, seed: int) -> Iterator[Planted]:
         scene = str(generator.choice(list(rights)))
         right = rights[scene]
         changes = _chosen(right, mistakes, generator)
-        shape = right.linear.shape[0], right.linear.shape[1]
-        codes, by = drawn(right.drawing, changes, shape)
-        without = [drawn(right.drawing, [c for c in changes if c is not left], shape)[0] for left in changes]
+        codes, by = drawn(right.drawing, changes)
+        without = [drawn(right.drawing, [c for c in changes if c is not left])[0] for left in changes]
         if min(wrong(np.rint(codes), np.rint(other)).sum() for other in without) < _LEAST:
             continue
         done += 1

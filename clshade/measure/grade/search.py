@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Bools, Floats, Integers
-from .drawing import Canvas, Drawing, as_codes
+from .drawing import Canvas, Drawing, Step, as_codes
 from .mistakes import MISTAKES, Mistake
 
 SINGLES, PAIRS = 1500, 400  # pixels on which single mistakes, and pairs, are compared
@@ -27,14 +27,11 @@ class Change:
 
     mistake: Mistake
     words: str
-    draw: Callable[[Drawing], Drawing]
+    draw: Step
 
     @property
     def label(self) -> str:
         return f"{self.mistake.name} ({self.words})" if self.words else self.mistake.name
-
-    def __call__(self, drawing: Drawing) -> Drawing:
-        return self.draw(drawing)
 
 
 class Sample(NamedTuple):
@@ -72,14 +69,11 @@ class Explanation:
     def label(self) -> str:
         return " + ".join(change.label for change in self.changes)
 
-    def draw(self, drawing: Drawing) -> Drawing:
-        return applied(drawing, self.changes)
-
 
 def applied(drawing: Drawing, changes: Sequence[Change]) -> Drawing:
     """Return the drawing with mistakes, made one after another."""
     for change in changes:
-        drawing = change(drawing)
+        drawing = change.draw(drawing)
     return drawing
 
 
@@ -110,13 +104,13 @@ def sample(image: Floats, linear: Floats, doubtful: Bools, count: int) -> Sample
 
 
 class Search:
-    """The search for what explains pixels of an image. right: the right drawing. shape: (M, N)."""
+    """The search for what explains pixels of an image. right: the right drawing."""
 
-    def __init__(self, right: Drawing, shape: tuple[int, int], pixels: Sample) -> None:
+    def __init__(self, right: Drawing, pixels: Sample) -> None:
         self.right, self.pixels = right, pixels
-        self.canvas = Canvas(shape, pixels.rows, pixels.columns)
+        self.canvas = Canvas(pixels.rows, pixels.columns)
         self._before = self._left(self.canvas.codes(right))
-        self._linear: dict[Change | None, Floats] = {}
+        self._linear: dict[tuple[object, ...], Floats] = {}
 
     def _left(self, codes: Floats) -> tuple[float, float]:
         """Return what is left of the difference: the sum beyond one code, and the number of pixels."""
@@ -132,21 +126,16 @@ class Search:
         return Explanation(changes, removed, fixed)
 
     def _drawn(self, changes: Sequence[Change]) -> Floats:
-        """Return the codes of the pixels; linear colors of a single mistake in the scene are kept."""
+        """Return the codes of the pixels. Linear colors are kept, which mistakes in the finished image share."""
         drawing = applied(self.right, changes)
-        first = changes[0] if changes and changes[0].mistake.early else None
-        written = [change for change in changes if not change.mistake.early]
-        moved = drawing.place is not self.right.place
-        if moved or len(changes) - len(written) > 1:
-            return self.canvas.codes(drawing)
-        if first not in self._linear:
-            self._linear[first] = self.canvas.linear(self.right if first is None else first(self.right))
-        return self.canvas.written(drawing, self._linear[first])
+        key = (*(change for change in changes if change.mistake.early), drawing.place)
+        if key not in self._linear:
+            self._linear[key] = self.canvas.linear(drawing)
+        return self.canvas.codes(drawing, self._linear[key])
 
     def singles(self) -> list[Explanation]:
         """Return all single mistakes, the one that explains most first; equals in the table's order."""
-        found = [self.explained(change) for change in changes_of(self.right)]
-        return sorted(found, key=lambda each: -round(each.score, 3))
+        return _ranked(self.explained(change) for change in changes_of(self.right))
 
     def pairs(self, singles: Sequence[Explanation]) -> list[Explanation]:
         """Return pairs of mistakes, the one that explains most first: each with those in the finished image, and the best of
@@ -154,8 +143,8 @@ class Search:
         changes = changes_of(self.right)
         best, moved = ({each.label for each in singles[:count]} for count in (BEAM, MOVED))
         idle = {change.label for change in changes if change.mistake.moves} - moved
-        found = [self.explained(*pair) for pair in _ordered_pairs([c for c in changes if c.label not in idle], best)]
-        return sorted(found, key=lambda each: -round(each.score, 3))
+        tried = [change for change in changes if change.label not in idle]
+        return _ranked(self.explained(*pair) for pair in _ordered_pairs(tried, best))
 
     def together(self, ranked: Sequence[Explanation]) -> Explanation:
         """Return the first of ranked explanations, with those that give the same image within one code at all pixels."""
@@ -164,6 +153,10 @@ class Search:
         near = [each for each in others if each.score > first.score - 0.01]
         same = [each.changes for each in near if not wrong(self._drawn(each.changes), codes).any()]
         return replace(first, same=tuple(same))
+
+
+def _ranked(found: Iterable[Explanation]) -> list[Explanation]:
+    return sorted(found, key=lambda each: -round(each.score, 3))
 
 
 def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[Change, Change]]:
@@ -184,17 +177,15 @@ def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[
 def explain(right: Drawing, image: Floats, linear: Floats, doubtful: Bools) -> list[Explanation]:
     """Return what explains an image, codes (M, N, 3), that differs from the right linear colors elsewhere than at doubtful
     pixels, (M, N): the best first, at most three; one alone if it explains nearly all."""
-    shape = image.shape[0], image.shape[1]
-    search = Search(right, shape, sample(image, linear, doubtful, SINGLES))
+    search = Search(right, sample(image, linear, doubtful, SINGLES))
     singles = search.singles()
     best = search.together(singles)
     found = [each for each in (best, *singles[1:]) if each.changes not in best.same and each.score > _WORTH_NAMING]
     if best.score >= _ENOUGH:
         return found[:1]
-    fewer = Search(right, shape, sample(image, linear, doubtful, PAIRS))
+    fewer = Search(right, sample(image, linear, doubtful, PAIRS))
     likely = fewer.pairs(singles)[:24]
-    pairs = sorted((search.explained(*each.changes) for each in likely), key=lambda each: -round(each.score, 3))
-    pair = search.together(pairs)
+    pair = search.together(_ranked(search.explained(*each.changes) for each in likely))
     if 1.0 - pair.score < 0.5 * (1.0 - best.score):
         found = [pair, *found]
     return found[:3]

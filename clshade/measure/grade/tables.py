@@ -15,7 +15,6 @@ HEADER = (
     *("submission", "right", "pixels", "pixels differ", "on edges"),
     *("mistake", "nearest", "removes", "makes right", "same image", "remark"),
 )
-PAGE = ("submission", "result")
 _FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what begins a formula in spreadsheets
 
 
@@ -32,11 +31,6 @@ def verdict(facts: Facts) -> str:
     on_edges = f" ({edges:,} of them on edges, where another fill rule may decide)" if edges else ""
     most = round(255.0 * facts["largest_difference"])
     return f"not right: {differ:,} of {facts['pixels']:,} pixels differ{on_edges}, by up to {most}/255"
-
-
-def pixels(count: int) -> str:
-    """Say that so many pixels differ."""
-    return "1 pixel differs" if count == 1 else f"{count:,} pixels differ"
 
 
 def named(found: Facts) -> str:
@@ -91,7 +85,8 @@ def short(found: Row | str) -> str:
     if facts["right"]:
         on_edges = f", but for {facts['of_these_on_edges']:,} pixels on edges" if facts["of_these_on_edges"] else ""
         return f"right{on_edges}{remarks}"
-    start = f"not right, {pixels(facts['pixels_that_differ'])}"
+    count = facts["pixels_that_differ"]
+    start = "not right, 1 pixel differs" if count == 1 else f"not right, {count:,} pixels differ"
     if not facts["explanations"]:
         return f"{start}; no mistake explains it{remarks}"
     first = facts["explanations"][0]
@@ -127,8 +122,3 @@ def _row(name: str, found: Row | str) -> tuple[str, ...]:
     either = (named(first), "") if facts["explained"] else ("", named(first))
     shares = (f"{first[key]:.4f}" for key in ("difference_removed", "pixels_made_right"))
     return *start, *either, *shares, same(first), remarks
-
-
-def page_rows(names: Sequence[str], found: Sequence[Row | str]) -> list[tuple[str, str]]:
-    """Return a row of PAGE for each submission."""
-    return [(shown(name), short(each)) for name, each in zip(names, found, strict=True)]
