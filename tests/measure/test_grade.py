@@ -294,4 +294,4 @@ def test_every_mistake_shows_somewhere_and_is_found_alone():
 
 @pytest.mark.long
 def test_most_planted_mistakes_are_named_first(capsys):
-    assert planted.run(40, 10, 0)
+    assert planted.run(20, 5, 0)
