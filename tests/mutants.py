@@ -1,4 +1,4 @@
-"""Mutation testing: plant small faults in kernels, loaders and verify, one at a time, and report which the tests detect.
+"""Mutation testing: plant small faults in kernels, loaders and measurements, one at a time; report which tests detect.
 
     python tests/mutants.py --count 200                      # draws with a random seed, which it prints
     python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # resumes an interrupted run
@@ -6,12 +6,12 @@
     python tests/mutants.py --only kernels/fill.clh --count 20 --seed 7
 
 Every line that can be changed is equally likely to be drawn, and at least two lines of each file are. A mutant is
-written into a copy of the repository in a temporary folder, with a kernel cache of its own, and the tests of its file
-run there, cheapest first, until one fails; then those of the whole subject. A mutant that does not build is drawn
-again. Mutants are `found` if a test fails, hangs beyond its time or crashes, and `equivalent` if no test can detect
-them, for the reasons in mutants_equivalent.json: by file, by the line before and after the change ("*" for any), if
-necessary by the line above, with runs of blanks as one; for these only the tests of the file are run. The others
-`survived`. Exit code 0: at least 95 % of all were found and none survived.
+written into a copy of the repository in a temporary folder, with a kernel cache of its own, and the tests of its
+file run there, cheapest first, until one fails; then, of kernels and loaders, those of the whole subject. A mutant
+that does not build is drawn again. Mutants are `found` if a test fails, hangs beyond its time or crashes, and
+`equivalent` if no test can detect them, for the reasons in mutants_equivalent.json: by file, by the line before and
+after the change ("*" for any), if necessary by the line above, with runs of blanks as one; for these only the tests
+of the file are run. The others `survived`. Exit code 0: at least 95 % of all were found and none survived.
 
 Not collected by pytest: 200 mutants take an hour or more of one core. CLSHADE_TEST_PLATFORM limits the devices.
 """

@@ -70,7 +70,8 @@ def test_definitions():
 def test_operands():
     """Those of fma tell it from two roundings, and from the rounding of a sum in float64."""
     for kind in (np.float32, np.float64):
-        (a, b, c), expected = factors(kind)
+        a, b, c = factors(kind)
+        expected = each(fused, kind, a, b, c)
         with np.errstate(all="ignore"):
             assert np.count_nonzero(~same(a * b + c, expected)) > HARD
             wide = (a.astype(np.float64) * b + c).astype(kind)

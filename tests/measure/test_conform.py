@@ -139,7 +139,6 @@ def test_a_fault_is_made_small_and_written_as_a_script(opened, tmp_path):
         assert exit_code(path, opened) == code
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("name", "right", "fault"), [
     ("count", "atomic_add(out + 3, x[item]);", ""),
     ("of_int", "clamp(a, b, c)", "min(max(a, b), c - 1)"),

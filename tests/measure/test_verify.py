@@ -245,7 +245,7 @@ def test_an_image_of_which_nothing_is_right(tmp_path, name):
     written_again(path, **{name: plane + plane.dtype.type(7) if name != "Z" else np.full_like(plane, np.nan)})
     found = clshade.verify(path, scene(), pixels=300)
     assert found.wrong == 300
-    assert "fewer than 100 % of the pixels are wrong" in found.claim
+    assert found.claim == "any number of the pixels may be wrong"
 
 
 def test_a_picture_of_another_size_is_a_fault(tmp_path):

@@ -40,7 +40,7 @@ def half_ulp(settings: Settings) -> float:
 
 
 def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
-    """Return the largest absolute error allowed in each layer except albedo, (M, N)."""
+    """Return the largest absolute error allowed in each layer except albedo, (...)."""
     precision = settings.precision
     unit = np.maximum(half_ulp(settings), 2.0**-53 * oracle.weight_condition)  # positions are float64 on both sides
     eye = float(np.abs(scene.camera.eye).max())

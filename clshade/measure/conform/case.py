@@ -66,8 +66,8 @@ class Case:
 
     @property
     def needs_group(self) -> bool:
-        """Whether a work-item uses its work-group, so that its output depends on the size."""
-        return "local" in self.text or "group" in self.text
+        """Whether a work-item uses more than its own rows: those of its work-group, or memory that all share."""
+        return any(word in self.text for word in ("local", "group", "atomic"))
 
     @cached_property
     def source(self) -> str:

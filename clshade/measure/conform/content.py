@@ -86,7 +86,7 @@ class GoldenScene:
         """Return the scene drawn in float32 and without edges, as a device without float64 can."""
         precision = "float32" if self.settings.precision == "float64" else self.settings.precision
         settings = replace(self.settings, precision=precision, edges=None)
-        return replace(self, choice={**self.choice, "edges": None}, settings=settings)
+        return replace(self, choice={**self.choice, "edges": None, "precision": precision}, settings=settings)
 
 
 def _allowed(row: Choice) -> bool:

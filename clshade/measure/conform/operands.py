@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from .definitions import each, fused
 
 COUNT, HARD = 100_000, 16_000  # operands of all kinds, and of each kind that is hard to round
 
@@ -60,8 +59,8 @@ def ties(kind: Any) -> tuple[Array, Array, Array]:
 
 
 @cache
-def factors(kind: Any) -> tuple[tuple[Array, ...], Array]:
-    """Return a, b and c, and a * b + c rounded once: of all kinds, ties, and sums that cancel, are denormal or overflow."""
+def factors(kind: Any) -> tuple[Array, ...]:
+    """Return a, b and c for a * b + c: of all kinds, ties, and sums that cancel, are denormal or overflow."""
     info, own = np.finfo(kind), rng(4)
     least, most = info.minexp - info.nmant, info.maxexp
     free = tuple(own.permutation(patterns(kind)) for _ in "abc")
@@ -74,8 +73,7 @@ def factors(kind: Any) -> tuple[tuple[Array, ...], Array]:
             spread(least, info.minexp + 2, kind, 6),
         )
         huge = *(spread(most / 2 - 2, most / 2, kind, k) for k in (7, 8)), spread(most - 4, most - 1, kind, 9)
-    operands = tuple(map(np.concatenate, zip(free, ties(kind), near, cancel, tiny, huge, strict=True)))
-    return operands, each(fused, kind, *operands)
+    return tuple(map(np.concatenate, zip(free, ties(kind), near, cancel, tiny, huge, strict=True)))
 
 
 @cache

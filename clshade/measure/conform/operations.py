@@ -165,20 +165,16 @@ ARITHMETIC = {
 def quiet_operands(real: Any) -> tuple[Array, Array, Array]:
     """Return a, b and c of all kinds: NaN is quiet, of two zeros a and b either both are negative or none."""
     own = rng(6)
-    a, b, c = (np.where(np.isnan(v), real(np.nan), v) for v in factors(real)[0])
+    a, b, c = (np.where(np.isnan(v), real(np.nan), v) for v in factors(real))
     b, c = np.where(own.random(len(a)) < 0.1, a, b), np.where(own.random(len(a)) < 0.1, -a, c)
     return a, np.where((a == 0.0) & (b == 0.0), a, b), c
 
 
 def _reals(way: Way) -> Iterator[Case]:
     real, out = way.real, ("REAL", way.real)
-    given, whole = factors(real)
-
-    def once(a: Array, b: Array, c: Array) -> Array:
-        return whole if a is given[0] else each(fused, real, a, b, c)
-
-    three = "REAL REAL REAL"
-    yield _case(way, "fused", "a * b + c, rounded once", three, out, [Operation("REAL", "fma(a, b, c)", once)], given)
+    given, three = factors(real), "REAL REAL REAL"
+    once = Operation("REAL", "fma(a, b, c)", lambda a, b, c: each(fused, real, a, b, c))
+    yield _case(way, "fused", "a * b + c, rounded once", three, out, [once], given)
     table = [Operation("REAL", text, define) for text, define in ARITHMETIC.items()]
     table.append(Operation("REAL", "a * b + c", lambda a, b, c: a * b + c, lambda a, b, c: a * b))  # rounded twice
     yield _case(way, "arithmetic", "operators, each rounded", three, out, table, given)

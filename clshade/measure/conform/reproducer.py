@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +76,8 @@ def cut(wrong: Wrong | Case) -> Case:
     """Return the case of the column that is wrong, with the first work-group that has a wrong row; of a case that has not
     run, the first one."""
     case, first = (wrong.case, int(wrong.rows.argmax())) if isinstance(wrong, Wrong) else (wrong, 0)
-    if isinstance(wrong, Wrong) and case.alone is not None:
-        case = case.alone(wrong.column).with_inputs(case.inputs)
+    if isinstance(wrong, Wrong) and case.alone is not None and len(case.columns) > 1:
+        case = replace(case.alone(wrong.column), group=case.group).with_inputs(case.inputs)
     if case.grid is not None:
         return case
     first -= first % case.rows

@@ -32,7 +32,7 @@ def _through(steps: Iterable[Callable[[_Value], _Value]], value: _Value) -> _Val
     return value
 
 
-def _sorted_by(z: Floats) -> Floats:
+def _own_depths(z: Floats) -> Floats:
     return z
 
 
@@ -64,7 +64,7 @@ class Drawing:
 
     scene: Scene
     settings: Settings
-    order: Callable[[Floats], Floats] = _sorted_by
+    order: Callable[[Floats], Floats] = _own_depths
     snap: tuple[Callable[[Integers], Integers], ...] = ()
     reach: Reach = ONE_PIXEL
     corners: tuple[Callable[[Corners], Corners], ...] = ()
@@ -81,7 +81,7 @@ class Drawing:
         return all(getattr(self, each.name) == each.default for each in fields(self) if each.default is not MISSING)
 
     def codes_of(self, linear: Floats) -> Floats:
-        """Return linear colors (K, 3) as codes from 0 to 255, not rounded."""
+        """Return linear colors (..., 3) as codes from 0 to 255, not rounded."""
         return as_codes(_through(self.shown, linear))
 
 

@@ -21,8 +21,8 @@ Value = Callable[[Directions, Floats], Floats]
 # Directions. Positions are relative to the eye, which lies at 0.
 
 
-class _Place(NamedTuple):
-    """Where light arrives: the directions so far, point, normal as it is interpolated, and light (..., 3)."""
+class _Lit(NamedTuple):
+    """Where light arrives: the directions so far; point, normal as it is interpolated, and light (..., 3); the camera."""
 
     at: Directions
     point: Floats
@@ -35,13 +35,13 @@ def _with_light(drawing: Drawing, **steps: Any) -> Drawing:
     return replace(drawing, light=drawing.light._replace(**steps))
 
 
-def _direction(name: str, value: Callable[[_Place], Floats]) -> Step:
+def _direction(name: str, value: Callable[[_Lit], Floats]) -> Step:
     """Return what exchanges one of the directions."""
 
     def change(drawing: Drawing) -> Drawing:
         def directions(point: Floats, normal: Floats, eye: Floats, light: Floats) -> Directions:
             at = drawing.light.directions(point, normal, eye, light)
-            found = value(_Place(at, point, normal, light, drawing.scene.camera))
+            found = value(_Lit(at, point, normal, light, drawing.scene.camera))
             return at._replace(**{name: np.broadcast_to(found, getattr(at, name).shape)})
 
         return _with_light(drawing, directions=directions)

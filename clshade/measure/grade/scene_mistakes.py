@@ -94,10 +94,6 @@ def _lit_by(change: Callable[[int, Any], Any]) -> Step:
     return changed
 
 
-def _several_lights(drawing: Drawing) -> bool:
-    return len(drawing.scene.lights) > 1
-
-
 def _keeping(kept: Sequence[int]) -> Step:
     """Return what keeps the lights of these numbers."""
     return _lit_by(lambda k, light: light if k in kept else None)
@@ -130,8 +126,16 @@ def one_channel(drawing: Drawing) -> Iterator[Variant]:
         yield f"{name} of all lights, for all channels", _of_channel(channel)
 
 
-def _averaged(drawing: Drawing) -> Drawing:
-    return _lit_by(lambda k, light: replace(light, intensity=light.intensity / len(drawing.scene.lights)))(drawing)
+def averaged_lights(drawing: Drawing) -> Iterator[Variant]:
+    count = len(drawing.scene.lights)  # also where the drawing that is changed has fewer
+    if count > 1:
+        yield "", _lit_by(lambda k, light: replace(light, intensity=light.intensity / count))
+
+
+def ambient_per_light(drawing: Drawing) -> Iterator[Variant]:
+    count = float(len(drawing.scene.lights))
+    if count > 1.0:
+        yield "", lambda changed: scaled(changed, ka=count)
 
 
 def _fading(number: int, light: Any) -> Any:
@@ -145,12 +149,10 @@ def _steady(drawing: Drawing) -> bool:
 white_lights = only(
     _lit_by(lambda k, light: replace(light, intensity=np.ones(3))), lambda drawing: bool(drawing.scene.lights)
 )
-averaged_lights = only(_averaged, _several_lights)
 falling_off = only(_lit_by(_fading), _steady)
 no_ambient = only(lambda drawing: scaled(drawing, ka=0.0))
 no_diffuse = only(lambda drawing: scaled(drawing, kd=0.0))
 no_highlight = only(lambda drawing: scaled(drawing, ks=0.0))
-ambient_per_light = only(lambda drawing: scaled(drawing, ka=float(len(drawing.scene.lights))), _several_lights)
 ambient_without_intensity = only(lambda drawing: replace(drawing, scene=replace(drawing.scene, ambient=np.ones(3))))
 no_exponent = only(lambda drawing: of_materials(drawing, lambda material: replace(material, n=1.0)))
 

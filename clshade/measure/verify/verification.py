@@ -71,6 +71,8 @@ class Verification:
         if self.pixels == self.of:
             unknown = f", and {self.ties:,} cannot be judged" if self.ties else ""
             return f"{self.wrong:,} of {self.of:,} pixels are wrong{unknown}: every one was looked at"
+        if self.at_most >= 1.0:
+            return "any number of the pixels may be wrong"
         unknown = " or cannot be judged" if self.ties else ""
         sure, share = f"{100 * CONFIDENCE:g} % confidence", rounded_up(self.at_most)
         return f"with {sure} fewer than {share} of the pixels are wrong{unknown}"

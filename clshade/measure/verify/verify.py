@@ -256,8 +256,8 @@ def _picture(image: RecordedImage, scene: Scene) -> _Picture:
     if codes.shape != low.shape:
         size, found = ("{1} x {0} pixels of {2} channels".format(*each.shape) for each in (low, codes))
         return _Picture(True, (f"{path.name} is of another size: expected {size}, found {found}",))
-    other = np.argwhere(((codes < low) | (codes > high)).any(axis=-1)).tolist()
-    if not other:
+    other = np.argwhere(((codes < low) | (codes > high)).any(axis=-1))
+    if not len(other):
         return _Picture(True)
     place = "the first at row {}, column {}".format(*other[0])
     return _Picture(True, (f"{path.name} is not the EXR, tone-mapped: {len(other):,} pixels differ, {place}",))
