@@ -81,6 +81,7 @@ def test_golden_scenes_cover_all_pairs():
     assert len({row["digest"] for row in json.loads(scenes.GOLDEN.read_text())}) == len(rows)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("program", ["nolight", "float64"])
 def test_a_device_without_float64_draws_every_scene(opened, program):
     """A few scenes of a program: those that need float64 are drawn in float32, without edges, and have digests too."""
@@ -150,7 +151,7 @@ def test_a_script_of_a_fault_asks_for_nothing_undefined(opened, tmp_path, name, 
     case = (case.alone(case.columns.index(right)) if case.alone else case).with_inputs([v[:1024] for v in case.inputs])
     with programs.rewriting(lambda source, options: source.replace(right, fault)):
         wrong = Bench(opened).wrong(case)
-        small = shrink.smallest(Bench(opened), wrong, 5.0)
+        small = shrink.smallest(Bench(opened), wrong, 2.0)
     assert len(small.case.inputs[0]) < 128
     assert small.case.allowed(*small.case.inputs).all()
     path = reproducer.write(small, opened, programs.compiler_options(opened), tmp_path, name)
