@@ -138,7 +138,7 @@ def _case(
         "allowed": allowed,
         "between": between if any(op.between for op in operations) else None,
     }
-    return Case(name, title, text, tuple(inputs), define, HEAD, words, alone, **way_of)
+    return Case(name, title, text, tuple(inputs), define, HEAD, words, alone if len(words) > 1 else None, **way_of)
 
 
 def _ordered(a: Array, b: Array, c: Array) -> Bools:

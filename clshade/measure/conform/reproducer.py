@@ -76,7 +76,7 @@ def cut(wrong: Wrong | Case) -> Case:
     """Return the case of the column that is wrong, with the first work-group that has a wrong row; of a case that has not
     run, the first one."""
     case, first = (wrong.case, int(wrong.rows.argmax())) if isinstance(wrong, Wrong) else (wrong, 0)
-    if isinstance(wrong, Wrong) and case.alone is not None and len(case.columns) > 1:
+    if isinstance(wrong, Wrong) and case.alone is not None:
         case = replace(case.alone(wrong.column), group=case.group).with_inputs(case.inputs)
     if case.grid is not None:
         return case

@@ -20,8 +20,8 @@ from ...scene.model import Scene, Settings
 Place = Callable[[Integers, Integers, tuple[int, int]], tuple[Integers, Integers]]
 Shade = Callable[["Drawing"], Floats]
 Compose = Callable[["Drawing", Shade], Floats]
-Step = Callable[["Drawing"], "Drawing"]  # what a mistake does to a drawing
-Variant = tuple[str, Step]  # of a mistake: its words, and what it does
+Edit = Callable[["Drawing"], "Drawing"]  # what a mistake does to a drawing
+Variant = tuple[str, Edit]  # of a mistake: its words, and what it does
 Variants = Callable[["Drawing"], Iterable[Variant]]
 _Value = TypeVar("_Value")
 
@@ -41,10 +41,10 @@ def _at_once(drawing: Drawing, shade: Shade) -> Floats:
 
 
 class Reach(NamedTuple):
-    """Which pixels a triangle covers: those where it covers any, or all, of the pixels at these steps (column, up)."""
+    """Which pixels a triangle covers: those where it covers any, or all, of the pixels at these offsets (column, up)."""
 
     any: bool = True
-    steps: tuple[tuple[int, int], ...] = ((0, 0),)
+    offsets: tuple[tuple[int, int], ...] = ((0, 0),)
 
 
 ONE_PIXEL = Reach()
@@ -85,8 +85,8 @@ class Drawing:
         return as_codes(_through(self.shown, linear))
 
 
-def then(**steps: Any) -> Step:
-    """Return what makes a step after those that a drawing has of its kind, such as `snap`."""
+def then(**steps: Any) -> Edit:
+    """Return an edit that adds steps, such as one of `snap`, after those that a drawing has."""
 
     def change(drawing: Drawing) -> Drawing:
         longer: dict[str, Any] = {name: (*getattr(drawing, name), step) for name, step in steps.items()}
@@ -95,18 +95,18 @@ def then(**steps: Any) -> Step:
     return change
 
 
-def instead(**steps: Any) -> Step:
-    """Return what makes other steps, such as `order`, instead of those of a drawing."""
+def instead(**steps: Any) -> Edit:
+    """Return an edit that replaces steps of a drawing, such as `order`."""
     return lambda drawing: replace(drawing, **steps)
 
 
-def variants(changes: Mapping[str, Step], when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
-    """Return the variants of a mistake: the same, by their words, in all drawings that can have it."""
+def variants(changes: Mapping[str, Edit], when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
+    """Return the variants of a mistake, by their words. when: whether a drawing can have it."""
     return lambda drawing: changes.items() if when(drawing) else ()
 
 
-def only(change: Step, when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
-    """Return the only variant of a mistake, in all drawings that can have it."""
+def only(change: Edit, when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
+    """Return the only variant of a mistake. when: whether a drawing can have it."""
     return variants({"": change}, when)
 
 
@@ -197,11 +197,11 @@ def _covered(
 ) -> Iterator[tuple[Integers, Integers, Integers]]:
     """Yield which triangles cover, in their reach, which pixels (Q,), as `coverage.samples_at` does, all at once."""
     hits = [np.zeros(0, np.int64)]
-    for across, up in reach.steps:
+    for across, up in reach.offsets:
         for k, pixel, _ in coverage.samples_at(xy, boxes, column + across, upward + up):
             hits.append(k * len(column) + pixel)
     keys, times = np.unique(np.concatenate(hits), return_counts=True)
-    k, pixel = np.divmod(keys if reach.any else keys[times == len(reach.steps)], len(column))
+    k, pixel = np.divmod(keys if reach.any else keys[times == len(reach.offsets)], len(column))
     yield k, pixel, coverage.edge_functions(xy[k], column[pixel], upward[pixel])
 
 

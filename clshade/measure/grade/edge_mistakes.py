@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.arrays import Floats, Integers
 from ...oracle.transform import SUBPIXELS
-from .drawing import Drawing, Reach, Step, instead, only, then, variants
+from .drawing import Drawing, Edit, Reach, instead, only, then, variants
 
 _HALF = SUBPIXELS // 2
 _COMPASS = (
@@ -25,7 +25,7 @@ def _shift(xy: Integers, by: tuple[int, int]) -> Integers:
     return moved
 
 
-def _shifts(size: int) -> dict[str, Step]:
+def _shifts(size: int) -> dict[str, Edit]:
     """Return shifts to all sides by so many 1/256 px."""
     return {words: then(snap=partial(_shift, by=(size * x, size * y))) for words, x, y in _COMPASS}
 
@@ -35,7 +35,7 @@ def _corner(xy: Integers) -> Integers:
     return xy // SUBPIXELS * SUBPIXELS
 
 
-STEPS = _shifts(1)
+SUBPIXEL_SHIFTS = _shifts(1)
 half_pixel = variants(_shifts(_HALF))
 whole_pixels = variants(_shifts(SUBPIXELS))
 rounded_corners = variants(

@@ -13,7 +13,7 @@ from ...base.atomic_files import shown
 from ...errors import InputError
 from ...scene.model import Scene, Settings
 from .drawing import Canvas, Drawing, as_codes, code_image, linear_image
-from .edge_mistakes import STEPS
+from .edge_mistakes import SUBPIXEL_SHIFTS
 from .reading import read_codes
 from .search import Explanation, applied, explain, wrong
 
@@ -134,7 +134,7 @@ def _on_edges(image: Floats, right: Right, differ: Bools) -> Bools:
         return found
     rows, columns = np.nonzero(differ)
     canvas = Canvas(rows, columns)
-    for moved in STEPS.values():
+    for moved in SUBPIXEL_SHIFTS.values():
         codes = np.rint(canvas.codes(moved(right.drawing)))
         found[rows, columns] |= ~wrong(image[rows, columns], codes)
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from ...base.arrays import Floats
 from ...images.decode import srgb_to_linear
 from ...images.tonemap import srgb_curve
-from .drawing import Drawing, Step, instead, only, then, variants
+from .drawing import Drawing, Edit, instead, only, then, variants
 
 _DISPLAY_GAMMA = 2.2  # of monitors
 
@@ -35,17 +35,17 @@ transposed = variants(
 wrong_background = variants({"as it is": instead(covers=True)})
 
 
-def _clipped(change: Callable[[Floats], Floats]) -> Step:
-    """Return what changes the values as far as they are shown."""
+def _clipped(change: Callable[[Floats], Floats]) -> Edit:
+    """Return an edit that changes the values after they are clipped to [0, 1]."""
     return then(shown=lambda values: np.asarray(change(np.clip(values, 0.0, 1.0)), np.float64))
 
 
-def _in_order(order: tuple[int, ...]) -> Step:
+def _in_order(order: tuple[int, ...]) -> Edit:
     return then(shown=lambda values: values[..., order])
 
 
-def _weighted(*weights: float) -> Step:
-    """Return what shows a mean of the channels."""
+def _weighted(*weights: float) -> Edit:
+    """Return an edit that shows a mean of the channels."""
     return then(shown=lambda values: np.repeat((values @ np.array(weights))[..., None], 3, axis=-1))
 
 

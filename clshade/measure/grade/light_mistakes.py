@@ -13,7 +13,7 @@ from ...oracle.terms import RIGHT, Directions
 from ...oracle.vectors import dot, unit
 from ...scene.camera import Camera
 from ...scene.model import Material, with_materials
-from .drawing import Drawing, Shade, Step, instead, only, then, variants
+from .drawing import Drawing, Edit, Shade, instead, only, then, variants
 
 Value = Callable[[Directions, Floats], Floats]
 
@@ -35,8 +35,8 @@ def _with_light(drawing: Drawing, **steps: Any) -> Drawing:
     return replace(drawing, light=drawing.light._replace(**steps))
 
 
-def _direction(name: str, value: Callable[[_Lit], Floats]) -> Step:
-    """Return what exchanges one of the directions."""
+def _direction(name: str, value: Callable[[_Lit], Floats]) -> Edit:
+    """Return an edit that exchanges one of the directions."""
 
     def change(drawing: Drawing) -> Drawing:
         def directions(point: Floats, normal: Floats, eye: Floats, light: Floats) -> Directions:
@@ -72,8 +72,8 @@ wrong_light = variants(
 # Terms. All of these take cosines of vectors of any length, as N has another where it is not normalized.
 
 
-def _term(name: str, value: Value) -> Step:
-    """Return what replaces the term of a coefficient."""
+def _term(name: str, value: Value) -> Edit:
+    """Return an edit that replaces the term of a coefficient."""
     return lambda drawing: _with_light(drawing, terms={**drawing.light.terms, name: value})
 
 

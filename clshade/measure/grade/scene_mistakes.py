@@ -14,13 +14,13 @@ from ...oracle.vectors import cross, unit
 from ...scene.lights import PointLight
 from ...scene.model import Material
 from ...scene.texture import Texture
-from .drawing import Drawing, Step, Variant, Variants, only, then, variants
+from .drawing import Drawing, Edit, Variant, Variants, only, then, variants
 from .light_mistakes import of_materials, plain_materials, scaled
 
 # Settings
 
 
-def _setting(name: str, value: Any) -> Step:
+def _setting(name: str, value: Any) -> Edit:
     return lambda drawing: replace(drawing, settings=replace(drawing.settings, **{name: value}))
 
 
@@ -83,8 +83,8 @@ flat_triangles = only(_flat)
 # Lights and materials
 
 
-def _lit_by(change: Callable[[int, Any], Any]) -> Step:
-    """Return what changes the lights. change: from a light's number and the light to another, or None."""
+def _lit_by(change: Callable[[int, Any], Any]) -> Edit:
+    """Return an edit that changes the lights. change: from a light's number and the light to another, or None."""
 
     def changed(drawing: Drawing) -> Drawing:
         found = [change(k, light) for k, light in enumerate(drawing.scene.lights)]
@@ -94,8 +94,8 @@ def _lit_by(change: Callable[[int, Any], Any]) -> Step:
     return changed
 
 
-def _keeping(kept: Sequence[int]) -> Step:
-    """Return what keeps the lights of these numbers."""
+def _keeping(kept: Sequence[int]) -> Edit:
+    """Return an edit that keeps the lights of these numbers."""
     return _lit_by(lambda k, light: light if k in kept else None)
 
 
@@ -108,14 +108,14 @@ def missing_light(drawing: Drawing) -> Iterator[Variant]:
             yield f"all but light {k + 1}", _keeping([k])
 
 
-def _in_channel(number: int, channel: int) -> Step:
-    """Return what leaves one channel of a light."""
+def _in_channel(number: int, channel: int) -> Edit:
+    """Return an edit that keeps only one channel of a light."""
     only_it = np.eye(3)[channel]
     return _lit_by(lambda k, light: replace(light, intensity=light.intensity * only_it) if k == number else light)
 
 
-def _of_channel(channel: int) -> Step:
-    """Return what takes one channel of all lights for all."""
+def _of_channel(channel: int) -> Edit:
+    """Return an edit that takes one channel of all lights for all."""
     return _lit_by(lambda k, light: replace(light, intensity=light.intensity[channel] * np.ones(3)))
 
 
@@ -173,8 +173,8 @@ def _with_textures(change: Callable[[Texture], Texture | None]) -> Variants:
     return only(lambda drawing: of_materials(drawing, changed), _textured)
 
 
-def _in_texels(change: Callable[[Floats], Floats]) -> Step:
-    """Return what changes the coordinates in texels."""
+def _in_texels(change: Callable[[Floats], Floats]) -> Edit:
+    """Return an edit that changes the coordinates in texels."""
 
     def changed(drawing: Drawing) -> Drawing:
         textures = [mesh.material.texture for mesh in drawing.scene.meshes]

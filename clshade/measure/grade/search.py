@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.arrays import Bools, Floats, Integers
-from .drawing import Canvas, Drawing, Step, as_codes
+from .drawing import Canvas, Drawing, Edit, as_codes
 from .mistakes import MISTAKES, Mistake
 
 SINGLES, PAIRS = 1500, 400  # pixels on which single mistakes, and pairs, are compared
@@ -27,7 +27,7 @@ class Change:
 
     mistake: Mistake
     words: str
-    draw: Step
+    draw: Edit
 
     @property
     def label(self) -> str:
