@@ -274,11 +274,15 @@ def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
 
 
 def _warnings(device: Device, program: Any) -> tuple[str, ...]:
-    """Return the lines of the build log that warn; PoCL keeps the log with the program."""
+    """Return the lines of the build log that warn; PoCL keeps the log with the program.
+
+    NVIDIA's compiler marks every kernel `noinline` and then warns that it ignores this: such lines are left out.
+    """
     import pyopencl as cl
 
     log = program.get_build_info(device.device, cl.program_build_info.LOG) or ""
-    return tuple(line.strip() for line in log.splitlines() if "warning:" in line.lower())
+    warned = (line.strip() for line in log.splitlines() if "warning:" in line.lower())
+    return tuple(line for line in warned if "is a kernel, so overriding noinline attribute" not in line)
 
 
 # Built programs are kept in this process's cache folder: loading one skips the compiler's front end. If the runtime has a
