@@ -1,0 +1,152 @@
+"""demos/other_renderers.py: the exact answer that renderers are compared with, and errors of images."""
+
+from __future__ import annotations
+
+import sys
+from importlib import util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clshade
+
+SCRIPT = Path(__file__).resolve().parent.parent / "demos" / "other_renderers.py"
+SIZE = (16, 12)  # columns and rows
+PITCH = 1.0 / 8.0  # of a pixel at depth 1
+LIGHT = np.array([0.5, 1.0, 0.0])
+
+
+def loaded():
+    spec = util.spec_from_file_location("other_renderers", SCRIPT)
+    module = util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its classes are pickled by name
+    spec.loader.exec_module(module)
+    return module
+
+
+script = loaded()
+
+
+def scene_of(corners, faces, depth=1.0):
+    """Return triangles whose corners are places in the image, in pixels from its lower left, at a depth."""
+    columns, rows = SIZE
+    camera = clshade.Camera((0.0,) * 3, (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (rows * PITCH, columns * PITCH), SIZE)
+    places = PITCH * (np.array(corners) - [columns / 2, rows / 2])
+    verts = depth * np.concatenate([places, np.full((len(places), 1), -1.0)], axis=1)
+    return script.plain("known", verts, np.array(faces), camera, LIGHT)
+
+
+KNOWN = scene_of([[3.0, 2.0], [13.0, 2.0], [3.0, 10.0]], [[0, 1, 2]], depth=2.0)
+
+
+def known_answer():
+    """Return coverage, depth and color of the pixels of KNOWN in closed form; no center lies on an edge."""
+    columns, rows = SIZE
+    x, up = np.meshgrid(np.arange(columns) + 0.5, rows - np.arange(rows) - 0.5)
+    covered = (x > 3.0) & (up > 2.0) & ((x - 3.0) / 10.0 + (up - 2.0) / 8.0 < 1.0)
+    points = 2.0 * np.stack([PITCH * (x - columns / 2), PITCH * (up - rows / 2), np.full_like(x, -1.0)], axis=2)
+    toward = LIGHT - points
+    cosine = toward[..., 2] / np.linalg.norm(toward, axis=2)
+    return covered, np.where(covered, 2.0, np.inf), np.where(covered, cosine, 0.0)[..., None] * script.KD
+
+
+def right_answer():
+    covered, depth, rgb = known_answer()
+    return script.Exact(covered, np.zeros_like(covered), depth, rgb)
+
+
+def test_the_exact_answer_is_the_known_one():
+    found, (covered, depth, rgb) = script.exact(KNOWN), known_answer()
+    assert not found.tied.any()
+    assert (found.covered == covered).all()
+    np.testing.assert_allclose(found.depth, depth, rtol=1e-12)
+    np.testing.assert_allclose(found.rgb, rgb, atol=1e-7)
+
+
+def test_the_weights_are_those_of_the_perspective():
+    """Depth along an edge that leads away is harmonic in the image, and a normal is mixed by the weights of the corners."""
+    columns, rows = SIZE
+    places = np.array([[-7.0, -5.0], [7.0, -5.0], [-7.0, 5.0]]) * PITCH
+    depths = np.array([1.0, 4.0, 2.0])
+    verts = np.concatenate([places, np.full((3, 1), -1.0)], axis=1) * depths[:, None]
+    normals = np.eye(3)
+    scene = script.plain("deep", verts, np.array([[0, 1, 2]]), KNOWN.camera, LIGHT, normals)
+    found = script.exact(scene)
+    row, column = 6, 5  # the center of this pixel
+    at = np.array([column + 0.5 - columns / 2, rows / 2 - row - 0.5])
+    second, third = (at + [7.0, 5.0]) / [14.0, 10.0]
+    affine = np.array([1.0 - second - third, second, third])
+    assert found.depth[row, column] == pytest.approx(1.0 / (affine / depths).sum(), rel=1e-6)
+    weights = affine / depths / (affine / depths).sum()
+    point = np.array([*(at * PITCH), -1.0]) * found.depth[row, column]
+    toward = LIGHT - point
+    cosine = weights @ toward / np.linalg.norm(weights) / np.linalg.norm(toward)
+    np.testing.assert_allclose(found.rgb[row, column], max(cosine, 0.0) * np.array(script.KD), rtol=1e-5)
+
+
+def test_a_center_on_an_inner_edge_is_covered_and_one_on_the_outline_is_tied():
+    _, rows = SIZE
+    found = script.exact(scene_of([[2.5, 2.5], [10.5, 2.5], [10.5, 8.5], [2.5, 8.5]], [[0, 1, 2], [0, 2, 3]]))
+    inner, outer = np.zeros((2, *SIZE[::-1]), bool)
+    inner[rows - 8 : rows - 3, 3:10] = True
+    outer[rows - 9 : rows - 2, 2:11] = True
+    assert (found.covered & ~found.tied == inner).all()  # among them centers on the diagonal
+    assert (found.tied == (outer & ~inner)).all()
+
+
+def test_a_hole_between_triangles_that_touch_at_the_center_is_tied():
+    """Two triangles whose tips meet at a pixel's center: an answer either way is right."""
+    corners = [[8.5, 6.5], [12.5, 5.0], [12.5, 8.0], [4.5, 5.0], [4.5, 8.0]]
+    assert script.exact(scene_of(corners, [[0, 1, 2], [0, 4, 3]])).tied[SIZE[1] - 7, 8]
+
+
+def test_the_nearer_of_two_surfaces_is_seen():
+    (mesh,) = KNOWN.meshes
+    verts = np.concatenate([mesh.verts, 0.5 * mesh.verts])
+    found = script.exact(script.plain("both", verts, np.array([[0, 1, 2], [3, 4, 5]]), KNOWN.camera, LIGHT))
+    assert (found.depth[found.covered] == 1.0).all()
+
+
+def test_errors_count_coverage_surfaces_depth_and_color():
+    right = right_answer()
+    first, second, third, fourth = (tuple(place) for place in np.argwhere(right.covered)[[0, 10, 20, 30]])
+    right = right._replace(depth=np.where(np.arange(SIZE[0]) > 6, right.depth + 1.0, right.depth))  # a range of depths
+    picture = script.Picture(right.rgb.copy(), right.depth.copy(), right.covered.astype(np.float32))
+    assert script.exact_errors(picture, right) == {"wrong": 0, "depth": 0.0, "color": 0.0}
+    picture.alpha[first] = 0.0
+    picture.depth[second] += 0.5
+    picture.depth[third] += 0.004
+    picture.rgb[third] += 0.03
+    picture.depth[fourth] = np.nan
+    found = script.exact_errors(picture, right)
+    count = int(right.covered.sum()) - 3
+    assert found["wrong"] == 3
+    assert found["depth"] == pytest.approx(0.004 / np.sqrt(count))
+    assert found["color"] == pytest.approx(0.03 / np.sqrt(count))
+    tied = np.zeros_like(right.covered)
+    tied[first] = tied[second] = tied[fourth] = True
+    assert script.exact_errors(picture, right._replace(tied=tied))["wrong"] == 0
+
+
+def test_clshade_agrees_with_the_exact_answer_to_its_grid(opened):
+    scene = script.SCENES["teapot"]((64, 48))
+    frame = clshade.render(scene, device=opened, layers=("Z",))
+    errors = script.exact_errors(script.Picture(frame.rgb, frame["Z"], frame.alpha), script.exact(scene))
+    assert errors["wrong"] <= 2
+    assert errors["depth"] < 1e-3
+    assert errors["color"] < 1e-3
+
+
+@pytest.mark.long
+def test_renderers_draw_the_known_scene(tmp_path, monkeypatch, capsys):
+    """Those that are installed, each in a process; what is missing is named."""
+    monkeypatch.setitem(script.SCENES, "fan", lambda resolution: KNOWN)
+    assert script.main(["--only", "fan", "--frames", "1", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "| wrong pixels | clshade | float64 |" in printed
+    wrong = next(line for line in printed.splitlines() if line.startswith("| known |"))
+    assert set(wrong.strip("| ").split(" | ")[1:]) == {"0"}
+    missing = [line for line in printed.splitlines() if line.startswith("not drawn: known: ")]
+    assert all("No module named" in line for line in missing), missing
+    assert (tmp_path / "other_renderers.png").stat().st_size > 10_000
