@@ -566,15 +566,6 @@ class Features:
         """Return whether any feature of one of GROUPS is needed."""
         return any(self[name] for name in GROUPS[group])
 
-    def counting(self) -> Features:
-        """Return the features with the counts of rays, see shadow_counts.py."""
-        return replace(self, values=(*self.values, ("SHADOW_COUNTS", 1)))
-
-    @property
-    def counts(self) -> bool:
-        """Whether rays are counted."""
-        return "SHADOW_COUNTS" in self._table
-
     def options(self) -> list[str]:
         """Return -D options of the OpenCL build."""
         return [*(f"-D{name}={value}" for name, value in self.values), f"-DLEFT_OUT={self.absent}UL"]

@@ -67,7 +67,7 @@ class SceneDrawing:
         self._clipping = Clipping(self._source, uvs, uv_faces, depth_test=depth_test)
         transparent = scene_buffers.faces_with(packed, "blends") if features["BLEND"] else None
         order = DepthOrder(device, self._source, painter=not depth_test, transparent=transparent)
-        self._lists, self._pixels = TileLists(stages), self._pixel_pass()
+        self._lists, self._pixels = TileLists(stages), PixelPass(stages)
         self._sorted = SortedPass(order, self._lists, self._pixels)
         self._lines: Lines | None = None
         if settings.edges is not None and isinstance(self._source, SceneFaces):
@@ -80,9 +80,6 @@ class SceneDrawing:
 
     def _build(self, lanes: int | None, layers: Features | None) -> Stages:
         return scene_stages(self.device, self.features, lanes, layers)
-
-    def _pixel_pass(self) -> PixelPass:
-        return PixelPass(self.stages)
 
     # A frame
 
