@@ -181,7 +181,7 @@ def _draw(
         from ...measure.report.auto_settings import select
 
         selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
-        console.table(selected.table())
+        console.table(selected.table.lines()[1:])
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
     cameras = flow_cameras(scene, arguments)
     saving = chosen_saving(arguments)
