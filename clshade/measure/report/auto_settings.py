@@ -112,9 +112,8 @@ def select(
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
     scene, base, fixed, variants = selectable(scene, opened, preset, resolution, **fields)
     study = ShortStudy(scene, base, opened, Limit(budget, tolerance), fixed)
-    choice = study.choose(variants)
-    used = choice.used
-    doubt = choice.doubt or thinning_doubt(used, tolerance) or busy_doubt(study.waiting.share)
+    used = study.choose(variants)
+    doubt = thinning_doubt(used, tolerance) or busy_doubt(study.waiting.share)
     if doubt:
         console.warning(f"within noise: {doubt}")
     rows = (*(row(each, study.outcome(each, used)) for each in study.drawn), *(row(each) for each in study.dropped))

@@ -16,7 +16,7 @@ from ...pipeline.renderer import Renderer
 from ...scene.model import Scene, Settings
 from ..timing import Waiting, median_interval, spread
 from .measure import frame_ms, frame_times
-from .pareto import Choice, fits, within_budget, within_tolerance
+from .pareto import NEARLY, within_budget, within_tolerance
 from .reference_image import Reference, reference_windows
 from .thinned_image import Estimate, Thinned, thinned
 from .variants import SAVINGS, Variant
@@ -111,7 +111,7 @@ class ShortStudy:
             self._reference = reference_windows(self.scene, self.base, self.device, self.thinned, self.fixed)
         return self._reference
 
-    def choose(self, variants: Sequence[Variant]) -> Choice[Candidate]:
+    def choose(self, variants: Sequence[Variant]) -> Candidate:
         """Draw what may be chosen of the variants, the first of which is the base, and choose. Raises InputError if none
         of them keeps the limit."""
         self._consider(sorted(variants, key=_work), likely=True)
@@ -190,7 +190,7 @@ class ShortStudy:
     def _kept(self) -> list[Candidate]:
         """Return the candidates that keep the limit."""
         if self.limit.budget is not None:
-            return [each for each in self.drawn if fits(each, self.limit.budget)]
+            return [each for each in self.drawn if each.quartiles[0] <= NEARLY * self.limit.budget]
         tolerance = self.limit.tolerance or 0.0
         return [each for each in self.drawn if each.error <= tolerance + self.reference.error]
 
