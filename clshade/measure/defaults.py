@@ -7,12 +7,3 @@ BENCH_FRAMES = 21  # per workload of `bench`
 BENCH_TURN = 5  # of one renderer in a row, when alternating with another: people draw frame after frame
 CREW_FRAMES = 200  # of the turntable of `bench --workers`, for each number of workers
 VIEWS = 100  # of `bench --views`
-FAMILIES = (
-    "samples",
-    "shaded",
-    "gouraud",
-    "filter",
-    "light-samples",
-    "occlusion-rays",
-    "precision",
-)  # of variants, which `report` fits powers to

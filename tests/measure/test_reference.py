@@ -13,6 +13,7 @@ from clshade.images.metrics import rmse
 from clshade.measure.report import power_law, variants
 from clshade.measure.report import reference_image as reference_module
 from clshade.measure.report.measure import measure
+from clshade.measure.report.model_errors import ModelErrors
 from clshade.measure.report.reference_image import STEPS, _fits, averaged, reference, tiles
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline import sample_pattern
@@ -53,7 +54,9 @@ def test_more_samples_are_nearer_to_the_reference(device):
     scene = triangle()
     base = base_settings(scene)
     chosen = named(variants_for(scene, base_settings(scene), device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
-    measured = measure(scene, chosen, base, device, reference(scene, base, device), frames=1)
+    converged = reference(scene, base, device)
+    models = ModelErrors(scene, converged.settings, device)
+    measured = measure(scene, chosen, base, device, converged, models, frames=1)
     errors = [each.error for each in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
     assert power_law.exponent((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)

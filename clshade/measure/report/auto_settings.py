@@ -188,7 +188,7 @@ class _Study:
         self._time([tried for tried in drawn if min(tried.ms) <= SLACK * budget and tried.error <= sure])
         for tried in drawn:
             tried.outcome = "possible" if tried.quartiles[0] <= NEARLY * budget else "too slow"
-        return within_budget(drawn, budget, self.reference.error).used
+        return within_budget(drawn, budget, self.reference.error)
 
     def within_tolerance(self, tolerance: float) -> Tried:
         most = tolerance + self.reference.error
@@ -198,7 +198,7 @@ class _Study:
         self._time([tried for tried in exact if min(tried.ms) <= SLACK * fastest])
         for tried in drawn:
             tried.outcome = "possible" if tried in exact else "not accurate enough"
-        return within_tolerance(drawn, tolerance, self.reference.error).used
+        return within_tolerance(drawn, tolerance, self.reference.error)
 
     def _try(self, is_last: Callable[[Tried], bool]) -> list[Tried]:
         """Draw the variants of each family until one is the last that may be chosen; return those drawn."""

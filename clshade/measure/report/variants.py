@@ -12,7 +12,6 @@ from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
 from ...pipeline.picture import picture_fields
 from ...scene.model import Scene, Settings
-from .ray_count_errors import MOST, traced
 
 BASE = "standard"
 UNCHANGED = "unchanged"
@@ -53,8 +52,7 @@ def _with(count: int, what: str) -> str:
 
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
-LIGHT_POINTS = (1, 4, 64)  # besides 16, of
-RAY_BASE = "samples-16"
+LIGHT_POINTS = (1, 4, 64)  # besides 16
 OCCLUSION_RAYS = (1, 4, 16, 64)  # besides the base's own
 COURSE = {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"}
 VARIANTS = (
@@ -76,11 +74,7 @@ VARIANTS = (
     *(Variant(f"occlusion-{n}", _with(n, "occlusion ray"), _samples(16, ambient_occlusion=n)) for n in OCCLUSION_RAYS),
     Variant("painter", "painter's order", {"visibility": "painter"}),
     Variant("affine", "affine interpolation", {"interpolation": "affine"}),
-    Variant(
-        "course",
-        "preset course",
-        COURSE,
-    ),
+    Variant("course", "preset course", COURSE),
     Variant("course-16", "16 samples of preset course", _samples(16, **COURSE)),
 )
 
@@ -139,8 +133,11 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
 
 def _effective(variant: Variant, scene: Scene, base: Settings) -> Settings:
     """Return the settings of a variant without changes that make no difference to the scene."""
-    textured = any(texture_applies(mesh) for mesh in scene.meshes)
-    without = set(() if textured else TEXTURES) | {name for name in MOST if not traced(scene, base, name)}
+    without = {
+        *(() if any(texture_applies(mesh) for mesh in scene.meshes) else TEXTURES),
+        *(() if any(light.has_size for light in scene.lights) else ("light_samples",)),
+        *(() if base.ambient_occlusion else ("ambient_occlusion",)),
+    }
     return replace(base, **{name: value for name, value in variant.changes.items() if name not in without})
 
 
