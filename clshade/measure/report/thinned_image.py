@@ -121,9 +121,9 @@ def thinned(image: Array, faces: int) -> Thinned:
     side = TILE_SIZE * max(1, round(math.sqrt(PIXELS / count) / TILE_SIZE))
     chances = _chances(image, side)
     across = -(-columns // side)
-    path = np.arange(len(chances)).reshape(-1, across)
-    path[1::2] = path[1::2, ::-1].copy()  # each window beside the one before
-    path = path.reshape(-1)
+    places = np.arange(len(chances)).reshape(-1, across)
+    places[1::2] = places[1::2, ::-1].copy()
+    path = places.reshape(-1)  # each window beside the one before
     shares = (np.arange(count) + np.random.default_rng(0).random(count)) / count
     picked, times = np.unique(
         path[np.searchsorted(np.cumsum(chances[path])[:-1], shares, side="right")], return_counts=True
