@@ -137,6 +137,15 @@ def test_what_is_left_out_and_what_it_saves(device, monkeypatch):
     json.dumps(found.stats())
 
 
+@pytest.mark.long
+def test_an_alpha_test_does_not_make_fast_more_precise(device):
+    scene = golden(True)[12][0]
+    assert scene.settings.precision == "fast"
+    found = explain(scene.scene, device=device, settings=scene.settings)
+    assert "ALPHA_TEST" in found.left_out
+    assert found.passed
+
+
 def test_work_that_the_view_and_the_settings_do_without(device):
     scene = plain_scene()
     spare = replace(scene.meshes[0], verts=np.concatenate([scene.meshes[0].verts, np.zeros((7, 3))]))

@@ -33,7 +33,7 @@ LADDER = (
     ("trilinear", "trilinear-4"),
     *(("fast",), ("course",), ("vertex-texture",)),
 )
-TRIAL_FRAMES = 2  # of each variant that is drawn
+TRIAL_FRAMES = 3  # of each variant that is drawn
 FRAMES, SECONDS = 15, 0.6  # of each that may be chosen, in turns: fewer once all took so long
 SLACK = 1.5  # trial frames may take this many times as long as later ones
 NOTE = "Not drawn: what does more work than a variant that is too slow, or accurate enough."
