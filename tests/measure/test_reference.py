@@ -14,7 +14,7 @@ from clshade.measure.report import power_law, variants
 from clshade.measure.report import reference_image as reference_module
 from clshade.measure.report.measure import measure
 from clshade.measure.report.model_errors import ModelErrors
-from clshade.measure.report.reference_image import STEPS, _fits, averaged, reference, tiles
+from clshade.measure.report.reference_image import STEPS, averaged, first_step, reference, tiles
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline import sample_pattern
 from clshade.pipeline.renderer import render
@@ -104,13 +104,8 @@ def test_the_reference_samples_where_no_variant_does():
 def test_images_too_large_for_many_samples_have_few():
     """The largest image has 4 samples, one of a screen's size 64 and more."""
 
-    def steps(resolution):
-        return [_fits(math.prod(resolution), *step) for step in STEPS[:-1]]
-
-    assert steps((640, 480)) == [True] * 4
-    assert steps((1920, 1080)) == [False, True, True, True]
-    assert steps((4096, 4096)) == [False, False, False, True]
-    assert not any(steps((16384, 16384)))
+    places = [first_step(math.prod(size)) for size in ((640, 480), (1920, 1080), (4096, 4096), (16384, 16384))]
+    assert places == [0, 1, 3, 3]
 
 
 def test_the_reference_keeps_what_belongs_to_the_scene(device):

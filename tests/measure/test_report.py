@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from command_line import assert_refused, run
 from studies import small_study, sphere
 
-from clshade.base import text_tables
 from clshade.cli.main import _parser
 from clshade.errors import InputError, OutputError
 from clshade.images import figures, metrics, png
@@ -129,14 +127,6 @@ def test_the_interval_of_a_power_holds_it():
 
 
 # Tables and the figure
-
-
-def test_tables():
-    header, rows = ("name", "n"), [("a", "10"), ("long|er", "5")]
-    assert text_tables.as_lines(header, rows) == ["name      n", "a        10", "long|er   5"]
-    assert text_tables.as_markdown(header, rows)[1:] == ["| --- | --- |", "| a | 10 |", "| long\\|er | 5 |"]
-    assert list(csv.reader(io.StringIO(text_tables.as_csv(header, [("a,b", '"')])))) == [["name", "n"], ["a,b", '"']]
-    assert (text_tables.digits(0.00123456), text_tables.digits(None)) == ("0.00123", "-")
 
 
 def overlap(boxes, others):

@@ -53,8 +53,7 @@ class Decomposition:
 
     def lines(self) -> list[str]:
         """Return what the parts do not say, as sentences."""
-        totals = f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}"
-        return [f"{totals}; {self.relation()}", *self.remarks()]
+        return [f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}", *self.remarks()]
 
     def relation(self) -> str:
         """Return how the total compares with that of independent causes."""
