@@ -91,7 +91,6 @@ TESTS = {
     "kernels/shadow_predicate.clh": "kernel_shadow hierarchy",
     "kernels/hierarchy.cl": "hierarchy",
     "kernels/hierarchy.clh": "hierarchy",
-    "kernels/shadow_counts.clh": "shadow_counts",
     "kernels/shadow_packets.clh": "hierarchy shadow_fans",
     "kernels/shadow_fans.clh": "shadow_fans",
     "kernels/single_rays.clh": "shadow_fans",

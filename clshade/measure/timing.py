@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -39,33 +37,6 @@ def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -
     found: list[tuple[T, ...]] = []
     while len(found) < rounds and (len(found) < FEWEST or time.perf_counter() - start < seconds):
         found.append(tuple(draw(len(found)) for draw in draws))
-    return found
-
-
-class Waiting:
-    """How long this process's threads waited for a processor while other programs had it, within a `with` block.
-
-    share: the longest wait of a thread, of the time of the block; 0 where the system does not tell (Linux does).
-    """
-
-    share = 0.0
-
-    def __enter__(self) -> Waiting:
-        self._start, self._before = time.perf_counter(), _waits()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        seconds = time.perf_counter() - self._start
-        waits = [wait - self._before.get(thread, 0.0) for thread, wait in _waits().items()]
-        self.share = max(waits, default=0.0) / seconds
-
-
-def _waits() -> dict[str, float]:
-    """Return the seconds that each thread of this process was ready to run, but did not."""
-    found = {}
-    for path in Path("/proc/self/task").glob("*/schedstat"):
-        with contextlib.suppress(OSError):  # the thread has ended
-            found[path.parent.name] = int(path.read_text().split()[1]) / 1e9
     return found
 
 

@@ -83,20 +83,14 @@ Sides = tuple[Buffer | None, Buffer | None]
 
 
 def scene_stages(
-    device: Device,
-    features: Features,
-    lanes: int | None = None,
-    layers: Features | None = None,
-    *,
-    counting: bool = False,
+    device: Device, features: Features, lanes: int | None = None, layers: Features | None = None
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
-    program of surface_layers.cl, None if it is not needed. counting: whether shadow rays are counted."""
+    program of surface_layers.cl, None if it is not needed."""
     files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
     geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    drawing = features.compiled().counting() if counting else features.compiled()
-    programs = [build(device, drawing, (pixels,), lanes=lanes)]
+    programs = [build(device, features.compiled(), (pixels,), lanes=lanes)]
     if layers is not None:
         programs.append(build(device, layers.compiled(_LAYER_FEATURES), ("surface_layers.cl",), lanes=lanes))
     if features["LINES"] and device.has_fp64:
@@ -392,7 +386,7 @@ class Stages:
 
     def _inputs(self, surface: SurfaceInputs, features: Features) -> tuple[Buffer | None, ...]:
         casters, instances = bool(features["CASTERS"]), bool(features["INSTANCES"])
-        return surface.arguments(casters=casters, counts=features.counts, instances=instances)
+        return surface.arguments(casters=casters, instances=instances)
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)

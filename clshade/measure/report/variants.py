@@ -77,7 +77,7 @@ VARIANTS = (
 )
 
 
-# The variants of a short study: those that change the time most.
+# The variants for a limit: those that change the time most.
 SHORT = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
     *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
@@ -87,8 +87,6 @@ COMMON = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16", "shaded-64"),
     *("gouraud", "gouraud-4", "trilinear-4", "light-1", "light-4", "light-64", "occlusion-4", "occlusion-64"),
 )
-# Those that only save time, at the cost of accuracy.
-SAVINGS = ("fast", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene, **given: Any) -> Settings:
