@@ -57,18 +57,16 @@ def draw(bench: Bench, xy: Array, resolution: Resolution, **options: object) -> 
     return bench.draw(scene_of(*separate(xy), resolution), **{**FLAT, **options})
 
 
-def exact(xy: Array, resolution: Resolution) -> tuple[Array, Array]:
-    """Return ids and the number of triangles that cover each pixel, (M, N), row 0 at the TOP, computed in integers; the
-    later face wins."""
+def exact(xy: Array, resolution: Resolution) -> Array:
+    """Return the ids of snapped triangles (F, 3, 2), (M, N), row 0 at the TOP, computed in integers; the later face
+    wins."""
     columns, rows = resolution
-    ids, count = np.zeros(columns * rows, np.uint32), np.zeros(columns * rows, np.int64)
+    ids = np.zeros((rows, columns), np.uint32)
     setup = coverage.setup(xy, columns, rows)
     alive = np.flatnonzero(~setup.culled)
     for k, column, row, _ in coverage.samples(xy[alive], setup.box[alive]):
-        at = (rows - 1 - row) * columns + column
-        np.maximum.at(ids, at, (alive[k] + 1).astype(np.uint32))
-        np.add.at(count, at, 1)
-    return ids.reshape(rows, columns), count.reshape(rows, columns)
+        np.maximum.at(ids, (rows - 1 - row, column), (alive[k] + 1).astype(np.uint32))
+    return ids
 
 
 def rational_mask(xy: Array, columns: int, rows: int) -> Array:

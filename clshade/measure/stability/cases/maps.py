@@ -9,7 +9,7 @@ import numpy as np
 
 from ....scene.model import Material, Mesh, MetallicRoughness, Texture
 from . import lit
-from .bench import Bench, Case, Outcome, against_oracle, worst
+from .bench import Bench, Case, Outcome, all_against_oracle
 
 _UVS = np.array([1.1, -0.8])  # texture coordinates per scene unit
 
@@ -58,8 +58,7 @@ def maps(bench: Bench) -> Outcome:
         _sheet({"emission": 3e38, "emission_texture": Texture(np.full((1, 1, 3), 3e38))}),
         _mirrored(),
     ]
-    outcomes = [against_oracle(bench.draw(lit.scene_of(sheet), shader="pbr")) for sheet in sheets]
-    return worst(outcomes, f"{len(sheets)} surfaces")
+    return all_against_oracle(bench, [lit.scene_of(sheet) for sheet in sheets], "surfaces", shader="pbr")
 
 
 CASES = (Case("26e", "maps", "no tangents, no normal in a map, emission 1e30", "finite, within the bound", maps, True),)

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ....scene.model import LEAST_ROUGHNESS, Material, Mesh, MetallicRoughness, PointLight
 from . import lit
-from .bench import Bench, Case, Outcome, against_oracle, worst
+from .bench import Bench, Case, Outcome, all_against_oracle
 
 ROUGHNESSES = (0.0, 1e-4, LEAST_ROUGHNESS, 0.1, 1.0)
 _MIRRORED = PointLight(lit.CAMERA.eye * [-1.0, -1.0, 1.0], np.array([1.0, 0.8, 0.6]))
 _BEHIND = PointLight(np.array([-0.5, 0.3, -3.0]), np.array([0.5, 1.0, 0.8]))
 
 
-def _sheet(metallic: float, roughness: float, emission: float, **fields: Any) -> Mesh:
+def _sheet(metallic: float, roughness: float, emission: float) -> Mesh:
     """Return a sheet whose normals, along its middle row, point between the eye and the light that it mirrors."""
     pbr = MetallicRoughness(metallic, roughness, emission=(emission, 0.1, 0.0))
-    mesh = lit.patch(cells=10, bend=-0.5 / lit.CAMERA.eye[2], material=Material(ka=0.2, pbr=pbr))
-    return replace(mesh, **fields)
+    return lit.patch(cells=10, bend=-0.5 / lit.CAMERA.eye[2], material=Material(ka=0.2, pbr=pbr))
 
 
 def _turned(mesh: Mesh) -> Mesh:
@@ -34,11 +32,8 @@ def narrow_lobes(bench: Bench) -> Outcome:
     sheets = [_sheet(k % 3 / 2.0, roughness, 0.1) for k, roughness in enumerate(ROUGHNESSES)]
     sheets += [_turned(_sheet(0.5, roughness, 0.1)) for roughness in (0.0, 0.5)]
     sheets += [_sheet(0.5, roughness, 1e30) for roughness in (0.0, 1.0)]
-    outcomes = []
-    for sheet in sheets:
-        scene = lit.scene_of(sheet, lights=(_MIRRORED, _BEHIND, lit.LIGHTS[1]))
-        outcomes.append(against_oracle(bench.draw(scene, shader="pbr", forced=("DIFFUSE", "SPECULAR"))))
-    return worst(outcomes, f"{len(sheets)} sheets")
+    scenes = [lit.scene_of(sheet, lights=(_MIRRORED, _BEHIND, lit.LIGHTS[1])) for sheet in sheets]
+    return all_against_oracle(bench, scenes, "sheets", shader="pbr", forced=("DIFFUSE", "SPECULAR"))
 
 
 CASES = (

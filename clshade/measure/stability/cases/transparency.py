@@ -10,8 +10,7 @@ import numpy as np
 from ....base.arrays import Floats
 from ....scene.model import Material, Mesh
 from . import lit
-from .bench import Bench, Case, Outcome, against_oracle, worst
-from .extremes import different_bits
+from .bench import Bench, Case, Outcome, against_oracle, different_bits, worst
 
 _LAYERS = 1000
 _CAMERA = replace(lit.CAMERA, resolution=(20, 20))
@@ -47,7 +46,7 @@ def transparency(bench: Bench) -> Outcome:
     outcomes = []
     for name, meshes in scenes:
         frames = [bench.draw(replace(lit.scene_of(camera=_CAMERA), meshes=meshes)) for _ in range(2)]
-        outcomes += [replace(against_oracle(frames[0]), detail=name), different_bits(*frames)]
+        outcomes += [against_oracle(frames[0], name), different_bits(*frames)]
     return worst(outcomes, "6 scenes, twice")
 
 
