@@ -43,12 +43,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"of the figure of --axes: {','.join(FORMATS)} (default: png)",
     )
     parser.set_defaults(of_cases=parser._actions[first:])
-    parser.add_argument(
-        "--random-rounding",
-        type=int,
-        metavar="RUNS",
-        help="also draw RUNS times while operations of shading round to a random neighbor: digits left beside the bounds",
-    )
     parser.add_argument("--device", help="as for render, or `all`: every device that works (of cases and --functions)")
     parser.add_argument(
         "-o",
@@ -73,16 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
     from ...measure.stability import stability
 
     if arguments.list:
-        if arguments.random_rounding is not None:
-            raise InputError("stability: --random-rounding: cannot go with --list")
         print(stability.listing())
         return DONE
     options = {"out": arguments.out, "names": arguments.case, "triangles": arguments.triangles}
-    if arguments.random_rounding is not None:
-        from ...measure.stability import rounding_cases
-
-        runs = arguments.random_rounding
-        return DONE if rounding_cases.run(arguments.device, runs, **options) else FAILED
     return DONE if stability.run(arguments.device, **options) else FAILED
 
 
@@ -101,7 +88,6 @@ def _refuse_options_of_cases(arguments: argparse.Namespace, mode: str, more: dic
         "--list": arguments.list,
         "--triangles": arguments.triangles != TRIANGLES,
         "--functions": arguments.functions and mode != "--functions",
-        "--random-rounding": arguments.random_rounding is not None,
         **(more or {}),
     }
     for option, given in others.items():
@@ -132,5 +118,5 @@ def _run_scene(arguments: argparse.Namespace) -> int:
     from ...scene.model import Settings
 
     settings = Settings.from_preset(arguments.preset or scene.preset, **chosen_settings(arguments))
-    passed = scene_stability.run(scene, settings, arguments.device, out=arguments.out, runs=arguments.random_rounding)
+    passed = scene_stability.run(scene, settings, arguments.device, out=arguments.out)
     return DONE if passed else FAILED
