@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator
 from dataclasses import replace
-from operator import attrgetter
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -33,7 +32,6 @@ from ..report.reference_image import reference
 from ..report.study import machine
 from ..report.variants import base_settings
 from ..results import Column, Results, Table
-from ..timing import Spread, spread
 
 LARGEST = 1024  # columns and rows of a picture on the page, and of an image whose errors are measured
 ROUNDS = 5  # further calls of each figure, timed
@@ -51,25 +49,15 @@ figcaption { font-size: .85rem }
 
 
 class Drawn(NamedTuple):
-    """A figure: its picture, (h, w, 3) uint8 with at most LARGEST pixels a side; milliseconds of the first call, and of
-    further ones with the scene kept on the device."""
+    """A figure: its picture, (h, w, 3) uint8 with at most LARGEST pixels a side; milliseconds of the first call, and the
+    median of further ones, which find the scene on the device."""
 
     figure: Figure
     picture: Bytes
     first: float
-    again: Spread
+    again: float
 
 
-TIMES = (
-    Column("figure", "", lambda drawn: f"{drawn.figure.number}: {drawn.figure.shader}, {drawn.figure.what}", str),
-    Column("first call", "", attrgetter("first"), "{:.1f}".format),
-    Column("further calls", "", attrgetter("again.median"), "{:.1f}".format),
-    Column("middle half", "", attrgetter("again"), lambda again: f"{again.low:.1f} to {again.high:.1f}"),
-)
-TIMES_ABOUT = (
-    "Milliseconds of a call of render_object or render_object_map: of the first, which uploads the scene, and the "
-    f"median and the middle half of {ROUNDS} more, which find it on the device. Kernels were compiled before."
-)
 ERRORS_ABOUT = (
     "The RMSE of each cause (display white is 1), and its share of the total's mean square, which is negative where it "
     "makes up for others. A cause is the difference of two images in which only that cause differs, from a converged "
@@ -110,7 +98,7 @@ def run(scene: Scene, source: str, out: str | Path, version: str) -> Path:
     facts = _facts(scene, device, version)
     facts |= {f"no figure {', '.join(map(str, numbers))}": why for numbers, why in missing}
     title = f"Course report: {atomic_files.shown(scene.name or 'unnamed scene')}"
-    results = Results(title, facts, [_errors(scene, device), Table("Times", TIMES, drawn, TIMES_ABOUT)])
+    results = Results(title, facts, [_errors(scene, device)])
     pictures = element("div", [_figure(each) for each in drawn], class_="figures")
     atomic_files.write_bytes(path, results.html(pictures, style=STYLE))
     return path
@@ -147,7 +135,7 @@ def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:
             (figure,) = figures.draw_all(scene, [replace(each)])
             picture, first = Image.fromarray(figure.picture), figure.milliseconds
             picture.thumbnail((LARGEST, LARGEST), Image.Resampling.BOX)
-            again = spread([figures.milliseconds(scene, figure) for _ in range(ROUNDS)])
+            again = median(figures.milliseconds(scene, figure) for _ in range(ROUNDS))
             yield Drawn(each, np.array(picture), first, again)
             bar.advance()
 
@@ -155,7 +143,7 @@ def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:
 def _figure(drawn: Drawn) -> Element:
     figure = drawn.figure
     image = element("img", src=png.as_uri(drawn.picture), alt=figure.title)
-    caption = element("figcaption", f"{figure.title.capitalize()}. {drawn.first:.1f} ms")
+    caption = element("figcaption", f"{figure.title.capitalize()}. {drawn.first:.1f} ms, then {drawn.again:.1f} ms")
     return element("figure", image, caption, id=f"f{figure.number}")
 
 
@@ -168,9 +156,11 @@ def _facts(scene: Scene, device: Device, version: str) -> dict[str, Any]:
         "material": f"ka {_vector(material.ka)}, kd {_vector(material.kd)}, ks {_vector(material.ks)}, n {material.n:g}",
         **{f"light {k}": f"at {_vector(each.position)}, intensity {_vector(each.intensity)}" for k, each in lights},
         "settings": ", ".join(f"{name} {getattr(course, name)}" for name in SETTINGS),
+        "times": "of the first call of render_object or render_object_map, which uploads the scene, then the median of "
+        f"{ROUNDS} more, which find it on the device; kernels were compiled before",
         "device": device.title,
         "machine": machine(),
-        "software": f"clshade {version}, NumPy {np.__version__}, Python {platform.python_version()}",
+        "software": f"clshade {version}, NumPy {np.__version__}",
     }
 
 
@@ -182,7 +172,7 @@ def _vector(values: Floats) -> str:
 
 
 def _errors(scene: Scene, device: Device) -> Table:
-    """Measure the errors of the figures that show all of the scene: a row for each, a column for each cause."""
+    """Measure the errors of the figures that show all of the scene: a row for each cause, a column for each figure."""
     scale = min(1.0, LARGEST / max(scene.camera.resolution))
     columns, rows = (max(1, round(scale * side)) for side in scene.camera.resolution)
     measured = replace(scene, camera=scene.camera.with_resolution((columns, rows)))

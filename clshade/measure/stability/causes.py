@@ -111,7 +111,7 @@ def visible_faces(compared: Comparison) -> Faces:
         size=float(box.max()),
         rounding=_stored_rounding(scene, corners, index),
         reach=np.abs(corners.uvs[index]).max(axis=(1, 2), initial=0.0),
-        texels=texels[mesh] if len(mesh) else np.zeros(0, np.int64),
+        texels=texels[mesh],
         mesh=mesh,
     )
 

@@ -87,9 +87,9 @@ def _facts(study: SceneStudy, device: str) -> dict[str, str]:
     }
     kappa = study.quantiles()
     if not kappa:
-        facts["amplified"] = "nothing is visible: no triangle covers the center of a pixel"
+        facts["kappa"] = "nothing is visible: no triangle covers the center of a pixel"
     else:
-        facts["amplified"] = f"kappa: median {kappa['median']:.3g}, 99 % {kappa['p99']:.3g}, max {kappa['max']:.3g}"
+        facts["kappa"] = f"median {kappa['median']:.3g}, 99 % {kappa['p99']:.3g}, max {kappa['max']:.3g}"
         facts["errors"] = (
             f"{100.0 * study.within:.6g} % of the covered pixels{'' if check.complete else ' checked'} are within bounds, "
             f"the largest is {check.bounds:.3g} of {check.allowed:.4g} bounds"
