@@ -20,5 +20,5 @@ MODULES = (
 
 def all_cases() -> tuple[Case, ...]:
     """Return every case, by number."""
-    cases = [case for name in MODULES for case in import_module(f".{name}", __package__).CASES]
+    cases = [case for name in MODULES for case in import_module(f"clshade.measure.stability.cases.{name}").CASES]
     return tuple(sorted(cases, key=lambda case: (int(re.sub(r"\D", "", case.number)), case.number)))
