@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import math
 import string
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -16,7 +18,6 @@ from clshade.measure.stability import curves, stability
 from clshade.measure.stability.cases import Bench, Case, Outcome, all_cases, flat
 from clshade.measure.stability.cases import bench as bench_module
 from clshade.measure.stability.cases.coverage import triangles_of_size
-from clshade.oracle import coverage
 from clshade.pipeline.frame import Frame
 
 CASES = {case.name: case for case in all_cases()}
@@ -77,19 +78,44 @@ def test_a_million_triangles(device):
 # The parts
 
 
-def test_rational_and_integer_coverage_agree():
+def rational_mask(xy: np.ndarray, columns: int, rows: int) -> np.ndarray:
+    """Return the pixels of one snapped triangle in rational arithmetic, (rows, columns) bool, row 0 at the BOTTOM.
+
+    The top-left rule treats a center as displaced a little to the right and, far less, downwards. The pixels of a row
+    are therefore a half-open interval between two crossings; edges that end at the row's height belong to the side
+    below it.
+    """
+    mask = np.zeros((rows, columns), bool)
+    corners = [[Fraction(int(value), 256) for value in corner] for corner in xy]
+    low, high = min(c[1] for c in corners), max(c[1] for c in corners)
+    for row in range(max(math.floor(low - Fraction(1, 2)), 0), min(math.ceil(high), rows - 1) + 1):
+        y = row + Fraction(1, 2)
+        crossings = []
+        for i in range(3):
+            (x0, y0), (x1, y1) = corners[i], corners[i - 2]
+            if (y0 < y) != (y1 < y):
+                crossings.append(x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        if crossings:
+            first = max(math.ceil(min(crossings) - Fraction(1, 2)), 0)
+            end = min(math.ceil(max(crossings) - Fraction(1, 2)), columns)
+            mask[row, first : max(first, end)] = True
+    return mask
+
+
+def test_integer_coverage_is_rational_coverage():
     for size in (1, 4, 16):
-        xy, _ = triangles_of_size(np.random.default_rng(size), size, 60)
+        xy, _ = triangles_of_size(np.random.default_rng(size), size, 300)
         for corners in xy:
             moved = corners - 256 * (corners.min(axis=0) // 256)
-            integers = coverage.triangle_mask(moved, size + 2, size + 1)
-            assert np.array_equal(flat.rational_mask(moved, size + 2, size + 1), integers)
+            columns, rows = size + 2, size + 1
+            integers = flat.exact(moved[None], (columns, rows))[::-1] > 0
+            assert np.array_equal(rational_mask(moved, columns, rows), integers)
 
 
 def test_rational_coverage_notices_an_edge():
     """A square's right column and bottom row of centers lie on its edges, and do not belong to it."""
     square = np.array([[128, 128], [1152, 128], [128, 1152]])
-    mask = flat.rational_mask(square, 6, 6)
+    mask = rational_mask(square, 6, 6)
     assert not mask[0].any()
     assert mask[1, :3].all()
     assert not mask[1, 3]

@@ -93,16 +93,3 @@ def test_pixels_that_are_not_finite_are_all_wrong(monkeypatch):
         assert curves._point(np.full((24, 24, 4), bad), expected).rms == 1.0
     covered = np.concatenate([expected.rgb, 1.0 - expected.alpha[..., None]], axis=-1)
     assert curves._point(covered, expected).wrong == expected.alpha.size
-
-
-def test_the_figure_draws_errors_of_0_and_of_nonsense():
-    axis = replace(ASPECT, values=(1.0, 10.0, 100.0))
-    errors = {"standard": (0.0, 1e-5, 1e-4), PLAIN: (1e-5, 1e19, None)}
-    rows = [
-        Row(axis, value, {way: Point(rms[k], 0, 1.0) for way, rms in errors.items()})
-        for k, value in enumerate(axis.values)
-    ]
-    panel = curves.figure(rows, "$x$").axes[0]
-    low, high = panel.get_ylim()
-    for line in panel.lines[:2]:
-        assert low <= min(line.get_ydata()) <= max(line.get_ydata()) <= high

@@ -95,7 +95,7 @@ class _CaseBench(cases_bench.Bench):
     """The bench of `stability`'s cases, which draws as ours does."""
 
     def __init__(self, bench: Bench) -> None:
-        super().__init__(bench.device, triangles=2000, fractions=100)
+        super().__init__(bench.device, triangles=2000)
         self._bench = bench
 
     def draw(self, scene: Any, **chosen: Any) -> Any:

@@ -41,7 +41,6 @@ PLAIN = "plain"  # float32
 WAYS: dict[str, Precision] = {"standard": "float32", "fast": "fast", "float64": "float64"}  # and their precision
 COLORS = {"standard": figures.OURS, "fast": "#c07a00", "float64": "#2e8b57", PLAIN: figures.OTHER}
 USELESS = 0.03  # RMS errors above this share of the light are of images that show nothing right, and follow no power
-LEAST, MOST = 1e-18, 3.0  # errors drawn: none at the least, larger ones at the most
 ABOUT = (
     f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "
     "can send; plain: float32 from world coordinates on, in NumPy; wrong: pixels of "
@@ -265,6 +264,7 @@ def _draw(above: Axes, below: Axes, axis: Axis, rows: Sequence[Row]) -> None:
     """Draw one axis's errors and times."""
     for way, color in COLORS.items():
         points = [(row.value, row.points[way]) for row in rows if way in row.points and row.points[way].rms is not None]
+        values = [value for value, _ in points]
         style: dict[str, Any] = {
             "label": way,
             "color": color,
@@ -272,15 +272,14 @@ def _draw(above: Axes, below: Axes, axis: Axis, rows: Sequence[Row]) -> None:
             "ms": 4,
             "lw": 1.2,
         }
-        errors = [min(max(point.rms or 0.0, LEAST), MOST) for _, point in points]
-        above.plot([value for value, _ in points], errors, **style)
+        above.plot(values, [point.rms or 0.0 for _, point in points], **style)
         if way != PLAIN:
-            below.plot([value for value, _ in points], [point.ms or 0.0 for _, point in points], **style)
+            below.plot(values, [point.ms or 0.0 for _, point in points], **style)
     above.plot(
         axis.values, [axis.own_error(value) for value in axis.values], "k:", lw=1.0, label="oracle's own, at most"
     )
-    above.axhspan(USELESS, 10.0 * MOST, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
-    above.set(xscale="log", yscale="log", ylim=(LEAST, 10.0 * MOST), title=axis.name)
+    above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
+    above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
     below.set(xscale="log", yscale="log", xlabel=axis.label)
     for panel in (above, below):
         panel.grid(True, alpha=0.3)

@@ -12,10 +12,7 @@ from .bench import Bench, Case, Outcome
 
 __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
-MODULES = (
-    *("coverage", "extremes", "order", "edges", "transparency", "light", "lights", "microfacets", "around", "shadows"),
-    *("ambient_occlusion", "surfaces", "maps"),
-)
+MODULES = ("coverage", "extremes", "order", "light", "lights", "environments", "shadows", "surfaces", "materials")
 
 
 def all_cases() -> tuple[Case, ...]:

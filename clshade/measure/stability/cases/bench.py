@@ -76,13 +76,11 @@ def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
 class Bench:
     """A device and the operations that cases need; tests plant errors by overriding them.
 
-    triangles: number of random triangles of the coverage case, and of those that share pixels by twos. fractions: how
-    many of the random ones are also checked in rational arithmetic.
+    triangles: number of random triangles of the coverage case, and of those that share pixels by twos.
     """
 
-    def __init__(self, device: Device, *, triangles: int = 50_000, fractions: int = 1000) -> None:
-        self.device = device
-        self.triangles, self.fractions = triangles, min(fractions, triangles)
+    def __init__(self, device: Device, *, triangles: int = 50_000) -> None:
+        self.device, self.triangles = device, triangles
 
     def draw(self, scene: Scene, **options: Any) -> Frame:
         """Render one frame with all layers."""

@@ -1,4 +1,5 @@
-"""Cases 24l to 24q: shadows of lights and casters that lie in each other's planes, far away, or are as thin as can be."""
+"""Cases 24l to 24u: shadows and ambient occlusion where lights, casters and receivers lie in each other's planes, far away,
+or are as thin as can be."""
 
 from __future__ import annotations
 
@@ -141,6 +142,48 @@ def closed_boxes(bench: Bench) -> Outcome:
     return worst([black(frames), against_oracle(frames[3])], "6 boxes")
 
 
+# Ambient occlusion
+
+_AMBIENT = (1.0, 0.9, 0.8)
+
+
+def closed_occlusion(bench: Bench) -> Outcome:
+    """Closed boxes with rays as long as their diagonals: all pixels are black, also on edges."""
+    around = {"lights": (), "ambient": 1.0}
+    boxes = [in_box(turn, center, lit.MATERIAL, **around) for turn, center in rooms(9)]
+    frames = [bench.draw(scene, ambient_occlusion=16, ao_distance=8.0) for scene in boxes]
+    return black(frames)
+
+
+def open_planes(bench: Bench) -> Outcome:
+    """Sheets of triangles in one plane, across the view and steep, at the origin, at 1e9 and 1e20 times as large: all of
+    their ambient light arrives."""
+    outcomes = []
+    for mesh in planes():
+        scene = lit.scene_of(lit.on_a_grid(mesh, 12), lights=(), ambient=1.0)
+        for scale, shift in ((1.0, 0.0), (1.0, 1e9), (1e20, 0.0)):
+            moved = lit.shifted(scene, scale, shift)
+            outcomes.append(different_bits(*(bench.draw(moved, ambient_occlusion=rays) for rays in (5, 0))))
+    return worst(outcomes, f"{len(outcomes)} images")
+
+
+def sliver_occlusion(bench: Bench) -> Outcome:
+    """Triangles 1e-2 to 1e-12 wide and 3 long, as casters and as receivers, and some without area."""
+    scene = lit.scene_of(sliver_mesh(), wall(), ambient=_AMBIENT)
+    return all_against_oracle(bench, [scene], ambient_occlusion=4)
+
+
+def lengths(bench: Bench) -> Outcome:
+    """Rays of 1e-300 to 1e300 and of the scene's own size; the scene at 1e9 and 1e20 times as large and as small."""
+    meshes = lit.on_a_grid(wall(), 12), lit.on_a_grid(casters(), 12)
+    scene = lit.scene_of(*meshes, lights=lit.LIGHTS[:1], ambient=_AMBIENT)
+    moved = [lit.shifted(scene, scale, shift) for scale, shift in ((1.0, 0.0), (1.0, 1e9), (1e-20, 0.0), (1e20, 0.0))]
+    outcomes = [all_against_oracle(bench, moved, ambient_occlusion=4)]
+    for distance in (1e-300, 1e-9, 1e-3, 1e5, 1e300):
+        outcomes.append(all_against_oracle(bench, [scene], ambient_occlusion=4, ao_distance=distance))
+    return worst(outcomes, "9 scenes")
+
+
 CASES = (
     Case("24l", "grazing-shadow", "lights near and in a surface's plane", "within the bound", grazing, True),
     Case("24m", "light-on-caster", "lights on vertices, sides, in planes", "within the bound", on_a_caster, True),
@@ -148,4 +191,8 @@ CASES = (
     Case("24o", "sliver-shadow", "casters 1e-12 wide", "within the bound", slivers, True),
     Case("24p", "coplanar-shadow", "neighbors in one plane", "no shadow", coplanar, True),
     Case("24q", "closed-box", "lights outside of closed boxes", "black", closed_boxes, True),
+    Case("24r", "closed-occlusion", "ambient light in closed boxes", "black", closed_occlusion, True),
+    Case("24s", "open-planes", "ambient light on planes, far away", "all of it arrives", open_planes, True),
+    Case("24t", "sliver-occlusion", "casters and receivers 1e-12 wide", "within the bound", sliver_occlusion, True),
+    Case("24u", "occlusion-length", "rays of 1e-300 to 1e300", "within the bound", lengths, True),
 )
