@@ -43,8 +43,7 @@ COLORS = {"standard": figures.OURS, "fast": "#c07a00", "float64": "#2e8b57", PLA
 USELESS = 0.03  # RMS errors above this share of the light are of images that show nothing right, and follow no power
 ABOUT = (
     f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "
-    "can send; plain: float32 from world coordinates on, in NumPy; wrong: pixels of "
-    "wrong coverage; ms: of a frame"
+    "can send; plain: float32 from world coordinates on, in NumPy; wrong: pixels of wrong coverage; ms: of a frame"
 )
 
 

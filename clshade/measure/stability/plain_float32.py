@@ -46,15 +46,15 @@ def _reflected(scene: Scene, points: Array) -> Array:
     material = scene.meshes[0].material
     position, normal, color = np.split(points, 3, axis=1)
     normal, to_eye = _unit(normal), _unit(_float32(scene.camera.eye) - position)
-    light = _float32(material.ka * scene.ambient)
-    for source in (each for each in scene.lights if isinstance(each, PointLight)):
+    total = _float32(material.ka * scene.ambient)
+    for source in (light for light in scene.lights if isinstance(light, PointLight)):
         to_light = _unit(_float32(source.position) - position)
         cosine = (normal * to_light).sum(axis=1, keepdims=True)
         toward = np.maximum(((2.0 * cosine * normal - to_light) * to_eye).sum(axis=1, keepdims=True), 0.0)
         shine = np.where(cosine > 0.0, toward ** np.float32(material.n), 0.0)
         diffuse = _float32(material.kd) * np.maximum(cosine, 0.0)
-        light = light + _float32(source.intensity) * (diffuse + _float32(material.ks) * shine)
-    return color * light
+        total = total + _float32(source.intensity) * (diffuse + _float32(material.ks) * shine)
+    return color * total
 
 
 def _float32(values: object) -> Floats32:

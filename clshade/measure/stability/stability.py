@@ -17,10 +17,7 @@ from . import curves, results
 from .cases import Bench, Case, Outcome, all_cases
 from .results import Result
 
-NO_MPMATH = (
-    "mpmath is not installed (pip install mpmath, or clshade's extra `test`): "
-    "highlights are compared with float64, which is right to 1e-10 at n = 1e9."
-)
+NO_MPMATH = "compared with float64, right to 1e-10 at n = 1e9: mpmath is not installed (pip install mpmath)"
 
 
 def chosen(names: Sequence[str] = (), triangles: int = 1) -> tuple[Case, ...]:
@@ -95,12 +92,12 @@ def run(
     if not names:
         paths += files.files(folder / "curves", *formats)
     files.check_files(paths)
-    outcomes = run_cases(cases, [Bench(each, triangles=triangles) for each in opened])
+    outcomes = run_cases(cases, [Bench(one, triangles=triangles) for one in opened])
     failed = [result for result in outcomes if not result.passed]
-    facts = {f"device {each.index}": each.title for each in opened}
+    facts = {f"device {one.index}": one.title for one in opened}
     facts["cases"] = f"{len(outcomes)} runs of {len(cases)}: {len(outcomes) - len(failed)} passed, {len(failed)} failed"
     if not importlib.util.find_spec("mpmath"):
-        facts["note"] = NO_MPMATH
+        facts["highlights"] = NO_MPMATH
     summary = results.summarize(outcomes, facts)
     print("\n".join(summary.lines()), flush=True)
     summary.write(folder / "stability")

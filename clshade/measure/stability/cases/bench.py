@@ -89,12 +89,11 @@ class Bench:
 
     def light(self, points: Array, normals: Array, position: Array, *, n: float, kd: float = 1.0) -> Array:
         """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3) and one light (3,) of
-        intensity 1, all converted to float32. Return (K,) float32: kd is as given, ks 1, other coefficients 0."""
+        intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients but kd 0."""
         features = Features.of(_POINT_FEATURES)
         stages = Stages(self.device, build(self.device, features, ("light.cl",)))
         material, lights = np.zeros(1, SINGLE.Material), np.zeros(1, SINGLE.Light)
-        given = {"kd": kd, "ks": 1.0}
-        material["k"] = np.repeat([given.get(name, 0.0) for name in TERMS], 3)
+        material["k"] = np.repeat([{"kd": kd, "ks": 1.0}.get(name, 0.0) for name in TERMS], 3)
         material["n"], material["texture"] = n, -1
         lights["position"], lights["intensity"] = position, 1.0
         # Bound to names, so that the memory outlives the kernel.

@@ -140,8 +140,8 @@ def edges_on_centers(bench: Bench) -> Outcome:
     x, y = np.arange(16) - 8, (np.arange(16) - 8)[:, None]
     # Inside or on a left edge; the top and bottom corners also end a right edge, and are not drawn.
     diamond = (np.abs(x) + np.abs(y) < 5) | ((np.abs(x) + np.abs(y) == 5) & (x < 0))
-    found = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
-    outcomes.append(wrong_pixels(found, diamond))
+    drawn = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
+    outcomes.append(wrong_pixels(drawn, diamond))
     return worst(outcomes, "rectangles and a diamond")
 
 

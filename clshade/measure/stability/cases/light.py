@@ -53,21 +53,21 @@ def exact_highlights(points: Array, normals: Array, light: Array, n: float) -> A
         import mpmath
     except ImportError:
         return terms.specular(terms.Directions.at(points, normals, np.zeros(3), light), np.float64(n))
-    found = np.zeros(len(points))
+    exact = np.zeros(len(points))
     with mpmath.workdps(DIGITS):
         for k in range(len(points)):
             p, m, q = (mpmath.matrix(v.tolist()) for v in (points[k], normals[k], light))
             m, v, to = m / mpmath.norm(m), -p / mpmath.norm(p), (q - p) / mpmath.norm(q - p)
             n_l = (m.T * to)[0]
             r_v = ((2 * n_l * m - to).T * v)[0]
-            found[k] = float(r_v**n) if n_l > 0 and r_v > 0 else 0.0
-    return found
+            exact[k] = float(r_v**n) if n_l > 0 and r_v > 0 else 0.0
+    return exact
 
 
-def lobe_error(found: Array, exact: Array, n: float) -> float:
+def lobe_error(shine: Array, exact: Array, n: float) -> float:
     """Return the largest relative error inside the lobe, in sqrt(n) * 2^-24; infinite if a value is not finite."""
     inside = exact >= math.exp(-1.0)
-    error = np.abs(found[inside] / exact[inside] - 1.0) / (math.sqrt(max(n, 1.0)) * oracle_bounds.HALF_ULP)
+    error = np.abs(shine[inside] / exact[inside] - 1.0) / (math.sqrt(max(n, 1.0)) * oracle_bounds.HALF_ULP)
     return float(np.where(np.isfinite(error), error, np.inf).max(initial=0.0))
 
 
@@ -124,9 +124,12 @@ def _at_points(bench: Bench, points: Array, normals: Array, light: Array, n: flo
     )
     rgb = np.repeat(bench.light(points, normals, light, n=n)[None, :, None], 3, axis=2)
     limit = oracle_bounds.ALLOWED["float32"]
-    error = oracle_bounds.color_errors(rgb, expected)[1]
-    error = np.where(oracle_bounds.excepted_at_gates(rgb, expected, limit), 0.0, error)
-    return Outcome(0, float(error.max()), limit, "bounds")
+    gates = oracle_bounds.excepted_at_gates(rgb, expected, limit)
+    absolute, error = oracle_bounds.color_errors(rgb, expected)
+    amplification = (
+        float((np.where(gates, 0.0, absolute[..., 0]) / expected.budget[..., 0]).max()) / oracle_bounds.HALF_ULP
+    )
+    return Outcome(0, float(np.where(gates, 0.0, error).max()), limit, "bounds", amplification)
 
 
 def light_distance(bench: Bench) -> Outcome:

@@ -89,7 +89,7 @@ def _image(seed: int, low: float = 0.0) -> Texture:
 
 def _mapped(changes: dict[str, Any], **fields: Any) -> Mesh:
     """Return a bent sheet with all maps, some of whose parameters change."""
-    given: dict[str, Any] = {
+    defaults: dict[str, Any] = {
         "metallic": 0.2,
         "roughness": 0.5,
         "emission": 0.3,
@@ -97,7 +97,7 @@ def _mapped(changes: dict[str, Any], **fields: Any) -> Mesh:
         "occlusion_texture": _image(2),
         "emission_texture": _image(3),
     }
-    mesh = lit.patch(material=Material(ka=0.2, pbr=MetallicRoughness(**{**given, **changes})))
+    mesh = lit.patch(material=Material(ka=0.2, pbr=MetallicRoughness(**{**defaults, **changes})))
     return replace(mesh, **{"uvs": mesh.verts[:, :2] * _UVS, **fields})
 
 
