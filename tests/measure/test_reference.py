@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from clshade.images.metrics import rmse
-from clshade.measure.report import power_law, variants
 from clshade.measure.report import reference_image as reference_module
+from clshade.measure.report import variants
 from clshade.measure.report.measure import measure
 from clshade.measure.report.model_errors import ModelErrors
+from clshade.measure.report.power_law import fitted
 from clshade.measure.report.reference_image import STEPS, averaged, first_step, reference, tiles
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline import sample_pattern
@@ -59,7 +60,7 @@ def test_more_samples_are_nearer_to_the_reference(device):
     measured = measure(scene, chosen, base, device, converged, models, frames=1)
     errors = [each.error for each in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
-    assert power_law.exponent((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)
+    assert fitted((1, 4, 16, 64), errors).exponent == pytest.approx(-0.75, abs=0.2)
     assert errors[0] > 12 * errors[-1]
     assert all(each.arithmetic.passed for each in measured)
 

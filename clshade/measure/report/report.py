@@ -22,7 +22,7 @@ from .answer import Command, answer, criterion
 from .measure import Measured
 from .pareto import within_budget, within_tolerance
 from .study import Study, study
-from .variants import COMMON, SHORT, VARIANTS, Variant, base_settings, default_variant, named, variants_for
+from .variants import COMMON, LIMITED, VARIANTS, Variant, base_settings, default_variant, named, variants_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,7 +125,7 @@ def _variants(
     if names:
         return variants
     default = default_variant(scene, base, variants, **given)
-    usual = {*COMMON, *(SHORT if limited else ()), default.name, f"{default.name}-16"}
+    usual = {*COMMON, *(LIMITED if limited else ()), default.name, f"{default.name}-16"}
     chosen = [each for each in variants if details or each.name in usual]
     return chosen if default in chosen else [*chosen, default]
 

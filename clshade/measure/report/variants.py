@@ -77,16 +77,12 @@ VARIANTS = (
 )
 
 
-# The variants for a limit: those that change the time most.
-SHORT = (
-    *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
-    *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
-)
-# The variants of a report without details: those that are worth their time on some scene.
+# The variants of a report without details: those that are worth their time on some scene, and others for a limit.
 COMMON = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16", "shaded-64"),
     *("gouraud", "gouraud-4", "trilinear-4", "light-1", "light-4", "light-64", "occlusion-4", "occlusion-64"),
 )
+LIMITED = ("gouraud-16", "trilinear", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene, **given: Any) -> Settings:
