@@ -82,7 +82,6 @@ TESTS = {
     "kernels/projection.clh": "kernel_project instances",
     "kernels/placements.clh": "kernel_instances instances",
     "kernels/instances.cl": "kernel_instances instances",
-    "kernels/random_rounding.clh": "kernel_random_rounding",
     "kernels/reals.clh": "kernel_numerics",
     "kernels/resolve.clh": "sampling",
     "kernels/rows.clh": "kernel_bilerp kernel_phong",

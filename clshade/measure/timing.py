@@ -53,19 +53,18 @@ def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the median, by bootstrap as in `ratio_interval`."""
-    return _interval(np.median(resampled(values), axis=1))
+    return _interval(np.median(_resampled(values), axis=1))
 
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the mean, by bootstrap as in `ratio_interval`."""
-    return _interval(np.mean(resampled(values), axis=1))
+    return _interval(np.mean(_resampled(values), axis=1))
 
 
-def resampled(values: Sequence[float], seed: int = 0) -> Floats:
-    """Return RESAMPLES rows of as many values, drawn with replacement; the same places for all values
-    of one number and seed."""
+def _resampled(values: Sequence[float]) -> Floats:
+    """Return RESAMPLES rows of as many values, drawn with replacement; at the same places for values of one number."""
     found = np.array(values, np.float64)
-    drawn: Floats = found[np.random.default_rng(seed).integers(0, len(found), (RESAMPLES, len(found)))]
+    drawn: Floats = found[np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))]
     return drawn
 
 
@@ -77,5 +76,5 @@ def _interval(statistics: Floats) -> tuple[float, float]:
 def ratio_interval(numerator: Sequence[float], denominator: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the ratio of two medians of as many rounds, by bootstrap: rounds are drawn again with
     replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993)."""
-    above, below = (np.median(resampled(values), axis=1) for values in (numerator, denominator))
+    above, below = (np.median(_resampled(values), axis=1) for values in (numerator, denominator))
     return _interval(above / below)

@@ -113,14 +113,6 @@ def hierarchy_stages(device: Device) -> Stages:
     return Stages(device, build(device, Features.of(), ("hierarchy.cl",), lanes=1))
 
 
-def _grid(program: Program, size: tuple[int, ...], local: tuple[int, ...] | None) -> tuple[Any, ...]:
-    """Return global size, local size and, if the program has one, offset of a launch."""
-    if not program.offset:
-        return size, local
-    more = (1,) * len(program.offset)
-    return (*size, *more), local and (*local, *more), (*(0 for _ in size), *program.offset)
-
-
 class Stages:
     """The kernels of some programs on one device. Each method enqueues a kernel and returns its event.
 
@@ -145,8 +137,8 @@ class Stages:
     def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
         program = self._programs[name]
         kernel = program[name]
-        # PoCL compiles at the first launch with a local size, and again for a wide grid or one with an offset.
-        code = name, local, max(size) >= _WIDE, bool(program.offset)
+        # PoCL compiles at the first launch with a local size, and again for a wide grid.
+        code = name, local, max(size) >= _WIDE
         try:
             if code not in program.launched:
                 return self._launch_first(program, code, size, self._raw(arguments))
@@ -158,7 +150,7 @@ class Stages:
                     kernel.set_args(*self._raw(arguments))
                     self._set[name] = asked
                     program.set_by[name] = self._token
-                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, *_grid(program, size, local))
+                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
@@ -183,7 +175,7 @@ class Stages:
         with first_use(self.device, stored=program.stored) as use, program.lock:
             program.set_by.pop(name, None)
             program[name].set_args(*raw)
-            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], *_grid(program, size, local))
+            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size, local)
             event.wait()
             if self.device.profiling:
                 use.ran = (event.profile.end - event.profile.start) * 1e-9

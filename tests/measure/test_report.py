@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from command_line import assert_refused, run
 from studies import small_study, sphere
 
-from clshade.base import text_tables
 from clshade.cli.main import _parser
 from clshade.errors import InputError, OutputError
 from clshade.images import figures, metrics, png
@@ -23,7 +21,7 @@ from clshade.measure.report import figure, labels, report, study, tables, varian
 from clshade.measure.report.labels import placed
 from clshade.measure.report.measure import frame_times, measure
 from clshade.measure.report.model_errors import ModelErrors
-from clshade.measure.report.power_law import exponent, fitted
+from clshade.measure.report.power_law import fitted
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.variants import BASE, Variant, base_settings, named, variants_for
 from clshade.pipeline.effective_settings import effective_settings
@@ -113,30 +111,16 @@ def test_the_interval_of_a_ratio():
     assert timing.spread([4.0, 1.0, 2.0, 3.0, 5.0]) == (2.0, 3.0, 4.0)
 
 
-def test_power_laws():
-    x = np.array([1.0, 10.0, 40.0, 1000.0])
-    assert exponent(x, 7.0 * x**-1.5) == pytest.approx(-1.5)
-    assert fitted(x, 7.0 * x**-1.5) == pytest.approx((-1.5, -1.5, -1.5))
-
-
 def test_the_interval_of_a_power_holds_it():
     """In 95 of 100 samples of points that scatter about a power law."""
-    rng = np.random.default_rng(3)
     x = np.array([1.0, 4.0, 16.0, 64.0, 256.0])
-    held = [fitted(x, x**-0.75 * np.exp(rng.normal(0.0, 0.2, 5))).contains(-0.75) for _ in range(1000)]
-    assert np.mean(held) == pytest.approx(0.95, abs=0.03)
-    assert str(fitted(x, x**-0.75)) == "-0.75 (-0.75 to -0.75)"
+    assert fitted(x, 7.0 * x**-1.5) == pytest.approx((-1.5, -1.5, -1.5))
+    rng = np.random.default_rng(3)
+    powers = [fitted(x, x**-0.75 * np.exp(rng.normal(0.0, 0.2, 5))) for _ in range(1000)]
+    assert np.mean([low <= -0.75 <= high for _, low, high in powers]) == pytest.approx(0.95, abs=0.03)
 
 
 # Tables and the figure
-
-
-def test_tables():
-    header, rows = ("name", "n"), [("a", "10"), ("long|er", "5")]
-    assert text_tables.as_lines(header, rows) == ["name      n", "a        10", "long|er   5"]
-    assert text_tables.as_markdown(header, rows)[1:] == ["| --- | --- |", "| a | 10 |", "| long\\|er | 5 |"]
-    assert list(csv.reader(io.StringIO(text_tables.as_csv(header, [("a,b", '"')])))) == [["name", "n"], ["a,b", '"']]
-    assert (text_tables.digits(0.00123456), text_tables.digits(None)) == ("0.00123", "-")
 
 
 def overlap(boxes, others):

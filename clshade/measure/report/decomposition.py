@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -19,7 +18,6 @@ from ...scene.model import Scene, Settings, default_tonemap
 from .model_errors import APPROXIMATIONS, ModelErrors
 from .reference_image import Reference
 
-SIMILAR = 0.05  # ratios to 1 that are not worth a word
 SAMPLING, ARITHMETIC, OUTPUT = "sampling", "arithmetic", "8-bit PNG"
 
 
@@ -53,19 +51,7 @@ class Decomposition:
 
     def lines(self) -> list[str]:
         """Return what the parts do not say, as sentences."""
-        totals = f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}"
-        return [f"{totals}; {self.relation()}", *self.remarks()]
-
-    def relation(self) -> str:
-        """Return how the total compares with that of independent causes."""
-        together = math.sqrt(sum(part.rmse**2 for part in self.parts if part.share is not None))
-        ratio = self.total / together if together > 0.0 else 1.0
-        how = "as much as if they were independent"
-        if ratio > 1.0 + SIMILAR:
-            how = f"{ratio:.2f} times what independent ones would be: some add to each other"
-        elif ratio < 1.0 - SIMILAR:
-            how = f"{ratio:.2f} times what independent ones would be: some make up for others"
-        return f"all causes but the PNG together are {how}"
+        return [f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}", *self.remarks()]
 
     def remarks(self) -> list[str]:
         """Return which causes are too small to be known, and which are not measured."""

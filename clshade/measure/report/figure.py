@@ -28,10 +28,6 @@ STYLE: dict[Any, Any] = {
     **{"xtick.labelsize": 7.5, "ytick.labelsize": 7.5, "grid.alpha": 0.2, "axes.linewidth": 0.6},
 }
 PICTURES = 1 + SHOWN  # the reference and the differences from it
-CAUSE_COLORS = (
-    *("#4c72b0", "#dd8452", "#55a868", "#c44e52", "#8172b3"),
-    *("#937860", "#da8bc3", "#ccb974", "#64b5cd", figures.MUTED),
-)
 # Variants that differ in their number of samples alone: the first, the prefix of the others, and the color of their line.
 FAMILIES = {
     "shaded once": (BASE, "samples-", "#8172b3"),
@@ -44,8 +40,6 @@ COLORS = "magma"
 LEAST_ERROR = 1e-12  # drawn; smaller ones are drawn there
 TITLE = 120  # characters of a line
 LEAST, MOST = 1e-3, 1.0  # differences drawn black and in the brightest color
-MARGIN = 1.12  # times the size of what differs
-LABELED = 0.2  # shares above this have room for a number
 
 
 def draw(study: Study) -> Figure:
@@ -61,9 +55,7 @@ def draw(study: Study) -> Figure:
         scatter = figure.add_subplot(top[0])
         _errors_against_time(scatter, study)
         if study.causes is not None:
-            right = top[1].subgridspec(2, 1, height_ratios=(0.3, 1.0))
-            _shares(figure.add_subplot(right[0]), study.causes)
-            _causes(figure.add_subplot(right[1]), study.causes)
+            _causes(figure.add_subplot(top[1]), study.causes)
         row = rows[1].subgridspec(1, PICTURES)
         _pictures(figure, [figure.add_subplot(row[k]) for k in range(PICTURES)], study)
         lines = (f"Error against run time: {study.title}", study.device, study.machine)
@@ -93,24 +85,6 @@ def colored(study: Study) -> dict[str, Array]:
     return found
 
 
-def _window(study: Study) -> tuple[slice, slice]:
-    """Return the rows and columns where images differ, with a margin, in the image's proportions; all if none differ."""
-    shape = study.reference.rgb.shape[:2]
-    off = (
-        np.any([size(each) > LEAST for each in study.pictures.values()], axis=0) if study.pictures else np.zeros(shape)
-    )
-    at = np.nonzero(off)
-    if not len(at[0]):
-        return slice(None), slice(None)
-    part = max((float(np.ptp(each)) + 1.0) / side for each, side in zip(at, shape, strict=True))
-    window = []
-    for each, side in zip(at, shape, strict=True):
-        length = min(side, round(MARGIN * part * side))
-        first = min(max((int(each.min()) + int(each.max()) - length) // 2, 0), side - length)
-        window.append(slice(first, first + length))
-    return window[0], window[1]
-
-
 def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
     """Show the reference and the differences."""
     from matplotlib.cm import ScalarMappable
@@ -118,9 +92,8 @@ def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
 
     for axes in places:
         axes.set_axis_off()
-    rows, columns = _window(study)
     for axes, (name, picture) in zip(places, colored(study).items(), strict=False):
-        axes.imshow(picture[rows, columns])
+        axes.imshow(picture)
         axes.set_title(name.replace(", ", ",\n", 1), fontsize=8)
     bar = ScalarMappable(LogNorm(LEAST, MOST), COLORS)
     figure.colorbar(bar, ax=list(places), shrink=0.9, pad=0.01, aspect=10, label="difference, white is 1")
@@ -204,33 +177,20 @@ def _widen(set_limits: Callable[[float, float], object], values: Sequence[float]
 # The causes of the error
 
 
-def _shares(axes: Axes, found: Decomposition) -> None:
-    """Stack the shares of the causes in the error of the image and of its PNG; negative ones to the left."""
-    ends = {(bar, positive): 0.0 for bar in range(2) for positive in (False, True)}
-    for part, color in zip(found.parts, CAUSE_COLORS, strict=False):
-        for bar, share in enumerate((part.png_share, part.share or 0.0)):
-            start = ends[bar, share > 0.0]
-            axes.barh(bar, share, left=start, color=color, height=0.7)
-            if abs(share) > LABELED:
-                axes.text(start + share / 2.0, bar, f"{100.0 * share:.0f} %", ha="center", va="center", color="white")
-            ends[bar, share > 0.0] += share
-    axes.set_yticks(range(2), ("its PNG", "image"))
-    axes.xaxis.set_major_formatter(lambda share, _: f"{100.0 * share:.0f} %")
-    axes.set_title("where the error comes from")
-
-
 def _causes(axes: Axes, found: Decomposition) -> None:
-    """Plot the causes' errors, in the colors of their shares, and the totals."""
-    errors = {part.cause: part.rmse for part in found.parts}
-    errors |= {"total": found.total, "total, as a PNG": found.png_total}
-    colors = [*CAUSE_COLORS[: len(found.parts)], "#555555", "k"]
+    """Plot the causes' errors and the totals, with the shares of the causes."""
+    totals = {"total": found.total, "total, as a PNG": found.png_total}
+    errors = {**{part.cause: part.rmse for part in found.parts}, **totals}
+    shares = [f"{round(100.0 * part.share)} %" if part.share is not None else "" for part in found.parts]
+    colors = [figures.OURS] * len(found.parts) + ["#555555"] * len(totals)
     some = [error for error in errors.values() if error > 0.0] or [1.0]
     axes.set(xscale="log", xlim=(min(some) / 2.0, max(some) * 2.0))
     axes.barh(range(len(errors)), list(errors.values()), color=colors)
-    for place, error in enumerate(errors.values()):
-        text = f"{error:.2g}"
+    for place, (error, share) in enumerate(zip(errors.values(), [*shares, "", ""], strict=True)):
+        text = f"{error:.2g}\n{share}".strip()
         axes.text(1.02, place, text, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
     axes.set_yticks(range(len(errors)), list(errors))
     axes.invert_yaxis()
-    axes.set_xlabel("RMSE (lower is more accurate)")
+    axes.set_title("where the error comes from")
+    axes.set_xlabel("RMSE and share of the total's mean square")
     axes.grid(True, axis="x")

@@ -16,12 +16,13 @@ from ...images import figures, png
 from ...pipeline.opencl.device import Device, open_device
 from ...scene.model import Scene
 from ..defaults import FRAMES
-from ..results import check_files, files, wrote
+from ..results import Results, check_files, files, wrote
 from . import figure, tables
 from .answer import Command, answer, criterion
+from .measure import Measured
 from .pareto import within_budget, within_tolerance
 from .study import Study, study
-from .variants import COMMON, SHORT, VARIANTS, Variant, base_settings, default_variant, named, variants_for
+from .variants import COMMON, LIMITED, VARIANTS, Variant, base_settings, default_variant, named, variants_for
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,13 +43,11 @@ SCALE = (
 
 def listing() -> str:
     """Return the list of all variants: names, titles, options."""
-    return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.title}{_options(each)}", 17) for each in VARIANTS)
-
-
-def _options(variant: Variant) -> str:
-    """Return the options of `render` that make a variant."""
-    options = " ".join(as_option(name, value) for name, value in variant.changes.items())
-    return f": {options}" if options else ""
+    lines = []
+    for each in VARIANTS:
+        options = " ".join(as_option(name, value) for name, value in each.changes.items())
+        lines.append(text_tables.wrapped(f"{each.name:<16} {each.title}{options and f': {options}'}", 17))
+    return "\n".join(lines)
 
 
 def run(
@@ -72,10 +71,10 @@ def run(
 
     names: variants; default: those that may be worth their time, with details all that change the image of this scene.
     frames: number per variant. budget: milliseconds. tolerance: RMSE. details: measure more and print all tables; implied by
-    names. formats: of the figure. html: write one page with tables and figures too. settings: fields of Settings that all
-    variants share but those that change them, in place of the scene's own. command: returns the command that draws the scene
-    with some settings. Raises DeviceError, OutputError and InputError; the last also if no variant meets the budget or
-    tolerance, but only after all files are written.
+    names. formats: of the figure. html: write a page too. settings: fields of Settings in place of the scene's own, in all
+    variants but those that change them. command: returns the command that draws the scene with some settings. Raises
+    DeviceError, OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all
+    files are written.
     """
     if frames < 1:
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
@@ -87,27 +86,34 @@ def run(
     draws = command or partial(tables.render_command, scene)
     lines = [*(each.line(draws) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
     print("\n".join([*lines, *(["", *tables.results(found).lines()] if details or names else [])]))
-    used, unkept = None, None
     try:
-        if budget is not None:
-            used = within_budget(found.measured, budget, found.reference.error)
-        elif tolerance is not None:
-            used = within_tolerance(found.measured, tolerance, found.reference.error)
+        used, unkept = _used(found, budget, tolerance), None
     except InputError as error:
-        unkept = error
-    results, drawn = tables.written(found, draws, used), figure.draw(found)
-    pictures = [prefix.with_suffix(f".{kind}") for kind in formats]
-    for path in pictures:
-        figures.save(drawn, path, colors=256)
-    page = [prefix.with_suffix(".html")] if html else []
-    for path in page:
-        atomic_files.write_bytes(path, results.html(_pictures(found, drawn), style=STYLE))
-    print("\n".join(wrote([*pictures, *page, *results.write(prefix)])))
+        used, unkept = None, error
+    print("\n".join(wrote(_write(found, tables.written(found, draws, used), prefix, formats, html))))
     if unkept is not None:
         raise unkept
     if used is not None:
         print(f"use {tables.used_line(used, draws)}")
     return all(each.arithmetic.passed for each in found.measured)
+
+
+def _used(study: Study, budget: float | None, tolerance: float | None) -> Measured | None:
+    if budget is not None:
+        return within_budget(study.measured, budget, study.reference.error)
+    return None if tolerance is None else within_tolerance(study.measured, tolerance, study.reference.error)
+
+
+def _write(study: Study, results: Results, prefix: Path, formats: Sequence[str], html: bool) -> list[Path]:
+    """Write the figure, the page if asked for, and the tables."""
+    drawn = figure.draw(study)
+    paths = [prefix.with_suffix(f".{kind}") for kind in formats]
+    for path in paths:
+        figures.save(drawn, path, colors=256)
+    if html:
+        paths.append(prefix.with_suffix(".html"))
+        atomic_files.write_bytes(paths[-1], results.html(_pictures(study, drawn), style=STYLE))
+    return [*paths, *results.write(prefix)]
 
 
 def _variants(
@@ -119,7 +125,7 @@ def _variants(
     if names:
         return variants
     default = default_variant(scene, base, variants, **given)
-    usual = {*COMMON, *(SHORT if limited else ()), default.name, f"{default.name}-16"}
+    usual = {*COMMON, *(LIMITED if limited else ()), default.name, f"{default.name}-16"}
     chosen = [each for each in variants if details or each.name in usual]
     return chosen if default in chosen else [*chosen, default]
 

@@ -117,7 +117,10 @@ def written(study: Study, command: Command, used: Measured | None) -> Results:
         "resolution": study.scene.camera.resolution,
         "reference": study.reference.stats(),
         "settings": dict(study.given),
-        "answer": [each.stats(command) for each in advice],
+        "answer": [
+            {"purpose": each.purpose, "variant": each.used.variant.name, "command": command(each.used.settings)}
+            for each in advice
+        ],
         "use": used and used.variant.name,
         "default": study.default and study.usual,
         "pareto_front": [each.variant.name for each in study.front],
