@@ -290,7 +290,7 @@ class Feature:
 
 _TERMS_OF_PBR = ["kd", "ks"]  # that shader pbr has, too
 
-# A feature is compiled if leaving it out saves 5 % of some scene's frame: `python -m clshade bench --features` measures it.
+# A feature is compiled if leaving it out saves 5 % of some scene's frame: `bench --features` of commit 1e1eb0f measured it.
 FEATURES = (
     Feature("FAST", chosen=lambda d: d.settings.precision == "fast", compiled=True),
     Feature("DOUBLE", chosen=lambda d: d.settings.precision == "float64", compiled=True),

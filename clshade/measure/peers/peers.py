@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from ...base import atomic_files, console, text_tables
 from ...base.atomic_files import shown
@@ -14,7 +15,6 @@ from ...base.spelling import hint
 from ...errors import InputError
 from ...pipeline.opencl.device import open_device
 from ...pipeline.programs import running_time
-from ..bench.tables import show
 from ..report.study import machine
 from . import OURS, PEERS, figure, tables
 from .measure import Found, measure
@@ -94,3 +94,28 @@ def _scenes(names: Sequence[str]) -> list[PeerScene]:
         if not known[name].available:
             raise InputError(f"report: --only: {name}: expected a file {known[name].file} in the folder {DATA}")
     return [known[name] for name in dict.fromkeys(names)] or [each for each in SCENES if each.available]
+
+
+def show(
+    title: str,
+    header: text_tables.Row,
+    rows: Sequence[text_tables.Row],
+    note: str,
+    faults: Sequence[str],
+    stats: dict[str, Any],
+    files: Sequence[Path],
+    stream: TextIO,
+    *,
+    left: int = 1,
+) -> None:
+    """Print a table of a benchmark of its own, and write it into the files: CSV, JSON and Markdown, or none.
+
+    left: its first columns, which are aligned to the left.
+    """
+    lines = text_tables.as_lines(header, rows, left)
+    print("\n".join([title, "", *lines, "", text_tables.wrapped(note, 2), *faults]), file=stream)
+    markdown = [title, "", *text_tables.as_markdown(header, rows), "", note, *(f"- {fault}" for fault in faults)]
+    texts = (text_tables.as_csv(header, rows), json.dumps(stats, indent=2) + "\n", "\n".join(markdown) + "\n")
+    for path, text in zip(files, texts, strict=False):
+        atomic_files.write_bytes(path, text.encode())
+        print(f"wrote {atomic_files.shown(path)}", file=stream)

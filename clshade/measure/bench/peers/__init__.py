@@ -12,7 +12,7 @@ from importlib import import_module
 from ....scene.model import Scene
 from .peer import MissingPeer, Peer
 
-__all__ = ["DEFAULT", "PEERS", "YARDSTICKS", "MissingPeer", "Peer", "open_peer"]
+__all__ = ["PEERS", "MissingPeer", "Peer", "open_peer"]
 
 
 # name -> its module, and what it draws with
@@ -20,11 +20,7 @@ PEERS = {
     "llvmpipe": ("clshade.measure.bench.peers.opengl", "Mesa's software rasterizer, by OpenGL"),
     "opengl": ("clshade.measure.bench.peers.opengl", "whatever OpenGL the machine has"),
     "numpy": ("clshade.measure.bench.peers.numpy_arrays", "whole arrays in NumPy"),
-    "scanline": ("clshade.measure.bench.peers.python_loop", "loops over triangles, scanlines and pixels in Python"),
-    "write": ("clshade.measure.bench.peers.background_fill", "the image's background written by NumPy"),
 }
-DEFAULT = ("llvmpipe", "numpy", "scanline")
-YARDSTICKS = ("write",)  # drawn with any other peers
 
 
 def open_peer(name: str, scene: Scene) -> Peer:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ....base.arrays import Array
+from ...base.arrays import Array
 
 # Relative to the largest value in our image. Inside a triangle two float32 renderers differ by where they snap its
 # corners, up to 1/256 of a pixel (a highlight changes by up to 0.1 of its height per pixel: 4e-4), and by powers and
@@ -38,9 +37,6 @@ class Agreement:
     @property
     def same(self) -> bool:
         return self.largest <= self.tolerance and self.others >= LEAST
-
-    def stats(self) -> dict[str, Any]:
-        return {**vars(self), "same": self.same}
 
 
 def agreement(ours: Array, ids: Array, theirs: Array, tolerance: float = TOLERANCE) -> Agreement:
