@@ -17,8 +17,6 @@ from .scene_options import camera_options, chosen_settings, load_scene, scene_ch
 if TYPE_CHECKING:
     from ...measure.bench.workloads import Workload
 
-START_UP = "start-up"
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("scenes: files, and how they are read")
@@ -49,30 +47,32 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from ...measure.bench import bench
+    from ...measure.bench.starting import NAME
     from ...measure.bench.workloads import WORKLOADS
 
     if arguments.list:
         print(bench.listing())
         return DONE
-    names = list(dict.fromkeys(arguments.scenes)) or [*(each.name for each in WORKLOADS), START_UP]
-    with_start = START_UP in names and not Path(START_UP).exists()
-    workloads = [_workload(arguments, name) for name in names if not (with_start and name == START_UP)]
+    names = list(dict.fromkeys(arguments.scenes)) or [*(workload.name for workload in WORKLOADS), NAME]
+    with_start = NAME in names and not Path(NAME).is_file()
+    workloads = [_workload(arguments, name) for name in names if not (with_start and name == NAME)]
     options = {"frames": arguments.frames, "against": arguments.against, "out": arguments.out}
     return DONE if bench.run(workloads, arguments.device, with_start=with_start, **options) else FAILED
 
 
 def _workload(arguments: argparse.Namespace, name: str) -> Workload:
     """Return the workload of this name, unless there is such a file, or the scene with the options of the command line."""
+    from ...measure.bench.starting import NAME
     from ...measure.bench.workloads import WORKLOADS, Workload
     from ...scene.builtin.scenes import BUILTINS
 
-    known = {each.name: each for each in WORKLOADS}
-    if not Path(name).exists():
+    known = {workload.name: workload for workload in WORKLOADS}
+    if not Path(name).is_file():
         if name in known:
             refuse(arguments, arguments.of_scene, f"cannot go with {name!r}, a workload, whose scene is fixed")
             return known[name]
         if not Path(name).suffix and name not in BUILTINS:
-            near = hint(name, (*known, START_UP, *BUILTINS))
+            near = hint(name, (*known, NAME, *BUILTINS))
             raise InputError(f"SCENE: expected a file, a built-in scene or a workload of --list, found {name!r}{near}")
     scene = load_scene(arguments, name)
     if arguments.resolution is not None:

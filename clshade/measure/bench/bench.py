@@ -50,7 +50,7 @@ def run(
     """Measure, print the tables, and write the files.
 
     Returns True if everything was drawn, and OpenGL draws the same images. frames: number per workload; fewer if they take
-    more than frame_timing.SECONDS. against: one of opengl.NAMES. with_start: also measure start-up times. out: prefix of the
+    more than frame_timing.SECONDS. against: llvmpipe or opengl. with_start: also measure start-up times. out: prefix of the
     files' names. Raises OutputError, DeviceError and MissingOpenGL before it measures, and the first error if nothing could
     be measured.
     """

@@ -22,7 +22,6 @@ from ...scene.lights import plain_lights
 from ...scene.model import Mesh, Scene
 from ...scene.texture import Texture
 
-NAMES = ("llvmpipe", "opengl")
 SOFTWARE = "LIBGL_ALWAYS_SOFTWARE"
 DEBIAN = "apt install libegl1 libgl1-mesa-dri"
 PIP = "pip install moderngl, or clshade's extra `peers`"
@@ -111,7 +110,7 @@ def _only_software(wanted: bool) -> Iterator[None]:
 
 
 def open_context(name: str) -> Any:
-    """Return a context of moderngl for one of NAMES. Raises MissingOpenGL."""
+    """Return a context of moderngl for llvmpipe or opengl. Raises MissingOpenGL."""
     try:
         import moderngl
     except ImportError:
