@@ -134,7 +134,7 @@ def test_the_tables_hold_what_was_measured(tmp_path):
     assert sum("NO" in line for line in lines) == 1
     found.write(tmp_path / "b")
     rows = list(csv.DictReader((tmp_path / "b.csv").open()))
-    assert [(row["scene"], row["ratio"], row["same"]) for row in rows] == [("w", "6.0", "True"), ("v", "", "False")]
+    assert [(row["name"], row["ratio"], row["same"]) for row in rows] == [("w", "6.0", "True"), ("v", "", "False")]
     assert [rows[0][name] for name in ("copy_share", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
     assert (rows[0]["gflops"], rows[1]["gflops"]) == ("5.0", "")
     assert str(timed()) == "w: 2.00 ms; 6 times as fast as OpenGL"
@@ -167,11 +167,13 @@ def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, m
     assert code == 0
     assert {path.name for path in tmp_path.glob("b.*")} == {"b.csv", "b.json", "b.md", "b.png"}
     figures = json.loads(Path("b.json").read_text(), parse_constant=no_constants)
-    assert [(each["scene"], each["columns"], each["frames"]) for each in figures["frames"]] == [
+    assert [(each["name"], each["columns"], each["frames"]) for each in figures["frames"]] == [
         ("own.obj", 48, 2),
         ("teapot", 48, 2),
     ]
-    assert figures["bytes_held"][1]["scene"] > figures["bytes_held"][0]["scene"] > 0.0
+    assert figures["bytes_held"][1]["scene"] > figures["bytes_held"][0]["scene"] > 0
+    assert figures["bytes_held"][0]["image"] == 48 * 32 * 16
+    assert [each["name"] for each in figures["bytes_held"]] == ["own.obj", "teapot"]
     assert opened.title in out
     assert opened.title in Path("b.md").read_text()
     Path("knot").write_text("v 0 0 0\n")  # a file of a workload's name counts
@@ -201,7 +203,7 @@ def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypat
 REFUSED = [
     (("object-1024",), ("workload", "'object-1024'", "did you mean 'object-")),
     (("quads", "--samples", "4"), ("--samples", "'quads'", "workload")),
-    (("start-up", "quads", "--no-weld"), ("--no-weld", "'quads'")),
+    (("start-up", "teapot", "--no-weld"), ("--no-weld", "'start-up'")),
     (("--against", "lvmpipe"), ("--against", "'lvmpipe'", "'llvmpipe'")),
     (("--frames", "0"), ("--frames", "'0'")),
     (("--frames", "x"), ("--frames", "'x'")),

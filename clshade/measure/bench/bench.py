@@ -135,11 +135,12 @@ def _agreement(other: OpenGL, renderer: Renderer) -> Agreement:
 def plot(timed: Sequence[Timed], title: str, path: Path) -> None:
     """Draw and save a bar for each scene: how many times as fast as OpenGL, or the time of a frame. Raises OutputError."""
     ratios = [each.compared.ratio or 0.0 for each in timed if each.compared]
-    figure = figures.blank(6.0, 1.5 + 0.3 * len(timed))
+    titles = dict.fromkeys([title, *(each.compared.title for each in timed if each.compared)])
+    figure = figures.blank(8.0, 1.5 + 0.3 * len(timed))
     axes = figure.subplots()
     axes.barh([each.name for each in timed], ratios or [each.drawn.ms for each in timed], color=figures.OURS)
     axes.invert_yaxis()
-    axes.set(xlabel=f"times as fast as {timed[0].compared.title}" if timed[0].compared else "ms a frame")
+    axes.set(xlabel="times as fast as OpenGL" if ratios else "ms a frame")
     axes.grid(True, axis="x", alpha=0.2)
-    figure.suptitle(title, fontsize=8)
+    figure.suptitle("\n".join(titles), fontsize=8)
     figures.save(figure, path, colors=64)

@@ -86,11 +86,11 @@ def _number(value: float | None) -> str:
     return digits(value) if value is None or abs(value) < 1000.0 else f"{value:,.0f}"
 
 
-def _mebibytes(each: Timed) -> dict[str, float]:
-    return {name: count / MIB for name, count in each.drawn.held.items()}
+def _mebibytes(count: float | None) -> str:
+    return "-" if count is None else _number(count / MIB)
 
 
-SCENE = Column("scene", "scene", lambda each: each.name, str)
+NAME = Column("name", "name", lambda each: each.name, str)
 AGAINST = (
     Column("its ms", "other_ms", lambda each: each.compared.theirs.median, _text(".2f")),
     Column("our ms", "our_ms", lambda each: each.compared.ours.median, _text(".2f")),
@@ -127,7 +127,7 @@ def _frames(peaks: Peaks) -> list[Column]:
         return of_drawn(title, name, value, _percent if name.endswith("share") else digits)
 
     return [
-        SCENE,
+        NAME,
         of_drawn("image", "", lambda drawn: drawn.resolution, lambda size: "{}x{}".format(*size)),
         of_drawn("", "columns", lambda drawn: drawn.resolution[0], str),
         of_drawn("", "rows", lambda drawn: drawn.resolution[1], str),
@@ -147,11 +147,13 @@ def _frames(peaks: Peaks) -> list[Column]:
         rate("of peak", "flops_share", lambda drawn: drawn.flops, peaks.flops),
         of_drawn("floor ms", "floor_ms", lambda drawn: drawn.floor_ms(peaks), digits),
         of_drawn("times it", "floors", lambda drawn: drawn.ms / drawn.floor_ms(peaks), digits),
-        of_drawn("held MiB", "held_bytes", lambda drawn: sum(drawn.held.values()), lambda count: _number(count / MIB)),
+        of_drawn("held MiB", "held_bytes", lambda drawn: sum(drawn.held.values()), _mebibytes),
     ]
 
 
-def _split(timed: Sequence[Timed], parts: Callable[[Timed], Mapping[str, float]]) -> list[Column]:
+def _split(
+    timed: Sequence[Timed], parts: Callable[[Timed], Mapping[str, float]], show: Callable[[Any], str]
+) -> list[Column]:
     """Return columns of the parts by name; a dash where a scene has none."""
     names = dict.fromkeys(name for each in timed for name in parts(each))
     ordered = sorted(names, key=lambda name: name == "host")  # the rest comes last
@@ -159,7 +161,7 @@ def _split(timed: Sequence[Timed], parts: Callable[[Timed], Mapping[str, float]]
     def part(name: str) -> Callable[[Timed], float | None]:
         return lambda each: parts(each).get(name)
 
-    return [SCENE, *(Column(name, name, part(name), _number) for name in ordered)]
+    return [NAME, *(Column(name, name, part(name), show) for name in ordered)]
 
 
 def results(
@@ -178,9 +180,9 @@ def results(
     hidden = [column._replace(title="") for column in AGAINST] if compared else []
     tables = (
         Table("Frames", [*_frames(peaks), *hidden], timed, notes=FRAME_NOTES),
-        Table("Stages", _split(timed, lambda each: each.drawn.stages), timed, about="ms"),
-        Table("Bytes held", _split(timed, _mebibytes), timed, about="MiB on the device"),
-        Table(f"Against {', '.join(titles)}", [SCENE, *AGAINST], compared, notes=AGAINST_NOTES),
+        Table("Stages", _split(timed, lambda each: each.drawn.stages, _number), timed, about="ms"),
+        Table("Bytes held", _split(timed, lambda each: each.drawn.held, _mebibytes), timed, about="MiB on the device"),
+        Table("Against OpenGL", [NAME, *AGAINST], compared, about=", ".join(titles), notes=AGAINST_NOTES),
         Table("Start-up", STARTS, starts),
     )
     return Results("Speed", facts, [table for table in tables if table.records], {"rates": peaks._asdict()})
