@@ -7,13 +7,12 @@ float image in NumPy memory that is used again for every frame.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array, Floats
+from ...base.arrays import Array, Floats, Integers
 from ...errors import ClshadeError, InputError
 from ...pipeline.features import FEATURES
 from ...scene.camera import Camera
@@ -22,7 +21,6 @@ from ...scene.lights import plain_lights
 from ...scene.model import Mesh, Scene
 from ...scene.texture import Texture
 
-SOFTWARE = "LIBGL_ALWAYS_SOFTWARE"
 DEBIAN = "apt install libegl1 libgl1-mesa-dri"
 PIP = "pip install moderngl, or clshade's extra `peers`"
 BACKEND: dict[str, Any] = {"backend": "egl"}
@@ -96,28 +94,16 @@ class MissingOpenGL(ClshadeError):
     """Error for OpenGL that is not installed or does not work; the message says what to install."""
 
 
-@contextmanager
-def _only_software(wanted: bool) -> Iterator[None]:
-    """Make Mesa use its software rasterizer for contexts created within the block, if `wanted`."""
-    before = os.environ.get(SOFTWARE)
-    if wanted:
-        os.environ[SOFTWARE] = "1"
-    try:
-        yield
-    finally:
-        if wanted:
-            os.environ.pop(SOFTWARE) if before is None else os.environ.update({SOFTWARE: before})
-
-
 def open_context(name: str) -> Any:
     """Return a context of moderngl for llvmpipe or opengl. Raises MissingOpenGL."""
     try:
         import moderngl
     except ImportError:
         raise MissingOpenGL(f"{name}: moderngl is not installed ({PIP})") from None
+    if name == "llvmpipe":
+        os.environ["LIBGL_ALWAYS_SOFTWARE"] = "1"  # Mesa reads it for each context
     try:
-        with _only_software(name == "llvmpipe"):
-            context = moderngl.create_context(standalone=True, **BACKEND)
+        context = moderngl.create_context(standalone=True, **BACKEND)
     except Exception as error:  # moderngl's library loader may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MissingOpenGL(f"{name}: no OpenGL context by EGL: {reason} (on Debian: {DEBIAN})") from None
@@ -143,10 +129,15 @@ def mesh_arrays(mesh: Mesh) -> tuple[Array, Array]:
     if mesh.material.texture is not None and mesh.uvs is not None:
         tables.append(mesh.uvs)
         indices.append(mesh.faces if mesh.uv_faces is None else mesh.uv_faces)
-    corners = np.stack([index.reshape(-1) for index in indices], axis=1)
-    unique, inverse = np.unique(corners, axis=0, return_inverse=True)
-    vertices = np.hstack([table[index] for table, index in zip(tables, unique.T, strict=True)])
-    return np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(inverse.reshape(-1, 3), np.int32)
+    faces: Integers = mesh.faces
+    own: Sequence[Any] = [slice(None)] * len(tables)
+    if any(index is not mesh.faces for index in indices):
+        unique, inverse = np.unique(
+            np.stack([index.reshape(-1) for index in indices], axis=1), axis=0, return_inverse=True
+        )
+        faces, own = inverse.reshape(-1, 3), list(unique.T)
+    vertices = np.hstack([table[index] for table, index in zip(tables, own, strict=True)])
+    return np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32)
 
 
 def depths(mesh: Mesh, camera: Camera) -> Floats:
