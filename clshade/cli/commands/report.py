@@ -9,9 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ...errors import InputError
 from ...measure.defaults import FAMILIES, FRAMES
-from ...measure.peers import PEERS
 from . import DONE, FAILED
 from .arguments import device_option, given_options, limit_options, names, numbers, output_name, refuse
 from .scene_options import (
@@ -86,14 +84,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="of a course scene instead: its figures 1 to 19, errors and times on one HTML page, --out",
     )
-    study.add_argument(
-        "--peers",
-        type=names(tuple(PEERS)),
-        nargs="?",
-        const=(),
-        metavar="NAME,...",
-        help=f"other renderers on scenes of their own (--only names some): {','.join(PEERS)} (default: all)",
-    )
     device_option(parser)
     parser.set_defaults(repeated=[*repeated, "device"])
 
@@ -101,8 +91,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from ...measure.report import report
 
-    if arguments.peers is not None:
-        return _peers(arguments)
     if arguments.list:
         print(report.listing())
         return DONE
@@ -142,28 +130,6 @@ def _command(arguments: argparse.Namespace, read: Scene, scene: Scene, look: Loo
     if look_of(read, argparse.Namespace(**own)) != look:
         options.append(as_option("look", look))
     return shlex.join(["clshade", "render", *options, *render_options(scene, given)])
-
-
-def _peers(arguments: argparse.Namespace) -> int:
-    """Measure other renderers on scenes of their own."""
-    from ...measure.peers import peers
-    from ...scene.settings import LIGHT_FIELDS
-
-    if arguments.scene != arguments.parser.get_default("scene"):
-        raise InputError("report: SCENE: cannot go with --peers, which draws scenes of its own: --only names some")
-    unused = ("course", "details", "family", "sizes", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
-    repeated = [name for name in arguments.repeated if name != "device"]
-    refuse(arguments, [*unused, *repeated], "cannot go with --peers, which draws scenes of its own")
-    if arguments.list:
-        print(peers.listing())
-        return DONE
-    if arguments.device:
-        os.environ["CLSHADE_DEVICE"] = arguments.device  # for the processes of clshade's renderers
-    resolution = arguments.resolution or RESOLUTION
-    options = {} if arguments.frames is None else {"rounds": arguments.frames}
-    device, scenes = arguments.device, arguments.only
-    passed = peers.run(arguments.peers, device, out=arguments.out, scenes=scenes, resolution=resolution, **options)
-    return DONE if passed else FAILED
 
 
 def _course(arguments: argparse.Namespace) -> int:
