@@ -203,7 +203,7 @@ def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypat
 REFUSED = [
     (("object-1024",), ("workload", "'object-1024'", "did you mean 'object-")),
     (("quads", "--samples", "4"), ("--samples", "'quads'", "workload")),
-    (("start-up", "quads", "--no-weld"), ("--no-weld", "'quads'")),
+    (("start-up", "teapot", "--no-weld"), ("--no-weld", "'start-up'")),
     (("--against", "lvmpipe"), ("--against", "'lvmpipe'", "'llvmpipe'")),
     (("--frames", "0"), ("--frames", "'0'")),
     (("--frames", "x"), ("--frames", "'x'")),

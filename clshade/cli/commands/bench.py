@@ -55,6 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     names = list(dict.fromkeys(arguments.scenes)) or [*(workload.name for workload in WORKLOADS), NAME]
     with_start = NAME in names and not Path(NAME).is_file()
+    if with_start:
+        refuse(arguments, arguments.of_scene, f"cannot go with {NAME!r}, whose scene is fixed")
     workloads = [_workload(arguments, name) for name in names if not (with_start and name == NAME)]
     options = {"frames": arguments.frames, "against": arguments.against, "out": arguments.out}
     return DONE if bench.run(workloads, arguments.device, with_start=with_start, **options) else FAILED
