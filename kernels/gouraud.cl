@@ -18,7 +18,6 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     int taken[LANES], face[LANES];
     ShadingInput at;
     at.lit = (ints)(-1);
-    COUNTING(at.lit = TO_INTS(LANE_INDEX < count - first);)  // no triangle twice
     at.shift = no_light_shift();  // faces that share a corner are as bright there
     at.surface = lighting.surface;
 #if CASTERS

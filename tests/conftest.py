@@ -45,7 +45,6 @@ LONGEST = (
     "pipeline/test_transparency.py",
     "pipeline/test_layers.py",
     "view/test_page_browser.py",
-    "measure/test_course_report.py",
     "pipeline/test_precision.py",
     "pipeline/test_damaged_cache.py",
     "pipeline/test_materials.py",

@@ -27,7 +27,6 @@ CHAIN = {
     "farm": "base images scene pipeline",
     "view": "base images scene pipeline farm",
     "measure": "base images scene oracle pipeline course",
-    "measure.bench": "farm",  # it measures workers
     "cli": "root base images scene oracle pipeline course farm view measure",
 }
 AT_THE_ROOT = {"__init__", "__main__", "errors", "exr"}  # they may import everything; errors imports nothing
@@ -278,7 +277,6 @@ def test_planted_circles_are_seen():
 
 
 def test_what_the_chain_allows():
-    assert is_allowed("measure.bench.workers", "farm.frames")
     assert is_allowed("cli.main", "")
     assert is_allowed("oracle.frame", "oracle.shade")
     assert not is_allowed("oracle.frame", "base.console")

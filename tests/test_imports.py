@@ -93,6 +93,7 @@ DRAWING = (
     "grade",
     "report",
     "stability",
+    "bench",
     "view",
 )  # whose settings have the choices of scene.py
 

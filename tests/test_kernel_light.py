@@ -165,7 +165,19 @@ def test_closed_forms(device):
         assert one(device, **aside, material={"n": n}) == [1, 1, 1]
     # R.V < 0: the light mirrored away from the eye.
     away = {"point": (-2.0, 0, -0.5), "normal": (0, 0, 1), "light": (-1.0, 0, 0.5)}
-    assert one(device, **away, material={"n": 2.0, "kd": 0.0}) == [0, 0, 0]
+    for n in (0.0, 1.0, 2.0, 1e9):
+        assert one(device, **away, material={"n": n, "kd": 0.0}) == [0, 0, 0]
+
+
+@pytest.mark.parametrize("n", [0.0, 1.0, 20.0, 1e9])
+def test_lights_behind_the_surface_give_exactly_nothing(device, n):
+    rng = np.random.default_rng(22)
+    points, normals = float32(rng.uniform(-2, 2, (4000, 3))), unit(rng.normal(size=(4000, 3)))
+    light = float32([0.5, 0.25, 1.5])
+    above = ((light - points) * normals).sum(axis=1)
+    facing = float32(normals * -np.sign(above)[:, None])[np.abs(above) > 1e-3]
+    found = reflect(device, points[np.abs(above) > 1e-3], facing, (light, np.ones(3)), material={"n": n})
+    assert not found.any()
 
 
 def test_degenerate_input_contributes_zero(device):

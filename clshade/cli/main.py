@@ -26,7 +26,7 @@ COMMANDS = {
     "poster": "an image of any size, drawn in tiles and joined, poster.exr and poster.png",
     "devices": "what OpenCL devices were found, and which work",
     "report": "error against run time: which way of drawing a scene is worth its time",
-    "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
+    "bench": "how fast frames of your scene are, stage by stage, and beside OpenGL of the same picture",
     "stability": "stiff and extreme cases with their measured errors, or where and why a scene amplifies rounding",
     "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "conform": "whether an OpenCL device computes what it has to: a card, and scripts that show what is wrong",

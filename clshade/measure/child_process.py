@@ -11,11 +11,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from ..base.interrupts import at_end
 from ..base.json_values import in_line
-from .bench.children import ROOT
 
+ROOT = Path(__file__).resolve().parents[2]  # of the processes
 POLL = 0.1  # seconds, less than the GRACE of interrupts
 _running: set[subprocess.Popen[bytes]] = set()
 

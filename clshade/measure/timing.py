@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -42,33 +40,6 @@ def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -
     return found
 
 
-class Waiting:
-    """How long this process's threads waited for a processor while other programs had it, within a `with` block.
-
-    share: the longest wait of a thread, of the time of the block; 0 where the system does not tell (Linux does).
-    """
-
-    share = 0.0
-
-    def __enter__(self) -> Waiting:
-        self._start, self._before = time.perf_counter(), _waits()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        seconds = time.perf_counter() - self._start
-        waits = [wait - self._before.get(thread, 0.0) for thread, wait in _waits().items()]
-        self.share = max(waits, default=0.0) / seconds
-
-
-def _waits() -> dict[str, float]:
-    """Return the seconds that each thread of this process was ready to run, but did not."""
-    found = {}
-    for path in Path("/proc/self/task").glob("*/schedstat"):
-        with contextlib.suppress(OSError):  # the thread has ended
-            found[path.parent.name] = int(path.read_text().split()[1]) / 1e9
-    return found
-
-
 def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
     """Return a draw for `in_turns` that draws so many frames in a row. If there are several, one more is drawn first and
     dropped: after another program's frames it finds cold caches and sleeping threads."""
@@ -82,19 +53,18 @@ def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the median, by bootstrap as in `ratio_interval`."""
-    return _interval(np.median(resampled(values), axis=1))
+    return _interval(np.median(_resampled(values), axis=1))
 
 
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the mean, by bootstrap as in `ratio_interval`."""
-    return _interval(np.mean(resampled(values), axis=1))
+    return _interval(np.mean(_resampled(values), axis=1))
 
 
-def resampled(values: Sequence[float], seed: int = 0) -> Floats:
-    """Return RESAMPLES rows of as many values, drawn with replacement; the same places for all values
-    of one number and seed."""
+def _resampled(values: Sequence[float]) -> Floats:
+    """Return RESAMPLES rows of as many values, drawn with replacement; at the same places for values of one number."""
     found = np.array(values, np.float64)
-    drawn: Floats = found[np.random.default_rng(seed).integers(0, len(found), (RESAMPLES, len(found)))]
+    drawn: Floats = found[np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))]
     return drawn
 
 
@@ -106,5 +76,5 @@ def _interval(statistics: Floats) -> tuple[float, float]:
 def ratio_interval(numerator: Sequence[float], denominator: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the ratio of two medians of as many rounds, by bootstrap: rounds are drawn again with
     replacement (Efron and Tibshirani, An Introduction to the Bootstrap, 1993)."""
-    above, below = (np.median(resampled(values), axis=1) for values in (numerator, denominator))
+    above, below = (np.median(_resampled(values), axis=1) for values in (numerator, denominator))
     return _interval(above / below)

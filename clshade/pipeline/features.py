@@ -290,7 +290,7 @@ class Feature:
 
 _TERMS_OF_PBR = ["kd", "ks"]  # that shader pbr has, too
 
-# A feature is compiled if leaving it out saves 5 % of some scene's frame: `python -m clshade bench --features` measures it.
+# A feature is compiled if leaving it out saves 5 % of some scene's frame: `bench --features` of commit 1e1eb0f measured it.
 FEATURES = (
     Feature("FAST", chosen=lambda d: d.settings.precision == "fast", compiled=True),
     Feature("DOUBLE", chosen=lambda d: d.settings.precision == "float64", compiled=True),
@@ -565,15 +565,6 @@ class Features:
     def needs_any(self, group: str) -> bool:
         """Return whether any feature of one of GROUPS is needed."""
         return any(self[name] for name in GROUPS[group])
-
-    def counting(self) -> Features:
-        """Return the features with the counts of rays, see shadow_counts.py."""
-        return replace(self, values=(*self.values, ("SHADOW_COUNTS", 1)))
-
-    @property
-    def counts(self) -> bool:
-        """Whether rays are counted."""
-        return "SHADOW_COUNTS" in self._table
 
     def options(self) -> list[str]:
         """Return -D options of the OpenCL build."""

@@ -83,20 +83,14 @@ Sides = tuple[Buffer | None, Buffer | None]
 
 
 def scene_stages(
-    device: Device,
-    features: Features,
-    lanes: int | None = None,
-    layers: Features | None = None,
-    *,
-    counting: bool = False,
+    device: Device, features: Features, lanes: int | None = None, layers: Features | None = None
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
-    program of surface_layers.cl, None if it is not needed. counting: whether shadow rays are counted."""
+    program of surface_layers.cl, None if it is not needed."""
     files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
     geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    drawing = features.compiled().counting() if counting else features.compiled()
-    programs = [build(device, drawing, (pixels,), lanes=lanes)]
+    programs = [build(device, features.compiled(), (pixels,), lanes=lanes)]
     if layers is not None:
         programs.append(build(device, layers.compiled(_LAYER_FEATURES), ("surface_layers.cl",), lanes=lanes))
     if features["LINES"] and device.has_fp64:
@@ -117,14 +111,6 @@ def shadow_stages(device: Device, lanes: int | None = None) -> Stages:
 def hierarchy_stages(device: Device) -> Stages:
     """Return the stages that build the hierarchy of casters."""
     return Stages(device, build(device, Features.of(), ("hierarchy.cl",), lanes=1))
-
-
-def _grid(program: Program, size: tuple[int, ...], local: tuple[int, ...] | None) -> tuple[Any, ...]:
-    """Return global size, local size and, if the program has one, offset of a launch."""
-    if not program.offset:
-        return size, local
-    more = (1,) * len(program.offset)
-    return (*size, *more), local and (*local, *more), (*(0 for _ in size), *program.offset)
 
 
 class Stages:
@@ -151,8 +137,8 @@ class Stages:
     def _launch(self, name: str, size: tuple[int, ...], local: tuple[int, ...] | None, *arguments: Any) -> cl.Event:
         program = self._programs[name]
         kernel = program[name]
-        # PoCL compiles at the first launch with a local size, and again for a wide grid or one with an offset.
-        code = name, local, max(size) >= _WIDE, bool(program.offset)
+        # PoCL compiles at the first launch with a local size, and again for a wide grid.
+        code = name, local, max(size) >= _WIDE
         try:
             if code not in program.launched:
                 return self._launch_first(program, code, size, self._raw(arguments))
@@ -164,7 +150,7 @@ class Stages:
                     kernel.set_args(*self._raw(arguments))
                     self._set[name] = asked
                     program.set_by[name] = self._token
-                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, *_grid(program, size, local))
+                return cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local)
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
@@ -189,7 +175,7 @@ class Stages:
         with first_use(self.device, stored=program.stored) as use, program.lock:
             program.set_by.pop(name, None)
             program[name].set_args(*raw)
-            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], *_grid(program, size, local))
+            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size, local)
             event.wait()
             if self.device.profiling:
                 use.ran = (event.profile.end - event.profile.start) * 1e-9
@@ -392,7 +378,7 @@ class Stages:
 
     def _inputs(self, surface: SurfaceInputs, features: Features) -> tuple[Buffer | None, ...]:
         casters, instances = bool(features["CASTERS"]), bool(features["INSTANCES"])
-        return surface.arguments(casters=casters, counts=features.counts, instances=instances)
+        return surface.arguments(casters=casters, instances=instances)
 
     def gouraud_corners(self, surface: SurfaceInputs, order: Buffer, corner_light: Buffer, count: int) -> cl.Event:
         items = -(-count // self.lanes)

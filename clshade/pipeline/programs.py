@@ -64,8 +64,7 @@ class Program:
     runtime. warnings: the lines of the build log in which the compiler warns.
 
     lock: held while a kernel's arguments are set and it is launched. set_by: who set the arguments of each kernel last.
-    launched: identifies the code of each launch that has completed (`Stages._launch`). offset: of work-items in dimensions
-    from the second on, which no kernel of ours reads: a number for those of a rewritten program.
+    launched: identifies the code of each launch that has completed (`Stages._launch`).
     """
 
     features: Features
@@ -77,7 +76,6 @@ class Program:
     lock: threading.Lock = field(default_factory=threading.Lock)
     set_by: dict[str, object] = field(default_factory=dict)
     launched: set[tuple[Any, ...]] = field(default_factory=set)
-    offset: tuple[int, ...] = ()
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
@@ -87,15 +85,14 @@ Rewriting = Callable[[str, Sequence[str]], "str | None"]
 
 
 @contextlib.contextmanager
-def rewriting(rewrite: Rewriting) -> Iterator[list[Program]]:
-    """Change the sources of the programs that this thread builds in a block; yields the list of those changed.
+def rewriting(rewrite: Rewriting) -> Iterator[None]:
+    """Change the sources of the programs that this thread builds in a block.
 
     rewrite: is given a source and the compiler's options, and returns another source, or None to leave this one.
     """
-    found: list[Program] = []
-    _own.rewriting = rewrite, found
+    _own.rewriting = rewrite
     try:
-        yield found
+        yield
     finally:
         del _own.rewriting
 
@@ -191,8 +188,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     features = features.compiled()
     source = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
     options = [*features.options(), f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", *compiler_options(device)]
-    other = _rewritten(source, options)
-    source = other or source
+    source = _rewritten(source, options) or source
     key = (device.context.int_ptr, features, source, lanes, len(options))
     if key not in _built:
         start = time.perf_counter()
@@ -226,8 +222,6 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )
-    if other:
-        _own.rewriting[1].append(_built[key])
     return _built[key]
 
 
@@ -247,8 +241,8 @@ def compiler_options(device: Device) -> list[str]:
 
 def _rewritten(source: str, options: Sequence[str]) -> str | None:
     """Return what `rewriting` makes of a source in this thread; None if it leaves it."""
-    rewriting_now: tuple[Rewriting, list[Program]] | None = getattr(_own, "rewriting", None)
-    return rewriting_now[0](source, options) if rewriting_now else None
+    rewrite: Rewriting | None = getattr(_own, "rewriting", None)
+    return rewrite(source, options) if rewrite else None
 
 
 def build_alone(device: Device, text: str, options: Sequence[str] = ()) -> dict[str, Any]:

@@ -120,8 +120,6 @@ class Renderer:
     ...     frame = renderer.render()
     """
 
-    _drawing_type = SceneDrawing
-
     def __init__(
         self,
         scene: Scene,
@@ -151,7 +149,7 @@ class Renderer:
             packed = scene_buffers.pack(self.scene, self.settings, forced=forced, has_fp64=False)
         self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = running_time()
-        self._drawing = self._drawing_type(self.device, self.scene, self.settings, self.features, packed, lanes)
+        self._drawing = SceneDrawing(self.device, self.scene, self.settings, self.features, packed, lanes)
         self.stages = self._drawing.stages
         self._results = Pool(self.device, keep=2, kinds=len(LAYERS) + 1)
         self._times = {

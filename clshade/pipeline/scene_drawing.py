@@ -15,7 +15,7 @@ from .depth_order import DepthOrder
 from .features import Features, ignored
 from .frame_state import SceneFrame
 from .frame_tables import TableWriter
-from .launches import Stages, scene_stages
+from .launches import scene_stages
 from .layer_buffers import layer_features
 from .layers import Layers
 from .lines import Lines
@@ -54,7 +54,7 @@ class SceneDrawing:
     ) -> None:
         self.device, self.scene, self.settings, self.features = device, scene, settings, features
         of_layers = layer_features(features, packed.layers.asked)
-        self.stages = stages = self._build(lanes, of_layers)
+        self.stages = stages = scene_stages(device, features, lanes, of_layers)
         self.pool, depth_test = Pool(device), bool(features["DEPTH_TEST"])
         self._resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)
         self._source, self.extent = resident.source, resident.extent
@@ -67,7 +67,7 @@ class SceneDrawing:
         self._clipping = Clipping(self._source, uvs, uv_faces, depth_test=depth_test)
         transparent = scene_buffers.faces_with(packed, "blends") if features["BLEND"] else None
         order = DepthOrder(device, self._source, painter=not depth_test, transparent=transparent)
-        self._lists, self._pixels = TileLists(stages), self._pixel_pass()
+        self._lists, self._pixels = TileLists(stages), PixelPass(stages)
         self._sorted = SortedPass(order, self._lists, self._pixels)
         self._lines: Lines | None = None
         if settings.edges is not None and isinstance(self._source, SceneFaces):
@@ -77,12 +77,6 @@ class SceneDrawing:
         self.scene_bytes = resident.nbytes + self.layers.nbytes
         self.tables = self._writer.new_tables()
         self._clips = False  # whether the last frame had faces to clip
-
-    def _build(self, lanes: int | None, layers: Features | None) -> Stages:
-        return scene_stages(self.device, self.features, lanes, layers)
-
-    def _pixel_pass(self) -> PixelPass:
-        return PixelPass(self.stages)
 
     # A frame
 

@@ -48,12 +48,6 @@ MOST_HIERARCHY_LEVELS = 7  # of nodes: 16^8 triangles
 CURVE_BITS = 36  # of a caster's place along Hilbert's curve, 12 an axis
 HIERARCHY_RUN = 4096  # casters that are put in a better order than that curve's
 SIZE_BITS = 2  # of its class of size
-# What kernels count of shadow rays, see shadow_counts.py.
-SHADOW_COUNTS = (
-    "PLACES",
-    *("FACING_AWAY", "OUT_OF_REACH", "NO_CASTERS", "REFLECTS_NOTHING", "BEHIND_FACE", "TERMINATOR"),
-    *("TRACED", "HIDDEN", "OCCLUSION", "OCCLUDED", "PACKETS", "LIT_PACKETS", "DARK_PACKETS", "FILTERED", "DECIDED"),
-)
 
 CONSTANTS = {
     "SUBPIXEL_BITS": SUBPIXEL_BITS,
@@ -91,7 +85,6 @@ CONSTANTS = {
     "WRAP_MIRROR": 2,
     "LOOKUP_STANDARD": 0,
     "LOOKUP_COURSE": 1,
-    **{f"COUNT_{name}": index for index, name in enumerate(SHADOW_COUNTS)},
 }
 
 # name -> list of (C type, member, count, description)

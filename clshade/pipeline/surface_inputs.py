@@ -59,11 +59,10 @@ class SurfaceInputs(NamedTuple):
     shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
     shadow_hemisphere: Annotated[Buffer | None, "Light"] = None  # 1, the rays of ambient occlusion: see hemisphere_row
-    shadow_counts: Annotated[Buffer | None, "uint"] = None  # 64-bit numbers, low halves first; with SHADOW_COUNTS
 
-    def arguments(self, *, casters: bool, counts: bool = False, instances: bool = False) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without CASTERS, SHADOW_COUNTS, and INSTANCES."""
-        left_out = COUNTS_ALONE * (not counts) + CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
+    def arguments(self, *, casters: bool, instances: bool = False) -> tuple[Buffer | None, ...]:
+        """Return the arguments of a kernel with or without CASTERS and INSTANCES."""
+        left_out = CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
         return tuple(
             self.faces if value is None and name in INDICES else value
             for name, value in zip(self._fields, self, strict=True)
@@ -72,7 +71,6 @@ class SurfaceInputs(NamedTuple):
 
 
 INDICES = ("normal_faces", "uv_faces")
-COUNTS_ALONE = ("shadow_counts",)
 INSTANCES_ALONE = (
     "triangle_instances",
     "instances",
@@ -89,14 +87,12 @@ def macros() -> str:
     """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
     hints = get_type_hints(SurfaceInputs, include_extras=True)
     every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
-    every |= {name: every[name].replace("const ", "") for name in COUNTS_ALONE}
 
     def without(*names: str) -> str:
         return _macros({name: member for name, member in every.items() if name not in names})
 
     return (
-        f"#ifdef SHADOW_COUNTS\n{without(*INSTANCES_ALONE)}"
-        f"#elif CASTERS\n{without(*INSTANCES_ALONE, *COUNTS_ALONE)}"
+        f"#if CASTERS\n{without(*INSTANCES_ALONE)}"
         f"#elif INSTANCES\n{without(*CASTERS_ALONE)}"
         f"#else\n{without(*INSTANCES_ALONE, *CASTERS_ALONE)}#endif\n"
     )

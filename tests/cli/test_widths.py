@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import io
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from command_line import needs_device, run
 from hypothesis import given
 from hypothesis import strategies as st
-from speeds import made_up, small_speed
+from speeds import STARTS, results_of, timed
 
 from clshade.base import text_tables
+from clshade.errors import ClshadeError
 from clshade.images import compare, exr, statistics
 from clshade.images.image_file import Picture
-from clshade.measure.bench import bench, tables, workers
+from clshade.measure.bench import bench
 from clshade.measure.report import report
 from clshade.measure.stability import results, stability
 from clshade.measure.stability.cases import Outcome, all_cases
@@ -109,35 +107,18 @@ def test_compare():
 
 def test_stability():
     worst = Outcome(123456, 1.23e-7, 16.0, "sqrt(n)*2^-24", 7.39e10, "some words about what was looked at " * 5)
-    for case in all_cases():
-        assert_fits(results.line(results.Result(case, "a device", worst, 12345.67)))
-        assert case.name in results.line(results.Result(case, "a device", Outcome(), 1.0))
-    assert_fits(results.HEADER)
+    some = [results.Result(case, "0:0", outcome, 12345.67) for case in all_cases() for outcome in (worst, Outcome())]
+    assert_fits(results.summarize(some, {"device 0:0": "a device"}).lines())
     assert_fits(stability.listing())
 
 
 def test_bench():
     assert_fits(bench.listing())
-    found = small_speed()
-    (result,) = found.results
-    named = replace(result.workload, name="a-workload-with-a-long-name", ratios={"llvmpipe": 12345.678})
-    slow = replace(
-        result.drawn,
-        triangles=16_777_216,
-        resolution=(16384, 16384),
-        frame_ms=Spread(12345.6, 123456.7, 234567.8),
-        peak_mib=123456.7,
-    )
-    found = replace(found, results=(replace(result, workload=named, drawn=slow), result))
-    assert_fits(tables.lines(found))
-    assert_fits([text_tables.wrapped(line, 9) for line in tables.facts(made_up())])
-
-
-def test_bench_of_workers(monkeypatch):
-    monkeypatch.setattr(workers, "_draw", lambda scene, frames, options, turn: (12345.678, 98765.432, "same"))
-    out = io.StringIO()
-    workers.run((2, 4, 256), scheduler="tcp://host:8786", rounds=2, stream=out)
-    assert_fits(out.getvalue().partition("\n")[2])  # the first line is the machine's name
+    slow = {"triangles": 16_777_216, "resolution": (16384, 16384), "frame_ms": Spread(12345.6, 123456.7, 234567.8)}
+    wide = {f"a-stage-{k}": 12345.678 for k in range(20)}
+    error = ClshadeError("some words about what was wrong " * 5)
+    found = results_of(timed(LONG, **slow, stages=wide), timed(), starts=STARTS, errors={"w": error})
+    assert_fits([line for line in found.lines() if LONG not in line])
 
 
 def test_report_lists():

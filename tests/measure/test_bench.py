@@ -1,35 +1,40 @@
-"""`bench`: workloads and counts. Only one time is judged: a start with an empty cache takes longer."""
+"""`bench`: workloads, counts, tables, files, the command. Only one time is judged: a start with an empty cache takes
+longer."""
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from speeds import made_up
+from command_line import assert_refused, run
+from speeds import STARTS, WORKLOADS, results_of, timed
 
-from clshade.measure.bench import bench, children, device_peaks, starting, tables
-from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, FrameTiming, draw
-from clshade.measure.bench.peers import PEERS
-from clshade.measure.bench.workloads import SCALING, WORKLOADS, Workload, knot, thing
+from clshade.errors import ClshadeError, DeviceError
+from clshade.images import png
+from clshade.measure.bench import bench, device_peaks, starting, workloads
+from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, time_frames, warm_renderer
+from clshade.measure.bench.workloads import Workload, knot, thing
 from clshade.pipeline.renderer import render
 
 # Workloads
 
 
 def test_workloads_are_what_they_say():
-    assert len({each.name for each in WORKLOADS}) == len(WORKLOADS)
-    for each in WORKLOADS:
-        assert set(each.ratios) <= set(each.peers) <= set(PEERS), each.name
-        if not each.apart:
-            scene = each.make()
-            assert scene.preset == "standard"
-            assert all(mesh.material.n == 20.0 for mesh in scene.meshes)
-            assert len(scene.lights) == (int(each.name[7:]) if each.name.startswith("lights") else 3)
-    sizes = {each.name: each.make() for each in WORKLOADS if each.name in ("object-4096", "knot-2160", "quads")}
-    assert {name: (scene.face_count, scene.camera.resolution) for name, scene in sizes.items()} == {
+    made = {each.name: each.make() for each in workloads.WORKLOADS}
+    assert len(made) == 11
+    for name, scene in made.items():
+        assert scene.preset == "standard"
+        assert all(mesh.material.n == 20.0 for mesh in scene.meshes)
+        assert len(scene.lights) == (int(name[7:]) if name.startswith("lights") else 3)
+    sizes = {
+        name: (made[name].face_count, made[name].camera.resolution) for name in ("object-4096", "knot-2160", "quads")
+    }
+    assert sizes == {
         "object-4096": (10_816, (4096, 4096)),
         "knot-2160": (1_000_000, (3840, 2160)),
         "quads": (64, (1920, 1080)),
@@ -40,90 +45,188 @@ def test_the_object_fills_a_third_of_the_image(opened):
     assert render(thing(128), device=opened).alpha.mean() == pytest.approx(1 / 3, abs=0.01)
 
 
-def test_scaling_has_a_workload_for_each_size():
-    assert [SCALING[f"phong-triangles-{n}"].make().face_count for n in (4000, 64_000)] == [4000, 64_000]
-    assert SCALING["course-triangles-fixed"].make().face_count == 1000
-    assert SCALING["gouraud-pixels-512"].make().camera.resolution == (512, 512)
-
-
 # Counts
+
+
+def drawn(scene, device, frames=1, **options):
+    with warm_renderer(scene, device, options) as renderer:
+        return time_frames(renderer, frames)
 
 
 def test_bytes_and_flops(opened):
     """For two sizes the bytes differ by the images', 16 per pixel; for two scenes by their triangles'."""
-    small, large = (draw(thing(size, level=2), opened, 1) for size in (32, 64))
+    small, large = (drawn(thing(size, level=2), opened) for size in (32, 64))
     assert large.bytes - small.bytes == 16 * (64**2 - 32**2)
     assert large.flops == large.covered * (PIXEL_FLOPS + 3 * LIGHT_FLOPS)
     frame = render(thing(64, level=2), device=opened)
     assert large.covered == np.count_nonzero(frame.alpha)
-    few, many = (draw(knot(n, (32, 32)), opened, 1) for n in (200, 2000))
+    assert large.held == frame.stats["bytes"]
+    few, many = (drawn(knot(n, (32, 32)), opened) for n in (200, 2000))
     corners = 2000 // 2 - 200 // 2  # a closed surface of this kind has half as many vertices as triangles
     # indices of 4 bytes; positions and normals of at least 3 float32 per vertex
     assert many.bytes - few.bytes >= (2000 - 200) * 12 + corners * 24
 
 
 def test_stages_and_host_make_up_the_frame(opened):
-    drawn = draw(thing(48, level=2), opened, 3)
-    assert drawn.frames == 3
-    assert {"setup", "phong", "sort", "host"} <= set(drawn.stages)
-    assert not {"frame", "pack", "build"} & set(drawn.stages)
-    assert FrameTiming.from_stats(json.loads(json.dumps(drawn.stats()))) == drawn
+    found = drawn(thing(48, level=2), opened, 3)
+    assert found.frames == 3
+    assert {"setup", "phong", "sort", "host"} <= set(found.stages)
+    assert not {"frame", "pack", "build"} & set(found.stages)
 
 
-def test_a_scene_too_large_for_the_device_is_reported(opened):
-    tiny = replace(opened, max_allocation=1 << 12)
-    result = bench.measure(Workload("large", "", lambda: thing(64, level=2)), tiny, [], 1)
-    assert result.drawn is None
-    assert "the device allows 4096" in result.failed
-    assert not made_up(result).passed
-    assert any(result.failed in line for line in tables.lines(made_up(result)))
+def test_other_shaders_have_no_floor_of_operations(opened):
+    found = drawn(thing(16, level=2), opened, shader="gouraud")
+    assert found.flops is None
+    assert found.floor_ms(device_peaks.Peaks(1.0, 1e-9, 2e3)) == pytest.approx(found.bytes / 2.0)
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
 def test_peaks(opened, changes):
     found = device_peaks.peaks(replace(opened, **changes))
-    assert found.copy > 1e7  # no device copies as little as 10 MB per second
-    assert found.flops > 1e7
-    assert found.fill > 1e7
-    assert found.flops / max(found.cycles, 1.0) < 1000.0  # two fma a cycle of 256 lanes at most
-    several = device_peaks.Peaks(1.0, 5.0, 6.0), device_peaks.Peaks(2.0, 3.0, 4.0)
-    assert device_peaks.best(*several) == (2.0, 5.0, 6.0, 0.0)
+    assert all(1e7 < rate < 1e16 for rate in found)  # no device copies as little as 10 MB per second
 
 
-@pytest.mark.long
-def test_a_process_of_its_own_tells_its_memory(opened):
-    drawn = children.draw_apart("gouraud-pixels-fixed", opened.index, 1)
-    assert drawn.resolution == (16, 16)
-    assert "gouraud" in drawn.stages
-    assert drawn.peak_mib is None or 20.0 < drawn.peak_mib < 4096.0  # Python with NumPy takes 20 MiB
-    with pytest.raises(
-        children.ChildError, match=r"clshade\.measure\.bench\.apart: no OpenCL device matches 'nothing'"
-    ):
-        children.draw_apart("phong-pixels-fixed", "nothing", 1)
+# Start-up
 
 
 def test_starts_are_with_a_warm_cache_and_with_empty_ones(monkeypatch):
     seen = []
 
-    def fake(*arguments, cwd, **variables):
-        cache = Path(variables["XDG_CACHE_HOME"])
-        seen.append((arguments[:2], cache.name, any(cache.iterdir())))
+    def fake(command, env, **_):
+        cache = Path(env["XDG_CACHE_HOME"])
+        seen.append((command[2:4], cache.name, any(cache.iterdir())))
         (cache / "kept").touch()
-        return ""
+        return SimpleNamespace(returncode=int(len(seen) > 5), stderr="first\nlast\n")
 
-    monkeypatch.setattr(starting, "run_module", fake)
-    started = starting.start_up("0:0", rounds=2)
-    assert [each[0] for each in seen] == 5 * [("clshade", "render")]
+    monkeypatch.setattr(starting.subprocess, "run", fake)
+    starts = starting.start_up("0:0", rounds=2)
+    assert [each[0] for each in seen] == 5 * [["clshade", "render"]]
     assert [each[1:] for each in seen] == [
         ("warm", False),
         *[("warm", True), ("empty-0", False)],
         *[("warm", True), ("empty-1", False)],
     ]
-    assert started.rounds == 2
+    assert [(each.cache, each.rounds) for each in starts] == [("warm", 2), ("empty", 2)]
+    with pytest.raises(ClshadeError, match="bench: start-up: last"):
+        starting.start_up("0:0")
 
 
 @pytest.mark.long
 def test_starting_up(opened):
-    started = starting.start_up(opened.index, rounds=1)
-    assert 0.0 < started.warm.median < started.empty.median
+    warm, empty = starting.start_up(opened.index, rounds=1)
+    assert 0.0 < warm.seconds.median < empty.seconds.median
+
+
+# Tables, files, the command
+
+
+def test_the_tables_hold_what_was_measured(tmp_path):
+    found = results_of(timed(), timed("v", same=False, flops=None), starts=STARTS, errors={"x": "too large"})
+    lines = found.lines()
+    # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 per second and take as long at the
+    # fill's 5e8; 1e7 operations half of 1e10; 2^20 and 1e6 bytes are 1.95 MiB.
+    expected = "10x10 100 100.0 % 2.00 1.8 to 2.2 5 0.05 0.05 0.5 50.0 % 5 50.0 % 2 1 1.95"
+    first, second, *_ = (" ".join(line.split()[1:]) for line in lines if line.startswith("w  "))
+    assert f"{first} {second}" == expected
+    assert any(line.startswith("empty") and "4.00" in line for line in lines)
+    assert any("x: too large" in line for line in lines)
+    assert sum("NO" in line for line in lines) == 1
+    found.write(tmp_path / "b")
+    rows = list(csv.DictReader((tmp_path / "b.csv").open()))
+    assert [(row["name"], row["ratio"], row["same"]) for row in rows] == [("w", "6.0", "True"), ("v", "", "False")]
+    assert [rows[0][name] for name in ("copy_share", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
+    assert (rows[0]["gflops"], rows[1]["gflops"]) == ("5.0", "")
+    assert str(timed()) == "w: 2.00 ms; 6 times as fast as OpenGL"
+    assert str(timed(same=False)) == "w: 2.00 ms; OpenGL draws another picture"
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_the_figure(tmp_path, alone):
+    several = [replace(each, compared=None) if alone else each for each in (timed(), timed("v", same=False))]
+    bench.plot(several, "a device", tmp_path / "a.png")
+    assert png.read(tmp_path / "a.png").std() > 20.0
+
+
+@pytest.fixture
+def small_workloads(monkeypatch):
+    monkeypatch.setattr(workloads, "WORKLOADS", WORKLOADS)
+    monkeypatch.setattr(bench, "WORKLOADS", WORKLOADS)
+
+
+def no_constants(text):
+    raise AssertionError(f"{text} is no JSON")
+
+
+@pytest.mark.usefixtures("small_workloads")
+def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    Path("own.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    command = ("bench", "own.obj", "teapot", "--device", opened.index, "--frames", "2")
+    code, out, _ = run(capsys, *command, "--resolution", "48,32", "--look", "plain", "--samples", "4", "-o", "b")
+    assert code == 0
+    assert {path.name for path in tmp_path.glob("b.*")} == {"b.csv", "b.json", "b.md", "b.png"}
+    figures = json.loads(Path("b.json").read_text(), parse_constant=no_constants)
+    assert [(each["name"], each["columns"], each["frames"]) for each in figures["frames"]] == [
+        ("own.obj", 48, 2),
+        ("teapot", 48, 2),
+    ]
+    assert figures["bytes_held"][1]["scene"] > figures["bytes_held"][0]["scene"] > 0
+    assert figures["bytes_held"][0]["image"] == 48 * 32 * 16
+    assert [each["name"] for each in figures["bytes_held"]] == ["own.obj", "teapot"]
+    assert opened.title in out
+    assert opened.title in Path("b.md").read_text()
+    Path("knot").write_text("v 0 0 0\n")  # a file of a workload's name counts
+    assert run(capsys, "bench", "knot", "--device", opened.index)[0] == 2
+    code, out, _ = run(capsys, "bench", "quads", "--device", opened.index, "--frames", "1")  # not the built-in scene
+    assert code == 0
+    assert "48x32" in out
+
+
+@pytest.mark.usefixtures("small_workloads")
+def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypatch):
+    monkeypatch.setattr(bench, "open_device", lambda *_, **__: replace(opened, max_allocation=1 << 12))
+    with pytest.raises(DeviceError, match="the device allows 4096"):
+        bench.run([Workload("large", "", lambda: thing(64, level=2))], None, frames=1)
+
+    def fail(_):
+        raise ClshadeError("no more processes")
+
+    monkeypatch.setattr(bench, "open_device", lambda *_, **__: opened)
+    monkeypatch.setattr(bench, "start_up", fail)
+    assert not bench.run(WORKLOADS[2:3], None, frames=1, with_start=True)
+    out = capsys.readouterr().out
+    assert "failed   start-up: no more processes" in out
+    assert "quads" in out
+
+
+REFUSED = [
+    (("object-1024",), ("workload", "'object-1024'", "did you mean 'object-")),
+    (("quads", "--samples", "4"), ("--samples", "'quads'", "workload")),
+    (("start-up", "teapot", "--no-weld"), ("--no-weld", "'start-up'")),
+    (("--against", "lvmpipe"), ("--against", "'lvmpipe'", "'llvmpipe'")),
+    (("--frames", "0"), ("--frames", "'0'")),
+    (("--frames", "x"), ("--frames", "'x'")),
+    (("--device", "nothing"), ("device", "'nothing'")),
+    (("none.obj",), ("none.obj",)),
+    (("-o", "file/x"), ("file", "not a folder")),
+]
+
+
+@pytest.mark.usefixtures("opened")
+@pytest.mark.parametrize(("options", "parts"), REFUSED, ids=[" ".join(options) for options, _ in REFUSED])
+def test_refused(capsys, tmp_path, monkeypatch, options, parts):
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    monkeypatch.setattr(bench, "measure", lambda *arguments: pytest.fail("something was measured"))
+    assert_refused(run(capsys, "bench", *options), *parts)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_list_names_all(capsys):
+    code, out, err = run(capsys, "bench", "--list")
+    assert (code, err) == (0, [])
+    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
+        *(each.name for each in workloads.WORKLOADS),
+        "start-up",
+    ]

@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scanline
 
 from clshade.errors import InputError
-from clshade.measure.bench import scanline
 from clshade.measure.grade import drawing, grade, planted, search, tables, wrong_kernels
 from clshade.measure.grade.mistakes import MISTAKES
 from clshade.oracle import frame

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from clshade.images.metrics import rmse
-from clshade.measure.report import power_law, variants
 from clshade.measure.report import reference_image as reference_module
+from clshade.measure.report import variants
 from clshade.measure.report.measure import measure
-from clshade.measure.report.reference_image import STEPS, _fits, averaged, reference, tiles
+from clshade.measure.report.model_errors import ModelErrors
+from clshade.measure.report.power_law import fitted
+from clshade.measure.report.reference_image import STEPS, averaged, first_step, reference, tiles
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline import sample_pattern
 from clshade.pipeline.renderer import render
@@ -53,10 +55,12 @@ def test_more_samples_are_nearer_to_the_reference(device):
     scene = triangle()
     base = base_settings(scene)
     chosen = named(variants_for(scene, base_settings(scene), device), [BASE, *(f"samples-{n}" for n in (4, 16, 64))])
-    measured = measure(scene, chosen, base, device, reference(scene, base, device), frames=1)
+    converged = reference(scene, base, device)
+    models = ModelErrors(scene, converged.settings, device)
+    measured = measure(scene, chosen, base, device, converged, models, frames=1)
     errors = [each.error for each in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
-    assert power_law.exponent((1, 4, 16, 64), errors) == pytest.approx(-0.75, abs=0.2)
+    assert fitted((1, 4, 16, 64), errors).exponent == pytest.approx(-0.75, abs=0.2)
     assert errors[0] > 12 * errors[-1]
     assert all(each.arithmetic.passed for each in measured)
 
@@ -101,13 +105,8 @@ def test_the_reference_samples_where_no_variant_does():
 def test_images_too_large_for_many_samples_have_few():
     """The largest image has 4 samples, one of a screen's size 64 and more."""
 
-    def steps(resolution):
-        return [_fits(math.prod(resolution), *step) for step in STEPS[:-1]]
-
-    assert steps((640, 480)) == [True] * 4
-    assert steps((1920, 1080)) == [False, True, True, True]
-    assert steps((4096, 4096)) == [False, False, False, True]
-    assert not any(steps((16384, 16384)))
+    places = [first_step(math.prod(size)) for size in ((640, 480), (1920, 1080), (4096, 4096), (16384, 16384))]
+    assert places == [0, 1, 3, 3]
 
 
 def test_the_reference_keeps_what_belongs_to_the_scene(device):

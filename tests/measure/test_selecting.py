@@ -5,61 +5,59 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from command_line import assert_refused, run
-from studies import small_study, sphere
 
 from clshade.errors import InputError
 from clshade.images import exr
 from clshade.images.metrics import rmse
-from clshade.measure import timing
-from clshade.measure.report import auto_settings, short_study, study, thinned_image
+from clshade.measure.report import auto_settings, thinned_image
 from clshade.measure.report import reference_image as reference_module
-from clshade.measure.report.auto_settings import select
-from clshade.measure.report.reference_image import averaged, best_settings, reference, reference_windows
-from clshade.measure.report.short_study import Candidate, least_ms, likely_error
-from clshade.measure.report.thinned_image import Estimate, Thinned, Window, thinned
+from clshade.measure.report.auto_settings import LADDER, Tried, select
+from clshade.measure.report.reference_image import (
+    Reference,
+    averaged,
+    best_settings,
+    reference,
+    reference_windows,
+)
+from clshade.measure.report.thinned_image import Estimate, thinned
 from clshade.measure.report.variants import BASE, VARIANTS, Variant, base_settings
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
-from clshade.scene.model import Settings
+from clshade.scene.model import Scene, Settings
 
 
-@pytest.fixture
-def found(device) -> study.Study:
-    return small_study(device)
+def sphere() -> Scene:
+    return builtin("icosphere", level=2, resolution=(64, 48))
 
 
 @pytest.fixture
 def quick(monkeypatch):
     """Use three variants, and a reference of 16 samples."""
-    monkeypatch.setattr(auto_settings, "SHORT", (BASE, "samples-4", "gouraud"))
+    monkeypatch.setattr(auto_settings, "LADDER", ((BASE, "samples-4"), ("gouraud",)))
     monkeypatch.setattr(reference_module, "STEPS", ((2, 4), (2, 1), (1, 1)))
-    monkeypatch.setattr(short_study, "FRAMES", 2)
+    monkeypatch.setattr(auto_settings, "FRAMES", 2)
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_render_obeys(device, capsys, tmp_path):
     """The image is written with the settings chosen for the limit."""
     command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
     code, out, err = run(capsys, *command, "--tolerance", "1000", "--stats", "--deterministic")
     assert code == 0
-    err = [line for line in err if not line.startswith("clshade: warning: within noise: ")]
-    assert err[0].split() == ["variant", "outcome", "ms", "a", "frame", "95", "%", "RMSE", "95", "%"]
     chosen = json.loads(out)["chosen"]
-    for line, each in zip(err[1:], chosen["tried"], strict=True):
+    assert err[0] == "Variants tried"
+    assert err[1].split() == ["variant", "outcome", "ms", "a", "frame", "95", "%", "RMSE", "95", "%"]
+    for line, each in zip(err[2:-1], chosen["tried"], strict=True):
         assert line.startswith(f"{each['about']} ")
-    assert chosen["tried"][1] == {
-        "variant": "gouraud",
-        "about": "Gouraud",
-        "settings": {"shader": "gouraud"},
-        **{name: chosen["tried"][1][name] for name in ("outcome", "frames", "frame_ms", "frame_ms_quartiles")},
-        **{name: chosen["tried"][1][name] for name in ("frame_ms_95", "rmse", "rmse_95")},
-    }
-    assert chosen["tried"][2]["outcome"] == "no faster than unchanged"
+    outcomes = {each["variant"]: each["outcome"] for each in chosen["tried"]}
+    assert outcomes["samples-4"] == "not drawn"
+    assert sorted([outcomes["unchanged"], outcomes["gouraud"]]) == ["possible", "used"]
+    assert chosen["variant"] in ("unchanged", "gouraud")
     settings = exr.read(tmp_path / "a.exr")[1]["settings"]
     for name, value in chosen["settings"].items():
         assert f"{name}={value}" in settings
@@ -72,53 +70,55 @@ def test_render_obeys(device, capsys, tmp_path):
     assert run(capsys, "--quiet", *command, "--budget", "100s")[2] == []
 
 
+@pytest.mark.usefixtures("quick")
+def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):
+    command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
+    assert_refused(run(capsys, *command, "--tolerance", "1e-30"), "--tolerance: ", "1e-30", "the best")
+    assert_refused(run(capsys, *command, "--budget", "1us"), "--budget: 0.001 ms is too short: the fastest variant, ")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.long
 def test_a_real_study_chooses(device):
-    """All of SHORT, with a reference of 256 samples; no budget is met reliably enough to be asserted."""
-    scene = builtin("icosphere", level=2)
-    best = select(scene, budget=1e6, device=device, resolution=(48, 36))
-    assert {each["variant"] for each in best.tried} == NAMES
-    assert best.used.variant.name == "shaded-16"
+    """With a reference of 256 samples; no budget is met reliably enough to be asserted."""
+    best = select(sphere(), budget=1e6, device=device)
+    drawn = {tried.variant.shown_name for tried in best.tried if tried.ms}
+    assert drawn == {"unchanged", *sum(LADDER, ())} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
+    assert best.used.variant.name == "shaded-64"
     tolerance = 2.0 * best.used.error
-    kept = select(scene, tolerance=tolerance, device=device, resolution=(48, 36))
-    drawn = render(scene, settings=kept.settings, resolution=(48, 36), device=device)
+    kept = select(sphere(), tolerance=tolerance, device=device)
+    image = render(sphere(), settings=kept.settings, device=device).rgb
     assert kept.thinned.whole
-    assert rmse(drawn.rgb.reshape(-1, 3), kept.reference.rgb) == pytest.approx(kept.used.error, rel=1e-12)
+    assert rmse(image.reshape(-1, 3), kept.reference.rgb) == pytest.approx(kept.used.error, rel=1e-12)
     assert kept.used.error <= tolerance
 
 
-NAMES = {"unchanged", *auto_settings.SHORT} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
+def test_a_family_is_of_rising_work():
+    """What is not drawn is no faster: it differs from what was drawn before only in more samples, or more work for each."""
+    changes = {each.name: each.changes for each in VARIANTS}
+    for family in LADDER:
+        for less, more in pairwise(changes[name] for name in family):
+            others = {"samples", "sample_shading"} & {*less, *more}
+            assert {**less, **{name: more[name] for name in others}} == more
+            assert auto_settings._work(Variant("", "", less)) < auto_settings._work(Variant("", "", more))
+            assert less.get("sample_shading", False) <= more.get("sample_shading", False)
 
 
-class Planted(short_study.ShortStudy):
-    """A study in which every variant has the time and the error that `figures` give by name, or a usual one."""
+class Planted(auto_settings._Study):
+    """A study in which every variant has the time and the error that `figures` give by name."""
 
     figures: dict[str, tuple[float, float]]
 
-    def _drawn(self, variant: Variant) -> Candidate:
-        ms, error = self.figures.get(variant.shown_name, (1.0, 0.5))
-        self._thinned = Thinned(1, (Window(0, 0, 1, 1),), np.ones(1, np.int64), np.ones(1))
-        return Candidate(
-            variant, [ms, 1.01 * ms, 1.02 * ms], np.zeros((1, 3)), Estimate(error, 0.9 * error, 1.1 * error)
-        )
+    def _draw(self, variant: Variant) -> Tried:
+        ms, error = self.figures[variant.shown_name]
+        return Tried(variant, [ms, 1.01 * ms], Estimate(error, 0.9 * error, 1.1 * error))
 
-    def _time(self, candidates) -> None:
-        pass
+    def _time(self, chosen) -> None:
+        for tried in chosen:
+            tried.ms = [tried.ms[0], 1.01 * tried.ms[0], 1.02 * tried.ms[0]]
 
 
-@pytest.fixture
-def unmeasured(monkeypatch, found):
-    """Plant times and errors; the reference is not drawn."""
-    monkeypatch.setattr(auto_settings, "ShortStudy", Planted)
-    monkeypatch.setattr(Planted, "figures", {}, raising=False)
-
-    def reference_of(scene, base, device, thinned, fixed):
-        return replace(found.reference, settings=best_settings(base, device, fixed), error=1e-4)
-
-    monkeypatch.setattr(short_study, "reference_windows", reference_of)
-
-
-# Milliseconds and RMSE, as on a textured scene; what is not here must not be drawn.
+# Milliseconds and RMSE, as on a textured scene.
 FIGURES = {
     "unchanged": (6.0, 0.0104),
     "fast": (5.8, 0.0104),
@@ -127,123 +127,73 @@ FIGURES = {
     "samples-64": (200.0, 0.0066),
     "shaded-4": (26.0, 0.0033),
     "shaded-16": (100.0, 0.0012),
+    "shaded-64": (400.0, 0.0009),
     "gouraud": (6.0, 0.0232),
+    "gouraud-4": (7.0, 0.02),
+    "gouraud-16": (9.0, 0.019),
     "course": (4.0, 0.08),
 }
 
 
+@pytest.fixture
+def unmeasured(monkeypatch):
+    """Plant times and errors; the reference is not drawn."""
+    monkeypatch.setattr(auto_settings, "_Study", Planted)
+    monkeypatch.setattr(Planted, "figures", FIGURES, raising=False)
+
+    def reference_of(scene, base, device, thinned, fixed):
+        return Reference(np.zeros((1, 3)), 256, best_settings(base, device, fixed), error=1e-4)
+
+    monkeypatch.setattr(auto_settings, "reference_windows", reference_of)
+
+
 def outcomes(selection) -> dict[str, str]:
-    return {each["variant"]: each["outcome"] for each in selection.tried}
+    return {tried.variant.shown_name: tried.outcome for tried in selection.tried}
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_what_cannot_fit_a_budget_is_not_drawn(device, monkeypatch):
-    monkeypatch.setattr(Planted, "figures", FIGURES)
+def test_the_most_accurate_within_a_budget(device):
     chosen = select(sphere(), budget=20.0, device=device)
     assert outcomes(chosen) == {
-        "unchanged": "less accurate",
-        "gouraud": "less accurate",
+        **dict.fromkeys(("unchanged", "fast", "gouraud", "gouraud-4", "gouraud-16", "course"), "possible"),
         "samples-4": "used",
         "shaded-4": "too slow",
         "samples-16": "too slow",
-        "fast": "RMSE likely above 0.01",
-        "course": "RMSE likely above 0.01",
-        "gouraud-4": "RMSE likely above 0.016",
-        "gouraud-16": "RMSE likely above 0.016",
-        "shaded-16": "cannot fit: at least 60 ms",
-        "samples-64": "cannot fit: at least 110 ms",
+        "samples-64": "not drawn",
+        "shaded-16": "too slow",
+        "shaded-64": "not drawn",
     }
     assert chosen.settings.samples == 4
-    assert chosen.doubt == ""
-    assert outcomes(select(sphere(), budget=20.0, device=device)) == outcomes(chosen)
-    lines = chosen.table()
-    for line, each in zip(lines[1:], chosen.tried, strict=True):
-        assert line.startswith(each["about"])
+    lines = chosen.table.lines()
     used = next(line for line in lines if line.startswith("4 samples "))
     assert " ".join(used.split()) == "4 samples used 18.2 18 to 18.4 0.0074 0.00666 to 0.00814"
+    assert select(sphere(), budget=16.5, device=device).used.variant.name == "samples-4"  # nearly 18
+    assert select(sphere(), budget=16.0, device=device).used.variant.name == BASE  # of equal ones the first
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_what_cannot_be_faster_within_a_tolerance_is_not_drawn(device, monkeypatch):
-    monkeypatch.setattr(Planted, "figures", FIGURES)
+def test_the_fastest_within_a_tolerance(device):
     chosen = select(sphere(), tolerance=0.0095, device=device)
-    assert chosen.used.variant.name == "samples-4"
     assert outcomes(chosen) == {
-        "unchanged": "not accurate enough",
-        "gouraud": "not accurate enough",
+        **dict.fromkeys(("unchanged", "fast", "gouraud", "gouraud-4", "gouraud-16", "course"), "not accurate enough"),
         "samples-4": "used",
-        "fast": "RMSE likely above 0.01",
-        "course": "RMSE likely above 0.01",
-        "gouraud-4": "RMSE likely above 0.016",
-        "gouraud-16": "RMSE likely above 0.016",
-        **dict.fromkeys(("shaded-4", "samples-16", "shaded-16", "samples-64"), "no faster than 4 samples"),
+        "samples-16": "possible",
+        "samples-64": "not drawn",
+        **dict.fromkeys(("shaded-4", "shaded-16", "shaded-64"), "not drawn"),
     }
-    near = select(sphere(), tolerance=0.0075, device=device)
-    assert near.used.variant.name == "samples-4"
-    assert near.doubt == "the error of 4 samples is known to 0.0001, and is that near the tolerance"
-    near = select(sphere(), tolerance=0.0078, device=device)
-    assert near.doubt == "the error of 4 samples is 0.00666 to 0.00814, about the tolerance"
+    assert select(sphere(), tolerance=0.00735, device=device).used.variant.name == "samples-4"  # as errors are known
+    assert select(sphere(), tolerance=0.0072, device=device).used.variant.name == "shaded-4"
+    assert select(sphere(), tolerance=0.05, device=device).used.variant.name == BASE  # of equally fast ones the best
 
 
 @pytest.mark.usefixtures("unmeasured")
-def test_what_is_only_likely_is_drawn_before_a_refusal(device, monkeypatch):
-    """Here an approximation is more accurate than what it approximates."""
-    odd = {"unchanged": (6.0, 0.02), "course": (4.0, 0.01), "gouraud": (6.0, 0.05)}
-    monkeypatch.setattr(Planted, "figures", {**dict.fromkeys(NAMES, (30.0, 0.02)), **odd})
-    chosen = select(sphere(), tolerance=0.015, device=device)
-    assert chosen.used.variant.name == "course"
-    with pytest.raises(InputError, match=r"no variant has 0\.005 or less: the best, preset course, has 0\.01"):
-        select(sphere(), tolerance=0.005, device=device)
-    with pytest.raises(InputError, match=r"1 ms is too short: the fastest variant, preset course, takes 4\.04 ms"):
+def test_a_limit_that_nothing_keeps_names_the_best(device):
+    with pytest.raises(InputError, match=r"no variant has 0\.0005 or less: the best, 64 shaded samples, has 0\.0009"):
+        select(sphere(), tolerance=0.0005, device=device)
+    with pytest.raises(InputError, match=r"1 ms is too short: the fastest variant, preset course, takes 4\.02 ms"):
         select(sphere(), budget=1.0, device=device)
     with pytest.raises(InputError, match=r"is below what errors are known to, 0\.0001 "):
         select(sphere(), tolerance=0.00005, device=device)
-
-
-def candidate(name: str, ms: float, error: float = 0.1) -> Candidate:
-    variant = next(each for each in VARIANTS if each.name == name)
-    return Candidate(variant, [ms], np.zeros((1, 3)), Estimate(error, error, error))
-
-
-def named(name: str) -> Variant:
-    return candidate(name, 1.0).variant
-
-
-def test_bounds_of_times():
-    """Of what does no more work, and the power of the number of samples, halved."""
-    drawn = [candidate(BASE, 6.0), candidate("samples-4", 10.0)]
-    assert least_ms(named("samples-16"), drawn) == least_ms(named("shaded-4"), drawn) == 10.0
-    assert least_ms(named("gouraud-4"), drawn) == least_ms(named("fast"), drawn) == 0.0
-    drawn.append(candidate("samples-16", 40.0))
-    assert least_ms(named("samples-64"), drawn) == pytest.approx(80.0)
-    assert least_ms(named("shaded-16"), drawn) == 40.0
-    drawn[-1] = candidate("samples-16", 9.0)  # measured in a quieter moment
-    assert least_ms(named("samples-64"), drawn) == 10.0
-
-
-def test_likely_errors():
-    drawn = [candidate(BASE, 6.0, 0.3), candidate("gouraud", 6.0, 0.5)]
-    assert likely_error(named("fast"), drawn) == 0.3
-    assert likely_error(named("gouraud-4"), drawn) == pytest.approx(0.75 * 0.4)
-    assert likely_error(named("samples-4"), drawn) == likely_error(named("trilinear-4"), drawn) == 0.0
-    assert likely_error(named("gouraud-4"), drawn[1:]) == pytest.approx(0.75 * 0.5)
-
-
-def test_a_busy_machine_is_told(monkeypatch):
-    """By the longest wait of a thread, if the system tells."""
-    waits = iter([{"1": 2.0, "2": 0.5}, {"1": 2.2, "2": 1.5, "3": 0.1}, {}, {}])
-    clock = iter([10.0, 12.0, 20.0, 21.0])
-    monkeypatch.setattr(timing, "_waits", lambda: next(waits))
-    monkeypatch.setattr(timing.time, "perf_counter", lambda: next(clock))
-    with timing.Waiting() as busy:
-        pass
-    with timing.Waiting() as unknown:
-        pass
-    monkeypatch.undo()
-    assert (busy.share, unknown.share) == (0.5, 0.0)
-    assert auto_settings.busy_doubt(0.5) == "other programs kept this one waiting for 50% of the time"
-    assert auto_settings.busy_doubt(0.05) == ""
-    assert all(wait >= 0.0 for wait in timing._waits().values())
 
 
 @pytest.fixture
@@ -344,20 +294,9 @@ def test_a_preset_stays(device, given):
     chosen = select(**given, budget=1e6, device=device, near=0.25)
     course = Settings.from_preset("course", near=0.25)
     assert chosen.settings == chosen.used.variant.settings(course)
-    fields = auto_settings.preset_fields("course")
+    fields = {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
     for name in fields:
         assert getattr(chosen.settings, name) == getattr(chosen.reference.settings, name) == getattr(course, name)
-    assert fields == {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}
     assert set(chosen.kept) == {*fields, "near"}
-    assert auto_settings.preset_fields("pbr") == {"shader", "shadows"}
-    assert "unchanged" in outcomes(chosen)
-    assert "gouraud" in outcomes(chosen)
+    assert {"unchanged", "gouraud"} <= set(outcomes(chosen))
     assert not {"course", "vertex-texture", BASE} & set(outcomes(chosen))
-
-
-@pytest.mark.usefixtures("quick")
-def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):
-    command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
-    assert_refused(run(capsys, *command, "--tolerance", "1e-30"), "--tolerance: ", "1e-30", "the best")
-    assert_refused(run(capsys, *command, "--budget", "1us"), "--budget: 0.001 ms is too short: the fastest variant, ")
-    assert not list(tmp_path.iterdir())

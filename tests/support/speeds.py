@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from clshade.measure.bench import device_peaks, results, scaling, starting
+from clshade.measure.bench import device_peaks, tables
+from clshade.measure.bench.agreement import TOLERANCE, Agreement
 from clshade.measure.bench.frame_timing import FrameTiming
-from clshade.measure.bench.peers import agreement
-from clshade.measure.bench.peers.agreement import TOLERANCE
-from clshade.measure.bench.workloads import Limit, Workload, full_screen, knot, thing
+from clshade.measure.bench.starting import Start
+from clshade.measure.bench.tables import Compared, Timed
+from clshade.measure.bench.workloads import Workload, full_screen, knot, thing
+from clshade.measure.results import Results
 from clshade.measure.timing import Spread
 
 SMALL = {
@@ -15,30 +17,26 @@ SMALL = {
     "quads": lambda: full_screen(4, (48, 32)),
     "lights": lambda: thing(128, level=2, lights=8),
 }
+WORKLOADS = tuple(Workload(name, f"small {name}", make) for name, make in SMALL.items())
+STARTS = [Start("warm", Spread(0.4, 0.5, 0.6), 5), Start("empty", Spread(3.0, 4.0, 5.0), 5)]
 
 
-def made_up(*measured, **more):
-    return results.Speed("a device", "a machine", device_peaks.Peaks(1e9, 1e10, 5e8, 1e9), tuple(measured), **more)
+def timed(name="w", ms=2.0, same=True, **changes):
+    fields = {
+        "resolution": (10, 10),
+        "triangles": 100,
+        "covered": 100,
+        "frames": 5,
+        "frame_ms": Spread(0.9 * ms, ms, 1.1 * ms),
+        "stages": {"host": 0.5 * ms, "phong": 0.5 * ms},
+        "held": {"scene": 900_000, "image": 100_000, "owners": 1 << 20},
+        "flops": 10**7,
+    }
+    agreement = Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
+    compared = Compared("llvmpipe 1", Spread(ms, ms, ms), Spread(6 * ms, 6 * ms, 6 * ms), 5, (2.0, 9.0), agreement)
+    return Timed(name, FrameTiming(**{**fields, **changes}), compared)
 
 
-def drawn_with(triangles=100, ms=2.0, side=10, peak=None):
-    return FrameTiming(
-        (side, side), triangles, side**2, 5, Spread(0.9 * ms, ms, 1.1 * ms), {"host": ms}, 10**6, 10**7, peak
-    )
-
-
-def compared(peer, ours, theirs, same=True):
-    found = agreement.Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
-    return results.Compared(
-        peer, f"{peer} 1", Spread(ours, ours, ours), Spread(theirs, theirs, theirs), 5, found, 3, (2.0, 9.0)
-    )
-
-
-def small_speed():
-    workload = Workload("w", "", lambda: None, ratios={"llvmpipe": 5.0}, limits=(Limit("ms", "ms a frame", 1.0),))
-    result = results.Result(workload, drawn_with(), (compared("llvmpipe", 2.0, 12.0), compared("numpy", 2.0, 30.0)))
-    started = starting.Started(Spread(0.4, 0.5, 0.6), Spread(3.0, 4.0, 5.0), 5)
-    points = tuple(drawn_with(n, 1.0 + n, peak=100.0 + n) for n in (10, 100, 1000))
-    return made_up(
-        result, started=started, series=(scaling.Series("phong", "triangles", drawn_with(1, 1.0, peak=100.0), points),)
-    )
+def results_of(*several, starts=(), errors=None) -> Results:
+    """Return the results on a device that copies 1e9 bytes, fills 5e8 and computes 1e10 flops per second."""
+    return tables.results("a device", device_peaks.Peaks(1e9, 1e10, 5e8), several, starts, errors or {})

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-import pytest
-
 from clshade.measure.report import study
-from clshade.measure.report.tessellation import tessellation
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
 from clshade.pipeline.opencl.device import Device
 from clshade.scene.builtin.scenes import builtin
@@ -22,9 +19,7 @@ def sphere(level: int = 2) -> Scene:
 
 @cache
 def small_study(device: Device) -> study.Study:
-    """Return a study of two variants, with only three levels of the sphere."""
+    """Return a study of two variants."""
     scene = sphere()
     chosen = named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "tessellation", lambda device: tessellation(device, SMALL, levels=range(3), finest=4))
-        return study.study(scene, device, chosen, 3)
+    return study.study(scene, device, chosen, 3)

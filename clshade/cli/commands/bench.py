@@ -1,190 +1,82 @@
-"""`bench`: frame times, compared with other renderers."""
+"""`bench`: frame times of scenes, beside OpenGL's of the same image."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+from ...base.spelling import hint
 from ...errors import InputError
-from ...measure.defaults import BENCH_FRAMES, BENCH_TURN, CREW_FRAMES, VIEWS
+from ...measure.defaults import BENCH_FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, numbers, output_name
+from .arguments import device_option, from_1, output_name, refuse
+from .scene_options import camera_options, chosen_settings, load_scene, scene_changes, setting_options
 
-_OF_ALL = ("list", "frames", "out", "device")  # what benchmarks of their own take too
+if TYPE_CHECKING:
+    from ...measure.bench.workloads import Workload
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    first = len(parser._actions)
-    parser.add_argument("workloads", nargs="*", metavar="WORKLOAD", help="these only (default: all)")
-    parser.add_argument("--list", action="store_true", help="name all workloads and peers")
-    parser.add_argument(
-        "--frames",
-        type=int,
-        metavar="N",
-        help=f"of each workload (default: {BENCH_FRAMES}), or of the turntable (default: {CREW_FRAMES})",
+    group = parser.add_argument_group("scenes: files, and how they are read")
+    group.add_argument(
+        "scenes",
+        nargs="*",
+        metavar="SCENE",
+        help="files, workloads of --list, or built-in scenes, sought in this order (default: all workloads)",
     )
-    parser.add_argument(
-        "--turn",
-        type=int,
-        metavar="N",
-        help=f"frames in a row, when alternating with a peer (default: {BENCH_TURN})",
+    before = len(parser._actions)
+    scene_changes(parser, group)
+    camera_options(parser)
+    setting_options(parser)
+    parser.set_defaults(of_scene=[action.dest for action in parser._actions[before:]])
+    group = parser.add_argument_group("measurement: what is timed, and what is written")
+    group.add_argument("--list", action="store_true", help="name all workloads")
+    group.add_argument(
+        "--frames", type=from_1, default=BENCH_FRAMES, metavar="N", help=f"of each scene (default: {BENCH_FRAMES})"
     )
-    parser.add_argument(
-        "--peers",
-        metavar="NAMES",
-        help="renderers to draw in turns with, such as llvmpipe,numpy, or none (default: all but opengl)",
+    group.add_argument(
+        "--against",
+        choices=("llvmpipe", "opengl"),
+        help="draw in turns with Mesa's software rasterizer, or with the machine's OpenGL (PyPI's moderngl)",
     )
-    parser.add_argument("--scaling", action="store_true", help="time and memory against triangles and pixels")
-    parser.add_argument("--targets", action="store_true", help="also say which of the project's targets are met")
-    parser.add_argument(
-        "--workers",
-        type=numbers(int, None, "whole numbers such as 2,4"),
-        metavar="N,...",
-        help="a turntable by N processes, in turns with one process",
-    )
-    parser.add_argument("--scheduler", metavar="tcp://HOST:8786", help="and by the workers of this Dask scheduler")
-    parser.add_argument(
-        "--shadows",
-        action="store_true",
-        help="shadow rays of teapot and knot, in turns with Intel Embree (PyPI: embreex), one thread each",
-    )
-    parser.add_argument(
-        "--views",
-        type=int,
-        nargs="?",
-        const=VIEWS,
-        metavar="K",
-        help=f"K views of a mesh by render_many, in turns with loops over render (default: {VIEWS})",
-    )
-    parser.add_argument(
-        "--instances",
-        type=numbers(int, None, "whole numbers such as 1000,100000"),
-        metavar="N,...",
-        help="one mesh drawn N times, from one copy and from N copies: time and memory",
-    )
-    parser.add_argument(
-        "--processors",
-        type=lambda text: tuple(name.strip() for name in text.split(",")),
-        nargs="?",
-        const=(),
-        metavar="MODEL,...",
-        help="kernels as PyPI's PoCL compiles them for other processors: images, calls of functions, times (default: all)",
-    )
-    parser.add_argument(
-        "--features",
-        action="store_true",
-        help="percentage of a frame that is saved if kernels are compiled without what a scene does not need",
-    )
-    parser.add_argument(
-        "--limits",
-        action="store_true",
-        help="what --budget and --tolerance are asked for, and what is got: 12 scenes, five levels each",
-    )
-    parser.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
+    group.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
     device_option(parser)
-    parser.set_defaults(of_modes=parser._actions[first:])
 
 
 def run(arguments: argparse.Namespace) -> int:
     from ...measure.bench import bench
-    from ...measure.bench.peers import DEFAULT
+    from ...measure.bench.starting import NAME
+    from ...measure.bench.workloads import WORKLOADS
 
     if arguments.list:
         print(bench.listing())
         return DONE
-    for mode, (measure, taken) in _MODES.items():
-        value = getattr(arguments, mode)
-        if value is not None and value is not False:
-            _check_alone(arguments, mode, *taken)
-            return DONE if measure(arguments) else FAILED
-    named = [name.strip() for name in (arguments.peers or "").split(",")]
-    peers = DEFAULT if arguments.peers is None else () if named == ["none"] else tuple(named)
-    passed = bench.run(
-        arguments.device,
-        names=arguments.workloads,
-        peers_named=peers,
-        frames=_frames(arguments, BENCH_FRAMES),
-        turn=BENCH_TURN if arguments.turn is None else arguments.turn,
-        with_scaling=arguments.scaling,
-        targets=arguments.targets,
-        out=arguments.out,
-    )
-    return DONE if passed else FAILED
+    names = list(dict.fromkeys(arguments.scenes)) or [*(workload.name for workload in WORKLOADS), NAME]
+    with_start = NAME in names and not Path(NAME).is_file()
+    if with_start:
+        refuse(arguments, arguments.of_scene, f"cannot go with {NAME!r}, whose scene is fixed")
+    workloads = [_workload(arguments, name) for name in names if not (with_start and name == NAME)]
+    options = {"frames": arguments.frames, "against": arguments.against, "out": arguments.out}
+    return DONE if bench.run(workloads, arguments.device, with_start=with_start, **options) else FAILED
 
 
-def _check_alone(arguments: argparse.Namespace, *taken: str) -> None:
-    """Refuse options of `bench` beside a mode of its own. taken: the mode's option, and those that go with it."""
-    for action in arguments.of_modes:
-        if action.dest not in (*taken, *_OF_ALL) and getattr(arguments, action.dest) not in (action.default, []):
-            other = action.dest if action.dest == "workloads" else f"--{action.dest}"
-            raise InputError(f"bench: expected either --{taken[0]} or {other}, found both")
+def _workload(arguments: argparse.Namespace, name: str) -> Workload:
+    """Return the workload of this name, unless there is such a file, or the scene with the options of the command line."""
+    from ...measure.bench.starting import NAME
+    from ...measure.bench.workloads import WORKLOADS, Workload
+    from ...scene.builtin.scenes import BUILTINS
 
-
-def _frames(arguments: argparse.Namespace, usual: int) -> int:
-    frames: int | None = arguments.frames
-    return usual if frames is None else frames
-
-
-def _shadows(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import shadows
-
-    rounds = _frames(arguments, BENCH_FRAMES)
-    options = {"names": arguments.workloads, "targets": arguments.targets, "out": arguments.out}
-    return shadows.run(arguments.device, rounds=rounds, **options)
-
-
-def _views(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import views
-
-    rounds = _frames(arguments, views.ROUNDS)
-    return views.run(arguments.views, device=arguments.device, rounds=rounds, out=arguments.out)
-
-
-def _instances(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import instances
-
-    frames = _frames(arguments, BENCH_FRAMES)
-    return instances.run(arguments.instances, device=arguments.device, frames=frames, out=arguments.out)
-
-
-def _processors(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import processors
-
-    if arguments.device is not None:
-        raise InputError("bench: --processors: cannot go with --device: it measures PyPI's PoCL")
-    return processors.run(arguments.processors, frames=_frames(arguments, BENCH_FRAMES), out=arguments.out)
-
-
-def _features(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import features
-
-    rounds = _frames(arguments, features.ROUNDS)
-    return features.run(arguments.device, names=arguments.workloads, rounds=rounds, out=arguments.out)
-
-
-def _limits(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import limits
-
-    frames = _frames(arguments, limits.FRAMES)
-    return limits.run(arguments.device, names=arguments.workloads, frames=frames, out=arguments.out)
-
-
-def _crews(arguments: argparse.Namespace) -> bool:
-    from ...measure.bench import workers
-
-    frames = _frames(arguments, CREW_FRAMES)
-    drawn_by = {"scheduler": arguments.scheduler, "device": arguments.device}
-    return workers.run(arguments.workers or (1,), frames=frames, out=arguments.out, **drawn_by)
-
-
-# Benchmarks of their own: the option that asks for one, what measures, and the other options that it takes.
-_MODES: dict[str, tuple[Callable[[argparse.Namespace], bool], tuple[str, ...]]] = {
-    "shadows": (_shadows, ("workloads", "targets")),
-    "views": (_views, ()),
-    "instances": (_instances, ()),
-    "processors": (_processors, ()),
-    "features": (_features, ("workloads",)),
-    "limits": (_limits, ("workloads",)),
-    "workers": (_crews, ("scheduler",)),
-    "scheduler": (_crews, ()),
-}
+    known = {workload.name: workload for workload in WORKLOADS}
+    if not Path(name).is_file():
+        if name in known:
+            refuse(arguments, arguments.of_scene, f"cannot go with {name!r}, a workload, whose scene is fixed")
+            return known[name]
+        if not Path(name).suffix and name not in BUILTINS:
+            near = hint(name, (*known, NAME, *BUILTINS))
+            raise InputError(f"SCENE: expected a file, a built-in scene or a workload of --list, found {name!r}{near}")
+    scene = load_scene(arguments, name)
+    if arguments.resolution is not None:
+        scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
+    return Workload(name, "", lambda: scene, {"preset": arguments.preset, **chosen_settings(arguments)})

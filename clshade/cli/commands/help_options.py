@@ -10,9 +10,9 @@ from ...base.spelling import hint
 
 _SHOWN_AT_ONCE = 30  # options; a command with more shows the first ones
 _FIRST = (  # names in the namespace, in the order of the short help
-    *("output", "out", "frames", "count", "fps", "resolution", "preset", "samples", "camera"),
+    *("output", "out", "frames", "count", "fps", "against", "resolution", "preset", "samples", "camera"),
     *("look", "camera_azimuth_angle", "camera_elevation_angle", "background", "layers", "scalars", "views"),
-    *("workers", "open", "details", "family", "html", "course", "case", "axes", "random_rounding", "device", "check"),
+    *("workers", "open", "details", "html", "course", "case", "device", "check"),
 )
 _WORDS = {"light": "lights", "shadows": "lights", "environment": "lights", "files": "output", "data": "scalars"}
 

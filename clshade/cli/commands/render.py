@@ -97,11 +97,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     measured.add_argument(
         "--explain", action="store_true", help="what the kernels left out, why, and what that saves: measured"
     )
-    measured.add_argument(
-        "--explain-each",
-        action="store_true",
-        help="the same, and what each thing left out costs by itself; builds a program for each",
-    )
     limit_options(measured)
     parser.set_defaults(repeated=[*parser.get_default("repeated"), "budget", "tolerance"])
     device_option(parser)
@@ -186,7 +181,7 @@ def _draw(
         from ...measure.report.auto_settings import select
 
         selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
-        console.table(selected.table())
+        console.table(selected.table.lines()[1:])
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
     cameras = flow_cameras(scene, arguments)
     saving = chosen_saving(arguments)
@@ -212,11 +207,11 @@ def _draw(
     others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]
     if frame.check is not None:
         found["check"] = frame.check
-    if arguments.explain or arguments.explain_each:
+    if arguments.explain:
         from ...measure.report.feature_savings import explain
 
         with console.told_when_slow("drawing without leaving things out, to compare ...", after_compiling=True):
-            found["explain"] = explain(scene, each=arguments.explain_each, **options)
+            found["explain"] = explain(scene, **options)
     if not arguments.json:
         print(summary(frame, [*chosen_paths(output, saving["files"]).values(), *others]))
         for title, each in found.items():

@@ -9,11 +9,9 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ...errors import InputError
-from ...measure.defaults import FAMILIES, FRAMES
-from ...measure.peers import PEERS
+from ...measure.defaults import FRAMES
 from . import DONE, FAILED
-from .arguments import device_option, given_options, limit_options, names, numbers, output_name, refuse
+from .arguments import device_option, given_options, limit_options, names, output_name, refuse
 from .scene_options import (
     camera_options,
     chosen_settings,
@@ -56,27 +54,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"of the figure: {','.join(FORMATS)} (default: png)",
     )
     study.add_argument("--html", action="store_true", default=None, help="also one page with tables and pictures")
-    study.add_argument(
-        "--family",
-        type=names(FAMILIES),
-        metavar="NAME,...",
-        help=f"the variants of these families only: {','.join(FAMILIES)}",
-    )
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")
     study.add_argument("--list", action="store_true", help="name all variants")
     study.add_argument(
-        "--details",
-        action="store_true",
-        default=None,
-        help="all variants, causes of the error, tessellation, file formats; print all tables",
-    )
-    study.add_argument(
-        "--sizes",
-        type=numbers(int, None, "whole numbers such as 480,960,1920"),
-        nargs="?",
-        const=(),
-        metavar="W,...",
-        help="times and errors at growing sizes: images of W columns in the scene's shape (default: 480,960,1920)",
+        "--details", action="store_true", default=None, help="all variants, causes of the error; print all tables"
     )
     light_options(study)
     study.add_argument("--frames", type=int, metavar="N", help=f"of each variant (default: {FRAMES})")
@@ -86,14 +67,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="of a course scene instead: its figures 1 to 19, errors and times on one HTML page, --out",
     )
-    study.add_argument(
-        "--peers",
-        type=names(tuple(PEERS)),
-        nargs="?",
-        const=(),
-        metavar="NAME,...",
-        help=f"other renderers on scenes of their own (--only names some): {','.join(PEERS)} (default: all)",
-    )
     device_option(parser)
     parser.set_defaults(repeated=[*repeated, "device"])
 
@@ -101,8 +74,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from ...measure.report import report
 
-    if arguments.peers is not None:
-        return _peers(arguments)
     if arguments.list:
         print(report.listing())
         return DONE
@@ -113,13 +84,12 @@ def run(arguments: argparse.Namespace) -> int:
     shown, look = lit(read, arguments)
     scene = placed(shown, look, arguments)
     scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
-    taken = ("out", "frames", "budget", "tolerance", "sizes", "details", "html")
+    taken = ("out", "frames", "budget", "tolerance", "details", "html")
     given = {name: getattr(arguments, name) for name in taken}
     given |= {
         "command": partial(_command, arguments, read, scene, look),
         "settings": chosen_settings(arguments),
         "names": arguments.only,
-        "families": arguments.family,
         "formats": arguments.format,
     }
     options = {name: value for name, value in given.items() if value is not None}
@@ -144,28 +114,6 @@ def _command(arguments: argparse.Namespace, read: Scene, scene: Scene, look: Loo
     return shlex.join(["clshade", "render", *options, *render_options(scene, given)])
 
 
-def _peers(arguments: argparse.Namespace) -> int:
-    """Measure other renderers on scenes of their own."""
-    from ...measure.peers import peers
-    from ...scene.settings import LIGHT_FIELDS
-
-    if arguments.scene != arguments.parser.get_default("scene"):
-        raise InputError("report: SCENE: cannot go with --peers, which draws scenes of its own: --only names some")
-    unused = ("course", "details", "family", "sizes", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
-    repeated = [name for name in arguments.repeated if name != "device"]
-    refuse(arguments, [*unused, *repeated], "cannot go with --peers, which draws scenes of its own")
-    if arguments.list:
-        print(peers.listing())
-        return DONE
-    if arguments.device:
-        os.environ["CLSHADE_DEVICE"] = arguments.device  # for the processes of clshade's renderers
-    resolution = arguments.resolution or RESOLUTION
-    options = {} if arguments.frames is None else {"rounds": arguments.frames}
-    device, scenes = arguments.device, arguments.only
-    passed = peers.run(arguments.peers, device, out=arguments.out, scenes=scenes, resolution=resolution, **options)
-    return DONE if passed else FAILED
-
-
 def _course(arguments: argparse.Namespace) -> int:
     """Write the page of a course scene."""
     from ... import __version__
@@ -173,7 +121,7 @@ def _course(arguments: argparse.Namespace) -> int:
     from ...measure.course_report import course_report
     from ...scene.settings import LIGHT_FIELDS
 
-    unused = ("only", "details", "family", "sizes", "frames", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
+    unused = ("only", "details", "frames", "budget", "tolerance", "html", "format", *LIGHT_FIELDS)
     refuse(arguments, unused, "cannot go with --course, which studies no variants")
     course_report.output_path(arguments.out)  # its errors come before the scene's
     if arguments.device:

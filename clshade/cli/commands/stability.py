@@ -27,29 +27,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     cases.add_argument("--triangles", type=int, default=TRIANGLES, help="random ones to draw (default: 50000)")
     cases.add_argument("--list", action="store_true", help="name all cases, and what is expected of each")
     cases.add_argument(
-        "--axes",
-        action="store_true",
-        help="instead, error and time against exponents, distance from the origin and aspect, in every precision",
-    )
-    cases.add_argument(
-        "--functions",
-        action="store_true",
-        help="instead, the error of every function of one number, such as 1/sqrt(x), for every float32: some minutes",
-    )
-    cases.add_argument(
         "--format",
         type=names(FORMATS),
+        default=("png",),
         metavar="NAME,...",
-        help=f"of the figure of --axes: {','.join(FORMATS)} (default: png)",
+        help=f"of the figure of errors against stiffness: {','.join(FORMATS)} (default: png)",
     )
     parser.set_defaults(of_cases=parser._actions[first:])
-    parser.add_argument(
-        "--random-rounding",
-        type=int,
-        metavar="RUNS",
-        help="also draw RUNS times while operations of shading round to a random neighbor: digits left beside the bounds",
-    )
-    parser.add_argument("--device", help="as for render, or `all`: every device that works (of cases and --functions)")
+    parser.add_argument("--device", help="as for render, or `all` for the cases: every device that works")
     parser.add_argument(
         "-o",
         "--out",
@@ -64,56 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
     _refuse_others(arguments)
     if arguments.scene is not None:
         return _run_scene(arguments)
-    if arguments.axes:
-        return _run_axes(arguments)
-    if arguments.format is not None:
-        raise InputError("stability: --format: needs --axes, whose figure it is for")
-    if arguments.functions:
-        return _run_functions(arguments)
     from ...measure.stability import stability
 
     if arguments.list:
-        if arguments.random_rounding is not None:
-            raise InputError("stability: --random-rounding: cannot go with --list")
         print(stability.listing())
         return DONE
-    options = {"out": arguments.out, "names": arguments.case, "triangles": arguments.triangles}
-    if arguments.random_rounding is not None:
-        from ...measure.stability import rounding_cases
-
-        runs = arguments.random_rounding
-        return DONE if rounding_cases.run(arguments.device, runs, **options) else FAILED
-    return DONE if stability.run(arguments.device, **options) else FAILED
-
-
-def _run_axes(arguments: argparse.Namespace) -> int:
-    _refuse_options_of_cases(arguments, "--axes", {"--device all": arguments.device == "all"})
-    from ...measure.stability import axes_stability
-
-    axes_stability.run(arguments.device, out=arguments.out, formats=arguments.format or ("png",))
-    return DONE
-
-
-def _refuse_options_of_cases(arguments: argparse.Namespace, mode: str, more: dict[str, bool] | None = None) -> None:
-    """Raise InputError for an option of the cases beside another mode. more: further options, and whether they are given."""
-    others = {
-        "--case": arguments.case,
-        "--list": arguments.list,
-        "--triangles": arguments.triangles != TRIANGLES,
-        "--functions": arguments.functions and mode != "--functions",
-        "--random-rounding": arguments.random_rounding is not None,
-        **(more or {}),
-    }
-    for option, given in others.items():
-        if given:
-            raise InputError(f"stability: {mode}: cannot go with {option}")
-
-
-def _run_functions(arguments: argparse.Namespace) -> int:
-    _refuse_options_of_cases(arguments, "--functions")
-    from ...measure.stability import functions
-
-    return DONE if functions.run(arguments.device, out=arguments.out) else FAILED
+    if arguments.case and arguments.format != ("png",):
+        raise InputError("stability: --format: is for the figure that all cases have, and cannot go with --case")
+    options = {"out": arguments.out, "triangles": arguments.triangles, "formats": arguments.format}
+    return DONE if stability.run(arguments.device, names=arguments.case, **options) else FAILED
 
 
 def _refuse_others(arguments: argparse.Namespace) -> None:
@@ -132,5 +76,5 @@ def _run_scene(arguments: argparse.Namespace) -> int:
     from ...scene.model import Settings
 
     settings = Settings.from_preset(arguments.preset or scene.preset, **chosen_settings(arguments))
-    passed = scene_stability.run(scene, settings, arguments.device, out=arguments.out, runs=arguments.random_rounding)
+    passed = scene_stability.run(scene, settings, arguments.device, out=arguments.out)
     return DONE if passed else FAILED

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _NOT_WITH_SHEET = (
     *("check", "budget", "tolerance", "formats", "depth_scale", "visible", "flow_to", "cryptomatte", "explain"),
-    *("explain_each", "half", "crop", "colorbar", "compression", "crop_zoom"),
+    *("half", "crop", "colorbar", "compression", "crop_zoom"),
 )
 
 

@@ -1,191 +1,146 @@
-"""`bench`: frame times, stage by stage, compared with other renderers of the same image."""
+"""`bench`: frame times of scenes, stage by stage, and beside OpenGL's of the same image."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from typing import TextIO, TypeVar
+from pathlib import Path
 
 import numpy as np
 
-from ...base import atomic_files, text_tables
-from ...base.arrays import Array
-from ...errors import ClshadeError, InputError
+from ...base import console
+from ...base.text_tables import wrapped
+from ...errors import ClshadeError
+from ...images import figures
 from ...pipeline.opencl.device import Device, open_device
-from ...pipeline.renderer import render
+from ...pipeline.renderer import Renderer, render
 from ...scene.camera import Camera
-from ...scene.model import Scene
-from ..defaults import BENCH_FRAMES, BENCH_TURN
-from ..report.study import machine
-from ..timing import in_turns, ratio_interval, spread, turns_of
-from . import shadow_rays, starting, tables
-from .children import draw_apart
-from .device_peaks import best, peaks
-from .frame_timing import PATH, SECONDS, FrameTiming, cameras, draw, warm_renderer
-from .peers import DEFAULT, PEERS, YARDSTICKS, Peer, open_peer
-from .peers.agreement import TEXTURED, TOLERANCE, Agreement, agreement
-from .results import Compared, Result, Speed
-from .scaling import Series, scaling
-from .starting import Started, start_up
-from .workloads import WORKLOADS, Workload, pick
+from ..results import check_files, files, wrote
+from ..timing import FEWEST, in_turns, ratio_interval, spread, turns_of
+from . import tables
+from .agreement import TEXTURED, TOLERANCE, Agreement, agreement
+from .device_peaks import Peaks, peaks
+from .frame_timing import PATH, SECONDS, cameras, time_frames, warm_renderer
+from .opengl import OpenGL, check_drawn, open_context
+from .starting import ABOUT, NAME, Start, start_up
+from .tables import Compared, Timed
+from .workloads import WORKLOADS, Workload
 
-T = TypeVar("T")
-SLOW = 500.0  # ms, of a peer's frame, from which on turns are of single frames
-NAMES = (*(each.name for each in WORKLOADS), starting.NAME)
+TURN = 5  # frames of one renderer in a row, when alternating with another: people draw frame after frame
 
 
 def listing() -> str:
-    """Return the list of all workloads and peers with their descriptions."""
-    rows = [*((each.name, each.about) for each in WORKLOADS), (starting.NAME, starting.ABOUT)]
-    peers = [text_tables.wrapped(f"  {name:<14} {about}", 17) for name, (_, about) in PEERS.items()]
-    listed = [text_tables.wrapped(f"{name:<16} {about}", 17) for name, about in rows]
-    traced = [f"  {each.name:<14} {each.about}" for each in shadow_rays.WORKLOADS]
-    return "\n".join([*listed, "", "peers", *peers, "", "with --shadows", *traced])
+    """Return the list of all workloads with their descriptions."""
+    rows = [*((each.name, each.about) for each in WORKLOADS), (NAME, ABOUT)]
+    return "\n".join(wrapped(f"{name:<12} {about}", 13) for name, about in rows)
 
 
 def run(
-    device: str | None = None,
+    workloads: Sequence[Workload],
+    device: str | None,
     *,
-    names: Sequence[str] = (),
-    peers_named: Sequence[str] = DEFAULT,
-    frames: int = BENCH_FRAMES,
-    turn: int = BENCH_TURN,
-    with_scaling: bool = False,
-    targets: bool = False,
+    frames: int,
+    against: str | None = None,
+    with_start: bool = False,
     out: str | None = None,
-    stream: TextIO | None = None,
 ) -> bool:
     """Measure, print the tables, and write the files.
 
-    Returns True if every workload was drawn, and every available peer draws the same images.
-
-    names: workloads; by default all. peers_named: empty for none. frames: number per workload; fewer if they take
-    more than frame_timing.SECONDS. with_scaling: also draw growing scenes and images. targets: also
-    say what each figure should be at least or at most. out: prefix of the files' names;
-    None: no files. Raises InputError, DeviceError and OutputError.
+    Returns True if everything was drawn, and OpenGL draws the same images. frames: number per workload; fewer if they take
+    more than frame_timing.SECONDS. against: llvmpipe or opengl. with_start: also measure start-up times. out: prefix of the
+    files' names. Raises OutputError, DeviceError and MissingOpenGL before it measures, and the first error if nothing could
+    be measured.
     """
-    stream = stream or sys.stdout
-    if frames < 1:
-        raise InputError(f"bench: --frames: expected a whole number above 0, found {frames}")
-    if turn < 1:
-        raise InputError(f"bench: --turn: expected a whole number above 0, found {turn}")
-    # With --scaling and no names, only scaling is measured.
-    chosen = pick(names, NAMES, "workload") if names or not with_scaling else []
-    others = (*pick(peers_named, PEERS, "--peers"), *YARDSTICKS) if peers_named else ()
     if out is not None:
-        for path in tables.paths(out):
-            atomic_files.check(path)
+        check_files(files(out, "png"))
     opened = open_device(device, profiling=True)
-    say = partial(print, file=stream, flush=True)
-    found = measure_all(opened, chosen, others, frames, with_scaling, say, turn)
-    say("\n".join(["", *tables.lines(found, targets=targets)]))
+    if against is not None:
+        open_context(against).release()
+    before = peaks(opened)
+    timed, starts, errors = measure_all(opened, workloads, frames, against, with_start)
+    if not (timed or starts):
+        raise next(iter(errors.values()))
+    rates = Peaks(*map(max, zip(before, peaks(opened), strict=True)))  # other load can only lower them
+    found = tables.results(opened.title, rates, timed, starts, errors)
+    print("\n".join(found.lines()))
     if out is not None:
-        from . import figure
-
-        written = tables.write(found, out, targets=targets)
-        figure.plot(found, written[-1], targets=targets)
-        say("\n".join(["", *(f"wrote {path}" for path in written)]))
-    return found.passed
+        written = found.write(out)
+        if timed:
+            written.append(files(out, "png")[-1])
+            plot(timed, opened.title, written[-1])
+        print("\n".join(["", *wrote(written)]))
+    return not errors and all(each.compared is None or each.compared.agreement.same for each in timed)
 
 
 def measure_all(
-    device: Device,
-    names: Sequence[str],
-    others: Sequence[str],
-    frames: int,
-    with_scaling: bool,
-    say: Callable[[str], object],
-    turn: int = BENCH_TURN,
-) -> Speed:
-    """Measure the named workloads and peers; pass a line to `say` as soon as each is measured."""
-    found = Speed(device.title, machine(), peaks(device), ())
-    say("\n".join(text_tables.wrapped(fact, 9) for fact in tables.facts(found)))
-    results = []
-    for workload in (each for each in WORKLOADS if each.name in names):
-        results.append(measure(workload, device, others, frames, turn))
-        say(tables.progress(results[-1]))
-
-    def draw_point(name: str) -> FrameTiming:
-        drawn = draw_apart(name, device.index, frames)
-        say(f"{name}: {drawn.ms:.2f} ms")
-        return drawn
-
-    started: Started | None = None
-    series: tuple[Series, ...] = ()
-    failed = []
-    try:
-        started = start_up(device.index) if starting.NAME in names else None
-    except ClshadeError as error:
-        failed.append(f"{starting.NAME}: {error}")
-    try:
-        series = scaling(draw_point, device.memory) if with_scaling else ()
-    except ClshadeError as error:
-        failed.append(f"scaling: {error}")
-    most = best(found.peaks, peaks(device))
-    return replace(
-        found,
-        peaks=most,
-        results=tuple(results),
-        started=started,
-        series=series,
-        failed=tuple(failed),
-    )
-
-
-def measure(workload: Workload, device: Device, names: Sequence[str], frames: int, turn: int = BENCH_TURN) -> Result:
-    """Measure our frames alone, then in turns with each named peer that can draw the workload."""
-    try:
-        if workload.apart:
-            return Result(workload, draw_apart(workload.name, device.index, frames))
-        scene = workload.make()
-        drawn = draw(scene, device, frames)
-    except ClshadeError as error:
-        return Result(workload, None, failed=str(error))
-    compared, missing = [], []
-    for name in (name for name in workload.peers if name in names):
+    device: Device, workloads: Sequence[Workload], frames: int, against: str | None, with_start: bool
+) -> tuple[list[Timed], list[Start], dict[str, ClshadeError]]:
+    """Return what was measured, and the errors by name: one that cannot be measured does not end the others."""
+    timed: list[Timed] = []
+    starts: list[Start] = []
+    errors: dict[str, ClshadeError] = {}
+    for workload in workloads:
         try:
-            compared.append(compare(name, scene, device, frames, turn))
+            timed.append(measure(workload, device, frames, against))
+            said = str(timed[-1])
         except ClshadeError as error:
-            missing.append((name, str(error)))
-    return Result(workload, drawn, tuple(compared), tuple(missing))
+            errors[workload.name] = error
+            said = f"{workload.name}: not drawn: {error}"
+        if len(workloads) > 1:
+            console.progress(said)
+    if with_start:
+        try:
+            starts = start_up(device.index)
+        except ClshadeError as error:
+            errors[NAME] = error
+    return timed, starts, errors
 
 
-def compare(name: str, scene: Scene, device: Device, frames: int, turn: int = BENCH_TURN) -> Compared:
-    """Compare with a peer. Raises MissingPeer if it is not available, another ClshadeError if it or clshade cannot draw
-    the scene."""
-    peer = open_peer(name, scene)
-    try:
-        image, first = _timed(peer.draw, scene.camera)
-        same = _agreement(peer, image, device)
-        path = cameras(scene.camera)
-
-        def next_ms(draw_one: Callable[[Camera], object], number: int) -> float:
-            return _timed(draw_one, path[number % PATH])[1]
-
-        with warm_renderer(peer.scene, device) as renderer:
-            draws = [partial(next_ms, renderer.render), *([] if peer.once else [partial(next_ms, peer.draw)])]
-            usual = first if peer.once else next_ms(peer.draw, 0)  # the first one may upload and compile
-            turn = min(turn, frames) if usual < SLOW else 1
-            rounds = -(-frames // turn)
-            turns = list(zip(*in_turns([turns_of(turn, one) for one in draws], rounds, SECONDS), strict=True))
-        times = [[float(np.median(each)) for each in one] for one in turns]
-        ours, theirs = times[0], [first] if peer.once else times[1]
-        interval = None if peer.once else ratio_interval(theirs, ours)
-        return Compared(name, peer.title, spread(ours), spread(theirs), len(ours), same, turn, interval)
-    finally:
-        peer.close()
+def measure(workload: Workload, device: Device, frames: int, against: str | None) -> Timed:
+    """Measure our frames alone, then in turns with OpenGL's. Raises ClshadeError if one of them cannot draw the scene."""
+    with warm_renderer(workload.make(), device, workload.options) as renderer:
+        if against is None:
+            return Timed(workload.name, time_frames(renderer, frames))
+        check_drawn(renderer.scene, renderer.features.used)
+        with closing(OpenGL(open_context(against), renderer.scene)) as other:
+            return Timed(workload.name, time_frames(renderer, frames), compare(other, renderer, frames))
 
 
-def _timed(draw_one: Callable[[Camera], T], camera: Camera) -> tuple[T, float]:
-    start = time.perf_counter()
-    drawn = draw_one(camera)
-    return drawn, (time.perf_counter() - start) * 1e3
+def compare(other: OpenGL, renderer: Renderer, frames: int) -> Compared:
+    """Compare with OpenGL: the images, and the times in turns."""
+    same = _agreement(other, renderer)
+    path = cameras(renderer.scene.camera)
+
+    def next_ms(draw: Callable[[Camera], object], number: int) -> float:
+        start = time.perf_counter()
+        draw(path[number % PATH])
+        return (time.perf_counter() - start) * 1e3
+
+    draws = [turns_of(TURN, partial(next_ms, draw)) for draw in (renderer.render, other.draw)]
+    turns = in_turns(draws, max(FEWEST, -(-frames // TURN)), SECONDS)
+    ours, theirs = ([float(np.median(ms)) for ms in one] for one in zip(*turns, strict=True))
+    return Compared(other.title, spread(ours), spread(theirs), len(turns), ratio_interval(theirs, ours), same)
 
 
-def _agreement(peer: Peer, theirs: Array, device: Device) -> Agreement:
-    frame = render(peer.scene, device=device, layers=("id",))
-    textured = any(mesh.material.texture is not None for mesh in peer.scene.meshes)
-    return agreement(frame.rgb, frame["id"], theirs, TEXTURED if textured else TOLERANCE)
+def _agreement(other: OpenGL, renderer: Renderer) -> Agreement:
+    scene, settings = renderer.scene, replace(renderer.settings, layers=("id",))
+    frame = render(scene, settings=settings, device=renderer.device)
+    textured = any(mesh.material.texture is not None for mesh in scene.meshes)
+    return agreement(frame.rgb, frame["id"], other.draw(scene.camera), TEXTURED if textured else TOLERANCE)
+
+
+def plot(timed: Sequence[Timed], title: str, path: Path) -> None:
+    """Draw and save a bar for each scene: how many times as fast as OpenGL, or the time of a frame. Raises OutputError."""
+    ratios = [each.compared.ratio or 0.0 for each in timed if each.compared]
+    titles = dict.fromkeys([title, *(each.compared.title for each in timed if each.compared)])
+    figure = figures.blank(8.0, 1.5 + 0.3 * len(timed))
+    axes = figure.subplots()
+    axes.barh([each.name for each in timed], ratios or [each.drawn.ms for each in timed], color=figures.OURS)
+    axes.invert_yaxis()
+    axes.set(xlabel="times as fast as OpenGL" if ratios else "ms a frame")
+    axes.grid(True, axis="x", alpha=0.2)
+    figure.suptitle("\n".join(titles), fontsize=8)
+    figures.save(figure, path, colors=64)

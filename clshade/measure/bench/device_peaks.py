@@ -67,18 +67,11 @@ def _source(width: int) -> str:
 
 class Peaks(NamedTuple):
     """Peak rates. copy: bytes per second, reads plus writes. flops: float32 operations per second, an fma counts as
-    2. fill: bytes per second written past the caches. cycles: clock cycles per second of all compute units, as the
-    device states; 0 if it does not."""
+    2. fill: bytes per second written past the caches."""
 
     copy: float
     flops: float
     fill: float
-    cycles: float = 0.0
-
-
-def best(*found: Peaks) -> Peaks:
-    """Return the maximum of several measurements, as other load on the machine can only lower them."""
-    return Peaks(*map(max, zip(*found, strict=True)))
 
 
 def peaks(device: Device) -> Peaks:
@@ -97,16 +90,14 @@ def peaks(device: Device) -> Peaks:
         copy=2.0 * COPIED / _best_seconds(device, program["copy"], size, (source.memory, target.memory)),
         flops=2.0 * items * width * CHAINS * FMAS / _best_seconds(device, *fmas),
         fill=COPIED / _best_seconds(device, program["fill"], size, (target.memory,)),
-        cycles=1e6 * device.device.max_clock_frequency * device.compute_units,
     )
 
 
 def _best_seconds(device: Device, kernel: Any, size: tuple[int, ...], arguments: tuple[Any, ...]) -> float:
     local = (1 if device.is_cpu else 64,)
-    seconds = []
+    least = float("inf")
     for _ in range(ROUNDS):
         event = kernel(device.queue, size, local, *arguments)
         event.wait()
-        seconds.append((event.profile.end - event.profile.start) / 1e9)
-    best: float = min(seconds)
-    return best
+        least = min(least, (event.profile.end - event.profile.start) / 1e9)
+    return least

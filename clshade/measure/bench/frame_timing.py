@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from types import MappingProxyType
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,12 @@ from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
 from ...scene.camera import Camera
 from ...scene.model import Scene
-from ..defaults import BENCH_FRAMES
 from ..timing import Spread, in_turns, spread
 from .device_peaks import Peaks
 
-SECONDS = 20.0  # for the frames of one workload, or of a workload and a peer
+SECONDS = 20.0  # for the frames of one scene, alone or in turns with OpenGL's
 PATH = 20  # steps of the camera's path, which repeats
 STEP = 0.05  # degrees
-NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 # Operations of the Phong model per pixel; an fma counts as two, everything else, roots and quotients included, as one:
 # perspective-correct barycentric coordinates 21, point and normal 30, their unit vectors 20, the coefficients 15. And
@@ -36,12 +33,10 @@ NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Frame times of a workload.
+    """Frame times of a scene.
 
-    covered: covered pixels. stages: name -> median ms; `host` is the rest of the frame.
-    bytes: the least memory traffic with this scene layout: positions, faces and attributes read once, the float32 image
-    written once. flops: the reflection model at the covered pixels, see PIXEL_FLOPS.
-    peak_mib: peak memory of the process, if drawn in a process of its own.
+    covered: covered pixels. stages: name -> median ms; `host` is the rest of the frame. held: bytes on the device by what
+    they hold, as in `Frame.stats`. flops: of the Phong model at the covered pixels, see PIXEL_FLOPS; None of other shaders.
     """
 
     resolution: tuple[int, int]
@@ -50,39 +45,21 @@ class FrameTiming:
     frames: int
     frame_ms: Spread
     stages: dict[str, float]
-    bytes: int
-    flops: int
-    peak_mib: float | None = None
+    held: dict[str, int]
+    flops: int | None
 
     @property
     def ms(self) -> float:
         return self.frame_ms.median
 
     @property
-    def figures(self) -> dict[str, float | None]:
-        """Time in ms, peak memory, and rates: triangles and covered pixels in 1e6 per second, bytes and flops in
-        1e9."""
-        return {
-            "ms": self.ms,
-            "mtri_s": self.triangles / self.ms / 1e3,
-            "mpix_s": self.covered / self.ms / 1e3,
-            "gb_s": self.bytes / self.ms / 1e6,
-            "gflops": self.flops / self.ms / 1e6,
-            "peak_mib": self.peak_mib,
-        }
+    def bytes(self) -> int:
+        """The least memory traffic with this scene layout: the scene read once, the float32 image written once."""
+        return self.held["scene"] + self.held["image"]
 
     def floor_ms(self, peaks: Peaks) -> float:
         """Return the least time of a frame: its bytes at the rate of a fill, or its flops at the peak rate."""
-        return 1e3 * max(self.bytes / peaks.fill, self.flops / peaks.flops)
-
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON; `from_stats` reverses it."""
-        return {**asdict(self), "frame_ms": self.frame_ms._asdict()}
-
-    @classmethod
-    def from_stats(cls, stats: dict[str, Any]) -> FrameTiming:
-        lists = {"resolution": tuple(stats["resolution"]), "frame_ms": Spread(**stats["frame_ms"])}
-        return cls(**{**stats, **lists})
+        return 1e3 * max(self.bytes / peaks.fill, (self.flops or 0) / peaks.flops)
 
 
 def cameras(camera: Camera) -> list[Camera]:
@@ -91,7 +68,7 @@ def cameras(camera: Camera) -> list[Camera]:
 
 
 @contextmanager
-def warm_renderer(scene: Scene, device: Device, options: Mapping[str, Any] = NO_OPTIONS) -> Iterator[Renderer]:
+def warm_renderer(scene: Scene, device: Device, options: Mapping[str, Any]) -> Iterator[Renderer]:
     """Yield a renderer that has drawn a frame: runtimes may compile and allocate during the first."""
     with Renderer(scene, device=device, **options) as renderer:
         for _ in range(2):
@@ -99,27 +76,21 @@ def warm_renderer(scene: Scene, device: Device, options: Mapping[str, Any] = NO_
         yield renderer
 
 
-def draw(
-    scene: Scene,
-    device: Device,
-    frames: int = BENCH_FRAMES,
-    seconds: float = SECONDS,
-    options: Mapping[str, Any] = NO_OPTIONS,
-) -> FrameTiming:
-    """Time `frames` frames, fewer if they take more than `seconds`. options: of Renderer. Raises DeviceError if the scene
-    does not fit."""
-    with warm_renderer(scene, device, options) as renderer:
-        frame = renderer.render()
-        covered, stats = int(np.count_nonzero(frame.alpha)), frame.stats
-        del frame  # releases its memory for the next
-        path = cameras(scene.camera)
+def time_frames(renderer: Renderer, frames: int) -> FrameTiming:
+    """Time so many frames, fewer if they take more than SECONDS."""
+    scene = renderer.scene
+    frame = renderer.render()
+    covered, held = int(np.count_nonzero(frame.alpha)), frame.stats["bytes"]
+    del frame  # releases its memory for the next
+    path = cameras(scene.camera)
 
-        def next_frame(number: int) -> tuple[float, dict[str, float]]:
-            start = time.perf_counter()
-            frame = renderer.render(path[number % PATH])
-            return (time.perf_counter() - start) * 1e3, frame.stats["times_ms"]
+    def next_frame(number: int) -> tuple[float, dict[str, float]]:
+        start = time.perf_counter()
+        frame = renderer.render(path[number % PATH])
+        return (time.perf_counter() - start) * 1e3, frame.stats["times_ms"]
 
-        turns = [one for (one,) in in_turns([next_frame], frames, seconds)]
+    turns = [one for (one,) in in_turns([next_frame], frames, SECONDS)]
+    is_phong = renderer.settings.shader == "phong"
     return FrameTiming(
         resolution=scene.camera.resolution,
         triangles=scene.face_count,
@@ -127,8 +98,8 @@ def draw(
         frames=len(turns),
         frame_ms=spread([ms for ms, _ in turns]),
         stages=_stages([stages for _, stages in turns], [ms for ms, _ in turns]),
-        bytes=stats["bytes"]["scene"] + stats["bytes"]["image"],
-        flops=covered * (PIXEL_FLOPS + LIGHT_FLOPS * len(scene.lights)),
+        held=held,
+        flops=covered * (PIXEL_FLOPS + LIGHT_FLOPS * len(scene.lights)) if is_phong else None,
     )
 
 

@@ -2,56 +2,57 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import NamedTuple
 
-from ...errors import OutputError
+from ...errors import ClshadeError, OutputError
 from ..timing import Spread, in_turns, spread
-from .children import run_module
 
 NAME = "start-up"
 ABOUT = "`python -m clshade render --samples 1`: wall time of the process with a warm cache, and with an empty one"
+ROOT = Path(__file__).resolve().parents[3]
 ROUNDS = 5
 SECONDS = 60.0
-WARM, EMPTY = 0.6, 3.0  # bars, seconds
 
 
-@dataclass(frozen=True)
-class Started:
-    """Wall times of the whole process in seconds."""
+class Start(NamedTuple):
+    """Wall times of the whole process, in seconds, with a warm or an empty cache."""
 
-    warm: Spread
-    empty: Spread
+    cache: str
+    seconds: Spread
     rounds: int
 
-    def stats(self) -> dict[str, Any]:
-        return {"warm_s": self.warm._asdict(), "empty_s": self.empty._asdict(), "rounds": self.rounds}
 
-
-def start_up(device: str, rounds: int = ROUNDS) -> Started:
-    """Measure both cases in turns. Raises OutputError without a temporary folder, ChildError if rendering fails."""
+def start_up(device: str, rounds: int = ROUNDS) -> list[Start]:
+    """Measure both cases in turns. Raises OutputError without a temporary folder, ClshadeError if rendering fails."""
     try:
         folder = TemporaryDirectory()
     except OSError as error:
         raise OutputError(f"bench: temporary folder: expected one that can be written to, found: {error}") from None
     with folder as name:
         root = Path(name)
-        _seconds(root, root / "warm", device)
-        draws = [
-            lambda _: _seconds(root, root / "warm", device),
-            lambda number: _seconds(root, root / f"empty-{number}", device),
-        ]
+        _seconds(root, "warm", device)
+        draws = [lambda _: _seconds(root, "warm", device), lambda number: _seconds(root, f"empty-{number}", device)]
         turns = in_turns(draws, rounds, SECONDS)
-    warm, empty = (spread(times) for times in zip(*turns, strict=True))
-    return Started(warm, empty, len(turns))
+    both = zip(("warm", "empty"), zip(*turns, strict=True), strict=True)
+    return [Start(cache, spread(times), len(turns)) for cache, times in both]
 
 
-def _seconds(folder: Path, cache: Path, device: str) -> float:
-    cache.mkdir(exist_ok=True)
-    caches = {"XDG_CACHE_HOME": str(cache), "POCL_CACHE_DIR": ""}
+def _seconds(folder: Path, cache: str, device: str) -> float:
+    """Return the seconds that a process takes, with its caches in a folder of this name."""
+    (folder / cache).mkdir(exist_ok=True)
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    caches = {"XDG_CACHE_HOME": str(folder / cache), "POCL_CACHE_DIR": ""}
+    command = [sys.executable, "-m", "clshade", "render", "--samples", "1", "-o", "out", "--device", device]
     start = time.perf_counter()
-    run_module("clshade", "render", "--samples", "1", "-o", "out", "--device", device, cwd=folder, **caches)
+    environment = {**os.environ, "PYTHONPATH": path, **caches}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+        raise ClshadeError(f"bench: {NAME}: {said[-1]}")
     return time.perf_counter() - start

@@ -1,39 +1,24 @@
-"""The results of `bench` as tables for the terminal, CSV, JSON and Markdown."""
+"""The results of `bench` as tables."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, TextIO
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from ...base import atomic_files, text_tables
 from ...base.text_tables import digits
+from ...errors import ClshadeError
+from ..report.study import machine
+from ..results import Column, Results, Table
+from ..timing import Spread
+from .agreement import Agreement
 from .device_peaks import Peaks
-from .frame_timing import LIGHT_FLOPS, PIXEL_FLOPS
-from .results import Compared, Result, Speed, Verdict
+from .frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, FrameTiming
+from .starting import Start
 
-FRAMES = (
-    *("workload", "image", "triangles", "covered", "ms", "half of them", "frames"),
-    *("Mtri/s", "Mpix/s", "GB/s", "of copy", "GFlop/s", "of peak", "floor ms", "times it", "peak MiB"),
-)
-PEERS = (
-    "workload",
-    "peer",
-    "its ms",
-    "our ms",
-    "turns",
-    "times as fast",
-    "95 %",
-    "inside",
-    "off by",
-    "others",
-    "same picture",
-)
-TARGETS = ("target", "what", "found", "asked for", "kept")
-STARTS = ("start-up, kernel cache", "s", "half of them", "rounds")
-EXPONENTS = ("grows", "power of time", "beyond the fixed cost", "of memory beyond it")
-NOTES = (
+MIB = 2.0**20
+FRAME_NOTES = (
     "ms: median of frames, from the call to the float32 RGBA image in NumPy memory that is used again; the camera moves a "
     "little before every frame",
     "bytes: what cannot be avoided, a lower bound: the scene's arrays as they lie on the device read once, the image "
@@ -42,276 +27,162 @@ NOTES = (
     "not counted; of peak: share of what independent fma reach on the device",
     "floor: the bytes at the rate at which a kernel fills memory past the caches, or the flops at the peak rate, whichever "
     "takes longer",
+)
+AGAINST_NOTES = (
     "inside: share of covered pixels whose neighbors show the same triangle; off by: largest difference there, of the "
     "largest value, and what is allowed; others: share of the other pixels whose color lies within the range of our 3x3 "
     "pixels around",
-    "turns: ours and theirs alternate, each so many frames in a row, of which one more comes first and is not counted, for "
-    "it finds cold caches and sleeping threads; the scanline loop draws once, so of it: ours; 95 %: bootstrap interval of "
-    "the ratio of medians over turns",
+    "turns: ours and theirs alternate, each five frames in a row, of which one more comes first and is not counted, for it "
+    "finds cold caches and sleeping threads; 95 %: bootstrap interval of the ratio of medians over turns",
 )
 
 
-def _large(value: float | None) -> str:
+class Compared(NamedTuple):
+    """Frame times of OpenGL and ours in ms, drawn in turns. interval: 95 % interval of the ratio."""
+
+    title: str
+    ours: Spread
+    theirs: Spread
+    turns: int
+    interval: tuple[float, float]
+    agreement: Agreement
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times as fast as OpenGL; None if the images differ."""
+        return self.theirs.median / self.ours.median if self.agreement.same else None
+
+
+@dataclass(frozen=True)
+class Timed:
+    """A scene's frame times."""
+
+    name: str
+    drawn: FrameTiming
+    compared: Compared | None = None
+
+    def __str__(self) -> str:
+        said = f"{self.name}: {self.drawn.ms:.2f} ms"
+        if self.compared is None:
+            return said
+        ratio = self.compared.ratio
+        return f"{said}; {'OpenGL draws another picture' if ratio is None else f'{_number(ratio)} times as fast as OpenGL'}"
+
+
+def _text(form: str) -> Callable[[Any], str]:
+    return lambda value: format(value, form)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.1f} %"
+
+
+def _range(ends: Sequence[float]) -> str:
+    return f"{digits(ends[0])} to {digits(ends[-1])}"
+
+
+def _number(value: float | None) -> str:
     """Format with three digits or more, without an exponent."""
     return digits(value) if value is None or abs(value) < 1000.0 else f"{value:,.0f}"
 
 
-def _percent(part: float, whole: float) -> str:
-    return f"{100.0 * part / whole:.1f} %"
+def _mebibytes(count: float | None) -> str:
+    return "-" if count is None else _number(count / MIB)
 
 
-def _frame(result: Result, speed: Speed) -> text_tables.Row:
-    drawn = result.drawn
-    if drawn is None:
-        return (result.workload.name, *["-"] * (len(FRAMES) - 1))
-    figures = drawn.figures
-    columns, rows = drawn.resolution
-    low, median, high = drawn.frame_ms
-    bytes_s, flops = drawn.bytes / drawn.ms * 1e3, drawn.flops / drawn.ms * 1e3
-    return (
-        result.workload.name,
-        f"{columns}x{rows}",
-        f"{drawn.triangles:,}",
-        _percent(drawn.covered, columns * rows),
-        f"{median:.2f}",
-        f"{low:.2f} to {high:.2f}",
-        str(drawn.frames),
-        *(digits(figures[name]) for name in ("mtri_s", "mpix_s", "gb_s")),
-        _percent(bytes_s, speed.peaks.copy),
-        digits(figures["gflops"]),
-        _percent(flops, speed.peaks.flops),
-        digits(drawn.floor_ms(speed.peaks)),
-        digits(drawn.ms / drawn.floor_ms(speed.peaks)),
-        "-" if drawn.peak_mib is None else f"{drawn.peak_mib:.0f}",
-    )
-
-
-def _stages(speed: Speed) -> tuple[text_tables.Row, list[text_tables.Row]]:
-    """Return the table of milliseconds per stage; a dash if a scene skips it."""
-    drawn = [(each.workload.name, each.drawn) for each in speed.results if each.drawn]
-    names = list(dict.fromkeys(name for _, each in drawn for name in each.stages))
-    ordered = [name for name in names if name != "host"] + ["host"]
-    rows: list[text_tables.Row] = [
-        (name, *(digits(each.stages.get(stage)) for stage in ordered)) for name, each in drawn
-    ]
-    return ("stages, ms", *ordered), rows
-
-
-def _peer(result: Result, each: Compared) -> text_tables.Row:
-    same = each.agreement
-    return (
-        result.workload.name,
-        each.peer,
-        f"{each.theirs.median:.2f}",
-        f"{each.ours.median:.2f}",
-        f"{each.rounds} of {each.turn}",
-        _large(each.ratio),
-        _interval(each),
-        f"{100.0 * same.interior:.1f} %",
-        f"{digits(same.largest, 2)} of {digits(same.tolerance, 2)}",
-        f"{100.0 * same.others:.3f} %",
-        "yes" if same.same else "NO",
-    )
-
-
-def _interval(each: Compared) -> str:
-    return "-" if each.interval is None else f"{digits(each.interval[0])} to {digits(each.interval[1])}"
-
-
-def verdict_row(each: Verdict) -> text_tables.Row:
-    word = {True: "yes", False: "NO", None: "-"}[each.kept]
-    return (each.workload, each.what, _large(each.value), f"{'>=' if each.at_least else '<='} {_large(each.bar)}", word)
-
-
-def facts(speed: Speed) -> list[str]:
-    return [
-        f"device   {speed.device}",
-        f"machine  {speed.machine}",
-        f"peaks    copy {speed.peaks.copy / 1e9:.1f} GB/s, fill {speed.peaks.fill / 1e9:.1f} GB/s, float32 "
-        f"{speed.peaks.flops / 1e9:.0f} GFlop/s{_per_cycle(speed.peaks)}",
-    ]
-
-
-def _per_cycle(peaks: Peaks) -> str:
-    """Return the peak rate per compute unit and clock cycle, which two multiply-adds per lane and cycle bound."""
-    return f", {peaks.flops / peaks.cycles:.0f} a cycle and compute unit" if peaks.cycles else ""
-
-
-def progress(result: Result) -> str:
-    """Return the line to print as soon as a workload is done."""
-    if result.drawn is None:
-        return f"{result.workload.name}: not drawn: {result.failed}"
-    parts = [f"{result.workload.name}: {result.drawn.ms:.2f} ms"]
-    parts += [
-        f"{each.peer} {each.theirs.median:.2f} ms, {_large(each.ratio)} times"
-        if each.agreement.same
-        else f"{each.peer} draws another picture"
-        for each in result.compared
-    ]
-    return "; ".join(parts)
-
-
-def _tables(speed: Speed, targets: bool) -> list[tuple[str, int, text_tables.Row, list[text_tables.Row]]]:
-    """Return title, number of text columns, header and rows of each table that is not empty."""
-    stages, stage_rows = _stages(speed)
-    found: list[tuple[str, int, text_tables.Row, list[text_tables.Row]]] = [
-        ("Frames", 1, FRAMES, [_frame(each, speed) for each in speed.results]),
-        ("Stages", 1, stages, stage_rows),
-        ("Peers", 2, PEERS, [_peer(result, each) for result in speed.results for each in result.compared]),
-        ("Scaling", 1, ("grows", "size", "ms", "peak MiB"), _series(speed)),
-        ("Exponents", 1, EXPONENTS, [(each.name, *map(digits, each.exponents().values())) for each in speed.series]),
-        ("Start-up", 1, STARTS, _starts(speed)),
-        ("Targets", 2, TARGETS, [verdict_row(each) for each in speed.verdicts()] if targets else []),
-    ]
-    return [each for each in found if each[3]]
-
-
-def _series(speed: Speed) -> list[text_tables.Row]:
-    rows: list[text_tables.Row] = []
-    for series in speed.series:
-        points = zip(("fixed", *(f"{size:,}" for size in series.sizes)), (series.fixed, *series.points), strict=True)
-        rows += [(series.name, size, f"{each.ms:.2f}", digits(each.peak_mib, 4)) for size, each in points]
-    return rows
-
-
-def _starts(speed: Speed) -> list[text_tables.Row]:
-    if speed.started is None:
-        return []
-    found = speed.started
-    return [
-        (name, f"{s.median:.2f}", f"{s.low:.2f} to {s.high:.2f}", str(found.rounds))
-        for name, s in (("warm", found.warm), ("empty", found.empty))
-    ]
-
-
-def _notes(speed: Speed) -> list[str]:
-    titles = dict.fromkeys(f"{c.peer}: {c.title}" for result in speed.results for c in result.compared)
-    failed = [f"{each.workload.name}: {each.failed}" for each in speed.results if each.failed]
-    notes = NOTES if speed.results else NOTES[:1]
-    return [*notes, *titles, *speed.missing(), *failed, *speed.failed]
-
-
-def lines(speed: Speed, *, targets: bool = False) -> list[str]:
-    """Return the tables as lines for the terminal. targets: also what was asked for."""
-    found: list[str] = []
-    for _, left, header, rows in _tables(speed, targets):
-        found += [*text_tables.as_lines(header, rows, left), ""]
-    return [*found, *(text_tables.wrapped(note, 2) for note in _notes(speed))]
-
-
-def markdown(speed: Speed, *, targets: bool = False) -> str:
-    found = ["# Speed", "", *(f"- {line}" for line in facts(speed)), ""]
-    for title, _, header, rows in _tables(speed, targets):
-        found += [f"## {title}", "", *text_tables.as_markdown(header, rows), ""]
-    return "\n".join([*found, *(f"- {note}" for note in _notes(speed)), ""])
-
-
-CSV = (
-    *("workload", "columns", "rows", "triangles", "covered", "frames", "ms", "ms_low", "ms_high"),
-    *("mtri_s", "mpix_s", "gb_s", "copy_share", "gflops", "flops_share", "floor_ms", "peak_mib"),
-    *(
-        "peer",
-        "peer_ms",
-        "peer_ms_low",
-        "peer_ms_high",
-        "turn",
-        "ratio",
-        "ratio_low",
-        "ratio_high",
-        "bar",
-        "interior",
-        "largest",
-        "others",
-        "same",
-    ),
+NAME = Column("name", "name", lambda each: each.name, str)
+AGAINST = (
+    Column("its ms", "other_ms", lambda each: each.compared.theirs.median, _text(".2f")),
+    Column("our ms", "our_ms", lambda each: each.compared.ours.median, _text(".2f")),
+    Column("turns", "turns", lambda each: each.compared.turns, str),
+    Column("times as fast", "ratio", lambda each: each.compared.ratio, _number),
+    Column("95 %", "", lambda each: each.compared.interval, _range),
+    Column("", "ratio_low", lambda each: each.compared.interval[0]),
+    Column("", "ratio_high", lambda each: each.compared.interval[1]),
+    Column("inside", "interior", lambda each: each.compared.agreement.interior, _percent),
+    Column("off by", "largest", lambda each: each.compared.agreement.largest, lambda value: digits(value, 2)),
+    Column("of", "tolerance", lambda each: each.compared.agreement.tolerance, lambda value: digits(value, 2)),
+    Column("others", "others", lambda each: each.compared.agreement.others, lambda value: f"{100.0 * value:.3f} %"),
+    Column("same picture", "same", lambda each: each.compared.agreement.same, lambda same: "yes" if same else "NO"),
+)
+STARTS = (
+    Column("kernel cache", "cache", lambda each: each.cache, str),
+    Column("s", "seconds", lambda each: each.seconds.median, _text(".2f")),
+    Column("half of them", "quartiles", lambda each: each.seconds[::2], _range),
+    Column("rounds", "rounds", lambda each: each.rounds, str),
 )
 
 
-def csv_rows(speed: Speed) -> list[text_tables.Row]:
-    """Return rows in full precision: one for our frames alone, one for our frames in turns with each peer's, one for
-    each size of --scaling, one for each kind of start; fields that do not apply are empty."""
-    rows: list[dict[str, object]] = []
-    named = [(each.workload.name, each.drawn) for each in speed.results]
-    for series in speed.series:
-        named += [(f"{series.name}-fixed", series.fixed)]
-        named += [(f"{series.name}-{size}", each) for size, each in zip(series.sizes, series.points, strict=True)]
-    for name, drawn in named:
-        if drawn is None:
-            continue
-        low, _, high = drawn.frame_ms
-        columns, height = drawn.resolution
-        shares = {
-            "copy_share": drawn.bytes / drawn.ms * 1e3 / speed.peaks.copy,
-            "flops_share": drawn.flops / drawn.ms * 1e3 / speed.peaks.flops,
-            "floor_ms": drawn.floor_ms(speed.peaks),
-        }
-        rows.append(
-            {**vars(drawn), **drawn.figures, **shares, "workload": name, "columns": columns, "rows": height}
-            | {"ms_low": low, "ms_high": high}
-        )
-    for result in speed.results:
-        rows += [_compared_row(result, each) for each in result.compared]
-    if speed.started:
-        for name in ("warm", "empty"):
-            low, median, high = (1e3 * seconds for seconds in getattr(speed.started, name))
-            rows.append({"workload": f"start-up-{name}", "ms": median, "ms_low": low, "ms_high": high})
-    return [tuple("" if row.get(name) is None else str(row[name]) for name in CSV) for row in rows]
+def _frames(peaks: Peaks) -> list[Column]:
+    def of_drawn(title: str, name: str, value: Callable[[FrameTiming], Any], show: Callable[[Any], str]) -> Column:
+        return Column(title, name, lambda each: value(each.drawn), show)
+
+    def rate(title: str, name: str, count: Callable[[FrameTiming], float | None], unit: float) -> Column:
+        """Return a column of what is done per second, in some unit; None is counted for nothing."""
+
+        def value(drawn: FrameTiming) -> float | None:
+            counted = count(drawn)
+            return None if counted is None else counted / drawn.ms * 1e3 / unit
+
+        return of_drawn(title, name, value, _percent if name.endswith("share") else digits)
+
+    return [
+        NAME,
+        of_drawn("image", "", lambda drawn: drawn.resolution, lambda size: "{}x{}".format(*size)),
+        of_drawn("", "columns", lambda drawn: drawn.resolution[0], str),
+        of_drawn("", "rows", lambda drawn: drawn.resolution[1], str),
+        of_drawn("triangles", "triangles", lambda drawn: drawn.triangles, _text(",")),
+        of_drawn("covered", "", lambda drawn: drawn.covered / math.prod(drawn.resolution), _percent),
+        of_drawn("", "covered", lambda drawn: drawn.covered, str),
+        of_drawn("ms", "ms", lambda drawn: drawn.ms, _text(".2f")),
+        of_drawn("half of them", "", lambda drawn: drawn.frame_ms, _range),
+        of_drawn("", "ms_low", lambda drawn: drawn.frame_ms.low, digits),
+        of_drawn("", "ms_high", lambda drawn: drawn.frame_ms.high, digits),
+        of_drawn("frames", "frames", lambda drawn: drawn.frames, str),
+        rate("Mtri/s", "mtri_s", lambda drawn: drawn.triangles, 1e6),
+        rate("Mpix/s", "mpix_s", lambda drawn: drawn.covered, 1e6),
+        rate("GB/s", "gb_s", lambda drawn: drawn.bytes, 1e9),
+        rate("of copy", "copy_share", lambda drawn: drawn.bytes, peaks.copy),
+        rate("GFlop/s", "gflops", lambda drawn: drawn.flops, 1e9),
+        rate("of peak", "flops_share", lambda drawn: drawn.flops, peaks.flops),
+        of_drawn("floor ms", "floor_ms", lambda drawn: drawn.floor_ms(peaks), digits),
+        of_drawn("times it", "floors", lambda drawn: drawn.ms / drawn.floor_ms(peaks), digits),
+        of_drawn("held MiB", "held_bytes", lambda drawn: sum(drawn.held.values()), _mebibytes),
+    ]
 
 
-def _compared_row(result: Result, each: Compared) -> dict[str, object]:
-    ours, theirs = each.ours, each.theirs
-    return {
-        "workload": result.workload.name,
-        "frames": each.rounds,
-        "peer": each.peer,
-        "turn": each.turn,
-        "ratio": each.ratio,
-        **dict(zip(("ratio_low", "ratio_high"), each.interval or (None, None), strict=True)),
-        "bar": result.workload.ratios.get(each.peer),
-        **{"ms": ours.median, "ms_low": ours.low, "ms_high": ours.high},
-        **{"peer_ms": theirs.median, "peer_ms_low": theirs.low, "peer_ms_high": theirs.high},
-        **each.agreement.stats(),
+def _split(
+    timed: Sequence[Timed], parts: Callable[[Timed], Mapping[str, float]], show: Callable[[Any], str]
+) -> list[Column]:
+    """Return columns of the parts by name; a dash where a scene has none."""
+    names = dict.fromkeys(name for each in timed for name in parts(each))
+    ordered = sorted(names, key=lambda name: name == "host")  # the rest comes last
+
+    def part(name: str) -> Callable[[Timed], float | None]:
+        return lambda each: parts(each).get(name)
+
+    return [NAME, *(Column(name, name, part(name), show) for name in ordered)]
+
+
+def results(
+    device: str, peaks: Peaks, timed: Sequence[Timed], starts: Sequence[Start], errors: Mapping[str, ClshadeError]
+) -> Results:
+    """Return all tables. errors: by the name of what could not be measured."""
+    facts = {
+        "device": device,
+        "machine": machine(),
+        "peaks": "copy {:.1f} GB/s, float32 {:.0f} GFlop/s, fill {:.1f} GB/s".format(*(rate / 1e9 for rate in peaks)),
     }
-
-
-def paths(prefix: str) -> list[Path]:
-    """Return the files of a prefix: CSV, JSON, Markdown, figure."""
-    return [Path(f"{prefix}.{extension}") for extension in ("csv", "json", "md", "png")]
-
-
-def show(
-    title: str,
-    header: text_tables.Row,
-    rows: Sequence[text_tables.Row],
-    note: str,
-    faults: Sequence[str],
-    stats: dict[str, Any],
-    files: Sequence[Path],
-    stream: TextIO,
-    *,
-    left: int = 1,
-) -> None:
-    """Print a table of a benchmark of its own, and write it into the files: CSV, JSON and Markdown, or none.
-
-    left: its first columns, which are aligned to the left.
-    """
-    lines = text_tables.as_lines(header, rows, left)
-    print("\n".join([title, "", *lines, "", text_tables.wrapped(note, 2), *faults]), file=stream)
-    markdown = [title, "", *text_tables.as_markdown(header, rows), "", note, *(f"- {fault}" for fault in faults)]
-    texts = (text_tables.as_csv(header, rows), json.dumps(stats, indent=2) + "\n", "\n".join(markdown) + "\n")
-    for path, text in zip(files, texts, strict=False):
-        atomic_files.write_bytes(path, text.encode())
-        print(f"wrote {atomic_files.shown(path)}", file=stream)
-
-
-def write(speed: Speed, prefix: str, *, targets: bool = False) -> list[Path]:
-    """Write the first three of `paths`; return all four. targets: as for `lines`."""
-    texts = (
-        text_tables.as_csv(CSV, csv_rows(speed)),
-        json.dumps(speed.stats(), indent=2) + "\n",
-        markdown(speed, targets=targets),
+    if errors:
+        facts["failed"] = "; ".join(f"{name}: {error}" for name, error in errors.items())
+    compared = [each for each in timed if each.compared]
+    titles = dict.fromkeys(each.compared.title for each in compared if each.compared)
+    hidden = [column._replace(title="") for column in AGAINST] if compared else []
+    tables = (
+        Table("Frames", [*_frames(peaks), *hidden], timed, notes=FRAME_NOTES),
+        Table("Stages", _split(timed, lambda each: each.drawn.stages, _number), timed, about="ms"),
+        Table("Bytes held", _split(timed, lambda each: each.drawn.held, _mebibytes), timed, about="MiB on the device"),
+        Table("Against OpenGL", [NAME, *AGAINST], compared, about=", ".join(titles), notes=AGAINST_NOTES),
+        Table("Start-up", STARTS, starts),
     )
-    found = paths(prefix)
-    for path, text in zip(found, texts, strict=False):
-        atomic_files.write_bytes(path, text.encode())
-    return found
+    return Results("Speed", facts, [table for table in tables if table.records], {"rates": peaks._asdict()})

@@ -95,14 +95,14 @@ class _CaseBench(cases_bench.Bench):
     """The bench of `stability`'s cases, which draws as ours does."""
 
     def __init__(self, bench: Bench) -> None:
-        super().__init__(bench.device, Path(), triangles=2000, fractions=100)
+        super().__init__(bench.device, triangles=2000)
         self._bench = bench
 
     def draw(self, scene: Any, **chosen: Any) -> Any:
         return self._bench.draw(scene, layers=cases_bench.LAYERS, **chosen)
 
 
-COVERAGE = ("half-pixel-grid", "edges-on-centers", "windings", "slivers", "zero-area")
+COVERAGE = ("half-pixel-grid", "edges-on-centers", "slivers")
 
 
 def _cover(name: str, bench: Bench) -> str:

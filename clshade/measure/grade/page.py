@@ -10,7 +10,7 @@ from ...base import atomic_files
 from ...base.atomic_files import shown
 from ...base.markup import element, page, table
 from ...images import png
-from ..report.html_page import STYLE
+from ..results import STYLE
 from . import tables
 from .folder import Row
 from .pictures import Shot

@@ -7,7 +7,7 @@ from typing import Any
 
 from ...base import text_tables
 from ...base.atomic_files import shown
-from ..course_report.wording import percent
+from ...base.text_tables import digits
 from .folder import Row
 
 Facts = dict[str, Any]
@@ -31,6 +31,11 @@ def verdict(facts: Facts) -> str:
     on_edges = f" ({edges:,} of them on edges, where another fill rule may decide)" if edges else ""
     most = round(255.0 * facts["largest_difference"])
     return f"not right: {differ:,} of {facts['pixels']:,} pixels differ{on_edges}, by up to {most}/255"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, with two significant digits or more."""
+    return f"{100.0 * share:.0f} %" if abs(share) >= 0.1 else f"{digits(100.0 * share, 2)} %"
 
 
 def named(found: Facts) -> str:

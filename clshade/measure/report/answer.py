@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ...base.text_tables import digits
 from ...scene.model import Settings
@@ -31,11 +30,6 @@ class Advice:
     def line(self, command: Command) -> str:
         """Return it for the terminal; commands are not wrapped, so that they can be copied."""
         return f"{self.purpose + ':':<17} {self.found}: {command(self.used.settings)}"
-
-    def stats(self, command: Command) -> dict[str, Any]:
-        """Return it for JSON."""
-        used = {"variant": self.used.variant.name, "command": command(self.used.settings)}
-        return {"purpose": self.purpose, "found": self.found, **used}
 
 
 def is_unseen(measured: Measured) -> bool:

@@ -1,94 +1,137 @@
-"""Settings chosen for a time budget or an error tolerance, by a short study of the scene."""
+"""Settings for a time budget or an error tolerance: the variants of a scene are tried, and the best is taken."""
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
-from ...base import console, text_tables
+from ...base.text_tables import digits
+from ...errors import InputError
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.opencl.device import Device, shared_device
+from ...pipeline.renderer import Renderer, render
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESET_FIELDS, Preset
-from .reference_image import Reference
-from .short_study import Candidate, Limit, ShortStudy, row
-from .thinned_image import Thinned
-from .variants import BASE, SHORT, Variant, variants_for
+from ..results import Column, Table
+from ..timing import median_interval, spread
+from .measure import frame_ms, frame_times
+from .pareto import NEARLY, within_budget, within_tolerance
+from .reference_image import Reference, reference_windows
+from .thinned_image import Estimate, Thinned, thinned
+from .variants import BASE, Variant, variants_for
 
-HEADER = ("variant", "outcome", "ms a frame", "95 %", "RMSE", "95 %")
-BUSY = 0.15  # share of the time waiting for processors from which on times are in doubt
+# Families of variants. In each one every variant does all the work of those before it.
+LADDER = (
+    (BASE, "samples-4", "shaded-4", "shaded-16", "shaded-64"),
+    ("samples-16", "samples-64"),
+    ("gouraud", "gouraud-4", "gouraud-16"),
+    ("trilinear", "trilinear-4"),
+    *(("fast",), ("course",), ("vertex-texture",)),
+)
+TRIAL_FRAMES = 3  # of each variant that is drawn
+FRAMES, SECONDS = 15, 0.6  # of each that may be chosen, in turns: fewer once all took so long
+SLACK = 1.5  # trial frames may take this many times as long as later ones
+NOTE = "Not drawn: what does more work than a variant that is too slow, or accurate enough."
+UNKNOWN = Estimate(math.inf, math.inf, math.inf)
+
+
+@dataclass(eq=False)
+class Tried:
+    """A variant. ms: of its frames, none if it was not drawn. estimate: its RMSE. outcome: what became of it."""
+
+    variant: Variant
+    ms: Sequence[float] = ()
+    estimate: Estimate = UNKNOWN
+    outcome: str = "not drawn"
+
+    @property
+    def name(self) -> str:
+        return self.variant.shown_title
+
+    @property
+    def cost(self) -> float:
+        """Milliseconds per frame, the median."""
+        return median(self.ms)
+
+    @property
+    def quartiles(self) -> tuple[float, float]:
+        low, _, high = spread(self.ms)
+        return low, high
+
+    @property
+    def error(self) -> float:
+        return self.estimate.rmse
+
+
+def _interval(interval: tuple[float, float] | None) -> str:
+    return "-" if interval is None else " to ".join(map(digits, interval))
+
+
+def _if_drawn(value: Callable[[Tried], Any]) -> Callable[[Tried], Any]:
+    return lambda tried: value(tried) if tried.ms else None
+
+
+COLUMNS = (
+    Column("variant", "about", lambda tried: tried.name, str),
+    Column("outcome", "outcome", lambda tried: tried.outcome, str),
+    Column("ms a frame", "frame_ms", _if_drawn(lambda tried: tried.cost)),
+    Column("95 %", "frame_ms_95", _if_drawn(lambda tried: median_interval(tried.ms)), _interval),
+    Column("RMSE", "rmse", _if_drawn(lambda tried: tried.error)),
+    Column("95 %", "rmse_95", _if_drawn(lambda tried: tried.estimate[1:]), _interval),
+    Column("", "variant", lambda tried: tried.variant.shown_name),
+    Column("", "settings", lambda tried: tried.variant.changes),
+    Column("", "frames", lambda tried: len(tried.ms)),
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The settings to render with.
+    """The settings to render with. kept: fields of Settings that were given, or the scene's own. thinned: the pixels that
+    errors were measured at. seconds: that trying took."""
 
-    kept: fields of Settings that were given, or the scene's own. tried: the figures of all variants, those that were
-    drawn first. thinned: the pixels that errors were measured at. seconds: duration of the study. doubt: why another
-    measurement might choose differently; "" if nothing suggests it.
-    """
-
-    used: Candidate
+    used: Tried
     settings: Settings
     kept: tuple[str, ...]
-    tried: tuple[dict[str, Any], ...]
+    tried: tuple[Tried, ...]
     reference: Reference
     thinned: Thinned
     seconds: float
-    doubt: str
 
     passed = True  # a limit that no variant meets raises an error instead
+
+    @property
+    def table(self) -> Table:
+        return Table("Variants tried", COLUMNS, self.tried, notes=[NOTE], left=2)
 
     def lines(self) -> list[str]:
         """Return the choice as lines for the terminal."""
         used, variant = self.used, self.used.variant
         changed = f" ({variant.changed()})" if variant.changes else ""
         kept = ", ".join(f"{name}={getattr(self.settings, name)}" for name in self.kept)
-        drawn = sum("frame_ms" in each for each in self.tried)
-        within = "" if used.estimate is None else f", {_range(used.estimate[1:])}"
+        drawn = sum(bool(tried.ms) for tried in self.tried)
         return [
-            f"{used.name}{changed}: {used.cost:.3g} ms a frame after the first, RMSE {used.error:.3g}{within}",
+            f"{used.name}{changed}: {digits(used.cost)} ms a frame after the first, RMSE {digits(used.error)}, "
+            f"{_interval(used.estimate[1:])}",
             *([f"kept as they are: {kept}"] if kept else []),
             f"{drawn} of {len(self.tried)} variants drawn, in {self.seconds:.1f} s; errors of {self.thinned.about()}",
             f"reference: {self.reference.about()}",
         ]
 
-    def table(self) -> list[str]:
-        """Return what was tried, and what was not and why, as a table for the terminal."""
-        rows = [
-            (
-                each["about"],
-                each["outcome"],
-                text_tables.digits(each.get("frame_ms")),
-                _range(each.get("frame_ms_95")),
-                text_tables.digits(each.get("rmse")),
-                _range(each.get("rmse_95")),
-            )
-            for each in self.tried
-        ]
-        return text_tables.as_lines(HEADER, rows, left=2)
-
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        used = self.used
         return {
-            "variant": used.variant.shown_name,
-            "settings": used.variant.changes,
-            "frame_ms": used.cost,
-            "rmse": used.error,
-            "rmse_95": None if used.estimate is None else used.estimate[1:],
+            **Table("", COLUMNS, [self.used]).plain()[0],
             "kept": {name: getattr(self.settings, name) for name in self.kept},
             "reference": self.reference.stats(),
             "thinned": self.thinned.stats(),
-            "tried": self.tried,
-            "doubt": self.doubt,
+            "tried": self.table.plain(),
             "seconds": self.seconds,
         }
-
-
-def _range(interval: tuple[float, float] | None) -> str:
-    return "-" if interval is None else " to ".join(map(text_tables.digits, interval))
 
 
 def select(
@@ -105,55 +148,84 @@ def select(
     `tolerance`.
 
     fields: fields of Settings that are kept, also in the reference. If a preset is given, or the scene's is not
-    `standard`, all fields that differ between presets are kept too. The variants of SHORT change the others. Raises
-    DeviceError, and InputError if no variant meets the limit.
+    `standard`, all fields that differ between presets are kept too. Raises DeviceError, and InputError if no variant
+    meets the limit.
     """
+    if (budget is None) == (tolerance is None):
+        raise InputError("expected either a budget or a tolerance, found both or none")
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
-    scene, base, fixed, variants = selectable(scene, opened, preset, resolution, **fields)
-    study = ShortStudy(scene, base, opened, Limit(budget, tolerance), fixed)
-    choice = study.choose(variants)
-    used = choice.used
-    doubt = choice.doubt or thinning_doubt(used, tolerance) or busy_doubt(study.waiting.share)
-    if doubt:
-        console.warning(f"within noise: {doubt}")
-    rows = (*(row(each, study.outcome(each, used)) for each in study.drawn), *(row(each) for each in study.dropped))
-    return Selection(
-        used,
-        used.variant.settings(base),
-        tuple(sorted(fixed - {"layers"})),
-        rows,
-        study.reference,
-        study.thinned,
-        time.perf_counter() - start,
-        doubt,
-    )
-
-
-def selectable(
-    scene: Scene, device: Device, preset: Preset | None = None, resolution: tuple[int, int] | None = None, **fields: Any
-) -> tuple[Scene, Settings, set[str], list[Variant]]:
-    """Return what `select` chooses from: the effective scene, the base settings, the fields that are kept, the variants."""
     scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
-    fixed = set(fields)
+    kept = set(fields)
     if preset is not None or scene.preset != BASE:
-        fixed |= preset_fields(preset or scene.preset)
-    known = variants_for(scene, base, device)
-    return scene, base, fixed, [each for each in known if each.name in SHORT and not fixed & set(each.changes)]
+        own = preset or scene.preset
+        kept |= PRESET_FIELDS["course" if own == "standard" else own].keys()
+    study = _Study(scene, base, opened, kept)
+    used = study.within_tolerance(tolerance or 0.0) if budget is None else study.within_budget(budget)
+    used.outcome = "used"
+    settings, names = used.variant.settings(base), tuple(sorted(kept - {"layers"}))
+    seconds = time.perf_counter() - start
+    return Selection(used, settings, names, tuple(study.tried), study.reference, study.thinned, seconds)
 
 
-def thinning_doubt(used: Candidate, tolerance: float | None) -> str:
-    """Return the doubt about an error that was estimated from a part of the image; "" if there is none."""
-    if tolerance is None or used.estimate is None or used.estimate.high <= tolerance:
-        return ""
-    return f"the error of {used.name} is {_range(used.estimate[1:])}, about the tolerance"
+def _work(variant: Variant) -> tuple[int, bool]:
+    return variant.changes.get("samples", 1), variant.changes.get("sample_shading", False)
 
 
-def busy_doubt(share: float) -> str:
-    """Return the doubt about times in which a thread waited for other programs for this share; "" if there is none."""
-    return f"other programs kept this one waiting for {share:.0%} of the time" if share > BUSY else ""
+class _Study:
+    """The variants of a scene that change none of the settings `kept`. tried: those that were."""
 
+    def __init__(self, scene: Scene, base: Settings, device: Device, kept: set[str]) -> None:
+        self._scene, self._base, self._device = scene, base, device
+        self._variants = {v.name: v for v in variants_for(scene, base, device) if not kept & set(v.changes)}
+        self.thinned = thinned(render(scene, settings=base, device=device).rgb, scene.face_count)
+        self.reference = reference_windows(scene, base, device, self.thinned, kept)
+        self.tried: list[Tried] = []
 
-def preset_fields(preset: Preset) -> set[str]:
-    """Return the fields of Settings in which a preset differs from `standard`, and that one from `course`."""
-    return set(PRESET_FIELDS["course" if preset == "standard" else preset])
+    def within_budget(self, budget: float) -> Tried:
+        drawn = self._try(lambda tried: min(tried.ms) > SLACK * budget)
+        sure = min((tried.error for tried in drawn if SLACK * min(tried.ms) <= budget), default=math.inf)
+        self._time([tried for tried in drawn if min(tried.ms) <= SLACK * budget and tried.error <= sure])
+        for tried in drawn:
+            tried.outcome = "possible" if tried.quartiles[0] <= NEARLY * budget else "too slow"
+        return within_budget(drawn, budget, self.reference.error)
+
+    def within_tolerance(self, tolerance: float) -> Tried:
+        most = tolerance + self.reference.error
+        drawn = self._try(lambda tried: tried.error <= most)
+        exact = [tried for tried in drawn if tried.error <= most]
+        fastest = min((min(tried.ms) for tried in exact), default=0.0)
+        self._time([tried for tried in exact if min(tried.ms) <= SLACK * fastest])
+        for tried in drawn:
+            tried.outcome = "possible" if tried in exact else "not accurate enough"
+        return within_tolerance(drawn, tolerance, self.reference.error)
+
+    def _try(self, is_last: Callable[[Tried], bool]) -> list[Tried]:
+        """Draw the variants of each family until one is the last that may be chosen; return those drawn."""
+        for family in LADDER:
+            ended = False
+            for variant in (self._variants[name] for name in family if name in self._variants):
+                tried = Tried(variant) if ended else self._draw(variant)
+                ended = ended or is_last(tried)
+                self.tried.append(tried)
+        self.tried.sort(key=lambda tried: _work(tried.variant))  # of equally accurate ones the first is taken
+        return [tried for tried in self.tried if tried.ms]
+
+    def _draw(self, variant: Variant) -> Tried:
+        """Draw a variant. The first frame is not timed, as runtimes may compile during it."""
+        with Renderer(self._scene, settings=variant.settings(self._base), device=self._device) as renderer:
+            image = renderer.render().rgb
+            ms = [frame_ms(renderer) for _ in range(TRIAL_FRAMES)]
+        estimate = self.thinned.estimate(self.thinned.of(image), self.reference.rgb)
+        return Tried(variant, ms, estimate.widened(self.reference.error))
+
+    def _time(self, chosen: Sequence[Tried]) -> None:
+        """Replace the times of these by those of further frames."""
+        with ExitStack() as stack:
+            renderers = []
+            for tried in chosen:
+                settings = tried.variant.settings(self._base)
+                renderers.append(stack.enter_context(Renderer(self._scene, settings=settings, device=self._device)))
+                renderers[-1].render()
+            for tried, ms in zip(chosen, frame_times(renderers, FRAMES, SECONDS), strict=True):
+                tried.ms = ms

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Array
 from ...images.metrics import rms
+from ...images.tonemap import radiance, tonemap
+from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
-from ...scene.model import Scene, Settings
-from .format_errors import png_radiance
+from ...scene.model import Scene, Settings, default_tonemap
 from .model_errors import APPROXIMATIONS, ModelErrors
 from .reference_image import Reference
-from .tessellation import finer_builtin
+
+SAMPLING, ARITHMETIC, OUTPUT = "sampling", "arithmetic", "8-bit PNG"
 
 
 class Part(NamedTuple):
@@ -38,63 +39,29 @@ class Part(NamedTuple):
 class Decomposition:
     """The error of the image that `settings` draw, by cause.
 
-    Each part is the difference of two consecutive images, from the best image of the shape to this one and its PNG, so that
-    their sum is the total error in every pixel. total, png_total: its RMSE. unknown: causes that are not measured, with the
-    reason. known: what RMSE the reference is good to.
+    Each part is the difference of two consecutive images, from the converged one to this one and its PNG, so that their sum
+    is the total error in every pixel. total, png_total: its RMSE. known: what RMSE the reference is good to.
     """
 
     settings: Settings
     parts: tuple[Part, ...]
     total: float
     png_total: float
-    unknown: dict[str, str]
     known: float
-
-    @property
-    def together(self) -> float:
-        """The root of the sum of the parts' mean squares, without the PNG's: the total if they were independent."""
-        return math.sqrt(sum(part.rmse**2 for part in self.parts if part.share is not None))
 
     def lines(self) -> list[str]:
         """Return what the parts do not say, as sentences."""
-        totals = f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}"
-        return [f"{totals}; {self.relation()}", *self.remarks()]
-
-    def relation(self) -> str:
-        """Return how the total compares with that of independent causes."""
-        ratio = self.total / self.together if self.together > 0.0 else 1.0
-        how = "as much as if they were independent"
-        if ratio > 1.0 + SIMILAR:
-            how = f"{ratio:.2f} times what independent ones would be: some add to each other"
-        elif ratio < 1.0 - SIMILAR:
-            how = f"{ratio:.2f} times what independent ones would be: some make up for others"
-        return f"all causes but the PNG together are {how}"
+        return [f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}", *self.remarks()]
 
     def remarks(self) -> list[str]:
         """Return which causes are too small to be known, and which are not measured."""
-        unresolved = [
-            part.cause for part in self.parts if part.cause == SAMPLING and 0.0 < part.rmse <= 2.0 * self.known
-        ]
-        return [
-            *(f"{cause}: about as small as the reference's own error, {self.known:.2g}" for cause in unresolved),
-            *(f"{cause}: not known: {why}" for cause, why in self.unknown.items()),
-        ]
-
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {
-            "parts": [part._asdict() for part in self.parts],
-            "total": self.total,
-            "png_total": self.png_total,
-            "if_independent": self.together,
-            "unknown": self.unknown,
-        }
-
-
-SIMILAR = 0.05  # ratios to 1 that are not worth a word
-TESSELLATION, SAMPLING, ARITHMETIC, OUTPUT = "tessellation", "sampling", "arithmetic", "8-bit PNG"
-NO_FINER = "no finer version of the shape is at hand"
-NO_FLOAT64 = "the device has no float64 to compare with"
+        errors = {part.cause: part.rmse for part in self.parts}
+        said = []
+        if 0.0 < errors[SAMPLING] <= 2.0 * self.known:
+            said.append(f"{SAMPLING}: about as small as the reference's own error, {self.known:.2g}")
+        if ARITHMETIC not in errors:
+            said.append(f"{ARITHMETIC}: not known: the device has no float64 to compare with")
+        return said
 
 
 def decompose(
@@ -104,16 +71,12 @@ def decompose(
 
     converged: reference of the scene, drawn with the best model. models: of the same model.
     """
-    unknown: dict[str, str] = {}
-    *steps, (output, lost) = _steps(scene, settings, device, converged, models, unknown)
+    *steps, (output, lost) = _steps(scene, settings, device, converged, models)
     total = np.sum([difference for _, difference in steps], axis=0)
     png_total = total + lost
-    parts = [
-        Part(cause, rms(difference), _share(difference, total), _share(difference, png_total))
-        for cause, difference in steps
-    ]
+    parts = [Part(cause, rms(off), _share(off, total), _share(off, png_total)) for cause, off in steps]
     parts.append(Part(output, rms(lost), None, _share(lost, png_total)))
-    return Decomposition(settings, tuple(parts), rms(total), rms(png_total), unknown, converged.error)
+    return Decomposition(settings, tuple(parts), rms(total), rms(png_total), converged.error)
 
 
 def _share(part: Array, total: Array) -> float:
@@ -122,20 +85,9 @@ def _share(part: Array, total: Array) -> float:
 
 
 def _steps(
-    scene: Scene,
-    settings: Settings,
-    device: Device,
-    converged: Reference,
-    models: ModelErrors,
-    unknown: dict[str, str],
+    scene: Scene, settings: Settings, device: Device, converged: Reference, models: ModelErrors
 ) -> Iterator[tuple[str, Array]]:
-    """Yield each cause and its error, (M, N, 3) float64; note causes that are not measured in `unknown`."""
-    finer = finer_builtin(scene)
-    if finer is None:
-        unknown[TESSELLATION] = NO_FINER
-    else:
-        fine = ModelErrors(finer, converged.settings, device)
-        yield TESSELLATION, models.best_image.astype(np.float64) - fine.best_image
+    """Yield each cause and its error, (M, N, 3) float64."""
     approximated: list[str] = []
     before = np.zeros_like(converged.rgb)
     for name in models.approximated(settings):
@@ -145,12 +97,16 @@ def _steps(
         before = model
     drawn = render(scene, settings=settings, device=device)
     image = exact = np.asarray(drawn.rgb, np.float64)
-    if not device.has_fp64:
-        unknown[ARITHMETIC] = NO_FLOAT64
-    elif settings.precision != "float64":
+    if device.has_fp64 and settings.precision != "float64":
         best = replace(settings, precision="float64")
         exact = np.asarray(render(scene, settings=best, device=device).rgb, np.float64)
     yield SAMPLING, exact - (converged.rgb + before)
     if device.has_fp64:
         yield ARITHMETIC, image - exact
     yield OUTPUT, png_radiance(drawn) - image
+
+
+def png_radiance(frame: Frame) -> Array:
+    """Return the image as its PNG holds it, (M, N, 3) float64."""
+    operator = default_tonemap(frame.scene)
+    return radiance(tonemap(frame.rgb, operator), operator)

@@ -1,29 +1,25 @@
-"""Features that a scene's kernels leave out, why, and the time saved, measured against kernels with every feature
-on; and the shadow rays of a frame."""
+"""`render --explain`: what the kernels of a scene leave out, why, and the time that saves, measured against kernels with
+everything on."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from ...base.text_tables import as_lines
 from ...pipeline import programs
 from ...pipeline.features import FEATURES, OPTIONAL
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
-from ...pipeline.shadow_counts import SKIPPED, CountingRenderer, ShadowCounts
 from ...scene.model import Scene
 from ...scene.settings import LAYERS
 from ..timing import Spread, in_turns, spread
 
-FRAMES = 21  # per renderer, unless they take longer in total than
+FRAMES = 21  # of each renderer, unless they take longer in total than
 SECONDS = 3.0
-
 WORK = {feature.name: feature.work for feature in FEATURES if feature.work} | {
     "BACKDROP": "environment as the background"
 }
@@ -36,42 +32,31 @@ NOT_DRAWN = {
 }
 
 
-Times = dict[str, float]  # of one frame: milliseconds by stage
-
-
 @dataclass(frozen=True)
 class Side:
-    """Measurements of one renderer.
+    """Measurements of one renderer. ms: median time of each stage and of the `frame`. bytes: device memory kept."""
 
-    ms: median time of each stage and of the `frame`. bytes: device memory kept. extra: how many ms longer its frames
-    took than the specialized renderer's frames drawn next to them.
-    """
-
-    ms: Times
+    ms: dict[str, float]
     bytes: int
-    extra: Spread
 
 
 @dataclass(frozen=True)
 class Explanation:
     """Result of `explain`.
 
-    needed: optional features in the kernels. left_out: those left out -> why. unneeded: other work that this scene and
-    view did without -> why. frames: number timed per renderer; 0 if nothing was left out. lean, full: the specialized
-    kernels, and those with every feature on. alone: by name, with one left-out feature on; empty unless requested.
-    rays: counts of shadow rays; None without shadows. identical: whether all images and layers are bit-identical, those of
-    the kernels that count included. compiled, loaded: programs that this process built from source and loaded from the
-    cache: number and seconds.
+    needed: optional features in the kernels. left_out: the others -> why. unneeded: other work that this scene and view
+    did without -> why. frames: number timed of each renderer. saved_ms: how much longer a frame with everything on took than
+    the one drawn before it. identical: whether the images and layers of both are. compiled, loaded: programs that this
+    process built from source and loaded from the cache: number and seconds.
     """
 
     needed: tuple[str, ...]
     left_out: dict[str, str]
     unneeded: dict[str, str]
     frames: int
-    lean: Side
-    full: Side
-    alone: dict[str, Side]
-    rays: ShadowCounts | None
+    as_is: Side
+    everything_on: Side
+    saved_ms: Spread
     identical: bool
     compiled: tuple[int, float]
     loaded: tuple[int, float]
@@ -81,136 +66,68 @@ class Explanation:
         """Whether leaving features out changed no bit."""
         return self.identical
 
-    def _saved(self, other: Side) -> str:
-        low, middle, high = other.extra
-        return f"{middle:.2f} ms ({low:.2f} to {high:.2f}) and {(other.bytes - self.lean.bytes) / 1e6:.2f} MB"
-
     def lines(self) -> list[str]:
         """Return the results as lines for the terminal."""
-        out = [
-            f"left out: {WORK[name]} ({name}): {why}"
-            + (f"; on alone it costs {self._saved(self.alone[name])}" if name in self.alone else "")
-            for name, why in self.left_out.items()
-        ]
-        out += [f"unneeded: {what}: {why}" for what, why in self.unneeded.items()]
-        out.append(f"needed: {', '.join(WORK[name] for name in self.needed) or 'nothing of what may be left out'}")
-        out += [] if self.rays is None else _ray_lines(self.rays)
-        (compiled, building), (loaded, loading) = self.compiled, self.loaded
-        ending = [
-            f"programs: {compiled} compiled in {building:.2f} s, {loaded} loaded from the cache in {loading:.2f} s; "
-            "another camera, another size or a moved light builds none"
-        ]
-        images = "images: " + ("the same bits" if self.identical else "FAILED, they differ")
-        if not self.frames:
-            return [*out, "saved: nothing, everything is needed", images, *ending]
-        lean, full = self.lean.ms, self.full.ms
+        lean, full = self.as_is.ms, self.everything_on.ms
+        low, middle, high = self.saved_ms
+        lean_mb, full_mb = self.as_is.bytes / 1e6, self.everything_on.bytes / 1e6
         names = [name for name in {**lean, **full} if name != "frame"]
         stages = ", ".join(f"{name} {lean.get(name, 0.0):.2f} ({full.get(name, 0.0):.2f})" for name in names)
+        (compiled, building), (loaded, loading) = self.compiled, self.loaded
         return [
-            *out,
-            f"saved: {self._saved(self.full)} against everything on: medians of {self.frames} frames each, in turns, and "
-            "between what half of them lie",
+            *(f"left out: {WORK[name]} ({name}): {why}" for name, why in self.left_out.items()),
+            *(f"unneeded: {what}: {why}" for what, why in self.unneeded.items()),
+            f"needed: {', '.join(WORK[name] for name in self.needed) or 'nothing of what may be left out'}",
+            f"saved: {middle:.2f} ms ({low:.2f} to {high:.2f}) and {full_mb - lean_mb:.2f} MB against everything on: "
+            f"medians of {self.frames} frames each, in turns, and between what half of them lie",
             f"frame {lean['frame']:.2f} ms instead of {full['frame']:.2f} ms, {full['frame'] / lean['frame']:.2f} times "
-            f"as fast; {self.lean.bytes / 1e6:.2f} MB instead of {self.full.bytes / 1e6:.2f} MB",
+            f"as fast; {lean_mb:.2f} MB instead of {full_mb:.2f} MB",
             *([f"stages, in ms (with everything on): {stages}"] if stages else []),
-            images,
-            *ending,
+            f"images: {'the same bits' if self.identical else 'FAILED, they differ'}",
+            f"programs: {compiled} compiled in {building:.2f} s, {loaded} loaded from the cache in {loading:.2f} s; another "
+            "camera, another size or a moved light builds none",
         ]
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        return {
-            "needed": self.needed,
-            "left_out": self.left_out,
-            "unneeded": self.unneeded,
-            "frames": self.frames,
-            "lean": _figures(self.lean),
-            "everything_on": _figures(self.full),
-            "alone": {name: _figures(side) for name, side in self.alone.items()},
-            "shadow_rays": None if self.rays is None else self.rays.stats(),
-            "identical": self.identical,
-            "programs_compiled": self.compiled[0],
-            "programs_loaded": self.loaded[0],
-        }
+        return {**asdict(self), "saved_ms": self.saved_ms._asdict()}
 
 
-def _ray_lines(rays: ShadowCounts) -> list[str]:
-    """Return what became of the rays, as lines for the terminal."""
+def explain(scene: Scene, **options: Any) -> Explanation:
+    """Measure what the kernels of a scene leave out. options: keyword arguments of `clshade.render`.
 
-    def row(name: str, count: int) -> tuple[str, ...]:
-        return name, f"{count:,}", f"{100.0 * count / max(rays.possible, 1):.1f} %"
-
-    skipped = [row(f"skipped: {SKIPPED[name]}", count) for name, count in rays.skipped.items() if count]
-    traced = [row("traced", rays.traced), row("traced and hidden", rays.hidden)]
-    table = as_lines(("shadow rays", "number", "share"), [row("possible", rays.possible), *skipped, *traced])
-    possible = f"possible: {rays.places:,} lit places, each to {rays.points:,} points of {rays.lights:,} lights"
-    occlusion = f"rays of ambient occlusion: {rays.occlusion:,}, of which {rays.occluded:,} meet a triangle"
-    return [
-        *([*table, possible] if rays.lights else []),
-        *([occlusion] if rays.occlusion else []),
-        f"traced in {rays.packets:,} packets, of which {rays.lit_packets:,} are wholly lit and {rays.dark_packets:,} wholly "
-        f"dark: {rays.filtered:,} triangles were tested by the filter, {rays.decided:,} by the exact predicate",
-    ]
-
-
-def _figures(side: Side) -> dict[str, Any]:
-    return {"ms": side.ms, "bytes": side.bytes, "extra_ms": side.extra._asdict()}
-
-
-def explain(scene: Scene, *, frames: int = FRAMES, each: bool = False, **options: Any) -> Explanation:
-    """Measure what the kernels for this scene leave out, and the time saved.
-
-    frames: number per renderer; fewer if that takes more than 3 s for two renderers. each: also measure each left-out
-    feature by itself, which builds a program for each. options: keyword arguments of `clshade.render`.
     Raises InputError and DeviceError.
     """
-    with ExitStack() as opened:
-
-        def opening(forced: Collection[str]) -> Renderer:
-            return opened.enter_context(Renderer(scene, forced=forced, **options))
-
-        renderers = [opening(())]
-        first = renderers[0].render()
-        left_out = dict(renderers[0].features.left_out)
-        chosen = ("BACKDROP",) if renderers[0].features["BACKDROP"] else ()
-        if left_out:
-            renderers += [opening(OPTIONAL), *(opening((name,)) for name in left_out if each)]
-        others = [renderer.render() for renderer in renderers[1:]]
-        identical = all(same_bits(first, other) for other in others)
-        sizes = [_bytes(frame) for frame in (first, *others)]
-        others.clear()  # releases their memory for the next frames
-        draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in renderers]
-        timed = in_turns(draws, frames, SECONDS * len(draws) / 2) if left_out else []
-    rays, counted_identical = None, True
-    if renderers[0].features["CASTERS"]:
-        with CountingRenderer(scene, **options) as counting:
-            counted, rays = counting.count()
-        counted_identical = same_bits(first, counted)
-    sides = [_side(timed or [(first.stats["times_ms"],)], k, size) for k, size in enumerate(sizes)]
+    with Renderer(scene, **options) as lean, Renderer(scene, forced=_everything(lean), **options) as full:
+        frame, other = lean.render(), full.render()
+        identical, sizes = same_bits(frame, other), [_bytes(frame), _bytes(other)]
+        del other  # releases its memory for the next frames
+        draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in (lean, full)]
+        timed = in_turns(draws, FRAMES, SECONDS)
+        left_out, chosen = dict(lean.features.left_out), ("BACKDROP",) if lean.features["BACKDROP"] else ()
     return Explanation(
         needed=tuple(name for name in OPTIONAL if name not in left_out) + chosen,
         left_out=left_out,
-        unneeded=_unneeded(first),
+        unneeded=_unneeded(frame),
         frames=len(timed),
-        lean=sides[0],
-        full=sides[1] if left_out else sides[0],
-        alone=dict(zip(left_out, sides[2:], strict=True)) if each else {},
-        rays=rays,
-        identical=identical and counted_identical,
+        as_is=Side(_medians([times for times, _ in timed]), sizes[0]),
+        everything_on=Side(_medians([times for _, times in timed]), sizes[1]),
+        saved_ms=spread([after["frame"] - before["frame"] for before, after in timed]),
+        identical=identical,
         compiled=_programs(stored=False),
         loaded=_programs(stored=True),
     )
 
 
-def _side(timed: list[tuple[Times, ...]], k: int, size: int) -> Side:
-    """Return the measurements of renderer k; renderer 0 is the specialized one."""
-    return Side(_medians([row[k] for row in timed]), size, spread([row[k]["frame"] - row[0]["frame"] for row in timed]))
+def _everything(lean: Renderer) -> set[str]:
+    """Return all features that change no bit where they are not needed: with the alpha test `fast` is more precise."""
+    return set(OPTIONAL).difference(["ALPHA_TEST"] if lean.settings.precision == "fast" else [])
 
 
-def _medians(times: list[Times]) -> Times:
+def _medians(times: Sequence[dict[str, float]]) -> dict[str, float]:
     """Return the median of each stage that runs in every frame, without those that run once."""
     once = {"pack", "open", "upload"}
-    return {name: median(each.get(name, 0.0) for each in times) for name in times[0] if name not in once}
+    return {name: median(ms.get(name, 0.0) for ms in times) for name in times[0] if name not in once}
 
 
 def _bytes(frame: Frame) -> int:
@@ -226,33 +143,25 @@ def _programs(stored: bool) -> tuple[int, float]:
 def _unneeded(frame: Frame) -> dict[str, str]:
     """Return other work that this scene and view did without -> why, and how much."""
     scene, stats = frame.scene, frame.stats
-    used, found = set(stats["features"]), {}
     columns, rows = stats["resolution"]
-    covered = np.count_nonzero(frame.alpha)
-    if "DEPTH_TEST" not in used:
-        found["depth at every pixel"] = f"visibility painter, {columns * rows:,} pixels"
-    if "PERSPECTIVE" not in used:
-        why = "parallel projection" if scene.camera.orthographic else "interpolation affine"
-        found["perspective division"] = f"{why}, {covered:,} pixels"
-    dark = sum(1 for light in scene.lights if not light.intensity.any())
-    if dark:
-        found["lights"] = f"{dark} of {len(scene.lights)} of intensity 0"
+    pixels, covered = columns * rows, np.count_nonzero(frame.alpha)
+    triangles, lights = stats["triangles"], len(scene.lights)
+    flat = "parallel projection" if scene.camera.orthographic else "interpolation affine"
+    dark = sum(not light.intensity.any() for light in scene.lights)
     vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
-    if stats["vertices"] < vertices:
-        found["vertices"] = f"{vertices - stats['vertices']:,} of {vertices:,} in no face"
-    whole = stats["triangles"] - stats["clipped"]
-    if whole:
-        found["clipping"] = (
-            f"{whole:,} of {stats['triangles']:,} triangles neither cross the near plane nor go far beyond the image"
-        )
+    unused, whole = vertices - stats["vertices"], triangles - stats["clipped"]
     culled = [f"{stats[name]:,} {what}" for name, what in NOT_DRAWN.items() if stats[name]]
-    if culled:
-        found["triangles"] = f"{', '.join(culled)}, of {stats['triangles']:,}"
-    if stats["empty_tiles"]:
-        found["tiles"] = f"{stats['empty_tiles']:,} of {stats['tiles']:,} hold no triangle"
-    if covered < columns * rows:
-        found["shading"] = f"{columns * rows - covered:,} of {columns * rows:,} pixels show no triangle"
     absent = [name for name in LAYERS if name not in frame.layers]
-    if absent:
-        found["layers"] = f"{', '.join(absent)} not asked for"
-    return found
+    work = {
+        "depth at every pixel": "DEPTH_TEST" not in stats["features"] and f"visibility painter, {pixels:,} pixels",
+        "perspective division": "PERSPECTIVE" not in stats["features"] and f"{flat}, {covered:,} pixels",
+        "lights": dark and f"{dark} of {lights} of intensity 0",
+        "vertices": unused > 0 and f"{unused:,} of {vertices:,} in no face",
+        "clipping": whole
+        and f"{whole:,} of {triangles:,} triangles neither cross the near plane nor go far beyond the image",
+        "triangles": culled and f"{', '.join(culled)}, of {triangles:,}",
+        "tiles": stats["empty_tiles"] and f"{stats['empty_tiles']:,} of {stats['tiles']:,} hold no triangle",
+        "shading": covered < pixels and f"{pixels - covered:,} of {pixels:,} pixels show no triangle",
+        "layers": absent and f"{', '.join(absent)} not asked for",
+    }
+    return {what: str(why) for what, why in work.items() if why}

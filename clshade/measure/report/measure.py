@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -21,17 +21,16 @@ from ...scene import adjust_camera
 from ...scene.camera import Camera
 from ...scene.model import Scene, Settings, default_tonemap
 from ..check.check import check
-from ..timing import Spread, in_turns, median_interval, spread
+from ..timing import Spread, in_turns, spread
 from .model_errors import ModelErrors
-from .ray_count_errors import MOST, RayCount, RayCountErrors
 from .reference_image import Reference
-from .variants import RAY_BASE, Variant
+from .variants import Variant
 
 SECONDS, FEW_SECONDS = 12.0, 5.0  # for the frames of all variants; without details
 SAMPLES_CHECKED = 1 << 17  # of an image, recomputed in float64: a second or less
-FEW_CHECKED = 1 << 13  # the same, without details
+FEW_CHECKED = 1 << 13  # likewise, without details
 CODES = 2  # of 255: differences that are hardly ever seen
-PAIRS_CHECKED = 1 << 22  # of shadow rays and triangles, all of which the oracle tries: the same
+PAIRS_CHECKED = 1 << 22  # of shadow rays and triangles, all of which the oracle tries: also a second
 FEWEST_CHECKED = 8  # pixels
 STEP = 0.05  # degrees that the camera moves between frames
 
@@ -40,19 +39,15 @@ STEP = 0.05  # degrees that the camera moves between frames
 class Measured:
     """Measurements of a variant on one scene and device, drawn with `settings`.
 
-    frame_ms: time per frame, with the scene resident on the device; interval: of its median, 95 %. build_ms, upload_ms:
-    before the first frame: building programs or loading them from the cache; packing and uploading the scene.
-    arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the reference,
-    from all causes. close: share of the pixels whose 8-bit codes are within CODES of the reference's. model: RMSE of its
-    model alone, in images of equal and many samples; sampling: RMSE of its sampling alone, against the converged image of
-    the same model. rays: that of few rays alone, see `RayCountErrors`; None if it is not known, or the variant does not
-    belong to that family.
+    build_ms, upload_ms: before the first frame: building programs or loading them from the cache; packing and uploading
+    the scene. arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the
+    reference, from all causes. close: share of the pixels whose 8-bit codes are within CODES of the reference's. model: RMSE
+    of its model alone, in images of equal and many samples; sampling: RMSE of its sampling alone, against the converged
+    image of the same model. times: milliseconds of frames, with the scene resident on the device.
     """
 
     variant: Variant
     settings: Settings
-    frame_ms: Spread
-    interval: tuple[float, float]
     build_ms: float
     upload_ms: float
     arithmetic: Check
@@ -60,12 +55,16 @@ class Measured:
     close: float
     model: float
     sampling: float
-    rays: dict[RayCount, float | None] = field(default_factory=dict)
+    times: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
         """For people."""
         return self.variant.title
+
+    @property
+    def frame_ms(self) -> Spread:
+        return spread(self.times)
 
     @property
     def cost(self) -> float:
@@ -82,39 +81,6 @@ class Measured:
         """RMSE of the approximation."""
         return self.approximation.rmse
 
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {
-            "variant": self.variant.name,
-            "about": self.variant.title,
-            "settings": self.variant.changes,
-            "frame_ms": self.frame_ms._asdict(),
-            "frame_ms_95": self.interval,
-            "build_ms": self.build_ms,
-            "upload_ms": self.upload_ms,
-            "arithmetic": self.arithmetic.stats(),
-            "approximation": self.approximation.stats(),
-            "close": self.close,
-            "model": self.model,
-            "sampling": self.sampling,
-            "ray_counts": self.rays,
-        }
-
-
-class _Drawn(NamedTuple):
-    """A variant after its first frame, without the image: the images of all variants may not fit in memory."""
-
-    variant: Variant
-    renderer: Renderer
-    build_ms: float
-    upload_ms: float
-    arithmetic: Check
-    approximation: ImageError
-    close: float
-    model: float
-    sampling: float
-    rays: dict[RayCount, float | None]
-
 
 def measure(
     scene: Scene,
@@ -122,7 +88,7 @@ def measure(
     base: Settings,
     device: Device,
     reference: Reference,
-    models: ModelErrors | None = None,
+    models: ModelErrors,
     *,
     frames: int,
     checked: int = SAMPLES_CHECKED,
@@ -132,31 +98,34 @@ def measure(
     """Measure the costs and the errors of all variants. base: settings that they change. models: of the reference's
     settings. frames, seconds: see `frame_times`. checked: samples of each image that are compared with the oracle. advance:
     called after each variant's errors."""
-    models = models or ModelErrors(scene, reference.settings, device)
     operator = default_tonemap(scene)
     codes = tonemap(reference.rgb, operator)
-    counts = RayCountErrors(scene, device)
+
+    def errors(variant: Variant, renderer: Renderer) -> Measured:
+        image = renderer.render()  # released on return: the images of all variants may not fit in memory
+        ms = image.stats["times_ms"]
+        model = models.difference(renderer.settings)
+        return Measured(
+            variant,
+            renderer.settings,
+            build_ms=image.stats["build_ms"],
+            upload_ms=ms["pack"] + ms["upload"],
+            arithmetic=check(image, _pixels_to_check(image, checked)),
+            approximation=image_error(image.rgb, reference.rgb),
+            close=close_share(tonemap(image.rgb, operator), codes),
+            model=rms(model),
+            sampling=rmse(image.rgb, reference.rgb + model),
+        )
+
     with ExitStack() as stack:
-        drawn = []
+        renderers, found = [], []
         for variant in variants:
             renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
-            image = renderer.render()
-            once, build_ms = image.stats["times_ms"], image.stats["build_ms"]
-            errors = check(image, _pixels_to_check(image, checked)), image_error(image.rgb, reference.rgb)
-            close = close_share(tonemap(image.rgb, operator), codes)
-            model = models.difference(renderer.settings)
-            by_cause = rms(model), rmse(image.rgb, reference.rgb + model)
-            rays = {
-                name: counts.error(image, name) for name in MOST if variant.name == RAY_BASE or name in variant.changes
-            }
-            upload_ms = once["pack"] + once["upload"]
-            drawn.append(_Drawn(variant, renderer, build_ms, upload_ms, *errors, close, *by_cause, rays))
+            renderers.append(renderer)
+            found.append(errors(variant, renderer))
             advance()
-        times = frame_times([each.renderer for each in drawn], frames, seconds)
-        return [
-            Measured(each.variant, each.renderer.settings, spread(ms), median_interval(ms), *each[2:])
-            for each, ms in zip(drawn, times, strict=True)
-        ]
+        times = frame_times(renderers, frames, seconds)
+    return [replace(each, times=ms) for each, ms in zip(found, times, strict=True)]
 
 
 def frame_times(renderers: Sequence[Renderer], frames: int, seconds: float = SECONDS) -> list[tuple[float, ...]]:

@@ -34,12 +34,7 @@ class ModelErrors:
     def __init__(self, scene: Scene, best: Settings, device: Device) -> None:
         self._scene, self._device = scene, device
         self._best = replace(best, precision="float32", samples=SAMPLES, sample_shading=True)
-        self._images = {self._best: np.asarray(render(scene, settings=self._best, device=device).rgb)}
-
-    @property
-    def best_image(self) -> Array:
-        """The best model's image, (M, N, 3) float32."""
-        return self._images[self._best]
+        self._images: dict[Settings, Array] = {}
 
     def approximated(self, settings: Settings) -> list[str]:
         """Return the fields in which the settings' model differs from the best."""
@@ -49,6 +44,10 @@ class ModelErrors:
         """Return the image of a model less the best model's, (M, N, 3) float64. The model takes the fields `names` from the
         settings."""
         model = replace(self._best, **{name: getattr(settings, name) for name in names})
-        if model not in self._images:
-            self._images[model] = np.asarray(render(self._scene, settings=model, device=self._device).rgb)
-        return self._images[model].astype(np.float64) - self.best_image
+        return self._image(model) - self._image(self._best)
+
+    def _image(self, settings: Settings) -> Array:
+        """Return the image of these settings, (M, N, 3) float64, drawn when first asked for."""
+        if settings not in self._images:
+            self._images[settings] = np.asarray(render(self._scene, settings=settings, device=self._device).rgb)
+        return self._images[settings].astype(np.float64)

@@ -29,19 +29,11 @@ OCCLUSION_RAYS = 2  # likewise, of ambient occlusion
 # from every variant's, so that the reference does not share a variant's error.
 STEPS = ((2, 64), (2, 16), (2, 4), (2, 1), (1, 1))
 TILE = 1024  # side of the larger image's tiles in pixels; they are drawn one after another
-BELONGS = frozenset({"ambient", "cull", "near", "shadows", "ao_distance"})  # settings that decide what is seen
-CONVERGING = frozenset(
-    {
-        "precision",
-        "samples",
-        "sample_shading",
-        "resolve",
-        "texture_filter",
-        "layers",
-        "light_samples",
-        "ambient_occlusion",
-    }
-)  # how well
+BELONGS = {"ambient", "cull", "near", "shadows", "ao_distance"}  # settings that decide what is seen
+CONVERGING = {  # how well
+    *("precision", "samples", "sample_shading", "resolve"),
+    *("texture_filter", "layers", "light_samples", "ambient_occlusion"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +71,7 @@ def reference(scene: Scene, base: Settings, device: Device, fixed: Collection[st
     """
     columns, rows = scene.camera.resolution
     best = best_settings(base, device, fixed)
-    return _converged(_work(scene, best, columns * rows), best, partial(averaged, scene, device), rmse)
+    return _converged(best, columns * rows, partial(averaged, scene, device), rmse)
 
 
 def reference_windows(
@@ -94,34 +86,26 @@ def reference_windows(
     def error(coarse: Array, fine: Array) -> float:
         return thinned.estimate(coarse, fine).rmse
 
-    best = best_settings(base, device, fixed)
-    return _converged(_work(scene, best, thinned.count), best, draw, error)
-
-
-def _work(scene: Scene, settings: Settings, pixels: int) -> int:
-    """Return how many pixels take as long to light: four points of a light as long as a sample, a ray of ambient occlusion
-    as long as ten."""
-    sized = any(light.has_size for light in scene.lights)
-    points = max(settings.light_samples // 4, 1) if sized else 1
-    return pixels * (points + 10 * settings.ambient_occlusion)
+    return _converged(best_settings(base, device, fixed), thinned.count, draw, error)
 
 
 def _converged(
-    pixels: int,
     best: Settings,
+    pixels: int,
     draw: Callable[[Settings, int, int], Array],
     error: Callable[[Array, Array], float],
 ) -> Reference:
     """Return the reference of so many pixels. draw: takes settings and a step. error: returns an RMSE."""
-    affordable = [_fits(pixels, *step) for step in STEPS[:-2]]
-    first = affordable.index(True) if any(affordable) else len(affordable)
+    first = first_step(pixels * (1 + 10 * best.ambient_occlusion))  # a ray of it takes as long as ten samples
     fine, coarse = (draw(best, *step) for step in STEPS[first : first + 2])
     scale, samples = STEPS[first]
     return Reference(fine, scale * scale * samples, best, error(coarse, fine) / 2.0)
 
 
-def _fits(pixels: int, scale: int, samples: int) -> bool:
-    return scale * scale * samples * pixels <= MOST
+def first_step(pixels: int) -> int:
+    """Return the place in STEPS of the most samples that MOST allows for so many pixels."""
+    affordable = [scale * scale * samples * pixels <= MOST for scale, samples in STEPS[:-2]]
+    return [*affordable, True].index(True)
 
 
 def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -> Settings:

@@ -2,39 +2,52 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any
 
-from ...base import atomic_files, console, text_tables
+from ...base import atomic_files, text_tables
 from ...base.atomic_files import shown
 from ...base.declare import as_option
+from ...base.markup import Content, data_uri, element
 from ...errors import InputError
-from ...images import figures
-from ...pipeline.opencl.device import open_device
+from ...images import figures, png
+from ...pipeline.opencl.device import Device, open_device
 from ...scene.model import Scene
 from ..defaults import FRAMES
-from . import figure, html_page, tables
-from .answer import Command
-from .families import of_families
-from .pareto import chosen
-from .sizes import GROWING, growths, resolutions
-from .study import study
-from .variants import COMMON, SHORT, VARIANTS, Variant, base_settings, default_variant, named, variants_for
+from ..results import Results, check_files, files, wrote
+from . import figure, tables
+from .answer import Command, answer, criterion
+from .measure import Measured
+from .pareto import within_budget, within_tolerance
+from .study import Study, study
+from .variants import COMMON, LIMITED, VARIANTS, Variant, base_settings, default_variant, named, variants_for
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLE = """
+.figure { width: 100%; height: auto }
+.pictures { display: flex; flex-wrap: wrap; gap: .6rem }
+details { width: 18rem } details[open] { width: 100% }
+summary { list-style: none; cursor: zoom-in } details[open] summary { cursor: zoom-out }
+summary::-webkit-details-marker { display: none }
+details img { width: 100%; display: block; image-rendering: pixelated } details span { font-size: .9rem }
+"""
+SCALE = (
+    f"Click to enlarge. Differences are drawn on a logarithmic scale: black is {figure.LEAST:g} or less, the brightest "
+    f"color {figure.MOST:g} or more, where display white is 1."
+)
 
 
 def listing() -> str:
     """Return the list of all variants: names, titles, options."""
-    return "\n".join(text_tables.wrapped(f"{each.name:<16} {each.title}{_options(each)}", 17) for each in VARIANTS)
-
-
-def _options(variant: Variant) -> str:
-    """Return the options of `render` that make a variant."""
-    options = " ".join(as_option(name, value) for name, value in variant.changes.items())
-    return f": {options}" if options else ""
+    lines = []
+    for each in VARIANTS:
+        options = " ".join(as_option(name, value) for name, value in each.changes.items())
+        lines.append(text_tables.wrapped(f"{each.name:<16} {each.title}{options and f': {options}'}", 17))
+    return "\n".join(lines)
 
 
 def run(
@@ -46,72 +59,96 @@ def run(
     frames: int = FRAMES,
     budget: float | None = None,
     tolerance: float | None = None,
-    sizes: Sequence[int] | None = None,
-    families: Sequence[str] = (),
     details: bool = False,
     formats: Sequence[str] = ("png",),
     html: bool = False,
     settings: Mapping[str, Any] | None = None,
     command: Command | None = None,
-    stream: TextIO | None = None,
 ) -> bool:
     """Measure the variants, print what to render with, and write the files.
 
     Returns True if every variant's arithmetic is within its bounds.
 
     names: variants; default: those that may be worth their time, with details all that change the image of this scene.
-    frames: number per variant. budget: milliseconds. tolerance: RMSE. sizes: columns of growing images, empty for the usual
-    ones; None for none. families: only the variants of these. details: measure more and print all tables; implied by names,
-    families and sizes. formats: of the figure. html: write one page with tables and figures too. settings:
-    fields of Settings that all variants share but those that change them, in place of the scene's own. command: returns the
-    command that draws the scene with some settings. Raises DeviceError, OutputError and InputError; the last also if no
-    variant meets the budget or tolerance, but only after all files are written.
+    frames: number per variant. budget: milliseconds. tolerance: RMSE. details: measure more and print all tables; implied by
+    names. formats: of the figure. html: write a page too. settings: fields of Settings in place of the scene's own, in all
+    variants but those that change them. command: returns the command that draws the scene with some settings. Raises
+    DeviceError, OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all
+    files are written.
     """
-    stream = stream or sys.stdout
     if frames < 1:
         raise InputError(f"report: --frames: expected a whole number above 0, found {frames}")
     opened = open_device(device)
-    given = settings or {}
-    base = base_settings(scene, **given)
-    variants = named(of_families(variants_for(scene, base, opened), families), names)
-    details = details or bool(names or families or sizes is not None)
-    if not names and not families:
-        default = default_variant(scene, base, variants, **given)
-        usual = {*COMMON, *(SHORT if budget or tolerance else ()), default.name, f"{default.name}-16"}
-        variants = [each for each in variants if details or each.name in usual]
-        variants += [default] if default not in variants else []
-    growing = [] if sizes is None else resolutions(scene, sizes)
-    if Path(out).suffix[1:].lower() in (*figures.FORMATS, "html") and not Path(out).is_dir():
-        option = "--html" if Path(out).suffix.lower() == ".html" else f"--format {Path(out).suffix[1:].lower()}"
-        raise InputError(f"report: --out: expected a folder, found {shown(out)} ({option} writes that into it)")
-    folder = text_tables.create_folder(out)
-    pictures = [folder / f"report.{kind}" for kind in formats]
-    page = [folder / "report.html"] if html else []
-    for path in (*(folder / name for name in tables.FILES), *pictures, *page):
-        atomic_files.check(path)  # before minutes of measuring
-    found = study(scene, opened, variants, frames, settings, details)
-    if growing:
-        growing_variants = variants if names or families else [each for each in variants if each.name in GROWING]
-        found = replace(found, growths=tuple(growths(scene, growing_variants, base, opened, growing)))
-    choice, unkept = None, None
-    try:
-        choice = chosen(found.measured, budget, tolerance, found.reference.error)
-    except InputError as error:
-        unkept = error
+    variants = _variants(scene, opened, names, details, bool(budget or tolerance), settings or {})
+    prefix = _folder(out) / "report"
+    check_files(files(prefix, *formats, *(["html"] if html else [])))  # before minutes of measuring
+    found = study(scene, opened, variants, frames, settings, details or bool(names))
     draws = command or partial(tables.render_command, scene)
-    print("\n".join([*tables.first_lines(found, draws), *(tables.lines(found) if details else [])]), file=stream)
-    written = tables.write(found, choice.used if choice else None, draws, folder)
-    drawn = figure.draw(found)
-    for path in pictures:
-        figures.save(drawn, path, colors=256)
-    for path in page:
-        html_page.write(found, choice.used if choice else None, draws, drawn, path)
-    written = [*pictures, *page, *written]
-    print("\n".join(f"wrote {shown(path)}" for path in written), file=stream)
+    lines = [*(each.line(draws) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
+    print("\n".join([*lines, *(["", *tables.results(found).lines()] if details or names else [])]))
+    try:
+        used, unkept = _used(found, budget, tolerance), None
+    except InputError as error:
+        used, unkept = None, error
+    print("\n".join(wrote(_write(found, tables.written(found, draws, used), prefix, formats, html))))
     if unkept is not None:
         raise unkept
-    if choice is not None:
-        print(tables.used_line(choice.used, draws), file=stream)
-        if choice.doubt:
-            console.warning(f"report: within noise: {choice.doubt}")
+    if used is not None:
+        print(f"use {tables.used_line(used, draws)}")
     return all(each.arithmetic.passed for each in found.measured)
+
+
+def _used(study: Study, budget: float | None, tolerance: float | None) -> Measured | None:
+    if budget is not None:
+        return within_budget(study.measured, budget, study.reference.error)
+    return None if tolerance is None else within_tolerance(study.measured, tolerance, study.reference.error)
+
+
+def _write(study: Study, results: Results, prefix: Path, formats: Sequence[str], html: bool) -> list[Path]:
+    """Write the figure, the page if asked for, and the tables."""
+    drawn = figure.draw(study)
+    paths = [prefix.with_suffix(f".{kind}") for kind in formats]
+    for path in paths:
+        figures.save(drawn, path, colors=256)
+    if html:
+        paths.append(prefix.with_suffix(".html"))
+        atomic_files.write_bytes(paths[-1], results.html(_pictures(study, drawn), style=STYLE))
+    return [*paths, *results.write(prefix)]
+
+
+def _variants(
+    scene: Scene, device: Device, names: Sequence[str], details: bool, limited: bool, given: Mapping[str, Any]
+) -> list[Variant]:
+    """Return the variants to measure. limited: by a budget or a tolerance."""
+    base = base_settings(scene, **given)
+    variants = named(variants_for(scene, base, device), names)
+    if names:
+        return variants
+    default = default_variant(scene, base, variants, **given)
+    usual = {*COMMON, *(LIMITED if limited else ()), default.name, f"{default.name}-16"}
+    chosen = [each for each in variants if details or each.name in usual]
+    return chosen if default in chosen else [*chosen, default]
+
+
+def _folder(out: str | Path) -> Path:
+    """Create the folder for the files."""
+    suffix = Path(out).suffix[1:].lower()
+    if suffix in (*figures.FORMATS, "html") and not Path(out).is_dir():
+        option = "--html" if suffix == "html" else f"--format {suffix}"
+        raise InputError(f"report: --out: expected a folder, found {shown(out)} ({option} writes that into it)")
+    return text_tables.create_folder(out)
+
+
+def _pictures(study: Study, drawn: Figure) -> Content:
+    """Return the figure, and error images that open large, for a page."""
+    vectors = data_uri("image/svg+xml", figures.as_vectors(drawn, "svg"))
+    images = [
+        element("details", element("summary", element("img", src=png.as_uri(picture), alt=name), element("span", name)))
+        for name, picture in figure.colored(study).items()
+    ]
+    return (
+        element("img", class_="figure", src=vectors, alt="Error against time, and error images"),
+        element("h2", "Images"),
+        element("p", SCALE),
+        element("div", images, class_="pictures"),
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...base import atomic_files, console
@@ -16,45 +16,20 @@ from ...pipeline.programs import running_time
 from ...pipeline.renderer import render
 from ...scene.model import Scene
 from .decomposition import Decomposition, decompose
-from .families import Family, families
-from .format_errors import Kept, formats
 from .measure import FEW_CHECKED, FEW_SECONDS, SAMPLES_CHECKED, SECONDS, Measured, measure
 from .model_errors import ModelErrors
-from .pareto import front, ties
-from .prefiltering import Prefiltering, prefiltering
+from .pareto import front
 from .reference_image import Reference, reference
-from .sizes import Growth
-from .tessellation import Tessellation, tessellation
 from .variants import Variant, base_settings, default_variant, picture_settings
 
 SHOWN = 4  # differences that are kept as pictures
 
 
 @dataclass(frozen=True, eq=False)
-class Details:
-    """What takes longer. kept: file formats. decomposition: of the error of the image that `render` draws. prefiltering: of
-    the environment, if shader pbr shows one."""
-
-    tessellation: Tessellation
-    kept: tuple[Kept, ...]
-    decomposition: Decomposition
-    prefiltering: tuple[Prefiltering, ...] = ()
-
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {
-            "decomposition": self.decomposition.stats(),
-            "tessellation": self.tessellation.stats(),
-            "environment_prefiltering": [each.stats() for each in self.prefiltering],
-            "formats": [each.stats() for each in self.kept],
-        }
-
-
-@dataclass(frozen=True, eq=False)
 class Study:
-    """Measurements of one scene. device, machine: descriptions. pictures: differences (M, N, 3) of up to SHOWN
-    images, by what they show. usual: name of the variant that `render` draws by default. growths: at several sizes, if asked
-    for."""
+    """Measurements of one scene. device, machine: descriptions. pictures: differences (M, N, 3) of up to SHOWN images, by
+    what they show. usual: name of the variant that `render` draws by default. causes: of the error of the image that it
+    draws, if they were asked for. given: settings in place of the scene's own."""
 
     scene: Scene
     device: str
@@ -63,9 +38,8 @@ class Study:
     measured: tuple[Measured, ...]
     pictures: dict[str, Array]
     usual: str = ""
-    details: Details | None = None
-    growths: tuple[Growth, ...] = ()
-    given: Mapping[str, Any] = field(default_factory=dict)  # settings in place of the scene's own
+    causes: Decomposition | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def default(self) -> Measured | None:
@@ -74,45 +48,14 @@ class Study:
 
     @property
     def front(self) -> list[Measured]:
-        """Pareto front of the variants, fastest first, as far as measuring can tell them apart."""
+        """Pareto front of the variants, fastest first."""
         return front(self.measured, self.reference.error)
-
-    @property
-    def ties(self) -> list[list[Measured]]:
-        """Groups of variants on the front that measuring cannot tell apart."""
-        return ties(self.front, self.reference.error)
-
-    @property
-    def families(self) -> list[Family]:
-        """Families of variants with fitted powers."""
-        sphere = self.details.tessellation if self.details else None
-        return families(self.measured, sphere, self.reference.error)
 
     @property
     def title(self) -> str:
         columns, rows = self.scene.camera.resolution
-        return (
-            f"{atomic_files.shown(self.scene.name or 'unnamed')}, {self.scene.face_count:,} triangles, {columns}x{rows}"
-        )
-
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON."""
-        return {
-            "scene": self.scene.name,
-            "triangles": self.scene.face_count,
-            "resolution": self.scene.camera.resolution,
-            "device": self.device,
-            "machine": self.machine,
-            "settings": dict(self.given),
-            "reference": self.reference.stats(),
-            "variants": [each.stats() for each in self.measured],
-            "default": self.default and self.usual,
-            "pareto_front": [each.variant.name for each in self.front],
-            "ties": [[each.variant.name for each in group] for group in self.ties],
-            "families": [each.stats() for each in self.families],
-            "sizes": [each.stats() for each in self.growths],
-            **(self.details.stats() if self.details else {}),
-        }
+        name = atomic_files.shown(self.scene.name or "unnamed")
+        return f"{name}, {self.scene.face_count:,} triangles, {columns}x{rows}"
 
 
 def study(
@@ -123,40 +66,26 @@ def study(
     settings: Mapping[str, Any] | None = None,
     details: bool = True,
 ) -> Study:
-    """Measure the variants (see `measure`), and with details the file formats, the causes of the image's error, and the
-    sphere. settings: fields of Settings in place of the scene's own."""
+    """Measure the variants (see `measure`), and with details the causes of the image's error, and more of its pixels.
+    settings: fields of Settings in place of the scene's own."""
     given = dict(settings or {})
     base = base_settings(scene, **given)
-    with Bar(
-        len(variants) + (4 if details else 2), "report", clock=running_time, hidden=console.quiet() or None
-    ) as bar:
+    steps = len(variants) + (3 if details else 2)
+    with Bar(steps, "report", clock=running_time, hidden=console.quiet() or None) as bar:
         converged = reference(scene, base, device)
         bar.advance()
         models = ModelErrors(scene, converged.settings, device)
         checked, seconds = (SAMPLES_CHECKED, SECONDS) if details else (FEW_CHECKED, FEW_SECONDS)
         effort: dict[str, Any] = {"frames": frames, "checked": checked, "seconds": seconds}
         measured = measure(scene, variants, base, device, converged, models, advance=bar.advance, **effort)
-        found = Study(
-            scene,
-            device.title,
-            machine(),
-            converged,
-            tuple(measured),
-            pictures(scene, device, measured, converged, models),
-            default_variant(scene, base, variants, **given).name,
-            given=given,
-        )
+        off = pictures(scene, device, measured, converged, models)
         bar.advance()
-        if not details:
-            return found
-        causes = decompose(scene, picture_settings(scene, **given), device, converged, models)
-        bar.advance()
-        drawn = render(scene, settings=base, device=device)
-        environment = drawn.scene.environment if base.shader == "pbr" else None
-        prefiltered = () if environment is None else prefiltering(environment)
-        found = replace(found, details=Details(tessellation(device), tuple(formats(drawn)), causes, prefiltered))
-        bar.advance()
-    return found
+        causes = None
+        if details:
+            causes = decompose(scene, picture_settings(scene, **given), device, converged, models)
+            bar.advance()
+    usual = default_variant(scene, base, variants, **given).name
+    return Study(scene, device.title, machine(), converged, tuple(measured), off, usual, causes, given)
 
 
 def pictures(

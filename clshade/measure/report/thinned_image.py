@@ -34,8 +34,8 @@ class Window(NamedTuple):
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
     def camera(self, camera: Camera, scale: int = 1) -> Camera:
-        """Return the camera of this part of the image, drawn `scale` times as large: the same pixels as in the whole, as
-        far as projecting rounds to the same 1/256 px."""
+        """Return the camera of this part of the image, drawn `scale` times as large. It sees the pixels of the whole image,
+        as far as projecting rounds to the same 1/256 px."""
         columns, rows = camera.resolution
         (height, width), (right, up) = camera.plane, camera.principal
         below = rows - self.top - self.height
@@ -65,12 +65,10 @@ class Thinned:
 
     windows: no two overlap. times: (W,) how often each was drawn. chances: (W,) of each in one draw.
 
-    The image is divided into windows; draw k of n takes one at random from the k-th of n equal shares of the sum of all
-    chances. So window i is drawn n p_i times on average, whatever the chances p, and the mean over the draws of its squared
-    error / p_i is an unbiased estimate of the sum over the image (Hansen and Hurwitz, On the Theory of Sampling from Finite
-    Populations, 1943). The RMSE is the square root of the estimated mean, too small by its squared relative standard
-    error / 2 on average. Its interval is a bootstrap over the draws; because they are stratified, it is rather too wide,
-    but where the error is in few windows it may miss them all, and be too narrow.
+    Draw k of n takes a window at random from the k-th of n equal shares of the sum of all chances p. So the mean over the
+    draws of a window's squared error / p is an unbiased estimate of the sum over the image (Hansen and Hurwitz, On the
+    Theory of Sampling from Finite Populations, 1943). The interval of its root is a bootstrap over the draws: rather too
+    wide, as they are stratified, but where the error is in few windows it may miss them all.
     """
 
     pixels: int
@@ -85,20 +83,19 @@ class Thinned:
     @property
     def count(self) -> int:
         """Pixels of the windows."""
-        return sum(each.width * each.height for each in self.windows)
+        return sum(window.width * window.height for window in self.windows)
 
     def of(self, image: Array) -> Array:
         """Return the pixels of an image (M, N, 3) that lie in the windows, (K, 3), window by window."""
-        return np.concatenate([image[each.place].reshape(-1, 3) for each in self.windows])
+        return np.concatenate([image[window.place].reshape(-1, 3) for window in self.windows])
 
     def estimate(self, pixels: Array, expected: Array) -> Estimate:
         """Return the RMSE between two images, from their pixels as `of` returns them."""
         squared = np.square(np.asarray(pixels, np.float64) - expected).mean(axis=1)
-        starts = np.cumsum([0, *(each.width * each.height for each in self.windows)])[:-1]
-        means = np.add.reduceat(squared, starts) / (self.chances * self.pixels)
-        draws = np.repeat(means, self.times)
+        starts = np.cumsum([0, *(window.width * window.height for window in self.windows)])[:-1]
+        draws = np.repeat(np.add.reduceat(squared, starts) / (self.chances * self.pixels), self.times)
         low, high = mean_interval(draws.tolist())
-        return Estimate(*(math.sqrt(each) for each in (draws.mean(), low, high)))
+        return Estimate(*(math.sqrt(square) for square in (draws.mean(), low, high)))
 
     def about(self) -> str:
         if self.whole:
@@ -113,26 +110,27 @@ class Thinned:
 def thinned(image: Array, faces: int) -> Thinned:
     """Choose the windows for images like this one, (M, N, 3), of a scene of so many faces; the same ones every time.
 
-    Their sides are multiples of a tile's, and they are fewer and larger where there are many faces. More of them lie where
+    Their sides are multiples of a tile's; where there are many faces they are fewer and larger. More of them lie where
     neighboring pixels differ, as sampling errs there, and where the image is bright or dark, as approximations of lighting
-    err there. A quarter is spread evenly.
+    err there.
     """
     rows, columns = image.shape[:2]
     if rows * columns <= WHOLE:
         return Thinned(rows * columns, (Window(0, 0, columns, rows),), np.ones(1, np.int64), np.ones(1))
     count = min(max(FACES // max(faces, 1), WINDOWS[0]), WINDOWS[1])
     side = TILE_SIZE * max(1, round(math.sqrt(PIXELS / count) / TILE_SIZE))
-    across, down = -(-columns // side), -(-rows // side)
     chances = _chances(image, side)
-    places = np.arange(down * across).reshape(down, across)
+    across = -(-columns // side)
+    places = np.arange(len(chances)).reshape(-1, across)
     places[1::2] = places[1::2, ::-1].copy()
     path = places.reshape(-1)  # each window beside the one before
     shares = (np.arange(count) + np.random.default_rng(0).random(count)) / count
-    found = np.searchsorted(np.cumsum(chances[path])[:-1], shares, side="right")
-    picked, times = np.unique(path[found], return_counts=True)
+    picked, times = np.unique(
+        path[np.searchsorted(np.cumsum(chances[path])[:-1], shares, side="right")], return_counts=True
+    )
     windows = []
-    for row, column in zip(*np.divmod(picked, across), strict=True):
-        left, bottom = int(column) * side, int(row) * side
+    for place in picked.tolist():
+        left, bottom = place % across * side, place // across * side
         height = min(side, rows - bottom)
         windows.append(Window(left, rows - bottom - height, min(side, columns - left), height))
     return Thinned(rows * columns, tuple(windows), times, chances[picked])
@@ -146,11 +144,10 @@ def _chances(image: Array, side: int) -> Floats:
     contrast[1:] += np.square(np.diff(rgb, axis=0)).sum(axis=-1)
     contrast[:, 1:] += np.square(np.diff(rgb, axis=1)).sum(axis=-1)
     brightness = np.square(np.square(rgb - rgb.mean(axis=(0, 1))).sum(axis=-1))
-    everywhere = np.ones(rgb.shape[:2])
     total: Floats = np.zeros(1)
-    for share, measure in ((EVERYWHERE, everywhere), (CONTRAST, contrast), (BRIGHTNESS, brightness)):
+    for share, measure in ((EVERYWHERE, np.ones(rgb.shape[:2])), (CONTRAST, contrast), (BRIGHTNESS, brightness)):
         rows = np.add.reduceat(measure, range(0, image.shape[0], side), axis=0)
         sums = np.add.reduceat(rows, range(0, image.shape[1], side), axis=1)
         total = total + share * sums.reshape(-1) / (sums.sum() or 1.0)
-    total /= total.sum()
-    return total
+    chances: Floats = total / total.sum()
+    return chances

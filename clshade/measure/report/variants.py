@@ -12,7 +12,6 @@ from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
 from ...pipeline.picture import picture_fields
 from ...scene.model import Scene, Settings
-from .ray_count_errors import MOST, traced
 
 BASE = "standard"
 UNCHANGED = "unchanged"
@@ -44,8 +43,8 @@ class Variant:
         return " ".join(f"{name}={value}" for name, value in self.changes.items())
 
 
-def _samples(count: int, **more: Any) -> dict[str, Any]:
-    return {"samples": count, **more}
+def _variant(name: str, title: str, **changes: Any) -> Variant:
+    return Variant(name, title, changes)
 
 
 def _with(count: int, what: str) -> str:
@@ -53,50 +52,37 @@ def _with(count: int, what: str) -> str:
 
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
-LIGHT_POINTS = (1, 4, 64)  # besides 16, of
-RAY_BASE = "samples-16"
+LIGHT_POINTS = (1, 4, 64)  # besides 16
 OCCLUSION_RAYS = (1, 4, 16, 64)  # besides the base's own
 COURSE = {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"}
 VARIANTS = (
-    Variant(BASE, "1 sample", {}),
-    Variant("fast", "precision fast", {"precision": "fast"}),
-    Variant("float64", "precision float64", {"precision": "float64"}),
-    *(Variant(f"samples-{n}", f"{n} samples", _samples(n)) for n in (4, 16, 64)),
-    *(Variant(f"shaded-{n}", f"{n} shaded samples", _samples(n, sample_shading=True)) for n in (4, 16, 64)),
-    Variant("weighted-16", "16 weighted samples", _samples(16, resolve="weighted")),
-    Variant("gouraud", "Gouraud", {"shader": "gouraud"}),
-    Variant("gouraud-4", "4 Gouraud samples", _samples(4, shader="gouraud")),
-    Variant("gouraud-16", "16 Gouraud samples", _samples(16, shader="gouraud")),
-    Variant("centroid", "light at the centroid", {"lighting_at": "centroid"}),
-    Variant("vertex-texture", "textures at corners", {"texture_at": "vertex"}),
-    Variant("trilinear", "mip maps", {"texture_filter": "trilinear"}),
-    Variant("trilinear-4", "4 mip-mapped samples", _samples(4, texture_filter="trilinear")),
-    Variant("trilinear-16", "16 mip-mapped samples", _samples(16, texture_filter="trilinear")),
-    *(Variant(f"light-{n}", _with(n, "light point"), _samples(16, light_samples=n)) for n in LIGHT_POINTS),
-    *(Variant(f"occlusion-{n}", _with(n, "occlusion ray"), _samples(16, ambient_occlusion=n)) for n in OCCLUSION_RAYS),
-    Variant("painter", "painter's order", {"visibility": "painter"}),
-    Variant("affine", "affine interpolation", {"interpolation": "affine"}),
-    Variant(
-        "course",
-        "preset course",
-        COURSE,
-    ),
-    Variant("course-16", "16 samples of preset course", _samples(16, **COURSE)),
+    _variant(BASE, "1 sample"),
+    _variant("fast", "precision fast", precision="fast"),
+    _variant("float64", "precision float64", precision="float64"),
+    *(_variant(f"samples-{n}", f"{n} samples", samples=n) for n in (4, 16, 64)),
+    *(_variant(f"shaded-{n}", f"{n} shaded samples", samples=n, sample_shading=True) for n in (4, 16, 64)),
+    _variant("weighted-16", "16 weighted samples", samples=16, resolve="weighted"),
+    _variant("gouraud", "Gouraud", shader="gouraud"),
+    *(_variant(f"gouraud-{n}", f"{n} Gouraud samples", samples=n, shader="gouraud") for n in (4, 16)),
+    _variant("centroid", "light at the centroid", lighting_at="centroid"),
+    _variant("vertex-texture", "textures at corners", texture_at="vertex"),
+    _variant("trilinear", "mip maps", texture_filter="trilinear"),
+    *(_variant(f"trilinear-{n}", f"{n} mip-mapped samples", samples=n, texture_filter="trilinear") for n in (4, 16)),
+    *(_variant(f"light-{n}", _with(n, "light point"), samples=16, light_samples=n) for n in LIGHT_POINTS),
+    *(_variant(f"occlusion-{n}", _with(n, "occlusion ray"), samples=16, ambient_occlusion=n) for n in OCCLUSION_RAYS),
+    _variant("painter", "painter's order", visibility="painter"),
+    _variant("affine", "affine interpolation", interpolation="affine"),
+    _variant("course", "preset course", **COURSE),
+    _variant("course-16", "16 samples of preset course", samples=16, **COURSE),
 )
 
 
-# The variants of a short study: those that change the time most.
-SHORT = (
-    *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16"),
-    *("gouraud", "gouraud-4", "gouraud-16", "trilinear", "trilinear-4", "vertex-texture", "course"),
-)
-# The variants of a report without details: those that are worth their time on some scene.
+# The variants of a report without details: those that are worth their time on some scene, and others for a limit.
 COMMON = (
     *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16", "shaded-64"),
     *("gouraud", "gouraud-4", "trilinear-4", "light-1", "light-4", "light-64", "occlusion-4", "occlusion-64"),
 )
-# Those that only save time, at the cost of accuracy.
-SAVINGS = ("fast", "vertex-texture", "course")
+LIMITED = ("gouraud-16", "trilinear", "vertex-texture", "course")
 
 
 def base_settings(scene: Scene, **given: Any) -> Settings:
@@ -139,8 +125,11 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
 
 def _effective(variant: Variant, scene: Scene, base: Settings) -> Settings:
     """Return the settings of a variant without changes that make no difference to the scene."""
-    textured = any(texture_applies(mesh) for mesh in scene.meshes)
-    without = set(() if textured else TEXTURES) | {name for name in MOST if not traced(scene, base, name)}
+    without = {
+        *(() if any(texture_applies(mesh) for mesh in scene.meshes) else TEXTURES),
+        *(() if any(light.has_size for light in scene.lights) else ("light_samples",)),
+        *(() if base.ambient_occlusion else ("ambient_occlusion",)),
+    }
     return replace(base, **{name: value for name, value in variant.changes.items() if name not in without})
 
 

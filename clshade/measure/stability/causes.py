@@ -6,12 +6,13 @@ is a factor at a pixel, and the others are 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Array, Floats, Integers
+from ...base.arrays import Floats, Integers
 from ...oracle import shade
 from ...oracle.corners import Corners, gather
 from ...oracle.pixels import scene_lights
@@ -22,16 +23,46 @@ from ..check import oracle_bounds
 from ..check.check import Comparison
 from ..check.layer_bounds import half_ulp
 
+
+class Cause(NamedTuple):
+    """title: for tables. sentence: with the names of numbers, see `explain`."""
+
+    title: str
+    sentence: str
+
+
 CAUSES = {
-    "light": "light near the surface",
-    "eye": "eye near the surface",
-    "needle": "needle triangle",
-    "normals": "cancelling normals",
-    "exponent": "large exponent",
-    "steepness": "exponent below 1",
-    "texture": "texture coordinates",
-    "origin": "far from the origin",
-    "grazing": "grazing light",
+    "light": Cause(
+        "light near the surface",
+        "light {light} is {distance:.3g} from the surface, and coordinates relative to the eye reach {size:.3g}: the "
+        "direction to it turns by their rounding{shape}",
+    ),
+    "eye": Cause(
+        "eye near the surface",
+        "the eye is {eye:.3g} from the surface, and the triangle's corners reach {extent:.3g} away from it",
+    ),
+    "needle": Cause(
+        "needle triangle",
+        "the triangle is {aspect:.3g} times as long as high, and its corners reach {extent:.3g} away from the eye: a near "
+        "point is a mean of far ones",
+    ),
+    "normals": Cause("cancelling normals", "the corners' normals cancel: their mean has the length {normal:.3g}"),
+    "exponent": Cause(
+        "large exponent", "n = {n:g}: so small a highlight amplifies errors of directions {factor:.3g} times"
+    ),
+    "steepness": Cause(
+        "exponent below 1", "n = {n:g}: the power is {factor:.3g} times as steep as its base, where R.V nears 0"
+    ),
+    "texture": Cause(
+        "texture coordinates",
+        "texture coordinates reach {reach:.3g}, {reached_texels:.3g} of the texture's {texels} texels across",
+    ),
+    "origin": Cause(
+        "far from the origin",
+        "{origin:.3g} from the origin, {sizes:.3g} times the size of what is seen: its {dtype} coordinates are right to "
+        "{rounding:.2g}, before anything is computed",
+    ),
+    "grazing": Cause("grazing light", "N.L or R.V is within rounding of 0: the highlight may be there or not"),
 }
 NONE = "none"
 LEAST = 4.0  # a factor below it costs less than two bits, and is no cause
@@ -58,8 +89,11 @@ class Faces:
     mesh: Integers
 
 
-def faces(scene: Scene, index: Integers) -> Faces:
-    """Measure the faces of these indices, (U,)."""
+def visible_faces(compared: Comparison) -> Faces:
+    """Measure the faces that own a compared pixel."""
+    scene = compared.frame.scene
+    ids = np.unique(compared.oracle.id)
+    index = ids[ids > 0].astype(np.int64) - 1
     corners = gather(scene)
     world = corners.world[index]
     edges = np.roll(world, -1, axis=1) - world
@@ -77,7 +111,7 @@ def faces(scene: Scene, index: Integers) -> Faces:
         size=float(box.max()),
         rounding=_stored_rounding(scene, corners, index),
         reach=np.abs(corners.uvs[index]).max(axis=(1, 2), initial=0.0),
-        texels=texels[mesh] if len(mesh) else np.zeros(0, np.int64),
+        texels=texels[mesh],
         mesh=mesh,
     )
 
@@ -91,17 +125,17 @@ def _stored_rounding(scene: Scene, corners: Corners, index: Integers) -> Floats:
         reach = np.abs(np.asarray(mesh.verts, np.float64)[mesh.faces]).max(axis=(1, 2), initial=0.0)
         stored += [unit * reach * np.abs(matrix[:3, :3]).sum(axis=1).max() for matrix in np.asarray(mesh.instances)]
     world = np.abs(corners.world[index]).max(axis=(1, 2), initial=0.0) + np.abs(scene.camera.eye).max()
-    found: Floats = np.maximum(np.concatenate([np.zeros(0), *stored])[index], 2.0**-53 * world)
-    return found
+    rounding: Floats = np.maximum(np.concatenate([np.zeros(0), *stored])[index], 2.0**-53 * world)
+    return rounding
 
 
-def factors(found: Comparison, seen: Faces, scene: Scene, settings: Settings) -> dict[str, Floats]:
+def factors(compared: Comparison, seen: Faces) -> dict[str, Floats]:
     """Return how much each cause amplifies rounding at the compared pixels, (K,) of at least 1, by the names of CAUSES.
 
-    seen: all faces that own a pixel. Their product without `origin` and `grazing` is the bound relative to
-    ALLOWED * 2^-24 of the light budget; 1 for the background.
+    Their product without `origin` and `grazing` is the bound relative to ALLOWED * 2^-24 of the light budget; 1 for the
+    background.
     """
-    expected = found.oracle
+    expected, settings = compared.oracle, compared.frame.settings
     covered = expected.id > 0
     at = np.searchsorted(seen.index, expected.id[covered].astype(np.int64) - 1)
     count, precision = len(covered), settings.precision
@@ -122,10 +156,10 @@ def factors(found: Comparison, seen: Faces, scene: Scene, settings: Settings) ->
     result["texture"][covered] = (1.0 + more / oracle_bounds.ALLOWED[precision])[at]
     if seen.size > 0.0:
         result["origin"][covered] = np.maximum(seen.rounding / (half_ulp(settings) * seen.size), 1.0)[at]
-    without = found.allowed * oracle_bounds.rounding(expected, precision)
+    without = compared.allowed * oracle_bounds.rounding(expected, precision)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Where kappa is infinite, so is all that is expected.
-        result["grazing"] = np.where(expected.gate & np.isfinite(without), found.expected / without, 1.0)
+        result["grazing"] = np.where(expected.gate & np.isfinite(without), compared.expected / without, 1.0)
     return result
 
 
@@ -136,118 +170,53 @@ def amplification(of: Mapping[str, Floats]) -> Floats:
         return product
 
 
-def bits_lost(factors: Sequence[float]) -> Floats:
-    """Return the bits that a cause costs where it is one, log2 of its factors, at most 64; 0 elsewhere."""
-    given = np.asarray(factors, np.float64)
-    with np.errstate(invalid="ignore"):
-        bits: Floats = np.where(given >= LEAST, np.clip(np.log2(given), 0.0, 64.0), 0.0)
-    return bits
-
-
-def cause_of(of: Mapping[str, float]) -> str:
-    """Return the name of the largest factor, NONE if it is below LEAST."""
+def explain(compared: Comparison, seen: Faces, pixel: int, of: Mapping[str, float]) -> tuple[str, str]:
+    """Return the cause of a compared pixel of a face, NONE if all its factors are below LEAST, and a sentence about it."""
     name = max(of, key=lambda key: of[key])
-    return name if of[name] >= LEAST else NONE
+    if of[name] < LEAST:
+        return NONE, f"nothing amplifies rounding {LEAST:g} times"
+    expected, scene = compared.oracle, compared.frame.scene
+    face = int(np.searchsorted(seen.index, int(expected.id[pixel]) - 1))
+    point = compared.frame["P"][compared.rows[pixel], compared.columns[pixel]]
+    extent, reach, texels = float(seen.extent[face]), seen.reach[face], seen.texels[face]
+    normal, eye = (np.float64(1.0 if term == 0.0 else term) for term in expected.conditions[pixel][:2])
+    away = np.abs(point).max()
+    numbers = {
+        "factor": of[name],
+        "n": expected.exponent[pixel],
+        "extent": extent,
+        "eye": extent / eye,
+        "normal": 1.0 / normal,
+        "aspect": SQUARE * seen.aspect[face],
+        "reach": reach,
+        "texels": texels,
+        "reached_texels": reach * texels,
+        "origin": away,
+        "sizes": away / (seen.size or 1.0),
+        "dtype": scene.meshes[seen.mesh[face]].verts.dtype,
+        "rounding": seen.rounding[face],
+    }
+    if name == "light":
+        numbers |= _worst_light(scene, np.asarray(point - scene.camera.eye, np.float64), extent)
+    return name, CAUSES[name].sentence.format_map(numbers)
 
 
-@dataclass(frozen=True, eq=False)
-class Pixel:
-    """What the sentence about a pixel needs. face: row of `seen`. point: in the world. terms: (4,) of kappa."""
-
-    scene: Scene
-    seen: Faces
-    face: int
-    point: Array
-    terms: Floats
-    exponent: float
-    factors: Mapping[str, float]
-
-    @property
-    def extent(self) -> float:
-        return float(self.seen.extent[self.face])
-
-
-def why(cause: str, pixel: Pixel) -> str:
-    """Return a sentence about the cause at a pixel, with its numbers."""
-    return _SENTENCES[cause](pixel)
-
-
-def _light(pixel: Pixel) -> str:
-    lights = scene_lights(pixel.scene, Settings())
-    point, one = pixel.point - pixel.scene.camera.eye, np.ones(())
-    around = point, pixel.extent * one, one, np.zeros(3)
-    each = zip(lights.positions, lights.shapes, strict=True)
-    terms = [float(shade.conditions(*around, position[None], shapes=[shape])[2]) for position, shape in each]
-    nearest = int(np.argmax(terms))
-    position, shape = lights.positions[nearest], lights.shapes[nearest]
-    number = [k for k, light in enumerate(pixel.scene.lights) if light.intensity.any()][nearest]
-    size, away = max(pixel.extent, float(np.abs(position).max())), float(length(position - point))
-    shaped = shape.attenuates or shape.axis is not None
-    also = f"; cone and attenuation amplify that {terms[nearest] * away / max(size, away):.3g} times"
-    return (
-        f"light {number} is {away:.3g} from the surface, and coordinates relative to the eye reach {size:.3g}: "
-        "the direction to it turns by their rounding"
-        f"{also if shaped and away > 0.0 else ''}"
-    )
-
-
-def _eye(pixel: Pixel) -> str:
-    with np.errstate(divide="ignore"):
-        away = np.float64(pixel.extent) / pixel.terms[1]
-    return f"the eye is {away:.3g} from the surface, and the triangle's corners reach {pixel.extent:.3g} away from it"
-
-
-def _needle(pixel: Pixel) -> str:
-    return (
-        f"the triangle is {SQUARE * pixel.seen.aspect[pixel.face]:.3g} times as long as high, and its corners reach "
-        f"{pixel.extent:.3g} away from the eye: a near point is a mean of far ones"
-    )
-
-
-def _normals(pixel: Pixel) -> str:
-    return f"the corners' normals cancel: their mean has the length {1.0 / pixel.terms[0]:.3g}"
-
-
-def _exponent(pixel: Pixel) -> str:
-    times = pixel.factors["exponent"]
-    return f"n = {pixel.exponent:g}: so small a highlight amplifies errors of directions {times:.3g} times"
-
-
-def _steepness(pixel: Pixel) -> str:
-    return f"n = {pixel.exponent:g}: the power is {pixel.terms[3]:.3g} times as steep as its base, where R.V nears 0"
-
-
-def _texture(pixel: Pixel) -> str:
-    reach, texels = pixel.seen.reach[pixel.face], pixel.seen.texels[pixel.face]
-    return f"texture coordinates reach {reach:.3g}, {reach * texels:.3g} of the texture's {texels} texels across"
-
-
-def _origin(pixel: Pixel) -> str:
-    stored = pixel.scene.meshes[pixel.seen.mesh[pixel.face]].verts.dtype
-    away = np.abs(pixel.point).max()
-    return (
-        f"{away:.3g} from the origin, {away / pixel.seen.size:.3g} times the size of what is seen: its {stored} "
-        f"coordinates are right to {pixel.seen.rounding[pixel.face]:.2g}, before anything is computed"
-    )
-
-
-def _grazing(pixel: Pixel) -> str:
-    return "N.L or R.V is within rounding of 0: the highlight may be there or not"
-
-
-def _none(pixel: Pixel) -> str:
-    return "nothing amplifies rounding four times"
-
-
-_SENTENCES = {
-    "light": _light,
-    "eye": _eye,
-    "needle": _needle,
-    "normals": _normals,
-    "exponent": _exponent,
-    "steepness": _steepness,
-    "texture": _texture,
-    "origin": _origin,
-    "grazing": _grazing,
-    NONE: _none,
-}
+def _worst_light(scene: Scene, point: Floats, extent: float) -> dict[str, object]:
+    """Return the numbers of the sentence about the light that amplifies rounding most at a point, relative to the eye."""
+    lights, one = scene_lights(scene, Settings()), np.ones(())
+    terms = [
+        float(shade.conditions(point, extent * one, one, np.zeros(3), position[None], shapes=[shape])[2])
+        for position, shape in zip(lights.positions, lights.shapes, strict=True)
+    ]
+    worst = int(np.argmax(terms))
+    position, shape = lights.positions[worst], lights.shapes[worst]
+    size, distance = max(extent, float(np.abs(position).max())), float(length(position - point))
+    shaped = (shape.attenuates or shape.axis is not None) and distance > 0.0
+    return {
+        "light": [k for k, light in enumerate(scene.lights) if light.intensity.any()][worst],
+        "distance": distance,
+        "size": size,
+        "shape": f"; cone and attenuation amplify that {terms[worst] * distance / max(size, distance):.3g} times"
+        if shaped
+        else "",
+    }

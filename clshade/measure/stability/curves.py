@@ -1,217 +1,284 @@
-"""Error against stiffness, of this renderer and of the same computation in plain float32."""
+"""Error and time of images that grow stiff, in every precision and in plain float32; the oracle says what is right."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ... import oracle
-from ...base.arrays import Array, Bools, Floats
+from ...base.arrays import Array
+from ...base.text_tables import digits
 from ...images import figures
-from ...oracle import coverage, shade, terms, transform
-from ...scene.model import Scene, Settings
-from ..check import oracle_bounds
-from .cases import flat, lit
-from .cases.bench import Bench, expected_light
-from .cases.light import DISTANCES, exact_highlights, in_the_lobe, lobe_error, near_light, unit
-from .cases.surfaces import centered
+from ...pipeline.opencl.device import Device
+from ...pipeline.renderer import Renderer
+from ...scene.camera import Camera
+from ...scene.model import Material, Mesh, PointLight, Scene, Settings
+from ...scene.settings import Precision
+from ..report.measure import frame_ms
+from ..report.power_law import Power, fitted
+from ..results import Column, Results, Table
+from ..timing import in_turns, spread
+from .cases import lit
+from .cases.light import unit
+from .plain_float32 import plain_float32
 
-F = np.float32
-FAN = 0.2  # angle of the fan of needles, radians
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-
-@dataclass(frozen=True)
-class Curve:
-    """One plot. ours, naive, bound: the error at each stiffness; bound may be empty."""
-
-    title: str
-    x_label: str
-    y_label: str
-    stiffness: tuple[float, ...]
-    ours: tuple[float, ...]
-    naive: tuple[float, ...]
-    bound: tuple[float, ...] = ()
-    least: float = 0.0  # zero is drawn at this value
-
-
-def measure(bench: Bench) -> tuple[Curve, ...]:
-    """Measure the four curves of the figure."""
-    return exponent(bench), offset(bench), needles(bench), distance(bench)
-
-
-# Light
+SIDE = 160  # pixels of the images
+NEAR = 1e-2  # of the near plane: a scene's size says nothing about it here
+FRAMES, SECONDS = 15, 10.0  # of every way at every stiffness, all of an axis in turns
+PLAIN = "plain"  # float32
+WAYS: dict[str, Precision] = {"standard": "float32", "fast": "fast", "float64": "float64"}  # and their precision
+COLORS = {"standard": figures.OURS, "fast": "#c07a00", "float64": "#2e8b57", PLAIN: figures.OTHER}
+USELESS = 0.03  # RMS errors above this share of the light are of images that show nothing right, and follow no power
+ABOUT = (
+    f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "
+    "can send; plain: float32 from world coordinates on, in NumPy; wrong: pixels of wrong coverage; ms: of a frame"
+)
 
 
-def naive_light(points: Array, normals: Array, position: Array, n: float, kd: float, ks: float) -> Floats:
-    """Evaluate the reflection model in plain float32, (K,): directions divided by their lengths, pow of R.V."""
-    points, normals, position = F(points), F(normals), F(position)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        to_eye, to_light = (v / np.sqrt((v * v).sum(axis=1, dtype=F))[:, None] for v in (-points, position - points))
-        cosine = (normals * to_light).sum(axis=1, dtype=F)
-        mirrored = F(2) * cosine[:, None] * normals - to_light
-        base = np.maximum((mirrored * to_eye).sum(axis=1, dtype=F), F(0))
-        highlight = np.where((cosine > 0) & (base > 0), np.power(base, F(n)), F(0))
-    shine: Floats = (F(kd) * np.maximum(cosine, F(0)) + F(ks) * highlight).astype(np.float64)
-    return shine
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """What grows along an axis.
+
+    values: of the stiffness. scene: draws one. power, plain_power: of the stiffness that errors follow in theory, ours and
+    those of plain float32.
+    """
+
+    name: str
+    label: str
+    values: tuple[float, ...]
+    scene: Callable[[float], Scene]
+    power: float
+    plain_power: float
+
+    def own_error(self, value: float) -> float:
+        """Return how large the oracle's own error may be."""
+        return float(16.0 * value**self.power * 2.0**-53)
 
 
-def exponent(bench: Bench, step: float = 0.5) -> Curve:
-    """Measure the highlight's error for n from 1 to 1e9, in steps of 10^step."""
-    powers = tuple(10.0**p for p in np.arange(0.0, 9.01, step))
-    ours, naive = [], []
-    for n in powers:
-        points, normals, light = in_the_lobe(n, 300)
-        exact = exact_highlights(points, normals, light, n)
-        found = bench.light(points, normals, (light[None], np.ones((1, 3))), n=n, kd=0.0)[:, 0]
-        scale = math.sqrt(n) * oracle_bounds.HALF_ULP
-        ours.append(lobe_error(found.astype(np.float64), exact, n) * scale)
-        naive.append(lobe_error(naive_light(points, normals, light, n, 0.0, 1.0), exact, n) * scale)
-    bound = tuple(16.0 * math.sqrt(n) * oracle_bounds.HALF_ULP for n in powers)
-    labels = "specular exponent n", "largest relative error"
-    return Curve("Highlight", *labels, powers, tuple(ours), tuple(naive), bound)
+class Point(NamedTuple):
+    """One way at one stiffness. rms: None where the way cannot draw the scene. wrong: pixels of wrong coverage. ms: None of
+    plain float32."""
+
+    rms: float | None
+    wrong: int | None
+    ms: float | None = None
 
 
-def distance(bench: Bench) -> Curve:
-    """Measure the error at n = 1000 at a thousand points of a sheet, relative to the light budget."""
-    n = 1000.0
-    rng = np.random.default_rng(24)
-    x, y = rng.uniform(-1, 1, (2, 1000))
-    points = np.stack([x, y, 0.15 * (1.0 - x * x - 0.5 * y * y)], axis=1)
-    points[:100] = [0.013, 0.021, 0.15 * (1.0 - 0.013**2 - 0.5 * 0.021**2)] + points[:100] * 1e-6
-    normals = unit(np.stack([0.3 * points[:, 0], 0.15 * points[:, 1], np.ones(1000)], axis=1)).astype(F)
-    eye = np.array([0.3, 0.2, 5.0])
-    seen = (points - eye).astype(F).astype(np.float64)
-    ours, naive = [], []
-    for reach in DISTANCES:
-        position = (near_light(reach)[0][:1] - eye).astype(F).astype(np.float64)
-        lights = position, np.ones((1, 3))
-        expected = expected_light(seen, normals, lights, n)
-        at = terms.Directions.at(seen, normals.astype(np.float64), np.zeros(3), position[0])
-        gate = np.minimum(np.abs(at.n_l), np.abs(terms.mirrored(at)[0])) < shade.GATE
-        budget = np.where(gate, 1e30, expected.budget[0, :, 0])
-        found = bench.light(seen, normals, lights, n=n)[:, 0].astype(np.float64)
-        plain = naive_light(seen, normals, position, n, 1.0, 1.0)
-        ours.append(_largest(np.abs(found - expected.rgb[0, :, 0]) / budget))
-        naive.append(_largest(np.abs(plain - expected.rgb[0, :, 0]) / budget))
-    return Curve(
-        "Light distance",
-        "distance of the light",
-        "largest error / light budget, n = 1000",
-        DISTANCES,
-        tuple(ours),
-        tuple(naive),
-        least=1e-9,
+class Row(NamedTuple):
+    """All ways at one stiffness."""
+
+    axis: Axis
+    value: float
+    points: dict[str, Point]
+
+
+# Scenes
+
+
+def _square(normal: Array, eye: Array, light: Array, half: float, n: float) -> Scene:
+    """Return a square of 2 `half` that fills the image; eye and light as seen from its center."""
+    across = unit(np.cross(normal, [0.3, 1.0, 0.2]))
+    up = np.cross(normal, across)
+    center = np.array([0.3, 0.6, 0.2])
+    corners = center + np.array([2.0 * half * (x * across + y * up) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    material = Material(ka=0.1, kd=0.2, ks=0.8, n=n)
+    mesh = Mesh(corners, faces, normals=np.tile(normal, (4, 1)), material=material)
+    width = 2.0 * half / float(np.linalg.norm(eye))
+    camera = Camera(center + eye, center, up, 1.0, (width, width), (SIDE, SIDE))
+    return Scene((mesh,), camera, (PointLight(center + light, np.ones(3)),))
+
+
+def highlight(n: float) -> Scene:
+    """Return a highlight that fills the image, whatever its exponent: the lobe |R - V| < sqrt(2/n)."""
+    eye, light = np.array([0.7, -0.4, 1.9]), np.array([-1.1, 0.8, 2.4])
+    # A step x along the surface turns R - V by about x (1/|eye| + 1/|light|).
+    turn = float(1.0 / np.linalg.norm(eye) + 1.0 / np.linalg.norm(light))
+    return _square(unit(unit(eye) + unit(light)), eye, light, min(math.sqrt(2.0 / n) / turn, 0.5), n)
+
+
+def near_light(nearness: float) -> Scene:
+    """Return a light at a distance of 1/nearness before a square as large."""
+    eye, light = np.array([0.7, -0.4, 1.9]), np.array([0.1, -0.2, 0.97]) / nearness
+    return _square(np.array([0.0, 0.0, 1.0]), eye, light, 0.5 / nearness, 20.0)
+
+
+def moved(distance: float) -> Scene:
+    """Return a bent sheet with its camera and lights, all moved by the same vector of this length, without rounding."""
+    camera = replace(lit.CAMERA, eye=np.array([0.25, 0.25, 5.0]), lookat=np.zeros(3), resolution=(SIDE, SIDE))
+    lights = (PointLight(np.array([3.0, 4.0, 5.0]), np.ones(3)),)
+    scene = Scene((lit.on_a_grid(lit.patch(cells=12), 20),), camera, lights)
+    whole = np.round(distance * unit(np.array([2.0, -1.0, 2.0])))  # whole numbers: coordinates stay exact in float64
+    return lit.shifted(scene, 1.0, whole)
+
+
+def needle(aspect: float) -> Scene:
+    """Return a triangle two units high and seen there, with two corners far to the left and right."""
+    turned = np.array([[math.cos(0.3), math.sin(0.3), 0.0], [-math.sin(0.3), math.cos(0.3), 0.0]])
+    corners = np.array([[-1.1 * aspect, -1.0], [0.9 * aspect, -1.0], [0.1, 1.0]]) * (1.0 + 2.0**-40)
+    normals = np.tile([0.0, 0.0, 1.0], (3, 1))
+    mesh = Mesh(corners @ turned, np.array([[0, 1, 2]]), normals=normals, material=lit.MATERIAL)
+    camera = replace(lit.CAMERA, lookat=lit.CAMERA.eye - [0.0, 0.0, 1.0], resolution=(SIDE, SIDE))
+    return Scene((mesh,), camera, lit.LIGHTS)
+
+
+def _decades(last: int) -> tuple[float, ...]:
+    return tuple(10.0**power for power in range(last + 1))
+
+
+AXES = (
+    Axis("exponent", "exponent n of a highlight", _decades(9), highlight, 0.5, 1.0),
+    Axis("distance", "distance of everything from the origin", _decades(9), moved, 0.0, 1.0),
+    Axis("aspect", "longest edge / smallest height of a triangle", _decades(6), needle, 1.0, 1.0),
+    Axis("nearness", "1 / distance of the light from the surface", _decades(6), near_light, 1.0, 1.0),
+)
+
+
+# Measuring
+
+
+def measure(axis: Axis, device: Device) -> list[Row]:
+    """Measure every way along an axis, all frames in turns; float64 only if the device has it."""
+    ways = [way for way in WAYS if way != "float64" or device.has_fp64]
+    rows, draws = [], []
+    with ExitStack() as stack:
+        for value in axis.values:
+            scene = axis.scene(value)
+            standard = Settings.from_preset("standard", near=NEAR)
+            expected = oracle.render(scene, standard)
+            points = {}
+            for way in ways:
+                settings = replace(standard, precision=WAYS[way])
+                renderer = stack.enter_context(Renderer(scene, settings=settings, device=device))
+                points[way] = _point(renderer.render().rgba, expected)
+                draws.append(partial(_ms, renderer))
+            with np.errstate(all="ignore"):
+                points[PLAIN] = _point(plain_float32(scene), expected)
+            rows.append(Row(axis, value, points))
+        turns = in_turns(draws, FRAMES, SECONDS)
+    times = (spread(ms).median for ms in zip(*turns, strict=True))
+    for row in rows:
+        row.points.update({way: row.points[way]._replace(ms=next(times)) for way in ways})
+    return rows
+
+
+def _ms(renderer: Renderer, _: int) -> float:
+    return frame_ms(renderer)
+
+
+def _point(rgba: Array | None, expected: oracle.OracleFrame) -> Point:
+    """Return the errors of an image (M, N, 4). Pixels that are not finite count as off by all the light."""
+    if rgba is None:
+        return Point(None, None)
+    off = np.abs(np.asarray(rgba[..., :3], np.float64) - expected.rgb).max(axis=-1) / float(expected.budget.max())
+    off = np.where(np.isfinite(off), off, 1.0)
+    wrong = int(((rgba[..., 3] > 0.5) != (expected.alpha > 0.5)).sum())
+    return Point(float(np.sqrt(np.square(off).mean())), wrong)
+
+
+def power(rows: Sequence[Row], way: str, axis: Axis) -> Power | None:
+    """Return the power of the stiffness that errors along an axis follow, without 0 and useless images; None for fewer than
+    three."""
+    errors = [(row.value, row.points[way].rms or 0.0) for row in rows if row.axis is axis]
+    useful = [(value, error) for value, error in errors if 0.0 < error < USELESS]
+    return fitted(*zip(*useful, strict=True)) if len(useful) > 2 else None
+
+
+# Tables and the figure
+
+
+def run(device: Device, prefix: Path, formats: Sequence[str]) -> None:
+    """Measure all axes, print the tables, and write them and the figure as PREFIX.csv and so on. Raises OutputError."""
+    rows = [row for axis in AXES for row in measure(axis, device)]
+    tables = results(rows, device.title)
+    print("\n".join(["", *tables.lines()]), flush=True)
+    tables.write(prefix)
+    drawn = figure(rows, device.title)
+    for kind in formats:
+        figures.save(drawn, f"{prefix}.{kind}")
+
+
+def results(rows: Sequence[Row], device: str) -> Results:
+    """Return the table of errors and times, and that of the powers that errors follow."""
+    ways, axes = list(rows[0].points), list(dict.fromkeys(row.axis for row in rows))
+    wrong = [way for way in ways if any(row.points[way].wrong for row in rows)]
+    columns = (
+        Column("axis", "axis", attrgetter("axis.name"), str),
+        Column("value", "stiffness", attrgetter("value"), "{:g}".format),
+        *(Column(way, f"rms_{way}", partial(_field, way, "rms"), _two) for way in ways),
+        Column("", "rms_oracle", lambda row: row.axis.own_error(row.value), _two),
+        *(Column(f"{way} wrong", f"wrong_{way}", partial(_field, way, "wrong"), _count) for way in wrong),
+        *(Column(f"{way} ms", f"ms_{way}", partial(_field, way, "ms"), _two) for way in ways if way != PLAIN),
     )
+    fits = (
+        Column("axis", "axis", attrgetter("name"), str),
+        *(Column(way, f"power_{way}", partial(power, rows, way), _plus_or_minus) for way in ways),
+        Column("theory", "theory", attrgetter("power"), str),
+        Column("of plain", "theory_plain", attrgetter("plain_power"), str),
+    )
+    notes = [f"{axis.name}: {axis.label}" for axis in axes]
+    notes.append(f"images with errors above {USELESS:g} show nothing right, and are left out")
+    tables = Table("Errors and times", columns, rows, ABOUT, left=2), Table("Powers", fits, axes, notes=notes)
+    return Results("Error against stiffness", {"device": device}, tables)
 
 
-def _largest(values: Array) -> float:
-    return float(np.where(np.isfinite(values), values, 1.0).max())
+def _field(way: str, name: str, row: Row) -> float | None:
+    return getattr(row.points[way], name)  # type: ignore[no-any-return]
 
 
-# Geometry
+_two, _count = partial(digits, count=2), partial(digits, count=6)
 
 
-def naive_ids(scene: Scene) -> Array:
-    """Return the owners (M, N), row 0 at the top, with a projection in float32 and painter's order."""
-    mesh, camera = scene.meshes[0], scene.camera
-    columns, rows = camera.resolution
-    axes = transform.camera_frame(F(camera.eye), F(camera.lookat), camera.up).astype(F)
-    points = (F(mesh.verts)[mesh.faces] - F(camera.eye)) @ axes.T
-    z = points[..., 2]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        uv = (F(camera.focal) * points[..., :2] / (z[..., None] * np.array(camera.plane[::-1], F)) + F(0.5)) * np.array(
-            [columns, rows], F
-        )
-    usable = (z > 1e-3).all(axis=1) & (np.abs(uv) < 32767).all(axis=(1, 2))
-    xy = np.where(usable[:, None, None], np.rint(uv * F(256)), 0).astype(np.int64)
-    setup = coverage.setup(xy, columns, rows)
-    order = coverage.painter_order(z.astype(np.float64), ~setup.culled)
-    rank = np.full(columns * rows, len(order))
-    for k, column, row, _ in coverage.samples(xy[order], setup.box[order]):
-        np.minimum.at(rank, (rows - 1 - row) * columns + column, k)
-    owners: Array = (np.append(order, -1)[rank] + 1).reshape(rows, columns)
-    return owners
+def _plus_or_minus(fit: Power | None) -> str:
+    return "-" if fit is None else f"{fit.exponent:.2f} +- {(fit.high - fit.low) / 2.0:.2f}"
 
 
-def offset(bench: Bench) -> Curve:
-    shifts = tuple(10.0**p for p in range(10))
-    settings = Settings.from_preset("course", layers=("Z", "id"))
-    ours, naive = [], []
-    for shift in shifts:
-        scene = lit.shifted(centered(), 1.0, shift)
-        expected = oracle.render(scene, settings).id
-        ours.append(float((bench.draw(scene, settings=settings)["id"] != expected).sum()))
-        naive.append(float((naive_ids(scene) != expected).sum()))
-    labels = "offset of the whole scene", "wrong pixels of 3721"
-    return Curve("Projection", *labels, shifts, tuple(ours), tuple(naive), least=0.5)
+def figure(rows: Sequence[Row], device: str) -> Figure:
+    """Draw errors above, times below."""
+    axes = list(dict.fromkeys(row.axis for row in rows))
+    drawn = figures.blank(4.2 * len(axes), 6.4)
+    panels = drawn.subplots(2, len(axes), squeeze=False, height_ratios=(2.2, 1.0))
+    for axis, above, below in zip(axes, *panels, strict=True):
+        _draw(above, below, axis, [row for row in rows if row.axis is axis])
+    panels[0][0].legend(fontsize=7.5, loc="lower right")
+    panels[0][0].set_ylabel("RMS of |value - oracle| / light")
+    panels[1][0].set_ylabel("time of a frame, ms")
+    drawn.suptitle(f"Error and time against stiffness\n{device}".replace("$", r"\$"), fontsize=10)
+    return drawn
 
 
-def _fan(count: int) -> tuple[Array, Array]:
-    center, angle = np.array([10.1, 20.2]), np.linspace(0.7, 0.7 + FAN, count + 1)
-    return np.concatenate([center[None], center + 650.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)]), angle
-
-
-def naive_counts(fan: Array, angle: Array, inside: Array) -> Array:
-    """Return how many needles cover each pixel of `inside` (M, N), (K,), by float32 edge functions of unsnapped
-    positions; only the needles next to a pixel are tested."""
-    row, column = np.nonzero(inside)
-    x, y = column + 0.5, len(inside) - 0.5 - row
-    step = (angle[-1] - angle[0]) / (len(angle) - 1)
-    nearest = np.floor((np.arctan2(y - fan[0, 1], x - fan[0, 0]) - angle[0]) / step).astype(np.int64)
-    px, py, corners = F(x), F(y), F(fan)
-    count = np.zeros(len(row), np.int64)
-
-    def positive(a: Array, b: Array) -> Bools:
-        dx, dy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
-        value = dx * (py - a[..., 1]) - dy * (px - a[..., 0])
-        inside: Bools = (value > 0) | ((value == 0) & ((dy < 0) | ((dy == 0) & (dx < 0))))
-        return inside
-
-    for beside in range(-3, 4):
-        k = nearest + beside
-        real = (k >= 0) & (k < len(angle) - 1)
-        first, second = (corners[np.where(real, k, 0) + 1 + i] for i in (0, 1))
-        center = np.broadcast_to(corners[0], first.shape)
-        count += real & positive(center, first) & positive(first, second) & positive(second, center)
-    return count
-
-
-def needles(bench: Bench) -> Curve:
-    aspects = (10.0, 100.0, 1e3, 1e4, 1e5, 1e6)
-    resolution = (540, 540)
-    ours, naive = [], []
-    for aspect in aspects:
-        fan, angle = _fan(max(2, round(FAN * aspect)))
-        k = np.arange(1, len(angle))[:, None]
-        faces = np.concatenate([np.zeros_like(k), k, k + 1], axis=1)
-        # Inside the fan, and clear of the chords of its rim.
-        wedge = np.stack([fan[0], *(fan[0] + 0.99 * np.cos(FAN / 2) * (fan[[1, -1]] - fan[0]))])
-        inside = flat.polygon_interior(wedge, resolution)
-        ours.append(float(flat.drawn_once(bench, flat.scene_of(fan, faces, resolution), inside).wrong))
-        naive.append(float((naive_counts(fan, angle, inside) != 1).sum()))
-    labels = "aspect of the needles", f"pixels not drawn once, of {int(inside.sum())}"
-    return Curve("Coverage", *labels, aspects, tuple(ours), tuple(naive), least=0.5)
-
-
-def plot(curves: tuple[Curve, ...], path: Path, device: str) -> None:
-    """Draw the figure as PNG."""
-    figure = figures.blank(11.0, 8.0)
-    for axes, curve in zip(figure.subplots(2, 2).flat, curves, strict=True):
-        # Errors above ten times the correct value are all drawn alike.
-        most = 10.0 if not curve.least else math.inf
-        shown = [[min(max(v, curve.least), most) for v in values] for values in (curve.naive, curve.ours)]
-        axes.loglog(curve.stiffness, shown[0], "o--", color=figures.OTHER, label="plain float32")
-        axes.loglog(curve.stiffness, shown[1], "o-", color=figures.OURS, label="clshade")
-        if curve.bound:
-            axes.loglog(curve.stiffness, curve.bound, ":", color=figures.MUTED, label="bound 16 sqrt(n) 2^-24")
-        if curve.least == 0.5:
-            axes.axhline(0.5, color=figures.MUTED, lw=0.5)
-            axes.text(curve.stiffness[0], 0.53, "none", color=figures.MUTED, fontsize=8)
-        axes.set(title=curve.title, xlabel=curve.x_label, ylabel=curve.y_label)
-        axes.grid(True, alpha=0.3)
-        axes.legend()
-    figure.suptitle(f"Error against stiffness, {device}")
-    figures.save(figure, path)
+def _draw(above: Axes, below: Axes, axis: Axis, rows: Sequence[Row]) -> None:
+    """Draw one axis's errors and times."""
+    for way, color in COLORS.items():
+        points = [(row.value, row.points[way]) for row in rows if way in row.points and row.points[way].rms is not None]
+        values = [value for value, _ in points]
+        style: dict[str, Any] = {
+            "label": way,
+            "color": color,
+            "marker": "x" if way == PLAIN else "o",
+            "ms": 4,
+            "lw": 1.2,
+        }
+        above.plot(values, [point.rms or 0.0 for _, point in points], **style)
+        if way != PLAIN:
+            below.plot(values, [point.ms or 0.0 for _, point in points], **style)
+    above.plot(
+        axis.values, [axis.own_error(value) for value in axis.values], "k:", lw=1.0, label="oracle's own, at most"
+    )
+    above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
+    above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
+    below.set(xscale="log", yscale="log", xlabel=axis.label)
+    for panel in (above, below):
+        panel.grid(True, alpha=0.3)

@@ -2,50 +2,98 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
-from typing import TextIO
 
 from ...base import text_tables
 from ...base.atomic_files import shown
+from ...base.text_tables import digits
 from ...images import exr
 from ...pipeline.opencl.device import open_device
 from ...scene.model import Scene, Settings
-from ..rounding.spread import check_options
-from . import scene_figure, scene_tables
-from .scene_study import study
+from .. import results
+from ..results import Column, Results, Table
+from . import scene_figure
+from .causes import CAUSES
+from .scene_study import SceneStudy, WorstPixel, study
 
 
-def run(
-    scene: Scene,
-    settings: Settings,
-    device: str | None = None,
-    *,
-    out: str | Path = "stability",
-    runs: int | None = None,
-    stream: TextIO | None = None,
-) -> bool:
+def _title(pixel: WorstPixel) -> str:
+    return CAUSES[pixel.cause].title if pixel.cause in CAUSES else pixel.cause
+
+
+def _factor(name: str, pixel: WorstPixel) -> float:
+    return pixel.factors[name]
+
+
+PIXELS = (
+    Column("no", "no", attrgetter("number"), str),
+    Column("cause", "", _title, str),
+    *(Column(name, name, attrgetter(name), str) for name in ("row", "column", "face")),
+    Column("kappa", "kappa", attrgetter("kappa")),
+    Column("n", "n", attrgetter("exponent"), "{:g}".format),
+    *(Column(name, name, attrgetter(name), partial(digits, count=2)) for name in ("error", "bound")),
+    *(Column("", name, attrgetter(name)) for name in ("cause", "why", "mesh", "point")),
+    *(Column("", f"{name}_factor", partial(_factor, name)) for name in CAUSES),
+)
+ABOUT = "error, bound: of the most light that the point can send"
+
+
+def run(scene: Scene, settings: Settings, device: str | None = None, *, out: str | Path = "stability") -> bool:
     """Study the scene, print the tables and write all files. Returns True if every pixel is within its bounds.
 
-    runs: with random rounding, at least two; None for none at all. Raises DeviceError, InputError and OutputError, and
-    ClshadeError if a package for random rounding is missing.
+    Raises DeviceError, InputError and OutputError.
     """
-    stream = stream or sys.stdout
-    if runs is not None:
-        check_options(runs, settings.precision)
     opened = open_device(device)
-    folder = text_tables.create_folder(out)
-    found = study(scene, settings, opened, runs)
-    print("\n".join(scene_tables.lines(found)), file=stream, flush=True)
-    written = scene_tables.write(found, folder)
-    figures = [("stability.png", scene_figure.plot), ("kappa.png", scene_figure.plot_kappa)]
-    if found.rounding is not None:
-        figures.append(("digits.png", partial(scene_figure.plot_digits, rounding=found.rounding)))
-    for name, draw in figures:
-        written.append(folder / name)
-        draw(found, written[-1])
-    written.append(folder / "stability.exr")
-    exr.write(written[-1], found.channels(), metadata=found.frame.metadata())
-    print("\n".join(["", *(f"wrote {shown(path)}" for path in written)]), file=stream)
-    return found.passed
+    prefix = text_tables.create_folder(out) / "stability"
+    paths = results.files(prefix, "png", "exr")
+    results.check_files(paths)
+    found = study(scene, settings, opened)
+    summary = summarize(found, opened.title)
+    print("\n".join(summary.lines()), flush=True)
+    summary.write(prefix)
+    scene_figure.plot(found, opened.title, paths[-2])
+    exr.write(paths[-1], found.channels(), metadata=found.frame.metadata())
+    print("\n".join(["", *results.wrote(paths)]))
+    return found.check.passed
+
+
+def summarize(study: SceneStudy, device: str) -> Results:
+    """Return the study as facts and a table of the worst pixels."""
+    numbers: dict[str, list[str]] = {}  # each sentence once, after the numbers of its pixels
+    for pixel in study.worst:
+        numbers.setdefault(pixel.why, []).append(str(pixel.number))
+    reasons = [f"{','.join(of)}: {why}" for why, of in numbers.items()]
+    data = {
+        "passed": study.check.passed,
+        "settings": vars(study.frame.settings),
+        "kappa": study.quantiles(),
+        "within": study.within,
+        "check": study.check.stats(),
+    }
+    table = Table("Worst pixels", PIXELS, study.worst, ABOUT, reasons, left=2)
+    return Results("Stability of a scene", _facts(study, device), [table], data)
+
+
+def _facts(study: SceneStudy, device: str) -> dict[str, str]:
+    scene, check, settings = study.frame.scene, study.check, study.frame.settings
+    columns, rows = scene.camera.resolution
+    facts = {
+        "scene": f"{shown(scene.name or 'unnamed')}, {scene.face_count:,} triangles, {columns}x{rows}",
+        "drawn": f"{settings.shader}, {settings.visibility}, {settings.lighting_at}, {settings.precision}",
+        "device": device,
+        "checked": f"{check.pixels:,} of {check.of:,} pixels: {'all' if check.complete else 'a sample'}",
+    }
+    kappa = study.quantiles()
+    if not kappa:
+        facts["kappa"] = "nothing is visible: no triangle covers the center of a pixel"
+    else:
+        facts["kappa"] = f"median {kappa['median']:.3g}, 99 % {kappa['p99']:.3g}, max {kappa['max']:.3g}"
+        facts["errors"] = (
+            f"{100.0 * study.within:.6g} % of the covered pixels{'' if check.complete else ' checked'} are within bounds, "
+            f"the largest is {check.bounds:.3g} of {check.allowed:.4g} bounds"
+        )
+    lines = check.lines()
+    facts["result"] = "all within bounds" if check.passed else f"FAILED: {lines[1]}; {lines[3]}"
+    return facts

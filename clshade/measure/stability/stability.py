@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TextIO
 
-from ...base import text_tables
-from ...base.atomic_files import shown
+from ...base import console, text_tables
+from ...base.progress_bar import Bar
 from ...base.spelling import hint
 from ...errors import DeviceError, InputError
 from ...pipeline.opencl.device import Device, list_devices, open_device
+from .. import results as files
 from . import curves, results
 from .cases import Bench, Case, Outcome, all_cases
 from .results import Result
 
-NO_MPMATH = (
-    "mpmath is not installed (pip install mpmath, or clshade's extra `test`): "
-    "highlights are compared with float64, which is right to 1e-10 at n = 1e9."
-)
+NO_MPMATH = "compared with float64, right to 1e-10 at n = 1e9: mpmath is not installed (pip install mpmath)"
 
 
 def chosen(names: Sequence[str] = (), triangles: int = 1) -> tuple[Case, ...]:
@@ -31,13 +26,11 @@ def chosen(names: Sequence[str] = (), triangles: int = 1) -> tuple[Case, ...]:
     if triangles < 1:
         raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
     cases = all_cases()
+    known = [case.name for case in cases]
     for name in names:
         if not any(name in (case.name, case.number) for case in cases):
-            known = [case.name for case in cases]
-            near = hint(name, known)
-            raise InputError(
-                f"stability: --case: expected names or numbers of {', '.join(known)}, found {name!r}{near}"
-            )
+            expected = f"expected names or numbers of {', '.join(known)}"
+            raise InputError(f"stability: --case: {expected}, found {name!r}{hint(name, known)}")
     return tuple(case for case in cases if not names or case.name in names or case.number in names)
 
 
@@ -51,10 +44,10 @@ def devices(name: str | None) -> list[Device]:
     """Return the device of that name, or all working devices for `all`."""
     if name != "all":
         return [open_device(name, profiling=True)]
-    found = [open_device(info.index, profiling=True) for info in list_devices() if info.works]
-    if not found:
+    opened = [open_device(info.index, profiling=True) for info in list_devices() if info.works]
+    if not opened:
         raise DeviceError("stability: --device all: no OpenCL device works: see `python -m clshade devices`")
-    return found
+    return opened
 
 
 def run_case(case: Case, bench: Bench) -> Result:
@@ -65,16 +58,18 @@ def run_case(case: Case, bench: Bench) -> Result:
         outcome = case.run(bench)
     except Exception as error:  # a failing case must not stop the others
         problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    return Result(case, bench.device.title, outcome, time.perf_counter() - start, problem)
+    return Result(case, bench.device.index, outcome, time.perf_counter() - start, problem)
 
 
-def compared(result: Result, earlier: Sequence[Result]) -> Result:
-    """Return the result, failed if an earlier device gave other bits."""
-    for other in earlier:
-        prints = other.outcome.fingerprint, result.outcome.fingerprint
-        if other.case.name == result.case.name and all(prints) and prints[0] != prints[1]:
-            return replace(result, problem=f"other bits than {other.device}")
-    return result
+def run_cases(cases: Sequence[Case], benches: Sequence[Bench]) -> list[Result]:
+    """Run every case on every bench."""
+    outcomes = []
+    with Bar(len(benches) * len(cases), "cases", clock=None, hidden=console.quiet() or None) as bar:
+        for bench in benches:
+            for case in cases:
+                outcomes.append(run_case(case, bench))
+                bar.advance(case.name)
+    return outcomes
 
 
 def run(
@@ -83,37 +78,32 @@ def run(
     out: str | Path = "stability",
     names: Sequence[str] = (),
     triangles: int = 50_000,
-    stream: TextIO | None = None,
+    formats: Sequence[str] = ("png",),
 ) -> bool:
-    """Run the cases, print the table as they finish, and write the files. Returns True if all passed.
+    """Run the cases, without names the curves too, print tables and write the files. Returns True if all cases passed.
 
-    device: a name for `open_device`, or `all`. names: cases; by default all, and then the figure too.
-    triangles: number of random triangles. Raises InputError, DeviceError and OutputError.
+    device: a name for `open_device`, or `all`; curves are those of the first. names: of cases. triangles: number of random
+    triangles. formats: of the figure. Raises InputError, DeviceError and OutputError.
     """
-    stream = stream or sys.stdout
     cases = chosen(names, triangles)
     opened = devices(device)
     folder = text_tables.create_folder(out)
-    notes = [] if importlib.util.find_spec("mpmath") else [NO_MPMATH]
-    found: list[Result] = []
-    written: list[Path] = []
-    for each in opened:
-        print(f"{each.title}\n{results.HEADER}", file=stream, flush=True)
-        bench = Bench(each, folder, triangles=triangles)
-        for case in cases:
-            result = compared(run_case(case, bench), found)
-            found.append(result)
-            print(results.line(result), file=stream, flush=True)
-            if not result.passed:
-                written += results.write_pictures(result, folder)
-    failed = sum(not result.passed for result in found)
-    seconds = sum(result.seconds for result in found)
-    notes.append(
-        f"{len(found)} runs of {len(cases)} cases in {seconds:.1f} s: {len(found) - failed} passed, {failed} failed."
-    )
-    written += results.write(found, notes, folder)
+    paths = files.files(folder / "stability")
     if not names:
-        written.append(folder / "stability.png")
-        curves.plot(curves.measure(Bench(opened[0], folder)), written[-1], opened[0].title)
-    print("\n".join([*notes, *(f"wrote {shown(path)}" for path in written)]), file=stream)
-    return failed == 0
+        paths += files.files(folder / "curves", *formats)
+    files.check_files(paths)
+    outcomes = run_cases(cases, [Bench(one, triangles=triangles) for one in opened])
+    failed = [result for result in outcomes if not result.passed]
+    facts = {f"device {one.index}": one.title for one in opened}
+    facts["cases"] = f"{len(outcomes)} runs of {len(cases)}: {len(outcomes) - len(failed)} passed, {len(failed)} failed"
+    if not importlib.util.find_spec("mpmath"):
+        facts["highlights"] = NO_MPMATH
+    summary = results.summarize(outcomes, facts)
+    print("\n".join(summary.lines()), flush=True)
+    summary.write(folder / "stability")
+    for result in failed:
+        paths += results.write_pictures(result, folder)
+    if not names:
+        curves.run(opened[0], folder / "curves", formats)
+    print("\n".join(["", *files.wrote(paths)]))
+    return not failed

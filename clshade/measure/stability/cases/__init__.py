@@ -6,46 +6,16 @@ Each module holds one kind of case, in a tuple `CASES`; `all_cases` sorts them b
 from __future__ import annotations
 
 import re
+from importlib import import_module
 
 from .bench import Bench, Case, Outcome
 
 __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
+MODULES = ("coverage", "extremes", "order", "light", "lights", "environments", "shadows", "surfaces", "materials")
+
 
 def all_cases() -> tuple[Case, ...]:
     """Return every case, by number."""
-    from . import (
-        ambient_occlusion,
-        around,
-        coverage,
-        edges,
-        extremes,
-        files,
-        light,
-        lights,
-        maps,
-        microfacets,
-        order,
-        shadows,
-        surfaces,
-        transparency,
-    )
-
-    modules = (
-        coverage,
-        extremes,
-        order,
-        light,
-        lights,
-        microfacets,
-        around,
-        shadows,
-        ambient_occlusion,
-        surfaces,
-        maps,
-        files,
-        edges,
-        transparency,
-    )
-    found = [case for module in modules for case in module.CASES]
-    return tuple(sorted(found, key=lambda case: (int(re.sub(r"\D", "", case.number)), case.number)))
+    cases = [case for name in MODULES for case in import_module(f"clshade.measure.stability.cases.{name}").CASES]
+    return tuple(sorted(cases, key=lambda case: (int(re.sub(r"\D", "", case.number)), case.number)))

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .... import oracle
 from ....base.arrays import Array
-from ....images import exr
-from ....oracle import OracleFrame, shade
-from ....oracle.terms import Surface
 from ....pipeline import shading_tables
 from ....pipeline.buffers import Buffer
 from ....pipeline.features import GROUPS, Features
@@ -22,15 +17,14 @@ from ....pipeline.launches import Stages
 from ....pipeline.opencl.device import Device
 from ....pipeline.programs import build
 from ....pipeline.renderer import Renderer
-from ....pipeline.single_primitive import Lookup
 from ....pipeline.struct_layout import SINGLE
 from ....scene.material import TERMS
-from ....scene.model import Scene, Texture
+from ....scene.model import Scene
 from ....scene.settings import Layer
-from ...check import oracle_bounds
+from ...check.check import compare
+from ...check.oracle_bounds import HALF_ULP, depth_roundings
 
 LAYERS: tuple[Layer, ...] = ("Z", "id")
-BOUNDS = 32.0  # times sqrt(max(n, 1)) * 2^-24 * kappa * B: allowed color error (oracle_bounds.color_bound)
 _POINT_FEATURES = {"LIT", "POWER", *GROUPS["TERMS"]}
 
 
@@ -42,7 +36,6 @@ class Outcome:
     error: largest measured error, in `unit`; allowed up to `limit`. Both are 0 in cases that only count.
     amplification: the largest error in float32 roundings (2^-24 of the light budget).
     detail: what was compared, in a few words.
-    fingerprint: hash of the bits on which all devices must agree; empty where they need not.
     pictures: rendered and expected image, (M, N) or (M, N, 3), of the worst part.
     """
 
@@ -52,7 +45,6 @@ class Outcome:
     unit: str = ""
     amplification: float | None = None
     detail: str = ""
-    fingerprint: str = ""
     pictures: tuple[Array, Array] | None = field(default=None, repr=False)
 
     @property
@@ -69,10 +61,9 @@ class Outcome:
 def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
     """Combine outcomes: the counts of all, the error and the images of the worst."""
     chosen = max(outcomes, key=lambda o: o.badness)
-    bad = [o.error for o in outcomes if not o.error <= o.limit]
+    bad = [o for o in outcomes if not o.error <= o.limit]
     if bad and chosen.error <= chosen.limit:  # wrong pixels elsewhere must not hide an error
-        other = next(o for o in outcomes if not o.error <= o.limit)
-        chosen = replace(other, pictures=chosen.pictures or other.pictures)
+        chosen = replace(bad[0], pictures=chosen.pictures or bad[0].pictures)
     amplified = [o.amplification for o in outcomes if o.amplification is not None]
     return replace(
         chosen,
@@ -85,66 +76,33 @@ def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
 class Bench:
     """A device and the operations that cases need; tests plant errors by overriding them.
 
-    triangles: number of random triangles of the coverage case, and of those that share pixels by twos. fractions: how
-    many of the random ones are also checked in rational arithmetic. folder: for temporary files.
+    triangles: number of random triangles of the coverage case, and of those that share pixels by twos.
     """
 
-    def __init__(self, device: Device, folder: Path, *, triangles: int = 50_000, fractions: int = 1000) -> None:
-        self.device, self.folder = device, folder
-        self.triangles, self.fractions = triangles, min(fractions, triangles)
+    def __init__(self, device: Device, *, triangles: int = 50_000) -> None:
+        self.device, self.triangles = device, triangles
 
     def draw(self, scene: Scene, **options: Any) -> Frame:
         """Render one frame with all layers."""
         with Renderer(scene, device=self.device, layers=LAYERS, **options) as renderer:
             return renderer.render()
 
-    def light(
-        self,
-        points: Array,
-        normals: Array,
-        lights: tuple[Array, Array],
-        *,
-        n: float = 1.0,
-        colors: Array | None = None,
-        **k: Any,
-    ) -> Array:
-        """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3), all converted to
-        float32.
-
-        Returns (K, 3) float32. lights: positions (L, 3), intensities (L, 3). k: coefficients, see `_coefficients`.
-        """
+    def light(self, points: Array, normals: Array, position: Array, *, n: float, kd: float = 1.0) -> Array:
+        """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3) and one light (3,) of
+        intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients but kd 0."""
         features = Features.of(_POINT_FEATURES)
         stages = Stages(self.device, build(self.device, features, ("light.cl",)))
-        material, table = np.zeros(1, SINGLE.Material), np.zeros(len(lights[0]), SINGLE.Light)
-        material["k"] = np.concatenate(list(_coefficients(k).values()))
+        material, lights = np.zeros(1, SINGLE.Material), np.zeros(1, SINGLE.Light)
+        material["k"] = np.repeat([{"kd": kd, "ks": 1.0}.get(name, 0.0) for name in TERMS], 3)
         material["n"], material["texture"] = n, -1
-        table["position"], table["intensity"] = lights
-        colors = np.ones_like(points) if colors is None else colors
+        lights["position"], lights["intensity"] = position, 1.0
         # Bound to names, so that the memory outlives the kernel.
-        at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, colors))
-        surface, shining = Buffer(self.device, material), Buffer(self.device, table)
-        found = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
-        stages.light(at, facing, tint, surface, shining, features.needs, found, 1.0, len(table), len(points))
-        lit: Array = found.to_host()[:, :3].copy()
-        return lit
-
-    def look_up(self, texture: Texture, uv: Array) -> Array:
-        """Return the colors (K, 3) of the stage `bilerp` at uv (K, 2), float64."""
-        return Lookup(self.device, texture)(uv)
-
-    def through_file(self, channels: dict[str, Array], **options: Any) -> tuple[dict[str, Array], list[str]]:
-        """Write channels as EXR and read them back; return them and the writer's warnings."""
-        path = self.folder / "case.exr"
-        try:
-            warnings = exr.write(path, channels, **options)
-            return exr.read(path)[0], list(warnings)
-        finally:
-            path.unlink(missing_ok=True)
-
-
-def _coefficients(given: dict[str, float]) -> dict[str, Array]:
-    """Return the coefficients (3,) of TERMS; without those given kd and ks are 1, others 0."""
-    return {name: np.full(3, given.get(name, float(name in ("kd", "ks")))) for name in TERMS}
+        at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, np.ones_like(points)))
+        surface, shining = Buffer(self.device, material), Buffer(self.device, lights)
+        lit = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
+        stages.light(at, facing, tint, surface, shining, features.needs, lit, 1.0, 1, len(points))
+        values: Array = lit.to_host()[:, 0].copy()
+        return values
 
 
 def _four(vectors: Array) -> Array:
@@ -169,67 +127,38 @@ class Case:
     slow: bool = False
 
 
-def wrong_pixels(found: Array, expected: Array, detail: str = "") -> Outcome:
+def wrong_pixels(drawn: Array, expected: Array, detail: str = "") -> Outcome:
     """Compare two images of ids (M, N), which must agree exactly."""
-    return Outcome(int((found != expected).sum()), detail=detail, pictures=(found, expected))
+    return Outcome(int((drawn != expected).sum()), detail=detail, pictures=(drawn, expected))
 
 
-def against_oracle(frame: Frame, expected: OracleFrame | None = None, *, colors: bool = True) -> Outcome:
-    """Compare a frame with the oracle: ids and coverage exactly except for proven depth ties, depths within their
-    roundings, colors within BOUNDS.
-
-    Pixels at a highlight's gate may be off by that highlight.
-    """
-    if expected is None:
-        expected = oracle.render(frame.scene, frame.settings)
-    different, unproven = oracle_bounds.different_ids(frame["id"], expected, frame.scene, frame.settings)
-    bad = (
-        unproven
-        | oracle_bounds.alpha_differs(frame.alpha, expected, BOUNDS, frame.settings.precision)
-        | ~np.isfinite(frame.rgb).all(axis=-1)
-    )
-    bad |= ~different & ~(oracle_bounds.depth_errors(frame["Z"], expected) <= oracle_bounds.DEPTH_ROUNDINGS)
-    if not colors:
-        return Outcome(int(bad.sum()), pictures=(frame["id"], expected.id))
-    measured = color_outcome(frame.rgb, expected, skip=different)
-    pictures = (frame["id"], expected.id) if unproven.any() else measured.pictures
-    return replace(measured, wrong=measured.wrong + int(bad.sum()), pictures=pictures)
-
-
-def color_outcome(rgb: Array, expected: OracleFrame, skip: Array | None = None, limit: float = BOUNDS) -> Outcome:
-    """Measure the errors of colors (M, N, 3) in bounds; colors that are not finite are wrong, and errors explained by a
-    highlight at its gate are not counted."""
-    error, ratio = oracle_bounds.color_errors(rgb, expected)
-    seen = np.ones(ratio.shape, bool) if skip is None else ~skip
-    bad = seen & ~(np.isfinite(rgb).all(axis=-1) & np.isfinite(ratio))
-    measured = seen & ~oracle_bounds.excepted_at_gates(rgb, expected, limit) & np.isfinite(ratio)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        roundings = np.where(error > 0.0, error / expected.budget, 0.0).max(axis=-1) / oracle_bounds.HALF_ULP
+def against_oracle(frame: Frame, detail: str = "") -> Outcome:
+    """Compare a frame with the oracle as `clshade.check` does: ids and coverage exactly but for proven depth ties,
+    depths within their roundings, colors within their bounds."""
+    compared = compare(frame, np.arange(frame.alpha.size))
+    ids, expected_ids = frame["id"], compared.oracle.id.reshape(frame.alpha.shape)
+    too_deep = compared.depth is not None and not compared.depth <= depth_roundings(frame.alpha)
+    rgb = frame.rgb, compared.oracle.rgb.reshape(frame.rgb.shape)
     return Outcome(
-        int(bad.sum()),
-        float(ratio[measured].max(initial=0.0)),
-        limit,
+        int(compared.wrong.sum()) + int(too_deep),
+        float(compared.counted.max()),
+        compared.allowed,
         "bounds",
-        float(roundings[measured].max(initial=0.0)),
-        pictures=(rgb, expected.rgb),
+        float(compared.relative.max()) / HALF_ULP,
+        detail,
+        (ids, expected_ids) if (ids != expected_ids).any() and compared.wrong.any() else rgb,
     )
 
 
-def expected_light(points: Array, normals: Array, lights: tuple[Array, Array], n: float, **k: float) -> OracleFrame:
-    """Return the expected result of `Bench.light` for white points, as an image of one row."""
-    p, m, positions, intensities = (np.asarray(a, np.float64) for a in (points, normals, *lights))
-    eye, count = np.zeros(3), len(p)
-    surface = Surface(np.float64(n), k=_coefficients(k))
-    around, steepness = (np.abs(p).max(axis=1), np.ones(count)), shade.steepness(p, m, surface, eye, positions)
-    return OracleFrame(
-        rgb=shade.reflected(p, m, eye, surface, positions, intensities)[None],
-        alpha=np.ones((1, count)),
-        id=np.ones((1, count), np.uint32),
-        Z=np.ones((1, count)),
-        budget=np.broadcast_to(shade.budget(np.ones(3), surface, intensities), (1, count, 3)),
-        conditions=shade.conditions(p, *around, eye, positions, steepness=steepness)[None],
-        jump=shade.jumps(p, m, *around, surface, eye, positions, intensities)[None],
-        exponent=np.full((1, count), n),
-        alpha_error=np.zeros((1, count)),
-        unsure=np.zeros((1, count), bool),
-    )
+def all_against_oracle(bench: Bench, scenes: Iterable[Scene], what: str = "scenes", **options: Any) -> Outcome:
+    """Draw the scenes, compare each with the oracle, and return the worst."""
+    outcomes = [against_oracle(bench.draw(scene, **options)) for scene in scenes]
+    return worst(outcomes, f"{len(outcomes)} {what}")
+
+
+def different_bits(a: Frame, b: Frame) -> Outcome:
+    """Count the pixels that differ in a bit of the image or layers."""
+    wrong = (a.rgba.view(np.uint32) != b.rgba.view(np.uint32)).any(axis=-1)
+    for name in a.layers:
+        wrong |= a[name].view(np.uint32) != b[name].view(np.uint32)
+    return Outcome(int(wrong.sum()), pictures=(a.rgb, b.rgb))

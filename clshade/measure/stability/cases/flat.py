@@ -1,10 +1,6 @@
-"""Triangles in image coordinates: scenes that place them exactly there, and exact integer and rational
-rasterization."""
+"""Triangles in image coordinates: scenes that place them exactly there, and rasterization in exact integers."""
 
 from __future__ import annotations
-
-import math
-from fractions import Fraction
 
 import numpy as np
 
@@ -57,42 +53,16 @@ def draw(bench: Bench, xy: Array, resolution: Resolution, **options: object) -> 
     return bench.draw(scene_of(*separate(xy), resolution), **{**FLAT, **options})
 
 
-def exact(xy: Array, resolution: Resolution) -> tuple[Array, Array]:
-    """Return ids and the number of triangles that cover each pixel, (M, N), row 0 at the TOP, computed in integers; the
-    later face wins."""
+def exact(xy: Array, resolution: Resolution) -> Array:
+    """Return the ids of snapped triangles (F, 3, 2), (M, N), row 0 at the TOP, computed in integers; the later face
+    wins."""
     columns, rows = resolution
-    ids, count = np.zeros(columns * rows, np.uint32), np.zeros(columns * rows, np.int64)
+    ids = np.zeros((rows, columns), np.uint32)
     setup = coverage.setup(xy, columns, rows)
     alive = np.flatnonzero(~setup.culled)
     for k, column, row, _ in coverage.samples(xy[alive], setup.box[alive]):
-        at = (rows - 1 - row) * columns + column
-        np.maximum.at(ids, at, (alive[k] + 1).astype(np.uint32))
-        np.add.at(count, at, 1)
-    return ids.reshape(rows, columns), count.reshape(rows, columns)
-
-
-def rational_mask(xy: Array, columns: int, rows: int) -> Array:
-    """Return the pixels of one snapped triangle in rational arithmetic, (rows, columns) bool, row 0 at the BOTTOM.
-
-    The top-left rule treats a center as displaced a little to the right and, far less, downwards. The pixels of a row
-    are therefore a half-open interval between two crossings; edges that end at the row's height belong to the side
-    below it.
-    """
-    mask = np.zeros((rows, columns), bool)
-    corners = [[Fraction(int(value), SUB) for value in corner] for corner in xy]
-    low, high = min(c[1] for c in corners), max(c[1] for c in corners)
-    for row in range(max(math.floor(low - Fraction(1, 2)), 0), min(math.ceil(high), rows - 1) + 1):
-        y = row + Fraction(1, 2)
-        crossings = []
-        for i in range(3):
-            (x0, y0), (x1, y1) = corners[i], corners[i - 2]
-            if (y0 < y) != (y1 < y):
-                crossings.append(x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-        if crossings:
-            first = max(math.ceil(min(crossings) - Fraction(1, 2)), 0)
-            end = min(math.ceil(max(crossings) - Fraction(1, 2)), columns)
-            mask[row, first : max(first, end)] = True
-    return mask
+        np.maximum.at(ids, (rows - 1 - row, column), (alive[k] + 1).astype(np.uint32))
+    return ids
 
 
 def drawn_once(bench: Bench, scene: Scene, inside: Array, detail: str = "") -> Outcome:

@@ -32,8 +32,8 @@ def blob(count: int = 250, seed: int = 6, **fields: Any) -> Mesh:
 
 def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
     """Return a scene of the meshes (default: the blob) with CAMERA and LIGHTS, over a background."""
-    given = {"meshes": meshes or (blob(),), "camera": CAMERA, "lights": LIGHTS, "background": (0.25, 0.5, 2.0)}
-    return Scene(**{**given, **fields})
+    defaults = {"meshes": meshes or (blob(),), "camera": CAMERA, "lights": LIGHTS, "background": (0.25, 0.5, 2.0)}
+    return Scene(**{**defaults, **fields})
 
 
 def triangle(*corners: tuple[float, float, float], **fields: Any) -> Mesh:

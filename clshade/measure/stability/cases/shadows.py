@@ -1,15 +1,18 @@
-"""Cases 24l to 24q: shadows of lights and casters that lie in each other's planes, far away, or are as thin as can be."""
+"""Cases 24l to 24u: shadows and ambient occlusion where lights, casters and receivers lie in each other's planes, far away,
+or are as thin as can be."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ....base.arrays import Array
+from ....pipeline.frame import Frame
 from ....scene.model import DirectionalLight, Light, Material, Mesh, PointLight, Scene
 from . import lit
-from .bench import Bench, Case, Outcome, against_oracle, worst
+from .bench import Bench, Case, Outcome, against_oracle, all_against_oracle, different_bits, worst
 
 DARK = Material(ka=0.0, kd=0.8, ks=0.0)
 
@@ -25,14 +28,10 @@ def casters(count: int = 30) -> Mesh:
     return replace(mesh, verts=0.5 * mesh.verts)
 
 
-def _drawn(bench: Bench, scene: Scene) -> Outcome:
-    return against_oracle(bench.draw(scene, shadows=True))
-
-
 def _under(bench: Bench, lights: list[Light], *meshes: Mesh) -> Outcome:
     """Compare meshes before a wall under each light by itself."""
     scenes = [lit.scene_of(wall(), *meshes, lights=(light,)) for light in lights]
-    return worst([_drawn(bench, scene) for scene in scenes], f"{len(lights)} lights")
+    return all_against_oracle(bench, scenes, "lights", shadows=True)
 
 
 def grazing(bench: Bench) -> Outcome:
@@ -57,11 +56,11 @@ def on_a_caster(bench: Bench) -> Outcome:
 def far_away(bench: Bench) -> Outcome:
     """Lights 1e9 and 1e30 away; the scene at 1e9; the scene 1e20 times as large and as small."""
     toward = np.array([0.3, 0.4, 1.2])
-    outcomes = [_under(bench, [PointLight(toward * 1e9), PointLight(toward * 1e30)], casters())]
+    far = _under(bench, [PointLight(toward * 1e9), PointLight(toward * 1e30)], casters())
     scene = lit.scene_of(lit.on_a_grid(wall(), 12), lit.on_a_grid(casters(), 12), lights=lit.LIGHTS[:1])
-    outcomes += [_drawn(bench, lit.shifted(scene, 1.0, 1e9)), _drawn(bench, lit.shifted(scene, 1.0, -1e6))]
-    outcomes += [_drawn(bench, lit.shifted(scene, scale, 0.0)) for scale in (1e-20, 1e20)]
-    return worst(outcomes, "6 scenes")
+    moves = (1.0, 1e9), (1.0, -1e6), (1e-20, 0.0), (1e20, 0.0)
+    moved = all_against_oracle(bench, [lit.shifted(scene, *move) for move in moves], shadows=True)
+    return worst([far, moved], "6 scenes")
 
 
 def sliver_mesh() -> Mesh:
@@ -86,52 +85,103 @@ def slivers(bench: Bench) -> Outcome:
     return _under(bench, [PointLight((0.5, 1.0, 4.0)), DirectionalLight((0.1, -0.3, -1.0))], mesh)
 
 
+def planes() -> list[Mesh]:
+    """Return sheets of triangles in one plane, across the view and steep."""
+    sheet = lit.patch(size=2.0, cells=8, bend=0.0)
+    # Heights stay multiples of 2^-k.
+    return [sheet, replace(sheet, verts=sheet.verts + sheet.verts[:, :1] * [0.0, 0.0, 0.5])]
+
+
 def coplanar(bench: Bench) -> Outcome:
     """A lattice of triangles in one plane, each next to six others, from lights near that plane: none casts a shadow on
     another."""
-    sheet = lit.patch(size=2.0, cells=8, bend=0.0)
-    steep = replace(sheet, verts=sheet.verts + sheet.verts[:, :1] * [0.0, 0.0, 0.5])  # heights stay multiples of 2^-k
     outcomes = []
-    for mesh in (sheet, steep):
+    for mesh in planes():
         for light in (PointLight((5.0, 0.5, 3.0)), PointLight((40.0, 7.0, 20.5)), DirectionalLight((-1.0, -0.3, -0.9))):
             scene = lit.scene_of(mesh, lights=(light,))
             frames = [bench.draw(scene, shadows=shadows) for shadows in (True, False)]
-            dark = (frames[0].rgb != frames[1].rgb).any(axis=-1)
-            measured = against_oracle(frames[0])
-            outcomes.append(replace(measured, wrong=measured.wrong + int(dark.sum())))
-    return worst(outcomes, f"{len(outcomes)} images")
+            outcomes += [against_oracle(frames[0]), different_bits(*frames)]
+    return worst(outcomes, "6 images")
 
 
-def box(turn: Array, shift: Array, material: Material = DARK) -> Mesh:
-    """Return a closed box around the eye of `lit.CAMERA`, seen from inside."""
+def rooms(seed: int) -> list[tuple[Array, Array]]:
+    """Return ways to turn a box, (3, 3), and its centers (3,)."""
+    rng = np.random.default_rng(seed)
+    turns = [np.eye(3), np.eye(3), *(np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(4))]
+    return list(zip(turns, [np.zeros(3), np.array([1000.0, -300.0, 50.0])] * 3, strict=True))
+
+
+def in_box(turn: Array, center: Array, material: Material, **fields: Any) -> Scene:
+    """Return a closed box seen from inside, over a black background."""
     line = np.array([-1.0, 1.0])
     verts = np.array([[x, y, z] for x in line for y in line for z in line]) * [2.0, 1.5, 3.0] @ turn.T
     faces = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     triangles = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
-    return Mesh(verts + shift, triangles, colors=np.full((8, 3), 0.9), material=material)
+    box = Mesh(verts + center, triangles, colors=np.full((8, 3), 0.9), material=material)
+    eye, lookat = center + turn @ [0.3, 0.2, 0.5], center + turn @ [1.9, 1.3, -2.8]
+    camera = replace(lit.CAMERA, eye=eye, lookat=lookat, focal=0.4)
+    return lit.scene_of(box, background=0.0, camera=camera, **fields)
+
+
+def black(frames: list[Frame]) -> Outcome:
+    """Count the pixels that are not black."""
+    outcomes = [
+        Outcome(int(frame.rgb.any(axis=-1).sum()), pictures=(frame.rgb, np.zeros_like(frame.rgb))) for frame in frames
+    ]
+    return worst(outcomes, f"{sum(frame.alpha.size for frame in frames)} pixels")
 
 
 def closed_boxes(bench: Bench) -> Outcome:
-    """Closed boxes, any way round, seen from inside, with lights outside: on every side, far away, in the planes of sides
-    and on the lines of edges. All pixels are black."""
-    rng = np.random.default_rng(8)
-    leaks, seen, outcomes = 0, 0, []
-    for k in range(6):
-        turn = np.eye(3) if k < 3 else np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        center = np.zeros(3) if k % 2 == 0 else np.array([1000.0, -300.0, 50.0])
+    """Closed boxes, any way round, with lights outside: on every side, far away, in the planes of sides and on the lines
+    of edges. All pixels are black."""
+    frames = []
+    for turn, center in rooms(8):
         places = [center + turn @ p for p in ([4, 0, 0], [2, 1.5, 9], [5, 5, 5], [2, 4, 1], [1e9, 1e9, 3e8])]
-        sun = DirectionalLight(turn @ [1.0, 0.0, 0.0])
-        around = tuple(PointLight(place, (1e3, 1e3, 1e3)) for place in places)
-        camera = replace(lit.CAMERA, eye=center + turn @ [0.3, 0.2, 0.5], lookat=center + turn @ [1.9, 1.3, -2.8])
-        scene = lit.scene_of(
-            box(turn, center), lights=(*around, sun), ambient=0.0, background=0.0, camera=replace(camera, focal=0.4)
-        )
-        frame = bench.draw(scene, shadows=True)
-        leaks, seen = leaks + int(frame.rgb.any(axis=-1).sum()), seen + frame.alpha.size
-        if k == 3:
-            outcomes.append(against_oracle(frame))
-    outcomes.append(Outcome(leaks, pictures=(frame.rgb, np.zeros_like(frame.rgb))))
-    return worst(outcomes, f"{seen} pixels")
+        around = *(PointLight(place, (1e3, 1e3, 1e3)) for place in places), DirectionalLight(turn @ [1.0, 0.0, 0.0])
+        frames.append(bench.draw(in_box(turn, center, DARK, lights=around, ambient=0.0), shadows=True))
+    return worst([black(frames), against_oracle(frames[3])], "6 boxes")
+
+
+# Ambient occlusion
+
+_AMBIENT = (1.0, 0.9, 0.8)
+
+
+def closed_occlusion(bench: Bench) -> Outcome:
+    """Closed boxes with rays as long as their diagonals: all pixels are black, also on edges."""
+    around = {"lights": (), "ambient": 1.0}
+    boxes = [in_box(turn, center, lit.MATERIAL, **around) for turn, center in rooms(9)]
+    frames = [bench.draw(scene, ambient_occlusion=16, ao_distance=8.0) for scene in boxes]
+    return black(frames)
+
+
+def open_planes(bench: Bench) -> Outcome:
+    """Sheets of triangles in one plane, across the view and steep, at the origin, at 1e9 and 1e20 times as large: all of
+    their ambient light arrives."""
+    outcomes = []
+    for mesh in planes():
+        scene = lit.scene_of(lit.on_a_grid(mesh, 12), lights=(), ambient=1.0)
+        for scale, shift in ((1.0, 0.0), (1.0, 1e9), (1e20, 0.0)):
+            moved = lit.shifted(scene, scale, shift)
+            outcomes.append(different_bits(*(bench.draw(moved, ambient_occlusion=rays) for rays in (5, 0))))
+    return worst(outcomes, f"{len(outcomes)} images")
+
+
+def sliver_occlusion(bench: Bench) -> Outcome:
+    """Triangles 1e-2 to 1e-12 wide and 3 long, as casters and as receivers, and some without area."""
+    scene = lit.scene_of(sliver_mesh(), wall(), ambient=_AMBIENT)
+    return all_against_oracle(bench, [scene], ambient_occlusion=4)
+
+
+def lengths(bench: Bench) -> Outcome:
+    """Rays of 1e-300 to 1e300 and of the scene's own size; the scene at 1e9 and 1e20 times as large and as small."""
+    meshes = lit.on_a_grid(wall(), 12), lit.on_a_grid(casters(), 12)
+    scene = lit.scene_of(*meshes, lights=lit.LIGHTS[:1], ambient=_AMBIENT)
+    moved = [lit.shifted(scene, scale, shift) for scale, shift in ((1.0, 0.0), (1.0, 1e9), (1e-20, 0.0), (1e20, 0.0))]
+    outcomes = [all_against_oracle(bench, moved, ambient_occlusion=4)]
+    for distance in (1e-300, 1e-9, 1e-3, 1e5, 1e300):
+        outcomes.append(all_against_oracle(bench, [scene], ambient_occlusion=4, ao_distance=distance))
+    return worst(outcomes, "9 scenes")
 
 
 CASES = (
@@ -141,4 +191,8 @@ CASES = (
     Case("24o", "sliver-shadow", "casters 1e-12 wide", "within the bound", slivers, True),
     Case("24p", "coplanar-shadow", "neighbors in one plane", "no shadow", coplanar, True),
     Case("24q", "closed-box", "lights outside of closed boxes", "black", closed_boxes, True),
+    Case("24r", "closed-occlusion", "ambient light in closed boxes", "black", closed_occlusion, True),
+    Case("24s", "open-planes", "ambient light on planes, far away", "all of it arrives", open_planes, True),
+    Case("24t", "sliver-occlusion", "casters and receivers 1e-12 wide", "within the bound", sliver_occlusion, True),
+    Case("24u", "occlusion-length", "rays of 1e-300 to 1e300", "within the bound", lengths, True),
 )
