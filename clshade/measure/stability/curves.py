@@ -242,7 +242,7 @@ _two, _count = partial(digits, count=2), partial(digits, count=6)
 
 
 def _plus_or_minus(fit: Power | None) -> str:
-    return "-" if fit is None else f"{fit.exponent:.2f} +- {(fit.high - fit.low) / 2.0:.2f}"
+    return "-" if fit is None else f"{round(fit.exponent, 2) + 0.0:.2f} +- {(fit.high - fit.low) / 2.0:.2f}"
 
 
 def figure(rows: Sequence[Row], device: str) -> Figure:
