@@ -141,12 +141,13 @@ def test_a_calm_scene_has_no_cause(device):
 
 @pytest.mark.long
 def test_a_cone_is_named_with_its_light(device):
-    """The edge of a cone without width amplifies by 2000; a light from infinitely far is nobody's cause."""
+    """The edge of a cone without width amplifies by 2000; a light from infinitely far is nobody's cause, nor a dark one."""
     lamp = SpotLight((0.0, 0.0, 3.0), (0.0, 0.0, -1.0), (1, 1, 1), 5.0, 5.0)
-    scene = replace(light_on_the_surface(), lights=(DirectionalLight((0, 0, -1)), lamp))
+    dark = PointLight((0.1, 0.1, 0.15), np.zeros(3))
+    scene = replace(light_on_the_surface(), lights=(dark, DirectionalLight((0, 0, -1)), lamp))
     worst = scene_study.study(scene, STANDARD, device).worst[0]
     assert worst.cause == "light"
-    assert worst.why.startswith("light 1 is ")
+    assert worst.why.startswith("light 2 is ")
     assert "cone and attenuation amplify that " in worst.why
 
 
@@ -250,13 +251,14 @@ def test_a_large_image_is_sampled(device, monkeypatch):
     assert np.array_equal(study.kappa[~unknown], np.where(unknown, 0, whole.kappa)[~unknown])
 
 
-def spoiled(monkeypatch, row: int, column: int, amount: float) -> None:
-    """Plant an error in one pixel."""
+def spoiled(monkeypatch, amounts: dict[tuple[int, int], float]) -> None:
+    """Plant errors in pixels, by row and column."""
 
     def wrong(scene, **options):
         frame = render(scene, **options)
         rgba = frame.rgba.copy()
-        rgba[row, column, 1] += amount
+        for place, amount in amounts.items():
+            rgba[(*place, 1)] += amount
         return changed(frame, frame.settings, rgba)
 
     monkeypatch.setattr(scene_study, "render", wrong)
@@ -267,7 +269,7 @@ def test_a_planted_error_is_the_worst(device, monkeypatch):
     drawn = []
     for amount in (1e-3, 0.0):
         with monkeypatch.context() as patch:
-            spoiled(patch, 20, 33, amount)
+            spoiled(patch, {(20, 33): amount})
             study = scene_study.study(scene_of(sheet()), STANDARD, device)
         image = scene_figure.draw_map(figures.blank(1, 1).add_subplot(), study, study.share, "magma", (1e-5, 1.0))
         colors = image.to_rgba(image.get_array(), bytes=True)
@@ -282,8 +284,15 @@ def test_a_planted_error_is_the_worst(device, monkeypatch):
     assert drawn == [[[20, 33]], []]
 
 
+def test_pixels_without_an_error_are_drawn(device):
+    study = scene_study.study(scene_of(sheet()), STANDARD, device)
+    image = scene_figure.draw_map(figures.blank(1, 1).add_subplot(), study, 0.0 * study.kappa, "magma", (1e-5, 1.0))
+    opaque = image.to_rgba(image.get_array())[..., 3] == 1.0
+    assert np.array_equal(opaque, study.kappa > 0.0)
+
+
 def test_wrong_pixels_are_infinitely_wrong(device, monkeypatch):
-    spoiled(monkeypatch, 0, 0, np.nan)
+    spoiled(monkeypatch, {(20, 33): 1e-3, (0, 0): np.nan})
     study = scene_study.study(scene_of(sheet()), STANDARD, device)
     worst = study.worst[0]
     assert (worst.row, worst.column, worst.face, worst.why) == (0, 0, -1, "nothing belongs here")
@@ -354,7 +363,7 @@ def test_images_of_little(capsys, tmp_path, size):
 
 @pytest.mark.usefixtures("coarse_figures")
 def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch, device):
-    spoiled(monkeypatch, 3, 3, 1.0)
+    spoiled(monkeypatch, {(3, 3): 1.0})
     arguments = "stability", "quads", "--resolution", "8,6", "--device", device.index, "--out", tmp_path
     code, out, err = run(capsys, *arguments)
     assert code == 1, err
