@@ -1,4 +1,4 @@
-"""Scenes in which the fuzzer found a fault, cut down to what it needs. Each failed once more with the fault planted again."""
+"""Scenes in which the fuzzer found a fault, cut down to what it needs; each failed with the fault planted again."""
 
 from __future__ import annotations
 
