@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ...base.atomic_files import write_bytes
-from ...errors import ClshadeError, DeviceError
+from ...errors import DeviceError
+from ..check import check
 from ..digest import digest
-from ..fuzz import fuzz
 from ..stability.cases import bench as cases_bench
 from ..stability.cases import coverage
 from .case import Bench, Skipped, divides, flushes
 from .content import GoldenScene, choices, golden_scene, options
 
 GOLDEN = Path(__file__).with_name("golden.json")
-SHRINKING = 20.0  # seconds
 
 
 def golden(has_fp64: bool) -> list[tuple[GoldenScene, str]]:
@@ -38,19 +37,12 @@ def _compare(each: GoldenScene, expected: str, bench: Bench) -> str:
     frame = bench.draw(each.scene, **options(each))
     if digest(frame) == expected:
         return ""
-    wrong = fuzz.problem(frame)
+    wrong = check.problem(frame)
     if not wrong and (flushes(bench.device) or not divides(bench.device)):
         raise Skipped("bits may differ where denormals or divisions do: such frames agree with the oracle")
     if not wrong:
         return f"other bits, within the bounds of the oracle ({each.described})"
-
-    def fails(smaller: GoldenScene) -> bool:
-        try:
-            return bool(fuzz.problem(bench.draw(smaller.scene, **options(smaller))))
-        except ClshadeError:
-            return False
-
-    return f"{wrong} [{fuzz.shrink(each, fails, SHRINKING)}] ({each.described})"
+    return f"{wrong} ({each.described})"
 
 
 def tests(program: str, has_fp64: bool) -> list[tuple[str, str, Callable[[Bench], str]]]:
@@ -65,7 +57,7 @@ def tests(program: str, has_fp64: bool) -> list[tuple[str, str, Callable[[Bench]
 def _right(bench: Bench, each: GoldenScene) -> str:
     """Return the digest of a frame that agrees with the oracle. Raises DeviceError if it does not."""
     frame = bench.draw(each.scene, **options(each))
-    wrong = fuzz.problem(frame)
+    wrong = check.problem(frame)
     if wrong:
         raise DeviceError(f"{bench.device.name}: {each.name}: expected a frame within its bounds, found {wrong}")
     return digest(frame)
