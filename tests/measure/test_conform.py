@@ -208,7 +208,7 @@ def with_fault(monkeypatch, code: str) -> None:
         imports = (
             "import ctypes, os; from clshade.measure.conform import isolated; from clshade.pipeline import programs"
         )
-        return [sys.executable, "-c", f"{imports}\n{code}\nisolated.main({json.dumps(asdict(self))!r})"]
+        return [sys.executable, "-c", f"{imports}\n{code}\nisolated.main()", json.dumps(asdict(self))]
 
     monkeypatch.setattr(Task, "command", command)
 

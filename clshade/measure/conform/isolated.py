@@ -1,8 +1,5 @@
-"""Parts of the tests of a device, each in a process of its own, which the device may take along.
-
-`python -m clshade.measure.conform.isolated JSON` runs the tests of a Task and prints a line of JSON for each event; `Part`
-starts it and reads them.
-"""
+"""Parts of the tests of a device, each in a process of its own, which the device may take along: `main` runs the tests of a
+Task there and prints a line of JSON for each event; `Part` starts it and reads them."""
 
 from __future__ import annotations
 
@@ -31,7 +28,6 @@ from . import reproducer
 from .case import Bench, Skipped, Wrong
 from .groups import Check, tests_of
 
-ROOT = Path(__file__).resolve().parents[3]
 LIMIT = 150.0  # seconds that a test may take, with what it compiles
 WHOLE = 600.0  # seconds that all processes of a part may take
 MOST_ENDED = 3  # processes of a part that end early; then the rest is not tried
@@ -67,7 +63,8 @@ class Task:
     limit: float = LIMIT
 
     def command(self) -> list[str]:
-        return [sys.executable, "-m", "clshade.measure.conform.isolated", json.dumps(asdict(self))]
+        code = f"import sys; sys.path[:] = {sys.path!r}; from clshade.measure.conform import isolated; isolated.main()"
+        return [sys.executable, "-c", code, json.dumps(asdict(self))]
 
 
 # The process
@@ -121,19 +118,17 @@ def _limit_resources() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
-def main(text: str) -> int:
+def main() -> None:
     _limit_resources()
     sys.stdout = os.fdopen(os.dup(1), "w")  # for events alone: what a runtime prints goes to standard error
     os.dup2(2, 1)
-    task = Task(**json.loads(text))
+    task = Task(**json.loads(sys.argv[1]))
     faulthandler.dump_traceback_later(task.limit, exit=True)  # even if a compiler or a kernel does not return
     try:
         with console.at_level(console.QUIET):
             run(task, Bench(open_untested(task.index, task.name)))
     except (ClshadeError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+        sys.exit(f"error: {error}")
 
 
 # Its parent
@@ -185,15 +180,9 @@ class Part:
 
     def _process(self) -> str:
         """Run a process to its end; return what ended it early."""
-        search = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
         with tempfile.TemporaryFile("w+") as events, tempfile.TemporaryFile("w+", errors="replace") as errors:
-            process = subprocess.Popen(
-                self.task.command(),
-                env={**os.environ, "PYTHONPATH": search},
-                stdin=subprocess.DEVNULL,
-                stdout=events,
-                stderr=errors,
-            )
+            command, nothing = self.task.command(), subprocess.DEVNULL
+            process = subprocess.Popen(command, stdin=nothing, stdout=events, stderr=errors)
             _running.add(process)
             try:
                 code = process.wait(max(self._end - time.monotonic(), 0.0))
@@ -241,7 +230,3 @@ def _ending(code: int) -> str:
     with contextlib.suppress(ValueError):
         return signal.Signals(-code).name
     return f"signal {-code}"
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))

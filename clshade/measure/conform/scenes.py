@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,10 +30,8 @@ def golden(has_fp64: bool) -> list[tuple[GoldenScene, str]]:
     found = []
     for number, row in enumerate(json.loads(GOLDEN.read_text())):
         scene = golden_scene(number, row["choice"])
-        if has_fp64 or not scene.needs_float64:
-            found.append((scene, row["digest"]))
-        else:
-            found.append((scene.without_float64(), row["float32"]))
+        reduced = scene.needs_float64 and not has_fp64
+        found.append((scene.without_float64(), row["float32"]) if reduced else (scene, row["digest"]))
     return found
 
 
@@ -102,19 +99,8 @@ def write_golden(device: str | None, path: str) -> None:
 # Coverage
 
 
-class _CaseBench(cases_bench.Bench):
-    """The bench of `stability`'s cases, which draws as ours does."""
-
-    def __init__(self, bench: Bench) -> None:
-        super().__init__(bench.device, Path(), triangles=2000, fractions=100)
-        self._bench = bench
-
-    def draw(self, scene: Any, **chosen: Any) -> Frame:
-        return self._bench.draw(scene, layers=cases_bench.LAYERS, **chosen)
-
-
 def _cover(case: cases_bench.Case, bench: Bench) -> str:
-    outcome = case.run(_CaseBench(bench))
+    outcome = case.run(cases_bench.Bench(bench.device, Path(), triangles=2000, fractions=100))
     return "" if outcome.passed else f"{outcome.wrong} pixels are wrong: {outcome.detail}"
 
 
