@@ -72,7 +72,13 @@ def card(judged: Judged, most: int | None = None) -> Results:
     if failures and not any(result.group in ("operations", "constructs", "structs") for result in failures):
         notes.append("No operation and no construct that was tested explains it.")
     notes += sorted({f"Skipped: {result.skipped}." for result in judged.results if result.skipped})
-    facts = {"driver": info.driver, **judged.facts, "seconds": round(judged.seconds, 1), "verdict": judged.verdict()}
+    facts = {
+        "driver": info.driver,
+        "platform": info.platform_version,
+        **judged.facts,
+        "seconds": round(judged.seconds, 1),
+        "verdict": judged.verdict(),
+    }
     table = Table("Groups", COLUMNS, [row for row in rows if row.results], notes=notes)
     tests = [vars(result) for result in judged.results]
     return Results(f"{info.platform}: {info.name}", facts, [table], {"device": asdict(info), "tests": tests})

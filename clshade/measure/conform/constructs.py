@@ -39,48 +39,18 @@ def ints(seed: int, low: int, high: int, *width: int) -> Array:
 
 
 def cases() -> list[Case]:
-    return [*_loops(), *_memory(), *_values()]
+    return [*_items(), *_values()]
 
 
-def _loops() -> Iterator[Case]:
-    """Loops and branches in which work-items, or lanes of a vector, go different ways."""
+def _items() -> Iterator[Case]:
+    """What work-items do: loops, masks, structs, ids."""
+    a, b = ints(60, -100, 100), ints(61, 0, 100)
     yield construct(
         "divergent_loop",
         "a loop of another length in each work-item",
         "int sum = 0;\nfor (int k = 0; k < a[i]; ++k)\n    sum += k * k;\nout[i] = sum;",
         [ints(1, 0, 30)],
         lambda a: a * (a - 1) * (2 * a - 1) // 6,
-    )
-    yield construct(
-        "early_return",
-        "work-items that return before the others",
-        """
-out[i] = -1;
-if (a[i] % 2)
-    return;
-for (int k = 0; k < 8; ++k)
-    if (a[i] == 2 * k)
-        return;
-out[i] = a[i] * 3;
-""",
-        [ints(7, 0, 40)],
-        lambda a: np.where((a % 2 == 1) | (a < 16), -1, 3 * a).astype(np.int32),
-    )
-    yield construct(
-        "lanes_until_all",
-        "a loop over vectors of 16 that goes on until no lane does",
-        """
-int16 left = vload16(i, a), sum = 0, active = left > 0;
-while (any(active)) {
-    sum += active & left;
-    left -= active & 1;
-    active = left > 0;
-}
-vstore16(sum, i, out);
-""",
-        [ints(9, 0, 20)],
-        lambda a: a * (a + 1) // 2,
-        lanes=16,
     )
     yield construct(
         "wide_masks",
@@ -90,11 +60,6 @@ vstore16(sum, i, out);
         [ints(21, -5, 5, 16)],
         lambda a: ((a > 0) << np.arange(16)).sum(axis=1).astype(np.int32),
     )
-
-
-def _memory() -> Iterator[Case]:
-    """Structs and ids."""
-    a, b = ints(60, -100, 100), ints(61, 0, 100)
     yield construct(
         "argument_by_value",
         "a function that changes its own copy of a struct",

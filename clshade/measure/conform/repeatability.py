@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
 from ..digest import digest
@@ -28,21 +27,12 @@ kernel void mixed(global const float *a, global float *out)
 """
 
 
-def _mixed(comment: str = "") -> tuple[Case, Array]:
-    """Return the case of the kernel, in a program that ends in a comment, and an array as it writes it."""
-    numbers = rng(30).uniform(0.0, 0.5, 1024).astype(np.float32)
-    return Case("mixed", "", _TEXT, (numbers,), np.zeros_like, program=f"{_TEXT}// {comment}\n"), numbers
-
-
-def launches(bench: Bench) -> Iterator[bytes]:
-    """A kernel that is built once and launched again and again."""
-    return (bench.run(*_mixed()).tobytes() for _ in range(RUNS))
-
-
 def builds(bench: Bench) -> Iterator[bytes]:
     """A kernel that is built again for each run, as a text that no cache knows."""
-    salt = np.random.default_rng().integers(1 << 60)
-    return (bench.run(*_mixed(f"{salt} {run}")).tobytes() for run in range(RUNS))
+    numbers, salt = rng(30).uniform(0.0, 0.5, 1024).astype(np.float32), np.random.default_rng().integers(1 << 60)
+    for run in range(RUNS):
+        case = Case("mixed", "", f"{_TEXT}// {salt} {run}\n", (numbers,), np.zeros_like)
+        yield bench.run(case, numbers).tobytes()
 
 
 def frames(resolution: tuple[int, int], bench: Bench) -> Iterator[str]:
@@ -60,7 +50,6 @@ def _first_other(repeat: Callable[[Bench], Iterator[object]], bench: Bench) -> s
 
 
 TESTS = (
-    ("launches", f"{RUNS} launches of a kernel", partial(_first_other, launches)),
     ("builds", f"{RUNS} builds of a kernel", partial(_first_other, builds)),
     ("small_frames", f"{RUNS} frames of 61 x 47 pixels", partial(_first_other, partial(frames, (61, 47)))),
     ("large_frames", f"{RUNS} frames of 800 x 600 pixels", partial(_first_other, partial(frames, (800, 600)))),

@@ -87,10 +87,8 @@ def write_golden(device: str | None, path: str) -> None:
     bench, rows = Bench(open_device(device)), []
     for number, row in enumerate(choices()):
         scene = golden_scene(number, row)
-        digests = {"digest": _right(bench, scene)}
-        if scene.needs_float64:
-            digests["float32"] = _right(bench, scene.without_float64())
-        rows.append({**digests, "choice": row})
+        drawn = {"digest": scene, **({"float32": scene.without_float64()} if scene.needs_float64 else {})}
+        rows.append({**{name: _right(bench, scene) for name, scene in drawn.items()}, "choice": row})
     lines = ",\n".join(json.dumps(row) for row in rows)
     write_bytes(Path(path), f"[\n{lines}\n]\n".encode())
     print(f"{len(rows)} scenes agree with the oracle: wrote {shown(Path(path))}")
