@@ -4,12 +4,12 @@ weights."""
 from __future__ import annotations
 
 import numpy as np
+import oracle_asserts
 import pytest
 import stage_oracle
 from kernel_stages import OTHER_LANES, Pipeline, bits, four
 from stage_oracle import EXPONENTS, options, patches
 
-from clshade.measure.check import oracle_bounds
 from clshade.pipeline.buffers import Buffer
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
@@ -64,7 +64,7 @@ def test_corners_equal_the_reflection_model(device, inputs, ways):
     rgb = np.nan_to_num(found[..., :3].reshape(1, -1, 3))
     for n in EXPONENTS:
         skip = ~stage_oracle.only(frame, inputs, n) | ~written[face][None]
-        assert oracle_bounds.assert_colors_within(rgb, frame, skip=skip) < 8.0
+        assert oracle_asserts.assert_colors_within(rgb, frame, skip=skip) < 8.0
 
 
 @pytest.mark.sampled

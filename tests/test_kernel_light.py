@@ -6,10 +6,10 @@ import math
 
 import mpmath
 import numpy as np
+import oracle_asserts
 import pytest
 from kernel_stages import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
 
-from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.light import in_the_lobe, unit
 from clshade.oracle import OracleFrame, shade, terms
 from clshade.oracle.lights import POINT, Shape
@@ -140,7 +140,7 @@ def test_light_at_random_points(device, n):
         r_v = np.array([terms.mirrored(directions(p, m, light))[0] for light in l_pos])
         steep[0] = ((r_v > -0.001) & (r_v < 0.02)).any(axis=0)
     assert steep.mean() < 0.05
-    assert oracle_bounds.assert_colors_within(found[None], expected, skip=steep) < 8.0
+    assert oracle_asserts.assert_colors_within(found[None], expected, skip=steep) < 8.0
 
 
 def one(device, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), intensity=(1, 1, 1), **options) -> list[float]:
@@ -236,7 +236,7 @@ def test_shapes_at_random_points(device, fields, shape):
         unsure=np.zeros((1, count), bool),
     )
     assert (found > 0.0).any(axis=1).mean() > 0.1
-    assert oracle_bounds.assert_colors_within(found[None], expected) < 4.0
+    assert oracle_asserts.assert_colors_within(found[None], expected) < 4.0
 
 
 def test_what_arrives_at_the_limits_of_distance(device):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import oracle_asserts
 import pytest
 from kernel_stages import OTHER_LANES, Probe, bits, float32, four, light_rows, mask, material_rows
 
-from clshade.measure.check import oracle_bounds
 from clshade.oracle import OracleFrame, microfacet, shade
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages
@@ -116,9 +116,9 @@ def test_light_at_random_points(device, roughness, metallic):
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),
     )
-    assert oracle_bounds.assert_colors_within(found[None], expected) < 8.0
+    assert oracle_asserts.assert_colors_within(found[None], expected) < 8.0
     with pytest.raises(AssertionError, match="colors off"):
-        oracle_bounds.assert_colors_within(found[None] * np.float32(1.0 + 1e-4), expected)
+        oracle_asserts.assert_colors_within(found[None] * np.float32(1.0 + 1e-4), expected)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.1, 0.3, 1.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 import stage_oracle
 from kernel_stages import OTHER_LANES, Pipeline, bits
@@ -54,7 +55,9 @@ def test_pixels_equal_the_reflection_model(device, inputs, ways):
     for n in EXPONENTS:
         chosen = stage_oracle.only(expected, inputs, n)
         assert chosen.sum() > 500
-        assert oracle_bounds.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0  # measured: 1.8 at n = 1
+        assert (
+            oracle_asserts.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0
+        )  # measured: 1.8 at n = 1
     # Highlights of the sharpest material are visible, so that the loop above tested some.
     sharp = stage_oracle.only(expected, inputs, EXPONENTS[-1]) & (expected.rgb > expected.budget / 4).all(axis=-1)
     assert sharp.any()
@@ -67,7 +70,7 @@ def test_the_comparison_notices_another_exponent_and_a_moved_light(device, input
     lights["position"][0, 0] += 1e-3
     for wrong in (stage_oracle.with_exponent(inputs, 20.01), replace(inputs, lights=lights)):
         with pytest.raises(AssertionError, match="colors off"):
-            oracle_bounds.assert_colors_within(rgba[..., :3], oracle_of(wrong, owners, STANDARD))
+            oracle_asserts.assert_colors_within(rgba[..., :3], oracle_of(wrong, owners, STANDARD))
 
 
 @pytest.mark.long

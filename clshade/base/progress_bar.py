@@ -55,20 +55,11 @@ class Bar:
         self._bar.last_print_t += passed if self._is_first else passed - worked  # as if it had not passed
         if self._is_first:
             self._is_first = False
-            self.skip(1)
+            for counter in ("n", "initial", "last_print_n"):
+                setattr(self._bar, counter, getattr(self._bar, counter) + 1)
+            self._bar.refresh()
         else:
             self._bar.update()
-
-    def skip(self, count: int) -> None:
-        """Count items that say nothing of the time of the others."""
-        if not self._bar.disable:
-            for counter in ("n", "initial", "last_print_n"):
-                setattr(self._bar, counter, getattr(self._bar, counter) + count)
-            self._bar.refresh()
-
-    def write(self, text: str, stream: Any) -> None:
-        """Print a line above the bar."""
-        self._bar.write(text, file=stream)
 
     def clear(self) -> None:
         """Remove the bar until it is next drawn."""

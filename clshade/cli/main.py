@@ -28,7 +28,6 @@ COMMANDS = {
     "report": "error against run time: which way of drawing a scene is worth its time",
     "bench": "how fast frames are, stage by stage, beside other renderers of the same picture",
     "stability": "stiff and extreme cases with their measured errors, or where and why a scene amplifies rounding",
-    "fuzz": "random scenes against the oracle, damaged files against the loaders",
     "conform": "whether an OpenCL device computes what it has to: a card, and scripts that show what is wrong",
     "view": "a scene live in the browser; or an HTML page for inspecting and comparing EXR and PNG images",
     "inspect": "what an EXR or PNG holds: statistics, header, pixels, a figure; or what is in a scene",

@@ -1,1 +1,1 @@
-"""Measurements of images and runs: check, report, stability, bench, fuzz."""
+"""Measurements of images and runs: check, report, stability, bench."""

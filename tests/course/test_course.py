@@ -8,6 +8,7 @@ from functools import partial
 
 import course_reference as reference
 import numpy as np
+import oracle_asserts
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -50,7 +51,7 @@ def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray,
     chosen = Settings.from_preset("course", shader=shader, layers=("Z", "id"))
     with Renderer(scene, device=device, settings=chosen) as renderer:
         frame = renderer.render()
-    oracle_bounds.assert_frame(frame, oracle.render(scene, chosen), scene, chosen)
+    oracle_asserts.assert_frame(frame, oracle.render(scene, chosen), scene, chosen)
     assert image.shape == (*frame.alpha.shape, 3)
     assert image.dtype == np.float64
     assert image.flags.c_contiguous
@@ -74,7 +75,7 @@ def test_any_number_of_lights(shader, count):
     scene = replace(surfaced(SCENE, n=20), lights=LIGHTS[:count])
     image = course.render_object(**reference.scene_arguments(scene, shader=shader))
     expected = oracle.render(scene, Settings.from_preset("course", shader=shader))
-    oracle_bounds.assert_colors_within(image[::-1].astype(np.float32), expected)
+    oracle_asserts.assert_colors_within(image[::-1].astype(np.float32), expected)
 
 
 @pytest.mark.sampled

@@ -128,13 +128,6 @@ def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
     assert f"3/3 frames, {rate_text(found['frames_per_second'])}\n" in err
 
 
-@pytest.mark.long
-@pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
-def test_no_other_command_s_bar_goes_to_a_log(capsys):
-    assert main(["fuzz", "--scenes", "2", "--files", "2"]) == 0
-    assert "\r" not in "".join(capsys.readouterr())
-
-
 def test_frames_that_are_there_are_found_by_reading_the_folder_once(tmp_path, monkeypatch):
     looked: list[str] = []
     is_there = running._is_there

@@ -8,10 +8,10 @@ from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
+import oracle_asserts
 import pytest
 
 from clshade import oracle
-from clshade.measure.check import oracle_bounds
 from clshade.oracle import coverage
 from clshade.scene.camera import Camera
 from clshade.scene.model import PRESETS, Material, Mesh, PointLight, Scene, Settings, Texture
@@ -309,7 +309,7 @@ def case(request):
 
 
 def test_comparators_accept_rounding(case):
-    measured = oracle_bounds.assert_frame(rounded(case[0]), *case).bounds
+    measured = oracle_asserts.assert_frame(rounded(case[0]), *case).bounds
     assert 0 < measured <= 1  # one rounding of a value that is at most its budget
 
 
@@ -335,7 +335,7 @@ def test_comparators_find_planted_errors(case, message, plant):
     frame = rounded(case[0])
     plant(frame)
     with pytest.raises(AssertionError, match=message):
-        oracle_bounds.assert_frame(frame, *case)
+        oracle_asserts.assert_frame(frame, *case)
 
 
 def test_depth_ties_are_excepted_only_with_proof():
@@ -346,12 +346,12 @@ def test_depth_ties_are_excepted_only_with_proof():
     frame = rounded(expected)
     at = np.nonzero(expected.id == 1)
     frame.layers["id"][at[0][:5], at[1][:5]] = 3  # the twin just behind
-    assert oracle_bounds.assert_same_ids(frame, expected, scene, settings).sum() == 5
+    assert oracle_asserts.assert_same_ids(frame, expected, scene, settings).sum() == 5
     with pytest.raises(AssertionError, match="ids differ: 5"):
-        oracle_bounds.assert_same_ids(frame, expected, scene, replace(settings, visibility="painter"))
+        oracle_asserts.assert_same_ids(frame, expected, scene, replace(settings, visibility="painter"))
     frame.layers["id"][at[0][7], at[1][7]] = 5  # the one farther behind
     with pytest.raises(AssertionError, match="ids differ: 1 of"):
-        oracle_bounds.assert_same_ids(frame, expected, scene, settings)
+        oracle_asserts.assert_same_ids(frame, expected, scene, settings)
 
 
 def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
@@ -361,14 +361,14 @@ def test_gates_are_excepted_up_to_the_highlight_and_counted(case):
     jump = np.zeros_like(expected.jump)
     jump[at] = 0.5 * expected.budget[at]
     marked = replace(expected, jump=jump)
-    oracle_bounds.assert_colors_within(frame.rgb, marked)
+    oracle_asserts.assert_colors_within(frame.rgb, marked)
     with pytest.raises(AssertionError, match="too many"):
-        oracle_bounds.assert_colors_within(frame.rgb, marked, gate_fraction=1e-6)
+        oracle_asserts.assert_colors_within(frame.rgb, marked, gate_fraction=1e-6)
     with pytest.raises(AssertionError, match="colors off"):
-        oracle_bounds.assert_colors_within(frame.rgb, expected)
+        oracle_asserts.assert_colors_within(frame.rgb, expected)
     frame.rgb[at] += 0.01 * expected.budget[at].astype(np.float32)
     with pytest.raises(AssertionError, match="colors off"):
-        oracle_bounds.assert_colors_within(frame.rgb, marked)
+        oracle_asserts.assert_colors_within(frame.rgb, marked)
 
 
 def test_pixels_covered_beside_their_center_are_covered(case):
@@ -379,9 +379,9 @@ def test_pixels_covered_beside_their_center_are_covered(case):
     jump = np.zeros_like(expected.jump)
     jump[at] = 0.5 * expected.budget[at]
     beside = replace(expected, jump=jump, id=np.zeros_like(expected.id))
-    oracle_bounds.assert_colors_within(frame.rgb, beside, gate_fraction=1.0)
+    oracle_asserts.assert_colors_within(frame.rgb, beside, gate_fraction=1.0)
     with pytest.raises(AssertionError, match="too many"):
-        oracle_bounds.assert_colors_within(
+        oracle_asserts.assert_colors_within(
             frame.rgb, replace(beside, alpha=np.zeros_like(beside.alpha)), gate_fraction=1.0
         )
 
@@ -391,6 +391,6 @@ def test_measured_error_is_in_bounds():
     expected = draw(quad(material=Material(n=100.0)))
     bound = 10 * expected.kappa[..., None] * expected.budget * 2**-24
     rgb = (expected.rgb + np.where(expected.id[..., None] > 0, 8 * bound, 0)).astype(np.float32)
-    assert oracle_bounds.assert_colors_within(rgb, expected) == pytest.approx(8, abs=0.1)
+    assert oracle_asserts.assert_colors_within(rgb, expected) == pytest.approx(8, abs=0.1)
     with pytest.raises(AssertionError, match="colors off"):
-        oracle_bounds.assert_colors_within(rgb, expected, factor=7)
+        oracle_asserts.assert_colors_within(rgb, expected, factor=7)

@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pytest
 
 from clshade import oracle
-from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.measure.stability.cases.lit import blob
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
@@ -59,10 +59,10 @@ def assert_equals_oracle(frame: Frame) -> Any:
     """Assert that image and layer are the oracle's within the bounds, and that few pixels need the exception of rays that
     pass edges. Return the oracle's layers."""
     expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
     assert agreement.gates.mean() < 2e-2
     layers = oracle.render_layers(frame.scene, frame.settings)
-    layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings)
+    oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings)
     assert (layers.open_spread > 1e-4).mean() < 1e-2
     return layers
 
@@ -225,11 +225,11 @@ def test_an_error_is_noticed(device):
     for changed in ({"ambient_occlusion": 5}, {"ao_distance": 1.02 * frame.settings.ao_distance}):
         expected = oracle.render(frame.scene, replace(frame.settings, **changed))
         with pytest.raises(AssertionError, match="bounds"):
-            oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+            oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
     layers = oracle.render_layers(frame.scene, frame.settings)
     frame["AO"][10, 10] += 0.25 if frame["AO"][10, 10] < 0.5 else -0.25
     with pytest.raises(AssertionError, match="AO differs"):
-        layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings)
+        oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings)
 
 
 # Bits

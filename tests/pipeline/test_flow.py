@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from layer_scenes import mixed
+from random_scenes import scene_of
 
 import clshade
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import read_cameras
 from clshade.measure.check.flow_bounds import flow_errors
-from clshade.measure.fuzz.random_scenes import scene_of
 from clshade.pipeline.flow_vectors import Flow
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer

@@ -8,12 +8,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pytest
 from checked_scenes import CHECKED
 from kernel_stages import OTHER_LANES
 
 from clshade import load, oracle
-from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
 from clshade.pipeline import programs, struct_layout
 from clshade.pipeline.features import OPTIONAL
@@ -50,7 +50,7 @@ def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
     """Assert exact ids, depths within 4 ulp and colors within their bound (clshade/measure/README.md, "Bounds, and
     where they come from"). Returns the largest error, in bounds."""
     expected = oracle.render(frame.scene, frame.settings)
-    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
+    return oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
 
 
 # Against the oracle
@@ -127,7 +127,7 @@ def test_the_comparison_notices_another_scene(device):
     for wrong, message in ((moved, "colors off"), (lifted, "ids differ")):
         expected = oracle.render(wrong, frame.settings)
         with pytest.raises(AssertionError, match=message):
-            oracle_bounds.assert_frame(frame, expected, wrong, frame.settings)
+            oracle_asserts.assert_frame(frame, expected, wrong, frame.settings)
 
 
 # Another scene: the following tests share few feature masks
@@ -303,9 +303,9 @@ def test_coordinates_beyond_float32_leave_the_rest_intact(device, preset):
         near = (frame["id"] > 0) & (frame["id"] <= 250)
         assert near.mean() > 0.3
         expected = oracle.render(frame.scene, frame.settings)
-        ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
-        oracle_bounds.assert_colors_within(frame.rgb, expected, skip=ties)
-        oracle_bounds.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # a depth of 1e100 exceeds float32
+        ties = oracle_asserts.assert_same_ids(frame, expected, frame.scene, frame.settings)
+        oracle_asserts.assert_colors_within(frame.rgb, expected, skip=ties)
+        oracle_asserts.assert_depths_within(frame["Z"], expected, skip=ties | ~near)  # a depth of 1e100 exceeds float32
 
 
 # Light and background

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 from golden import digest
 
 import clshade
 from clshade import oracle
-from clshade.measure.check import oracle_bounds
 from clshade.oracle import environment as around
 from clshade.oracle import microfacet
 from clshade.pipeline.features import OPTIONAL, ignored
@@ -44,7 +44,7 @@ def draw(device, scene: Scene, **options) -> Frame:
 
 def assert_agrees(frame: Frame) -> None:
     expected = oracle.render(frame.scene, frame.settings)
-    oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
 
 
 LONG = pytest.mark.long

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 
 import clshade
 from clshade import oracle
-from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -43,9 +43,9 @@ def assert_equals_oracle(frame: Frame) -> None:
     """Assert that the image and, with one sample, the layers equal the oracle's."""
     scene, settings = frame.scene, frame.settings
     expected = oracle.render(scene, settings)
-    oracle_bounds.assert_frame(frame, expected, scene, settings)
-    ties = oracle_bounds.assert_same_ids(frame, expected, scene, settings)
-    layer_bounds.assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
+    oracle_asserts.assert_frame(frame, expected, scene, settings)
+    ties = oracle_asserts.assert_same_ids(frame, expected, scene, settings)
+    oracle_asserts.assert_layers(frame, oracle.render_layers(scene, settings), scene, settings, skip=ties)
     assert frame.alpha.mean() > 0.15
 
 

@@ -6,6 +6,7 @@ import hashlib
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
@@ -13,7 +14,7 @@ from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 import clshade
 from clshade import oracle
 from clshade.images.layers import LAYER_TABLE
-from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.measure.check import layer_bounds
 from clshade.pipeline import layer_buffers, programs
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
@@ -63,10 +64,10 @@ def test_layers_are_the_oracles(device, case):
     frame = draw(device, scene, preset, **options)
     expected = oracle.render(frame.scene, frame.settings)
     layers = oracle.render_layers(frame.scene, frame.settings)
-    ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
+    ties = oracle_asserts.assert_same_ids(frame, expected, frame.scene, frame.settings)
     assert ties.mean() < 0.01
     assert frame.layers == LAYERS
-    found = layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
+    found = oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     assert set(found) == set(LAYERS) - {"Z", "id"}
     assert (frame["id"] > 0).mean() > 0.2
     assert_background_is_0(frame)
@@ -322,7 +323,7 @@ def test_an_error_of_a_layer_is_noticed(opened, name):
     """One pixel off by ten times the bound, or by one number."""
     frame = draw(opened, mixed())
     expected = oracle.render_layers(frame.scene, frame.settings)
-    layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
+    oracle_asserts.assert_layers(frame, expected, frame.scene, frame.settings)
     row, column = np.argwhere(frame["object_id"] == 3)[7]
     value = frame[name][row, column]
     if LAYER_TABLE[name].kind == "uint32":
@@ -335,7 +336,7 @@ def test_an_error_of_a_layer_is_noticed(opened, name):
         assert bound[name][row, column] < 1e-3
         frame[name][row, column] = value + np.float32(10 * bound[name][row, column])
     with pytest.raises(AssertionError, match=f"{name} differs: 1 of"):
-        layer_bounds.assert_layers(frame, expected, frame.scene, frame.settings)
+        oracle_asserts.assert_layers(frame, expected, frame.scene, frame.settings)
 
 
 # SHA-256 of image and layers, the first 16 digits, as in test_same_bits. Numbers are exactly the oracle's.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 
@@ -158,12 +159,12 @@ def test_highlights_that_are_wrong_are_found_beside_grazing_lights(height):
     expected = oracle.render(scene, Settings(shader="phong"))
     assert (expected.jump <= expected.budget).all()
     rgb = expected.rgb.astype(np.float32)
-    assert oracle_bounds.assert_colors_within(rgb, expected, gate_fraction=1.0) < 1.0
+    assert oracle_asserts.assert_colors_within(rgb, expected, gate_fraction=1.0) < 1.0
     clear = (expected.kappa < 1e5) & ~expected.gate
     without = rgb - np.where(clear[..., None], 0.5, 0.0).astype(np.float32)
     assert clear.sum() > 0.2 * clear.size
     with pytest.raises(AssertionError, match=f"colors off by more than 32 bounds: {clear.sum()} of"):
-        oracle_bounds.assert_colors_within(without, expected, gate_fraction=1.0)
+        oracle_asserts.assert_colors_within(without, expected, gate_fraction=1.0)
 
 
 def test_what_exceeds_the_highlight_is_found_at_its_gate():
@@ -173,10 +174,10 @@ def test_what_exceeds_the_highlight_is_found_at_its_gate():
     at = tuple(np.argwhere(expected.gate & (expected.kappa < 1e4))[0])
     rgb = expected.rgb.copy()
     rgb[at] += expected.jump[at]
-    assert oracle_bounds.assert_colors_within(rgb, expected, 32.0, dtype=np.float64, gate_fraction=1.0) < 32.0
+    assert oracle_asserts.assert_colors_within(rgb, expected, 32.0, dtype=np.float64, gate_fraction=1.0) < 32.0
     rgb[at] += 64.0 * bound[at]
     with pytest.raises(AssertionError, match="colors off by more than 32 bounds: 1 of"):
-        oracle_bounds.assert_colors_within(rgb, expected, 32.0, dtype=np.float64, gate_fraction=1.0)
+        oracle_asserts.assert_colors_within(rgb, expected, 32.0, dtype=np.float64, gate_fraction=1.0)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

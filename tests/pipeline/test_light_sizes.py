@@ -6,13 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 from kernel_stages import OTHER_LANES
 from lit_floor import CAMERA, GLOSSY, MATTE, bounds_of, draw, lit_by
 
 from clshade import PointLight, RectangleLight, oracle
-from clshade.measure.check import oracle_bounds
 from clshade.oracle import light_points as points_of_oracle
 from clshade.pipeline import light_points, struct_layout
 from clshade.pipeline.frame import Frame, same_bits
@@ -234,7 +234,7 @@ def test_shadows_against_the_oracle(device, options):
     for light in LIGHTS.values():
         frame = draw(device, roofed(light), shadows=True, light_samples=3, **options)
         expected = oracle.render(frame.scene, frame.settings)
-        found = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+        found = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
         assert found.bounds < (3.0 if "precision" not in options else np.inf)
         assert (expected.jump > 0.0).any(
             axis=-1

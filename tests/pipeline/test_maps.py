@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pytest
 from mapped_scenes import mapped, mapped_scene, noise, normal_image, sheet
 
 import clshade
 from clshade import Camera, Material, Mesh, MetallicRoughness, PointLight, Renderer, Scene, Settings, Texture
-from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.oracle import frame as oracle
 from clshade.oracle import layers as oracle_layers
 from clshade.pipeline import features
@@ -24,8 +24,8 @@ def assert_equals_oracle(scene: Scene, device, colors: int = 100, **options: Any
     settings = Settings(shader="pbr", layers=("Z", "id", "N"), **options)
     with Renderer(scene, settings=settings, device=device) as renderer:
         frame = renderer.render()
-    ties = oracle_bounds.assert_frame(frame, oracle.render(scene, settings), scene, settings).ties
-    layer_bounds.assert_layers(frame, oracle_layers.render_layers(scene, settings), scene, settings, skip=ties)
+    ties = oracle_asserts.assert_frame(frame, oracle.render(scene, settings), scene, settings).ties
+    oracle_asserts.assert_layers(frame, oracle_layers.render_layers(scene, settings), scene, settings, skip=ties)
     assert len(np.unique(frame.rgb)) > colors
 
 

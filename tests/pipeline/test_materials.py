@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracle_asserts import assert_frame
 
 from clshade import oracle
-from clshade.measure.check.oracle_bounds import assert_frame
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from kernel_stages import OTHER_LANES, Probe
 
 import clshade
 from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Texture
 from clshade.errors import InputError
-from clshade.measure.check import oracle_bounds
 from clshade.oracle import frame as oracle
 from clshade.oracle import texture as reference
 from clshade.pipeline.frame import same_bits
@@ -47,7 +47,7 @@ def assert_equals_oracle(scene: Scene, device, gate_fraction: float = 0.01, **op
     with Renderer(scene, settings=settings, device=device) as renderer:
         frame = renderer.render()
     expected = oracle.render(scene, settings)
-    oracle_bounds.assert_frame(frame, expected, scene, settings, gate_fraction=gate_fraction)
+    oracle_asserts.assert_frame(frame, expected, scene, settings, gate_fraction=gate_fraction)
     assert len(np.unique(frame.rgb)) > 100
 
 

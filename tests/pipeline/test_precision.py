@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import mpmath
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 from kernel_stages import NUMERICS_OF_ONE_BLOCK, Probe
@@ -13,7 +14,7 @@ from kernel_stages import NUMERICS_OF_ONE_BLOCK, Probe
 import clshade
 from clshade import oracle
 from clshade.errors import DeviceError, InputError
-from clshade.measure.check import layer_bounds, oracle_bounds
+from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
@@ -119,7 +120,7 @@ def test_built_in_scenes(device, name, precision, shader):
     kind = np.float64 if precision == "float64" else np.float32
     assert frame.rgba.dtype == frame["Z"].dtype == kind
     expected = oracle.render(scene, frame.settings)
-    oracle_bounds.assert_frame(frame, expected, scene, frame.settings)
+    oracle_asserts.assert_frame(frame, expected, scene, frame.settings)
     assert clshade.check(frame, "all").passed
     alone = draw(device, scene, shader=shader)
     assert np.array_equal(frame.alpha, alone.alpha)
@@ -134,7 +135,7 @@ def test_weighted_samples(device, precision):
     scene = clshade.builtin("box_room")
     scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
     frame = draw(device, scene, precision=precision, samples=4, resolve="weighted", shader="nolight")
-    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 @pytest.mark.sampled
@@ -161,7 +162,7 @@ def lit(n: float) -> Scene:
 def test_exponents(device, precision, n):
     scene = lit(n)
     frame = draw(device, scene, precision=precision)
-    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 def test_float64_does_not_pass_for_float32(device):
@@ -170,7 +171,7 @@ def test_float64_does_not_pass_for_float32(device):
     frame = draw(device, scene)
     expected = oracle.render(scene, frame.settings)
     with pytest.raises(AssertionError, match="colors off by more than 1 bounds"):
-        oracle_bounds.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
+        oracle_asserts.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
 
 
 @pytest.mark.long
@@ -194,7 +195,7 @@ def test_large_texture_coordinates_in_float64(device):
     expected = oracle.render(scene, frame.settings)
     allowed = oracle_bounds.allowed(scene, frame.settings)
     assert 1e-10 < allowed * 1e-12 < 1e-8
-    assert 1.0 < oracle_bounds.assert_frame(frame, expected, scene, frame.settings).bounds < allowed / 3.0
+    assert 1.0 < oracle_asserts.assert_frame(frame, expected, scene, frame.settings).bounds < allowed / 3.0
     single = draw(device, scene, shader="nolight")
     off = np.abs(single.rgb - expected.rgb).max(axis=-1)[single["id"] == frame["id"]]
     assert off.max() > 10.0 * allowed * 1e-12
@@ -212,7 +213,7 @@ def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic)
     near = float(np.linalg.norm(scene.camera.eye - scene.camera.lookat))
     frame = draw(device, scene, shader="nolight", precision="float64", near=near)
     assert frame.stats["clipped"] > 5
-    found = oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings).bounds
+    found = oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings).bounds
     assert 1.0 < found < oracle_bounds.allowed(scene, frame.settings)
 
 
@@ -234,8 +235,8 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
             frame = renderer.render()
         assert frame.stats["clipped"]
         expected, layers = (each(scene, frame.settings) for each in (oracle.render, oracle.render_layers))
-        ties = oracle_bounds.assert_same_ids(frame, expected, scene, frame.settings)
-        layer_bounds.assert_layers(frame, layers, scene, frame.settings, skip=ties)
+        ties = oracle_asserts.assert_same_ids(frame, expected, scene, frame.settings)
+        oracle_asserts.assert_layers(frame, layers, scene, frame.settings, skip=ties)
         worst = max(worst, layers.weight_condition.max())
         least = min(least, layers.weight_condition.min())
     assert least >= 1.0
@@ -250,7 +251,7 @@ def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
     for options in ({"preset": "course"}, {"texture_at": "vertex", "interpolation": "perspective"}):
         frame = draw(device, scene, precision="float64", **options)
         assert frame.alpha.any()
-        oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+        oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 def test_a_float64_frame_is_saved_as_float32(device, tmp_path):

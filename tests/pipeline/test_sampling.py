@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, blob
 from clshade.oracle.sampling import places
 from clshade.pipeline import programs, sample_pattern
@@ -178,7 +178,7 @@ def test_frames(device, name, options):
     scene = clshade.builtin(name)
     scene = replace(scene, camera=scene.camera.with_resolution((83, 59)))
     frame = draw(device, scene, **options)
-    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
     assert clshade.check(frame, 500).passed
     partly = (frame.alpha > 0.0) & (frame.alpha < 1.0)
     assert partly.any() or name == "teapot"  # its table fills the image
@@ -194,7 +194,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
     colors = rng.uniform(size=(9000, 3))
     scene = flat(points, np.arange(9000).reshape(-1, 3), colors=colors)
     frame = draw(device, scene, shader="nolight", samples=samples, visibility="painter")
-    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
     assert frame.stats["between_samples"] > 0
 
 
@@ -203,7 +203,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
 def test_odd_sizes(device, resolution):
     scene = Scene((blob(),), CAMERA.with_resolution(resolution), LIGHTS)
     frame = draw(device, scene, samples=9)
-    oracle_bounds.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
 
 
 def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
@@ -277,7 +277,7 @@ def test_weighted_over_nothing_is_premultiplied(device):
         scene = replace(flat(points, faces, material=Material(color=color)), background=None)
         frame = draw(device, scene, shader="nolight", samples=16, resolve="weighted")
         expected = oracle.render(scene, frame.settings)
-        oracle_bounds.assert_frame(frame, expected, scene, frame.settings)
+        oracle_asserts.assert_frame(frame, expected, scene, frame.settings)
         assert np.allclose(expected.rgb, color * expected.alpha[..., None], rtol=1e-12)
         assert np.allclose(frame.rgb, color * frame.alpha[..., None], rtol=1e-5)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
+import oracle_asserts
 import pytest
 from devices import needs_float64
 from matplotlib import colormaps
@@ -13,7 +14,6 @@ from matplotlib import colormaps
 import clshade
 from clshade import Camera, Material, Mesh, PointLight, Scalars, Scene, Settings, Texture, exr, oracle
 from clshade.errors import InputError
-from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.scalar_tables import map_positions
@@ -101,8 +101,8 @@ def test_frames_are_the_oracles(device, case):
     frame = drawn(device, Scene((wave(**fields), floor()), ASIDE, LIGHT), **options)
     expected = oracle.render(frame.scene, frame.settings)
     layers = oracle.render_layers(frame.scene, frame.settings)
-    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
-    layer_bounds.assert_layers(frame, layers, frame.scene, frame.settings, skip=agreement.ties)
+    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+    oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings, skip=agreement.ties)
     shown = np.isfinite(frame["scalar"])
     assert 0.1 < shown.mean() < 0.9
     assert (frame["object_id"][shown] == 1).all()
@@ -119,7 +119,7 @@ def test_another_color_of_the_map_is_noticed(device):
     row = int(np.abs(table - frame["albedo"][tuple(near)]).sum(axis=1).argmin())
     frame.rgb[tuple(near)] *= table[row + 1] / table[row]
     with pytest.raises(AssertionError, match="colors off by more than 32 bounds: 1 of"):
-        oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+        oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
     assert not clshade.check(frame, "all").passed
 
 

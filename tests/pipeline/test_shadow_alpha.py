@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pytest
 from caster_meshes import sphere
 from kernel_stages import OTHER_LANES
 
 from clshade import oracle
-from clshade.measure.check import oracle_bounds
 from clshade.pipeline.frame import same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -176,7 +176,7 @@ def test_another_alpha_is_noticed(opened):
     other = scene_of(card(blend=True, opacity=0.501))
     expected = oracle.render(other, frame.settings)
     with pytest.raises(AssertionError):
-        oracle_bounds.assert_frame(frame, expected, other, frame.settings)
+        oracle_asserts.assert_frame(frame, expected, other, frame.settings)
 
 
 @pytest.mark.sampled
@@ -196,7 +196,7 @@ def test_frames_equal_the_oracle(opened, name, options):
     light = replace(LIGHT, position=(0.3, -0.2, 10.0))
     frame = draw(opened, *CARDS[name], light=light, **options)
     expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
     assert agreement.gates.mean() < 0.02
 
 
@@ -229,7 +229,7 @@ def test_lights_of_finite_size_equal_the_oracle(opened, name, options):
     cards = half(), card(2.0, blend=True, alphas=np.array([0.1, 1.0, 0.3, 0.6]))
     frame = draw(opened, *cards, light=SIZED[name], light_samples=3, samples=1, **options)
     expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
     assert agreement.gates.mean() < 0.02
     open_ = draw(opened, light=SIZED[name], light_samples=3, samples=1, **options)
     floor = (frame["id"] > 0) & (frame["id"] <= 2)

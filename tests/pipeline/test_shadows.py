@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pytest
 
 from clshade import oracle
-from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import blob, patch
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
@@ -50,7 +50,7 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 def assert_equals_oracle(frame: Frame) -> Any:
     """Assert that a frame is the oracle's within the bounds, and that few pixels need the exception of shadows' edges."""
     expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
     assert agreement.gates.mean() < 2e-3
     return expected
 
@@ -132,7 +132,7 @@ def test_the_comparison_notices_a_missing_caster_and_a_moved_light(device):
         expected = oracle.render(wrong, frame.settings)
         skip = frame["id"] != expected.id
         with pytest.raises(AssertionError, match="colors off"):
-            oracle_bounds.assert_colors_within(frame.rgb, expected, skip=skip)
+            oracle_asserts.assert_colors_within(frame.rgb, expected, skip=skip)
 
 
 @pytest.mark.long
@@ -171,7 +171,7 @@ def test_a_camera_that_moves_sees_the_same_shadow(device):
         for eye in ((0.3, 3.0, 4.5), (-3.0, 4.0, 2.0)):
             frame = renderer.render(replace(CAMERA, eye=eye))
             expected = oracle.render(frame.scene, frame.settings)
-            oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings)
+            oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
 
 
 @pytest.mark.long

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import oracle_asserts
 import pytest
 from kernel_stages import OTHER_LANES
 
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.measure.check import layer_bounds, oracle_bounds
 from clshade.pipeline.depth_order import DepthOrder
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
@@ -329,11 +329,11 @@ def test_frames_equal_the_oracle(device, options):
             pytest.skip("the device has no float64")
         frame = draw(device, given, layers=("Z", "id", "N", "albedo"), forced=(), **options)
         expected = oracle.render(given, frame.settings)
-        found = oracle_bounds.assert_frame(frame, expected, given, frame.settings)
+        found = oracle_asserts.assert_frame(frame, expected, given, frame.settings)
         assert found.bounds < 8.0
         assert found.ties.mean() < 0.01
         layers = oracle.render_layers(given, frame.settings)
-        layer_bounds.assert_layers(frame, layers, given, frame.settings, skip=found.ties)
+        oracle_asserts.assert_layers(frame, layers, given, frame.settings, skip=found.ties)
         assert ((frame.alpha > 0.0) & (frame.alpha < 1.0)).mean() > 0.1 or given.background is not None
         assert clshade.check(frame, 500).passed
 
@@ -361,7 +361,7 @@ def test_the_comparison_notices_a_wrong_order_and_a_wrong_alpha(device):
     for other, what in ((swapped, "ids"), (scene(meshes[0], square(1, color=GREEN, opacity=0.6)), "alpha|ids")):
         expected = oracle.render(other, frame.settings)
         with pytest.raises(AssertionError, match=what):
-            oracle_bounds.assert_frame(frame, expected, other, frame.settings)
+            oracle_asserts.assert_frame(frame, expected, other, frame.settings)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "half"])

@@ -7,13 +7,13 @@ from typing import Any
 
 import mpmath
 import numpy as np
+import oracle_asserts
 import pytest
 from kernel_stages import OTHER_LANES, Probe
 
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
 from clshade.pipeline.frame import Frame, same_bits
@@ -43,7 +43,7 @@ def draw(device: Device, scene: Scene, **options: Any) -> Frame:
 
 def assert_equals_oracle(frame: Frame) -> float:
     expected = oracle.render(frame.scene, frame.settings)
-    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds
+    return oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings).bounds
 
 
 # The level of detail

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 
 from clshade import oracle
-from clshade.measure.check import oracle_bounds
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.renderer import Renderer
@@ -42,4 +42,4 @@ def draw(device: Device, scene: Scene, **options: Any) -> Frame:
 def bounds_of(frame: Frame, **options: Any) -> float:
     """Return the largest error over its bound, and assert that it is at most 1. options: of `assert_frame`."""
     expected = oracle.render(frame.scene, frame.settings)
-    return oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings, **options).bounds
+    return oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings, **options).bounds

@@ -12,13 +12,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import oracle_asserts
 import pyopencl as cl
 from caster_meshes import joined, lattice, moved, random_points, sphere
 from exact_shadows import DARK, EITHER, LIT, ExactShadows
+from oracle_asserts import assert_layers
 
 from clshade import course, oracle
-from clshade.measure.check import oracle_bounds
-from clshade.measure.check.layer_bounds import assert_layers
 from clshade.measure.stability.cases import lit
 from clshade.pipeline import buffers, instances, launches, programs, tile_lists
 from clshade.pipeline.hierarchy import build
@@ -151,8 +151,8 @@ def draw(form: str) -> float:
             for _ in range(2 if scene.background is None else 1):  # the second frame reuses all memory
                 frame = renderer.render()
             expected = oracle.render(frame.scene, frame.settings)
-            worst = max(worst, oracle_bounds.assert_frame(frame, expected, frame.scene, frame.settings).bounds)
-            ties = oracle_bounds.assert_same_ids(frame, expected, frame.scene, frame.settings)
+            worst = max(worst, oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings).bounds)
+            ties = oracle_asserts.assert_same_ids(frame, expected, frame.scene, frame.settings)
             layers = oracle.render_layers(frame.scene, frame.settings)
             assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     mesh = joined(lattice(12), moved(sphere(), np.array([0.1, 0.2, 1.5]), 0.4))

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from ... import oracle
-from ...base.arrays import Array
+from ...base.arrays import Array, Bools
 from ...base.validation import value_error
 from ...oracle import OracleFrame
 from ...oracle.layers import instance_numbers
@@ -22,6 +22,7 @@ from ...pipeline.image_check import Check
 from ..defaults import PIXELS
 from . import oracle_bounds
 from .flow_bounds import flow_errors
+from .layer_bounds import layer_errors
 
 STRATA = ("not finite", "silhouettes", "highlights", "edges", "surfaces", "background")
 SHARES = (16, 4, 5, 3, 3, 1)  # proportions of the sample; what exceeds a stratum's size goes to the others
@@ -126,11 +127,13 @@ def summary(found: Comparison, seconds: float) -> Check:
 
 
 class Comparison:
-    """Comparison of pixels (rows from the top, columns), (K,), with the oracle; arrays are (K,).
+    """Comparison of pixels (rows from the top, columns) with the oracle; arrays are of the shape of `rows`, (K,) or (M, N).
 
-    oracle: what they should be. wrong, ties, gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or
-    tied. counted: the same, and 0 at gates. relative: `counted` as |value - oracle| / B. found: the same, also at gates,
-    infinite where wrong. expected: the most that is allowed of `found`. depth, flow: the largest of all pixels, see `Check`.
+    oracle: what they should be. faults: where a layer is wrong beyond any rounding, by its name; wrong: where any is. ties,
+    gates: bool, see `Check`. error: of the color in bounds, 0 where wrong or tied. counted: the same, and 0 at gates.
+    relative: `counted` as |value - oracle| / B. found: the same, also at gates, infinite where wrong. expected: the most
+    that is allowed of `found`. depths: errors in roundings, infinite where only one is background; depth: the largest,
+    flow: the largest of all pixels, see `Check`.
     """
 
     def __init__(self, frame: Frame, expected: OracleFrame, rows: Array, columns: Array) -> None:
@@ -139,17 +142,19 @@ class Comparison:
         rgb, alpha = frame.rgb[where], frame.alpha[where]
         precision = settings.precision
         self.allowed = oracle_bounds.allowed(scene, settings)
-        differs = oracle_bounds.alpha_differs(alpha, expected, self.allowed, precision)
-        self.wrong = differs | ~np.isfinite(rgb).all(axis=-1)
-        absolute, ratio = oracle_bounds.color_errors(np.nan_to_num(rgb), expected, precision)
-        self.ties = np.zeros(len(rows), bool)
+        self.faults: dict[str, Bools] = {"rgb": ~np.isfinite(rgb).all(axis=-1)}
+        self.ties = np.zeros(rows.shape, bool)
         if "id" in frame.layers:
             different, unproven = oracle_bounds.different_ids(frame["id"][where], expected, scene, settings, where)
-            self.wrong |= unproven
+            self.faults["id"] = unproven
             self.ties = different & ~unproven
+        self.faults["alpha"] = oracle_bounds.alpha_differs(alpha, expected, self.allowed, precision)
         if "instance_id" in frame.layers:
-            self.wrong |= _other_instances(frame, expected, where)
-        gates = oracle_bounds.excepted_at_gates(np.nan_to_num(rgb), expected, self.allowed, precision)
+            self.faults["instance_id"] = _other_instances(frame, expected, where)
+        self.wrong = np.any(list(self.faults.values()), axis=0)
+        rgb = np.nan_to_num(rgb)
+        absolute, ratio = oracle_bounds.color_errors(rgb, expected, precision)
+        gates = oracle_bounds.excepted_at_gates(rgb, expected, self.allowed, precision)
         if "id" not in frame.layers or settings.samples > 1:
             suspects = (ratio > self.allowed) & ~gates & (expected.alpha > 0.0)
             self.ties |= oracle_bounds.depth_ties(scene, settings, suspects, where)
@@ -164,11 +169,40 @@ class Comparison:
         self.found = np.where(self.wrong, np.inf, np.where(compared, relative, 0.0))
         self.relative = np.where(compared & ~self.gates, relative, 0.0)
         self.expected = self.allowed * oracle_bounds.rounding(expected, precision) + jump
+        self.depths = np.zeros(rows.shape)
         self.depth: float | None = None
         if "Z" in frame.layers:
-            depth = oracle_bounds.depth_errors(frame["Z"][where], expected)
-            self.depth = float(np.where(np.isnan(depth), np.inf, depth)[compared].max(initial=0.0))
+            depths = oracle_bounds.depth_errors(frame["Z"][where], expected)
+            self.depths = np.where(compared, np.where(np.isnan(depths), np.inf, depths), 0.0)
+            self.depth = float(self.depths.max(initial=0.0))
         self.flow = _flow_error(frame, where) if frame.flows and "id" in frame.layers else None
+
+
+def problem(frame: Frame, skip: Bools | None = None) -> str:
+    """Return what is wrong with a frame, and its first wrong pixel; "" if all pixels of all layers are within their bounds.
+
+    skip: (M, N) bool, pixels to leave out.
+    """
+    scene, settings, shape = frame.scene, frame.settings, frame.alpha.shape
+    with np.errstate(all="ignore"):
+        expected, layers = oracle.render(scene, settings), oracle.render_layers(scene, settings)
+        found = Comparison(frame, expected, *np.indices(shape))
+        others = {name: frame[name] for name in frame.layers if name not in ("Z", "id")}
+        errors = layer_errors(others, layers, scene, settings)
+    bad = {f"{name} is wrong": (name, where) for name, where in found.faults.items()}
+    bad["colors are beyond their bounds"] = "rgb", found.counted > found.allowed
+    bad["depths are beyond their bounds"] = "Z", found.depths > oracle_bounds.depth_roundings(frame.alpha)
+    for name, error in errors.items():
+        bad[f"{name} is beyond its bound"] = name, ~(error <= 1.0) & ~found.ties
+    for what, (name, where) in bad.items():
+        where = where if skip is None else where & ~skip
+        if where.any():
+            row, column = np.argwhere(where)[0].tolist()
+            value = (getattr(frame, name) if name in ("rgb", "alpha") else frame[name])[row, column].tolist()
+            right = getattr(layers if name in errors else expected, name)[row, column].tolist()
+            count = f"{int(where.sum())} of {where.size} pixels"
+            return f"{what}: {count}, the first at row {row}, column {column}: expected {right}, found {value}"
+    return ""
 
 
 def _other_instances(frame: Frame, expected: OracleFrame, where: tuple[Array, Array]) -> Array:

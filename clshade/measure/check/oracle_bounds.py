@@ -1,13 +1,6 @@
-"""Comparison of a rendered frame with the float64 oracle.
-
-The functions `assert_...` raise AssertionError with the first bad pixel. A frame here is any object with `.rgb`
-(M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the top, such as
-`clshade.pipeline.frame.Frame`. Shape, type and finiteness are checked before any value.
-"""
+"""How far a frame's colors, depths and owners may be from the float64 oracle's, and by how much of that they are."""
 
 from __future__ import annotations
-
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,38 +34,6 @@ FAST_PER_TEXEL = 16.0
 # float64 interpolates them in float64, as the oracle does: some four roundings on either side, each 2^-53 of the
 # largest coordinate, times the texels.
 FLOAT64_PER_TEXEL = 8.0 * 2.0**-53 / 1e-12
-
-
-class Agreement(NamedTuple):
-    """Agreement of a frame with the oracle.
-
-    bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
-    tie or excluded by the caller. gates: (M, N) bool, pixels excepted because rounding may open or close a highlight.
-    """
-
-    bounds: float
-    ties: Bools
-    gates: Bools
-
-
-def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
-    """Build an error with the number of bad pixels (M, N) and the values at the first."""
-    where = tuple(int(i) for i in np.argwhere(bad)[0])
-    values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
-    return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
-
-
-def assert_array(
-    name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True, nan: bool = False
-) -> None:
-    """Assert that a value is a NumPy array of exactly this shape and type, without infinity if `finite`, and without NaN
-    unless `nan`."""
-    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
-        found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
-    bad = np.isinf(value) if nan else ~np.isfinite(value) if finite else np.isnan(value)
-    if bad.any():
-        raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
 
 
 def tied(first: Floats, second: Floats) -> Bools:
@@ -136,28 +97,6 @@ def depth_ties(scene: Scene, settings: Settings, suspects: Array, where: tuple[A
 def real_of(settings: Settings) -> type[np.floating]:
     """Return the type of a frame's image and depths."""
     return np.float64 if settings.precision == "float64" else np.float32
-
-
-def assert_same_ids(
-    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: Array | None = None
-) -> Array:
-    """Assert that owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
-
-    With visibility `depth` the owner may differ where both faces cover the pixel at depths within DEPTH_TIE.
-    skip: (M, N) bool, further pixels to except.
-    """
-    ids, expected, dtype = frame["id"], oracle.id, real_of(settings)
-    assert_array("id", ids, expected.shape, np.uint32)
-    assert_array("alpha", frame.alpha, expected.shape, dtype)
-    different, unproven = different_ids(ids, oracle, scene, settings)
-    bad = alpha_differs(frame.alpha, oracle, allowed(scene, settings), settings.precision)
-    if skip is not None:
-        different, unproven, bad = different | skip, unproven & ~skip, bad & ~skip
-    if unproven.any():
-        raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
-    if bad.any():
-        raise fail("alpha differs", bad, ("alpha", frame.alpha), ("expected", oracle.alpha))
-    return different
 
 
 def allowed(scene: Scene, settings: Settings) -> float:
@@ -241,42 +180,6 @@ def excepted_at_gates(rgb: Array, oracle: OracleFrame, factor: float, precision:
     return oracle.gate & (ratio > factor) & within.all(axis=-1)
 
 
-def assert_colors_within(
-    rgb: Array,
-    oracle: OracleFrame,
-    factor: float = 32.0,
-    *,
-    dtype: Any = np.float32,
-    precision: str = "float32",
-    gate_fraction: float = 0.01,
-    skip: Array | None = None,
-) -> float:
-    """Assert that colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
-
-    gate_fraction: at most this fraction of the covered pixels may be off by a highlight, where the oracle reports that
-    rounding may open or close it. skip: (M, N) bool, pixels to exclude (proven depth ties).
-    """
-    assert_array("rgb", rgb, oracle.rgb.shape, dtype)
-    skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
-    return _colors_agree(rgb, oracle, factor, precision, gate_fraction, skipped).bounds
-
-
-def _colors_agree(
-    rgb: Array, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: Array
-) -> Agreement:
-    """Compare colors for `assert_colors_within`."""
-    looked_at = ~skip
-    ratio = color_errors(rgb, oracle, precision)[1]
-    jumps = looked_at & excepted_at_gates(rgb, oracle, factor, precision)
-    if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.alpha))):
-        raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
-    bad = looked_at & ~jumps & (ratio > factor)
-    if bad.any():
-        columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
-        raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
-    return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
-
-
 def depth_roundings(Z: Reals) -> int:
     """Return how many roundings depths of this type may be off by."""
     return DEPTH_ROUNDINGS_FLOAT64 if Z.dtype == np.float64 else DEPTH_ROUNDINGS
@@ -289,55 +192,3 @@ def depth_errors(Z: Reals, oracle: OracleFrame) -> Floats:
     with np.errstate(invalid="ignore"):
         error = np.abs(Z.astype(np.float64) - oracle.Z) / np.abs(oracle.Z) / (np.finfo(Z.dtype).eps / 2.0)
     return np.where(empty, np.where(np.isposinf(Z), 0.0, np.inf), error)
-
-
-def assert_depths_within(
-    Z: Array,
-    oracle: OracleFrame,
-    roundings: float | None = None,
-    *,
-    dtype: Any = np.float32,
-    skip: Array | None = None,
-) -> float:
-    """Assert that depths are within `roundings` (None: as the type allows) of the oracle's, and +inf exactly in the
-    background.
-
-    Returns the largest error, in roundings. skip: (M, N) bool, pixels to exclude.
-    """
-    assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
-    error = depth_errors(Z, oracle)
-    if roundings is None:
-        roundings = depth_roundings(Z)
-    if skip is not None:
-        error = np.where(skip, 0.0, error)
-    bad = error > roundings
-    if bad.any():
-        raise fail(f"depths off by more than {roundings:g} roundings", bad, ("Z", Z), ("expected", oracle.Z))
-    return float(error.max(initial=0.0))
-
-
-def assert_frame(
-    frame: Any,
-    oracle: OracleFrame,
-    scene: Scene,
-    settings: Settings,
-    factor: float | None = None,
-    *,
-    gate_fraction: float = 0.01,
-    skip: Array | None = None,
-) -> Agreement:
-    """Assert that ids, coverage, depths and colors of a frame agree with the oracle's.
-
-    factor: the color bounds allowed; None: as `allowed`. gate_fraction: see `assert_colors_within`. skip: (M, N) bool,
-    pixels to exclude.
-    """
-    dtype, precision = real_of(settings), settings.precision
-    factor = allowed(scene, settings) if factor is None else factor
-    ties = assert_same_ids(frame, oracle, scene, settings, skip=skip)
-    assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
-    assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
-    if settings.samples > 1:
-        off = color_errors(frame.rgb, oracle, precision)[1] > factor
-        ties = ties | depth_ties(scene, settings, off & ~ties)
-    ties = ties | (oracle.unsure & (color_errors(frame.rgb, oracle, precision)[1] > factor))
-    return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)

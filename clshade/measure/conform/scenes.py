@@ -7,15 +7,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from ... import oracle
 from ...base.atomic_files import shown, write_bytes
 from ...errors import DeviceError
-from ...pipeline.frame import Frame
 from ...pipeline.opencl.device import open_device
-from ..check.check import compare, summary
-from ..check.layer_bounds import layer_errors
+from ..check import check
 from ..digest import digest
 from ..stability.cases import bench as cases_bench
 from ..stability.cases import coverage
@@ -35,27 +30,12 @@ def golden(has_fp64: bool) -> list[tuple[GoldenScene, str]]:
     return found
 
 
-def _problem(frame: Frame) -> str:
-    """Return what of a frame exceeds the bounds of the oracle, "" if nothing: any pixel, and any of the layers."""
-    comparison = compare(frame, np.arange(frame.alpha.size))
-    checked = summary(comparison, 0.0)
-    if not checked.passed:
-        return "; ".join(checked.lines()[1:4])
-    layers = {name: frame[name] for name in frame.layers if name not in ("Z", "id")}
-    with np.errstate(all="ignore"):
-        expected = oracle.render_layers(frame.scene, frame.settings)
-        errors = layer_errors(layers, expected, frame.scene, frame.settings)
-    sure = ~comparison.ties.reshape(frame.alpha.shape)
-    wrong = [name for name, error in errors.items() if not (error[sure] <= 1.0).all()]
-    return f"beyond the bounds of the oracle: {', '.join(wrong)}" if wrong else ""
-
-
 def _compare(scene: GoldenScene, expected: str, bench: Bench) -> str:
     """Return how a frame differs from the golden one, and whether it is right all the same."""
     frame = bench.draw(scene.scene, **options(scene))
     if digest(frame) == expected:
         return ""
-    problem = _problem(frame)
+    problem = check.problem(frame)
     if not problem and (flushes(bench.device) or not divides(bench.device)):
         raise Skipped("bits may differ where denormals or divisions do: such frames agree with the oracle")
     return f"{problem or 'other bits, within the bounds of the oracle'} ({scene.described})"
@@ -73,14 +53,14 @@ def tests(program: str, has_fp64: bool) -> list[tuple[str, str, Callable[[Bench]
 def _right(bench: Bench, scene: GoldenScene) -> str:
     """Return the digest of a frame that agrees with the oracle. Raises DeviceError if it does not."""
     frame = bench.draw(scene.scene, **options(scene))
-    problem = _problem(frame)
+    problem = check.problem(frame)
     if problem:
         raise DeviceError(f"{bench.device.name}: {scene.name}: expected a frame within its bounds, found {problem}")
     return digest(frame)
 
 
 def write_golden(device: str | None, path: str) -> None:
-    """Draw all scenes on a device, compare each with the oracle, and write choices and digests.
+    """Draw all scenes on a device, compare each with the oracle, and write choices and digests: `conform --write-golden`.
 
     Raises DeviceError, and writes nothing, if any frame exceeds its bounds.
     """

@@ -1,7 +1,6 @@
 """Extreme values on top of random scenes: coordinates, placements, normals, cameras and lights at their ranges' ends.
 
-Each has its own random generator, used after all others, so that scene numbers keep their meaning. None changes the
-kernel program, except that colors beyond 1 select the one that interpolates them.
+None changes the kernel program, except that colors beyond 1 select the one that interpolates them.
 """
 
 from __future__ import annotations
@@ -11,12 +10,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from random_kinds import Random
 
-from ...base.arrays import Floats
-from ...oracle.transform import world_vertices
-from ...scene.lights import DirectionalLight
-from ...scene.model import Light, Mesh, Scene
-from .random_shapes import Random
+from clshade.base.arrays import Floats
+from clshade.oracle.transform import world_vertices
+from clshade.scene.lights import DirectionalLight
+from clshade.scene.model import Light, Mesh, Scene
 
 SHARE = 0.3  # fraction of the scenes that get each extreme
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from random_kinds import Random
 
-from ...base.arrays import Array
-from ...scene.camera import Camera
+from clshade.base.arrays import Array
+from clshade.scene.camera import Camera
 
-Random = np.random.Generator
 Shape = tuple[Array, Array]
 
 

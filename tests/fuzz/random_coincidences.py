@@ -11,12 +11,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from random_kinds import Random
 
-from ...base.arrays import Array
-from ...scene.camera import Camera
-from ...scene.lights import PlacedLight
-from ...scene.model import Light, Mesh, Scene, Texture, with_materials
-from .random_shapes import Random
+from clshade.base.arrays import Array
+from clshade.scene.camera import Camera
+from clshade.scene.lights import PlacedLight
+from clshade.scene.model import Light, Mesh, Scene, Texture, with_materials
 
 PIXEL = 2.0**-4  # side of a pixel in the plane z = 0
 MOST_FACES = 1000

@@ -1,1 +1,0 @@
-"""Random scenes against the oracle, and damaged files."""

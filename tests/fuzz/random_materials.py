@@ -1,0 +1,116 @@
+"""Random materials, with textures and parameters of shader pbr, also at the ends of their ranges; and environments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from random_kinds import Kind, Random
+
+from clshade.base.arrays import Array
+from clshade.scene.environment import Environment
+from clshade.scene.metallic_roughness import MAPS, MetallicRoughness
+from clshade.scene.model import WRAPS, Material, Texture
+
+
+def random_material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:
+    """Return a material. all_of_it: with every feature of the kind."""
+
+    def wanted(share: float) -> bool:
+        return all_of_it or bool(rng.random() < share)
+
+    present = {"ka": kind.ambient, "kd": kind.diffuse, "ks": kind.specular}
+    textured, tinted = kind.textured and wanted(0.6), kind.colored and wanted(0.4)
+    return Material(
+        **{name: _coefficient(rng) if known and wanted(0.9) else 0.0 for name, known in present.items()},
+        n=_exponent(rng, all_of_it) if kind.power else 1.0,
+        texture=_base_texture(rng, kind, all_of_it) if textured else None,
+        color=np.minimum(rng.uniform(0.1, 1.5, 3), 1.0 if kind.dim else np.inf) if tinted else 1.0,
+        sides="front" if kind.front and wanted(0.3) else "both",
+        two_sided=kind.two_sided and wanted(0.5),
+        alpha_cutoff=rng.uniform(0.1, 0.9) if kind.alpha and wanted(0.6) else None,
+        blend=kind.transparent and wanted(0.6),
+        opacity=float(rng.choice((1.0, 0.5, 0.25, 1e-7, rng.uniform(0.1, 1)))) if kind.transparent else 1.0,
+        pbr=_microfacets(rng, kind, all_of_it),
+    )
+
+
+def _coefficient(rng: Random) -> Any:
+    value = rng.uniform(0.05, 1.0, 3) if rng.random() < 0.5 else rng.uniform(0.05, 1.0)
+    return value * (rng.choice((1e-3, 5.0)) if rng.random() < 0.1 else 1.0)
+
+
+def _exponent(rng: Random, needed: bool) -> float:
+    known = (2.0, 20.0, 200.0, 1e4, 1e9) if needed else (0.0, 0.5, 1.0, 2.0, 20.0, 200.0, 1e4, 1e9)
+    return float(rng.choice(known)) if rng.random() < 0.6 else float(10.0 ** rng.uniform(0.1, 9))
+
+
+def _base_texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
+    height, width = (int(size) for size in rng.choice((1, 1, 2, 3, 4, 5, 7, 16, 33), 2))
+    if all_of_it and kind.settings.texture_filter == "trilinear":
+        width = max(width, 2)  # a single texel needs no mipmap levels
+    channels = 4 if kind.alpha and (all_of_it or rng.random() < 0.5) else 3
+    image: Array = rng.uniform(0, 1, (height, width, channels)).astype(np.float32)
+    if rng.random() < 0.3:
+        image = (image * 255).astype(np.uint8)
+    elif rng.random() < 0.2 and not kind.dim:
+        image[..., :3] *= 20.0
+    if not all_of_it and rng.random() < 0.3:
+        return Texture(image, _wraps(rng), "course")
+    return Texture(image, _wraps(rng), filter=_filter(rng, kind, all_of_it))
+
+
+def _wraps(rng: Random) -> Any:
+    return WRAPS[rng.choice(len(WRAPS))], WRAPS[rng.choice(len(WRAPS))]
+
+
+def _filter(rng: Random, kind: Kind, needed: bool = False) -> Any:
+    return "nearest" if kind.nearest and (needed or rng.random() < 0.5) else "linear"
+
+
+def _microfacets(rng: Random, kind: Kind, all_of_it: bool) -> MetallicRoughness | None:
+    """Return parameters of shader pbr, unless they follow from Phong's. all_of_it: with what needs each term of the
+    model."""
+
+    def some(*ends: float, least: float = 0.0) -> float:
+        return float(rng.choice(ends)) if rng.random() < 0.5 else rng.uniform(least, 1.0)
+
+    if not (kind.maps or (kind.facets and (all_of_it or rng.random() < 0.7))):
+        return None
+    fields: dict[str, Any] = {
+        "metallic": rng.uniform(0.1, 0.9) if all_of_it else some(0.0, 1.0, 1e-30),
+        "roughness": some(0.0, 1e-4, 1.0 / 32.0, 0.05, 1.0),
+        "emission": rng.uniform(0.1, 1.0, 3) * rng.choice((1.0, 1.0, 1e-30, 1e30, 3e38)),
+    }
+    if kind.facets:
+        fields["ior"] = float(rng.choice((0.0, 1.0, 1.0 + 1e-9, 1.5, 2.4, 1e6)))
+        fields["specular"] = some(0.5, 1.0, least=0.1) if all_of_it else some(0.0, 1e-30, 1.0)
+        fields["specular_color"] = rng.uniform(0.0, 1.0, 3) * rng.choice((0.0, 1.0, 30.0, 1e30))
+        if not all_of_it and rng.random() < 0.3:
+            fields["emission"] = 0.0
+    if kind.maps:
+        fields["normal_scale"] = float(rng.choice((0.0, -1.0, 1.0, 5.0, rng.uniform(-2, 2))))
+        fields["occlusion_strength"] = rng.uniform(0.0, 1.0)
+        fields |= {name: _map(rng, kind) for name in MAPS if all_of_it or rng.random() < 0.5}
+    return MetallicRoughness(**fields)
+
+
+def _map(rng: Random, kind: Kind) -> Texture:
+    height, width = (int(size) for size in rng.choice((1, 2, 3, 4, 7, 16, 33), 2))
+    image = rng.uniform(0, 1, (height, width, 3)).astype(np.float32)
+    if rng.random() < 0.1:
+        image[:] = rng.choice((0.0, 0.5, 1.0))
+    return Texture(image, _wraps(rng), filter=_filter(rng, kind), coordinates=int(rng.integers(0, 2)))
+
+
+def random_environment(rng: Random) -> Environment:
+    """Return an environment, up to 16 x 32 pixels, of any direction, with suns and black pixels, that shines."""
+    shape = int(rng.integers(1, 17)), int(rng.integers(1, 33)), 3
+    image = rng.uniform(0.0, 1.0, shape) ** rng.choice((1, 6))
+    if rng.random() < 0.3:
+        image[rng.random(shape[:2]) < 0.5] = 0.0
+    image[rng.integers(shape[0]), rng.integers(shape[1])] = rng.choice((1.0, 1.0, 1e3, 1e6))
+    if rng.random() < 0.15:
+        image *= 10.0 ** rng.uniform(-30, 24)
+    up = rng.normal(size=3) if rng.random() < 0.5 else (0.0, 1.0, 0.0)
+    return Environment(image, rotation=rng.uniform(-400.0, 400.0), intensity=rng.uniform(0.1, 3.0), up=up)

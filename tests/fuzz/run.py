@@ -1,0 +1,45 @@
+"""Fuzz by hand: `python tests/fuzz/run.py --scenes 0:20000 --files 0:20000 --seed 1` draws these random scenes and
+loads these damaged files, and prints each failure with its number. Scene N again: `--scenes N:N+1`, with its seed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[1] / "support"))
+
+
+def numbers(text: str) -> range:
+    first, last = text.split(":")
+    return range(int(first), int(last))
+
+
+def main() -> int:
+    from file_mutations import file_failures
+    from scene_fuzzer import scene_failures
+
+    from clshade.pipeline.opencl.device import open_device
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=numbers, default=range(0), metavar="A:B")
+    parser.add_argument("--files", type=numbers, default=range(0), metavar="A:B")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device")
+    given = parser.parse_args()
+    count = 0
+    for number in given.files:
+        for failure in file_failures([number], given.seed):
+            print(failure, flush=True)
+            count += 1
+    device = open_device(given.device) if given.scenes else None
+    for number in given.scenes:
+        for failure in scene_failures(device, [number], given.seed):
+            print(failure, flush=True)
+            count += 1
+    print(f"{len(given.files)} files, {len(given.scenes)} scenes: {count} failed")
+    return 1 if count else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,182 @@
+"""Assertions that a frame agrees with the float64 oracle; each raises AssertionError with the first bad pixel.
+
+A frame here is any object with `.rgb` (M, N, 3), `.alpha` (M, N), `frame["id"]` and `frame["Z"]` (M, N), row 0 at the top,
+such as `clshade.pipeline.frame.Frame`. Shape, type and finiteness are checked before any value.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from clshade.base.arrays import Array, Bools
+from clshade.images.layers import LAYER_TABLE
+from clshade.measure.check import oracle_bounds
+from clshade.measure.check.layer_bounds import layer_errors
+from clshade.oracle import OracleFrame, OracleLayers
+from clshade.scene.model import Scene, Settings
+
+
+class Agreement(NamedTuple):
+    """Agreement of a frame with the oracle.
+
+    bounds: the largest error of a color that is not excepted, in bounds. ties: (M, N) bool, pixels excepted for a depth
+    tie or excluded by the caller. gates: (M, N) bool, pixels excepted because rounding may open or close a highlight.
+    """
+
+    bounds: float
+    ties: Bools
+    gates: Bools
+
+
+def fail(what: str, bad: Array, *columns: tuple[str, Array]) -> AssertionError:
+    """Build an error with the number of bad pixels (M, N) and the values at the first."""
+    where = tuple(int(i) for i in np.argwhere(bad)[0])
+    values = ", ".join(f"{name} {np.asarray(array)[where].tolist()}" for name, array in columns)
+    return AssertionError(f"{what}: {int(bad.sum())} of {bad.size}; first at row, column {where}: {values}")
+
+
+def assert_array(
+    name: str, value: Any, shape: tuple[int, ...], dtype: Any, finite: bool = True, nan: bool = False
+) -> None:
+    """Assert that a value is a NumPy array of exactly this shape and type, without infinity if `finite`, and without NaN
+    unless `nan`."""
+    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
+        found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
+    bad = np.isinf(value) if nan else ~np.isfinite(value) if finite else np.isnan(value)
+    if bad.any():
+        raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
+
+
+def assert_same_ids(
+    frame: Any, oracle: OracleFrame, scene: Scene, settings: Settings, *, skip: Array | None = None
+) -> Array:
+    """Assert that owners and coverage are exactly the oracle's. Returns the excepted pixels, (M, N) bool.
+
+    With visibility `depth` the owner may differ where both faces cover the pixel at depths within DEPTH_TIE.
+    skip: (M, N) bool, further pixels to except.
+    """
+    ids, expected, dtype = frame["id"], oracle.id, oracle_bounds.real_of(settings)
+    assert_array("id", ids, expected.shape, np.uint32)
+    assert_array("alpha", frame.alpha, expected.shape, dtype)
+    different, unproven = oracle_bounds.different_ids(ids, oracle, scene, settings)
+    bad = oracle_bounds.alpha_differs(frame.alpha, oracle, oracle_bounds.allowed(scene, settings), settings.precision)
+    if skip is not None:
+        different, unproven, bad = different | skip, unproven & ~skip, bad & ~skip
+    if unproven.any():
+        raise fail("ids differ", unproven, ("id", ids), ("expected", expected))
+    if bad.any():
+        raise fail("alpha differs", bad, ("alpha", frame.alpha), ("expected", oracle.alpha))
+    return different
+
+
+def assert_colors_within(
+    rgb: Array,
+    oracle: OracleFrame,
+    factor: float = 32.0,
+    *,
+    dtype: Any = np.float32,
+    precision: str = "float32",
+    gate_fraction: float = 0.01,
+    skip: Array | None = None,
+) -> float:
+    """Assert that colors differ from the oracle's by at most `factor` bounds. Returns the largest error in bounds.
+
+    gate_fraction: at most this fraction of the covered pixels may be off by a highlight, where the oracle reports that
+    rounding may open or close it. skip: (M, N) bool, pixels to exclude (proven depth ties).
+    """
+    assert_array("rgb", rgb, oracle.rgb.shape, dtype)
+    skipped = np.zeros(oracle.id.shape, bool) if skip is None else skip
+    return _colors_agree(rgb, oracle, factor, precision, gate_fraction, skipped).bounds
+
+
+def _colors_agree(
+    rgb: Array, oracle: OracleFrame, factor: float, precision: str, gate_fraction: float, skip: Array
+) -> Agreement:
+    """Compare colors for `assert_colors_within`."""
+    looked_at = ~skip
+    ratio = oracle_bounds.color_errors(rgb, oracle, precision)[1]
+    jumps = looked_at & oracle_bounds.excepted_at_gates(rgb, oracle, factor, precision)
+    if jumps.sum() > gate_fraction * max(1, int(np.count_nonzero(oracle.alpha))):
+        raise fail("too many colors excepted at a gate", jumps, ("rgb", rgb), ("expected", oracle.rgb))
+    bad = looked_at & ~jumps & (ratio > factor)
+    if bad.any():
+        columns = ("rgb", rgb), ("expected", oracle.rgb), ("bounds", ratio), ("kappa", oracle.kappa)
+        raise fail(f"colors off by more than {factor:g} bounds", bad, *columns)
+    return Agreement(float(ratio[looked_at & ~jumps].max(initial=0.0)), skip, jumps)
+
+
+def assert_depths_within(
+    Z: Array,
+    oracle: OracleFrame,
+    roundings: float | None = None,
+    *,
+    dtype: Any = np.float32,
+    skip: Array | None = None,
+) -> float:
+    """Assert that depths are within `roundings` (None: as the type allows) of the oracle's, and +inf exactly in the
+    background.
+
+    Returns the largest error, in roundings. skip: (M, N) bool, pixels to exclude.
+    """
+    assert_array("Z", Z, oracle.Z.shape, dtype, finite=False)
+    error = oracle_bounds.depth_errors(Z, oracle)
+    if roundings is None:
+        roundings = oracle_bounds.depth_roundings(Z)
+    if skip is not None:
+        error = np.where(skip, 0.0, error)
+    bad = error > roundings
+    if bad.any():
+        raise fail(f"depths off by more than {roundings:g} roundings", bad, ("Z", Z), ("expected", oracle.Z))
+    return float(error.max(initial=0.0))
+
+
+def assert_frame(
+    frame: Any,
+    oracle: OracleFrame,
+    scene: Scene,
+    settings: Settings,
+    factor: float | None = None,
+    *,
+    gate_fraction: float = 0.01,
+    skip: Array | None = None,
+) -> Agreement:
+    """Assert that ids, coverage, depths and colors of a frame agree with the oracle's.
+
+    factor: the color bounds allowed; None: as `allowed`. gate_fraction: see `assert_colors_within`. skip: (M, N) bool,
+    pixels to exclude.
+    """
+    dtype, precision = oracle_bounds.real_of(settings), settings.precision
+    factor = oracle_bounds.allowed(scene, settings) if factor is None else factor
+    ties = assert_same_ids(frame, oracle, scene, settings, skip=skip)
+    assert_depths_within(frame["Z"], oracle, skip=ties, dtype=dtype)
+    assert_array("rgb", frame.rgb, oracle.rgb.shape, dtype)
+    if settings.samples > 1:
+        off = oracle_bounds.color_errors(frame.rgb, oracle, precision)[1] > factor
+        ties = ties | oracle_bounds.depth_ties(scene, settings, off & ~ties)
+    ties = ties | (oracle.unsure & (oracle_bounds.color_errors(frame.rgb, oracle, precision)[1] > factor))
+    return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)
+
+
+def assert_layers(
+    frame: Any, oracle: OracleLayers, scene: Scene, settings: Settings, *, skip: Array | None = None
+) -> dict[str, float]:
+    """Assert that all layers except Z and id are within their bounds.
+
+    Returns the largest error of each, relative to the bound. skip: (M, N) bool, pixels to exclude.
+    """
+    found = {}
+    layers = {name: frame[name] for name in frame.layers if name not in ("Z", "id")}
+    for name, value in layers.items():
+        dtype = LAYER_TABLE[name].dtype(oracle_bounds.real_of(settings))
+        assert_array(name, value, getattr(oracle, name).shape, dtype, nan=name == "scalar")
+    for name, error in layer_errors(layers, oracle, scene, settings).items():
+        bad = ~(error <= 1.0) if skip is None else ~(error <= 1.0) & ~skip
+        if bad.any():
+            raise fail(
+                f"{name} differs", bad, (name, layers[name]), ("expected", getattr(oracle, name)), ("bounds", error)
+            )
+        found[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
+    return found
