@@ -151,6 +151,18 @@ def test_lanes_that_disagree_are_found(opened, monkeypatch):
         assert found.startswith(f"with {drawn.kind.other_lanes} lanes: {name} has other bits, first at row, column")
 
 
+def test_a_wrong_value_of_any_layer_is_found(opened):
+    frame = scene_fuzzer.draw(opened, scene_of(1))
+    at = tuple(np.argwhere(frame["id"] > 0)[0])
+    for name in frame.layers:
+        for value in (np.nan, 1e30) if frame[name].dtype.kind == "f" else (4000,):
+            layers = {layer: frame[layer].copy() for layer in frame.layers}
+            layers[name][at] = value
+            found = scene_fuzzer.problem(Frame(frame.rgba, layers, frame.scene, frame.settings, dict))
+            named = "depths" if name == "Z" else name
+            assert found.startswith(f"{named} ") or (name == "scalar" and np.isnan(frame[name][at]))
+
+
 @pytest.mark.long
 def test_a_wrong_kernel_is_found(opened, monkeypatch):
     """Pixels on a shared edge are drawn by both triangles, or by the wrong one."""

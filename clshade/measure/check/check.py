@@ -142,7 +142,7 @@ class Comparison:
         rgb, alpha = frame.rgb[where], frame.alpha[where]
         precision = settings.precision
         self.allowed = oracle_bounds.allowed(scene, settings)
-        self.faults: dict[str, Bools] = {"rgb": ~np.isfinite(rgb).all(axis=-1)}
+        self.faults: dict[str, Array] = {"rgb": np.asarray(~np.isfinite(rgb).all(axis=-1))}
         self.ties = np.zeros(rows.shape, bool)
         if "id" in frame.layers:
             different, unproven = oracle_bounds.different_ids(frame["id"][where], expected, scene, settings, where)
@@ -210,7 +210,7 @@ def _other_instances(frame: Frame, expected: OracleFrame, where: tuple[Array, Ar
     two faces as near as each other either one's is right."""
     of_faces = np.append(np.uint32(0), instance_numbers(frame.scene))
     ids = frame["id"][where] if "id" in frame.layers else expected.id
-    other: Array = frame["instance_id"][where] != of_faces[ids]
+    other: Array = frame["instance_id"][where] != of_faces[np.minimum(ids, len(of_faces) - 1)]
     if "id" not in frame.layers and other.any():
         other &= ~oracle_bounds.depth_ties(frame.scene, frame.settings, other, where)
     return other

@@ -137,7 +137,8 @@ def texture_bounds(side: Array | int, reach: Array | float, precision: str) -> F
 def color_bound(oracle: OracleFrame, precision: str = "float32") -> Floats:
     """Return the unit of color errors, (M, N, 3): sqrt(max(n, 1)) * 2^-24 * kappa * B; in float64 1e-12 * kappa * B.
 
-    sqrt(n) is the condition number of the power inside the highlight, kappa that of the geometry: how far rounding
+    sqrt(n) is the condition number of the highlight: with d = |R - V| it is nearly exp(-n d^2/2), which an error e of the
+    directions changes by n d e exp(-n d^2/2), at most 0.61 sqrt(n) e. kappa is that of the geometry: how far rounding
     errors of positions and normals are amplified. The number of these units allowed is the number of roundings that may
     add up. Beyond n = 1e4 the oracle's own power is not accurate to 1e-12: float64 is allowed n/1e4 times as much.
     """
