@@ -12,9 +12,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     what = "only these groups of tests: operations, constructs, structs, memory, repeatability, coverage, scenes"
     what_else = parser.add_mutually_exclusive_group()
     what_else.add_argument("--only", type=lambda text: text.split(","), default=(), metavar="GROUP,...", help=what)
-    what_else.add_argument(
-        "--planted", action="store_true", help="instead, plant faults, one at a time, and say which tests find them"
-    )
     what = "instead, write the golden hashes of this device's scenes, if all agree with the oracle"
     what_else.add_argument("--write-golden", type=output_name, metavar="FILE", help=what)
     device_option(parser)
@@ -24,16 +21,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=output_name,
         default="conform",
         metavar="DIR",
-        help="folder for the card, conform.json and conform.md, and for scripts that show failures (default: conform)",
+        help="folder for the card, conform.csv, .json and .md, and for scripts that show failures (default: conform)",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from ...measure.conform import conform, planted
+    from ...measure.conform import conform, scenes
 
     if arguments.write_golden is not None:
-        planted.write_golden(arguments.device, arguments.write_golden)
+        scenes.write_golden(arguments.device, arguments.write_golden)
         return DONE
-    if arguments.planted:
-        return DONE if planted.run(arguments.device, out=arguments.out) else FAILED
     return DONE if conform.run(arguments.device, out=arguments.out, only=arguments.only) else FAILED

@@ -116,28 +116,13 @@ def _scene(name: str, row: Choice, draws: Draws) -> GoldenScene:
 
 
 def _settings(row: Choice) -> Settings:
-    same = (
-        "lighting_at",
-        "interpolation",
-        "texture_at",
-        "ambient",
-        "texture_filter",
-        "cull",
-        "sample_shading",
-        "resolve",
-    )
-    fields: dict[str, Any] = {
-        name: row[name] for name in (*same, "shadows", "ambient_occlusion", "light_samples", "layer_alpha")
-    }
     edges = Edges("all" if row["edges"] == "only" else "feature", width=2.5, only=row["edges"] == "only")
-    return Settings(
-        **PROGRAMS[row["program"]],
-        **fields,
-        near=None if row["near"] == "far off" else 3.0,
-        scalars=Scalars("data", ((0.0, 0.25, 0.5), (1.0, 0.5, 0.0)), (-1.0, 1.0)) if row["scalars"] else None,
-        edges=edges if row["edges"] else None,
-        layers="all",
-    )
+    names = Settings.__dataclass_fields__.keys() - {"background"}  # which is the scene's
+    fields: dict[str, Any] = {name: level for name, level in row.items() if name in names}
+    fields["near"] = None if row["near"] == "far off" else 3.0
+    fields["scalars"] = Scalars("data", ((0.0, 0.25, 0.5), (1.0, 0.5, 0.0)), (-1.0, 1.0)) if row["scalars"] else None
+    fields["edges"] = edges if row["edges"] else None
+    return Settings(**PROGRAMS[row["program"]], **fields, layers="all")
 
 
 def _camera(row: Choice) -> Camera:
@@ -155,14 +140,9 @@ def _lights(row: Choice) -> tuple[Light, ...]:
         PointLight((-2.0, 2.0, 3.0), (0.5, 0.75, 0.5), radius=0.5),
         RectangleLight((2.0, 2.0, 3.0), (1.0, 0.0, 0.0), (0.0, 0.75, -0.5), (4.0, 4.0, 4.0)),
     )
-    several: dict[str, tuple[Light, ...]] = {
-        "point": (point,),
-        "distant": (distant,),
-        "spot": (spot,),
-        "areas": areas,
-        "none": (),
-    }
-    return several.get(row["lights"], (point, distant, spot, PointLight((0.0, -3.0, 2.0), (0.25, 0.0, 0.5))))
+    lights: dict[str, tuple[Light, ...]] = {"point": (point,), "distant": (distant,), "spot": (spot,), "areas": areas}
+    lights |= {"many": (point, distant, spot, PointLight((0.0, -3.0, 2.0), (0.25, 0.0, 0.5))), "none": ()}
+    return lights[row["lights"]]
 
 
 def _image(draws: Draws, channels: int, height: int = 5, width: int = 7) -> Array:

@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from ...base.host_memory import available
 from ...errors import DeviceError
+from ...pipeline.bare_kernel import edge_bytes
 from .case import Bench
 
 SHARE = 4  # of the host's free memory that a test takes at most, one part in so many
 MOST = 64 << 30  # bytes, where the system does not say what is free
+WRITTEN = (5, 7)  # into the first and the last byte
 
 
 def largest(bench: Bench) -> str:
     """The largest single buffer, as far as a quarter of the host's free memory allows: its first and last byte. A device
     may refuse what it claims, but not a quarter of it."""
-    device = bench.device
-    size = claimed = min(device.max_allocation, device.memory, _most())
+    size = claimed = min(bench.device.max_allocation, bench.device.memory, _most())
     while True:
         try:
-            found = bench.edge_bytes(size)
-            break
+            found = edge_bytes(bench.device, size)
+            return "" if found == WRITTEN else f"{size} bytes: expected {WRITTEN} at the ends, found {found}"
         except DeviceError:
             size //= 2
             if size < claimed // 4:
                 raise
-    return "" if found == (5, 7) else f"{size} bytes: expected 5 and 7 in the first and the last byte, found {found}"
 
 
 def powers(bench: Bench) -> str:
     """Buffers of sizes about powers of two, where sizes and addresses in 32 bits overflow."""
-    for power in (16, 20, 24, 28, 31, 32):
-        for size in ((1 << power) - 1, 1 << power, (1 << power) + 1):
-            if size <= min(bench.device.max_allocation, _most()) and bench.edge_bytes(size) != (5, 7):
-                return f"{size} bytes: the first or the last byte is not what was written"
+    for size in ((1 << power) + more for power in (16, 20, 24, 28, 31, 32) for more in (-1, 0, 1)):
+        if size <= min(bench.device.max_allocation, _most()) and edge_bytes(bench.device, size) != WRITTEN:
+            return f"{size} bytes: the first or the last byte is not what was written"
     return ""
 
 
@@ -41,7 +38,7 @@ def beyond(bench: Bench) -> str:
     """A buffer of four times the device's whole memory is refused by an error."""
     size = 4 * max(bench.device.memory, bench.device.max_allocation, 1 << 40)
     try:
-        bench.edge_bytes(size)
+        edge_bytes(bench.device, size)
     except DeviceError:
         return ""
     return f"{size} bytes: expected an error, found a buffer"
@@ -51,10 +48,8 @@ def _most() -> int:
     return int(min(available(), MOST)) // SHARE
 
 
-def tests() -> list[tuple[str, str, Callable[[Bench], str]]]:
-    """Return names, titles and functions."""
-    return [
-        ("largest_allocation", "first and last byte of the largest buffer", largest),
-        ("sizes_of_buffers", "buffers of sizes about powers of two", powers),
-        ("beyond_the_limit", "a buffer that is too large is refused", beyond),
-    ]
+TESTS = (
+    ("largest_allocation", "first and last byte of the largest buffer", largest),
+    ("sizes_of_buffers", "buffers of sizes about powers of two", powers),
+    ("beyond_the_limit", "a buffer that is too large is refused", beyond),
+)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
+from ..digest import digest
 from .case import Bench, Case
 from .operands import rng
 
@@ -23,46 +27,30 @@ kernel void mixed(global const float *a, global float *out)
 """
 
 
-def _case() -> Case:
-    return Case("mixed", "", _TEXT, (rng(30).uniform(0.0, 0.5, 1024).astype(np.float32),), lambda a: np.zeros_like(a))
-
-
-def builds(bench: Bench) -> str:
+def builds(bench: Bench) -> Iterator[bytes]:
     """A kernel that is built again for each run, as a text that no cache knows."""
-    salt = int(np.random.default_rng().integers(1 << 60))
-    first = b""
+    numbers, salt = rng(30).uniform(0.0, 0.5, 1024).astype(np.float32), np.random.default_rng().integers(1 << 60)
     for run in range(RUNS):
-        found = bench.run(_case(), f"{_case().source}// {salt} {run}\n").tobytes()
-        if run and found != first:
-            return f"build {run + 1} of {RUNS} gives other bits than the first"
-        first = first or found
-    return ""
+        case = Case("mixed", "", f"{_TEXT}// {salt} {run}\n", (numbers,), np.zeros_like)
+        yield bench.run(case, numbers).tobytes()
 
 
-def launches(bench: Bench) -> str:
-    """A kernel that is built once and launched again and again."""
-    case = _case()
-    first = bench.run(case).tobytes()
-    for run in range(1, RUNS):
-        if bench.run(case).tobytes() != first:
-            return f"run {run + 1} of {RUNS} gives other bits than the first"
-    return ""
+def frames(resolution: tuple[int, int], bench: Bench) -> Iterator[str]:
+    options: dict[str, Any] = {"resolution": resolution, "shader": "nolight", "layers": ("Z", "id")}
+    with Renderer(builtin("teapot"), device=bench.device, **options) as renderer:
+        for _ in range(RUNS):
+            yield digest(renderer.render())
 
 
-def _frames(name: str, resolution: tuple[int, int]) -> Callable[[Bench], str]:
-    def run(bench: Bench) -> str:
-        prints = bench.draw_again(builtin(name), RUNS, resolution=resolution, shader="nolight", layers=("Z", "id"))
-        other = next((k for k, each in enumerate(prints) if each != prints[0]), 0)
-        return f"frame {other + 1} of {RUNS} has other bits than the first: {prints[other]}" if other else ""
-
-    return run
+def _first_other(repeat: Callable[[Bench], Iterator[object]], bench: Bench) -> str:
+    """Return which run of `repeat` gives other bits than the first, "" if none does."""
+    first, *others = repeat(bench)
+    run = next((run for run, found in enumerate(others, 2) if found != first), 0)
+    return f"run {run} of {RUNS} gives other bits than the first" if run else ""
 
 
-def tests() -> list[tuple[str, str, Callable[[Bench], str]]]:
-    """Return names, titles and functions."""
-    return [
-        ("launches", f"{RUNS} launches of a kernel", launches),
-        ("builds", f"{RUNS} builds of a kernel", builds),
-        ("small_frames", f"{RUNS} frames of 61 x 47 pixels", _frames("teapot", (61, 47))),
-        ("large_frames", f"{RUNS} frames of 800 x 600 pixels", _frames("teapot", (800, 600))),
-    ]
+TESTS = (
+    ("builds", f"{RUNS} builds of a kernel", partial(_first_other, builds)),
+    ("small_frames", f"{RUNS} frames of 61 x 47 pixels", partial(_first_other, partial(frames, (61, 47)))),
+    ("large_frames", f"{RUNS} frames of 800 x 600 pixels", partial(_first_other, partial(frames, (800, 600)))),
+)

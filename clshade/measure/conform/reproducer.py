@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import textwrap
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import write_bytes
 from ...pipeline.opencl.device import Device
-from .case import UNWRITTEN, Case, Wrong
+from .case import GROUP, UNWRITTEN, Case, Wrong
 
 _SCRIPT = '''\
 """{title}
@@ -29,7 +28,8 @@ import pyopencl as cl
 KERNEL = r"""
 {kernel}"""
 OPTIONS = {options}
-{inputs}
+INPUTS = [
+{inputs}]
 EXPECTED = {expected}
 
 platform, device = (int(word) for word in (sys.argv[1:] or ["0", "0"]))
@@ -57,43 +57,35 @@ sys.exit(1)
 
 
 def _values(array: Array) -> str:
-    """Return an array as Python source that gives the same bits; equal rows are written once."""
-    flat = array.reshape(len(array), -1)
-    rows = flat[:1] if len(flat) > 1 and (flat.view(np.uint8) == flat[:1].view(np.uint8)).all() else flat
+    """Return an array as Python source that gives the same bits."""
     if array.dtype.kind == "f":
-        words = rows.view(f"u{array.itemsize}").reshape(-1)
-        text = f"np.array([{', '.join(map(hex, words.tolist()))}], np.uint{8 * array.itemsize}).view(np.{array.dtype})"
+        words = [hex(word) for word in array.reshape(-1).view(f"u{array.itemsize}").tolist()]
+        kind = f"np.uint{8 * array.itemsize}).view(np.{array.dtype})"
     else:
-        text = f"np.array({rows.reshape(-1).tolist()}, np.{array.dtype})"
-    return (
-        f"np.tile({text}, {len(array)}).reshape({array.shape})"
-        if len(rows) < len(flat)
-        else f"{text}.reshape({array.shape})"
-    )
+        words, kind = [str(word) for word in array.reshape(-1).tolist()], f"np.{array.dtype})"
+    lines = textwrap.fill(", ".join(words), 120, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return f"np.array([\n{lines}\n    ], {kind}.reshape({array.shape})"
 
 
 def cut(wrong: Wrong | Case) -> Case:
-    """Return the case of the column that is wrong, with the first work-group that has a wrong row; of a case that has not
-    run, the first one."""
-    case, first = (wrong.case, int(wrong.rows.argmax())) if isinstance(wrong, Wrong) else (wrong, 0)
-    if isinstance(wrong, Wrong) and case.alone is not None:
-        case = replace(case.alone(wrong.column), group=case.group).with_inputs(case.inputs)
+    """Return the case of the first work-group that has a wrong row; of a case that has not run, of the first one."""
+    case, row = (wrong.case, int(wrong.rows.argmax())) if isinstance(wrong, Wrong) else (wrong, 0)
     if case.grid is not None:
         return case
-    first -= first % case.rows
-    return case.with_inputs([v[first : first + case.rows] for v in case.inputs])
+    first = row - row % GROUP
+    return replace(case, inputs=tuple(v[first : first + GROUP] for v in case.inputs))
 
 
 def script(case: Case, device: Device, options: list[str]) -> str:
     """Return the script of a case. options: of the compiler, for every program."""
-    grid, inputs = case.launched, "".join(f"    {_values(v)},\n" for v in case.inputs)
+    grid = case.launched
     return _SCRIPT.format(
         title=case.title,
         device=f"{device.title}, driver {device.driver}",
         kernel=re.sub(r"\n{2,}", "\n", re.sub(r"(?m)^#line.*$", "", case.source)),
         options=json.dumps([*case.options, *options]),
-        inputs=f"INPUTS = [\n{_wrapped(inputs)}]",
-        expected=_wrapped(_values(case.expected())).strip(),
+        inputs="".join(f"    {_values(v)},\n" for v in case.inputs),
+        expected=_values(case.expected()),
         unwritten=UNWRITTEN,
         name=case.name,
         size=grid.size,
@@ -102,14 +94,8 @@ def script(case: Case, device: Device, options: list[str]) -> str:
     )
 
 
-def _wrapped(text: str, width: int = 400) -> str:
-    """Break lines of numbers that are too long."""
-    return "\n".join(re.sub(rf"(.{{{width},}}?,) ", r"\1\n        ", line) for line in text.split("\n"))
-
-
 def write(wrong: Wrong | Case, device: Device, options: list[str], folder: Path, name: str) -> Path:
     """Write the script of a failure as NAME.py; return its path. Raises OutputError."""
-    case = cut(wrong)
     path = folder / f"{re.sub(r'[^A-Za-z0-9_]+', '_', name)}.py"
-    write_bytes(path, script(case, device, options).encode())
+    write_bytes(path, script(cut(wrong), device, options).encode())
     return path

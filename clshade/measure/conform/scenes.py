@@ -6,10 +6,10 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from ...base.atomic_files import write_bytes
+from ...base.atomic_files import shown, write_bytes
 from ...errors import DeviceError
+from ...pipeline.opencl.device import open_device
 from ..check import check
 from ..digest import digest
 from ..stability.cases import bench as cases_bench
@@ -24,89 +24,66 @@ def golden(has_fp64: bool) -> list[tuple[GoldenScene, str]]:
     """Return the scenes, as a device with or without float64 can draw them, and the digest that each frame has to have."""
     found = []
     for number, row in enumerate(json.loads(GOLDEN.read_text())):
-        each = golden_scene(number, row["choice"])
-        if has_fp64 or not each.needs_float64:
-            found.append((each, row["digest"]))
-        else:
-            found.append((each.without_float64(), row["float32"]))
+        scene = golden_scene(number, row["choice"])
+        reduced = scene.needs_float64 and not has_fp64
+        found.append((scene.without_float64(), row["float32"]) if reduced else (scene, row["digest"]))
     return found
 
 
-def _compare(each: GoldenScene, expected: str, bench: Bench) -> str:
+def _compare(scene: GoldenScene, expected: str, bench: Bench) -> str:
     """Return how a frame differs from the golden one, and whether it is right all the same."""
-    frame = bench.draw(each.scene, **options(each))
+    frame = bench.draw(scene.scene, **options(scene))
     if digest(frame) == expected:
         return ""
-    wrong = check.problem(frame)
-    if not wrong and (flushes(bench.device) or not divides(bench.device)):
+    problem = check.problem(frame)
+    if not problem and (flushes(bench.device) or not divides(bench.device)):
         raise Skipped("bits may differ where denormals or divisions do: such frames agree with the oracle")
-    if not wrong:
-        return f"other bits, within the bounds of the oracle ({each.described})"
-    return f"{wrong} ({each.described})"
+    return f"{problem or 'other bits, within the bounds of the oracle'} ({scene.described})"
 
 
 def tests(program: str, has_fp64: bool) -> list[tuple[str, str, Callable[[Bench], str]]]:
     """Return names, titles and functions of the scenes of a program, for a device with or without float64."""
     return [
-        (each.name, program, partial(_compare, each, expected))
-        for each, expected in golden(has_fp64)
-        if each.choice["program"] == program
+        (scene.name, program, partial(_compare, scene, expected))
+        for scene, expected in golden(has_fp64)
+        if scene.choice["program"] == program
     ]
 
 
-def _right(bench: Bench, each: GoldenScene) -> str:
+def _right(bench: Bench, scene: GoldenScene) -> str:
     """Return the digest of a frame that agrees with the oracle. Raises DeviceError if it does not."""
-    frame = bench.draw(each.scene, **options(each))
-    wrong = check.problem(frame)
-    if wrong:
-        raise DeviceError(f"{bench.device.name}: {each.name}: expected a frame within its bounds, found {wrong}")
+    frame = bench.draw(scene.scene, **options(scene))
+    problem = check.problem(frame)
+    if problem:
+        raise DeviceError(f"{bench.device.name}: {scene.name}: expected a frame within its bounds, found {problem}")
     return digest(frame)
 
 
-def write_golden(bench: Bench, path: Path) -> int:
-    """Draw all scenes, compare each with the oracle, and write choices and digests; return the number of scenes.
+def write_golden(device: str | None, path: str) -> None:
+    """Draw all scenes on a device, compare each with the oracle, and write choices and digests: `conform --write-golden`.
 
     Raises DeviceError, and writes nothing, if any frame exceeds its bounds.
     """
-    rows = []
+    bench, rows = Bench(open_device(device)), []
     for number, row in enumerate(choices()):
-        each = golden_scene(number, row)
-        digests = {"digest": _right(bench, each)}
-        if each.needs_float64:
-            digests["float32"] = _right(bench, each.without_float64())
-        rows.append({**digests, "choice": row})
+        scene = golden_scene(number, row)
+        drawn = {"digest": scene, **({"float32": scene.without_float64()} if scene.needs_float64 else {})}
+        rows.append({**{name: _right(bench, scene) for name, scene in drawn.items()}, "choice": row})
     lines = ",\n".join(json.dumps(row) for row in rows)
-    write_bytes(path, f"[\n{lines}\n]\n".encode())
-    return len(rows)
+    write_bytes(Path(path), f"[\n{lines}\n]\n".encode())
+    print(f"{len(rows)} scenes agree with the oracle: wrote {shown(Path(path))}")
 
 
 # Coverage
 
 
-class _CaseBench(cases_bench.Bench):
-    """The bench of `stability`'s cases, which draws as ours does."""
-
-    def __init__(self, bench: Bench) -> None:
-        super().__init__(bench.device, triangles=2000)
-        self._bench = bench
-
-    def draw(self, scene: Any, **chosen: Any) -> Any:
-        return self._bench.draw(scene, layers=cases_bench.LAYERS, **chosen)
-
-
-COVERAGE = ("half-pixel-grid", "edges-on-centers", "slivers")
-
-
-def _cover(name: str, bench: Bench) -> str:
-    case = next(case for case in coverage.CASES if case.name == name)
-    outcome = case.run(_CaseBench(bench))
+def _cover(case: cases_bench.Case, bench: Bench) -> str:
+    outcome = case.run(cases_bench.Bench(bench.device, triangles=2000))
     return "" if outcome.passed else f"{outcome.wrong} pixels are wrong: {outcome.detail}"
 
 
-def coverage_tests() -> list[tuple[str, str, Callable[[Bench], str]]]:
-    """Return names, titles and functions of cases of `stability` that are compared with exact integers."""
-    return [
-        (case.name.replace("-", "_"), f"{case.title}: {case.expected}", partial(_cover, case.name))
-        for case in coverage.CASES
-        if case.name in COVERAGE
-    ]
+COVERAGE = [
+    (case.name.replace("-", "_"), f"{case.title}: {case.expected}", partial(_cover, case))
+    for case in coverage.CASES
+    if case.name in ("half-pixel-grid", "edges-on-centers", "slivers")
+]
