@@ -99,8 +99,8 @@ def explained_codes(right: Right, found: Explanation) -> Floats:
 
 def grade(path: str | Path, right: Right) -> Grade:
     """Grade an image file. Raises InputError if it cannot be read or has another size than the right image."""
-    read = read_codes(path, (right.linear.shape[0], right.linear.shape[1]))
-    return replace(graded(read.codes, right, shown(path)), remarks=read.remarks)
+    codes, remarks = read_codes(path, (right.linear.shape[0], right.linear.shape[1]))
+    return replace(graded(codes, right, shown(path)), remarks=remarks)
 
 
 def graded(image: Floats, right: Right, name: str) -> Grade:
