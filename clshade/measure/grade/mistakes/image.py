@@ -68,9 +68,7 @@ PLACES = (
 )
 VALUES = (
     _Miswritten(
-        "wrong background",
-        "The background has another color than bg_color.",
-        {"as it is": instead(covers=True)},
+        "wrong background", "The background has another color than bg_color.", {"as it is": instead(covers=True)}
     ),
     _Miswritten(
         "gamma",
