@@ -71,7 +71,7 @@ def test_the_right_image_is_the_oracle_s(shader, visibility):
 
 
 def test_every_mistake_has_a_name_of_its_own_and_says_what_to_do():
-    assert len(MISTAKES) >= 30
+    assert len(MISTAKES) == 62
     assert len({each.name for each in MISTAKES}) == len(MISTAKES)
     assert all(each.advice.endswith(".") for each in MISTAKES)
 
@@ -90,6 +90,12 @@ def test_terms_of_the_light_in_closed_form():
     assert np.isclose(term("R with the wrong sign", "ks", at._replace(to_eye=np.array([0.6, 0.0, -0.8]))), 1.0)
     assert np.isclose(term("R.V by absolute value", "ks", at._replace(to_eye=np.array([0.6, 0.0, -0.8]))), 1.0)
     assert np.isclose(term("highlight without gate", "ks", at._replace(to_light=-tilted, to_eye=-z)), 0.8**3)
+
+
+def test_lights_keep_their_numbers_beside_a_missing_one():
+    changed = with_mistakes(right(), "a light missing (light 1)", "one channel of a light (red of light 3)")
+    before, after = ([light.intensity for light in each.scene.lights] for each in (right().drawing, changed))
+    assert np.array_equal(after, [0.0 * before[0], before[1], before[2] * [1.0, 0.0, 0.0]])
 
 
 def test_settings_that_are_not_modeled_are_refused():

@@ -154,29 +154,25 @@ PICTURE = {"tonemap": "srgb", "exposure": 0.0, "colorbar": False}
 
 
 @pytest.mark.parametrize(
-    "storage",
+    ("record", "storage"),
     [
-        {"half": "yes"},
-        {"crop": 1},
-        {"png": {"tonemap": "srgb"}},
-        {"png": {**PICTURE, "tonemap": "no such"}},
-        {"png": {**PICTURE, "exposure": 1e9}},
-        {"png": {**PICTURE, "colorbar": True}},  # without scalars
-        {"more": 1},
+        ({}, {"half": "yes"}),
+        ({}, {"crop": 1}),
+        ({}, {"png": {"tonemap": "srgb"}}),
+        ({}, {"png": {**PICTURE, "tonemap": "no such"}}),
+        ({}, {"png": {**PICTURE, "exposure": 1e9}}),
+        ({}, {"png": {**PICTURE, "colorbar": True}}),  # without scalars
+        ({}, {"more": 1}),
+        ({"scene": {}}, {}),
+        ({"scene": {"meshes": "0"}}, {}),
+        ({"scene": dict.fromkeys(PARTS, 0)}, {}),
     ],
 )
-def test_storage_that_cannot_be_is_refused(tmp_path, storage):
+def test_records_that_cannot_be_are_refused(tmp_path, record, storage):
     path = saved(tmp_path)
-    written_again(path, storage=storage)
-    with pytest.raises(InputError, match=r"clshade\.storage"):
-        clshade.verify(path, scene())
-
-
-@pytest.mark.parametrize("digests", [{}, {"meshes": "0"}, dict.fromkeys(PARTS, 0)])
-def test_digests_that_cannot_be_are_refused(tmp_path, digests):
-    path = saved(tmp_path)
-    written_again(path, {"scene": digests})
-    with pytest.raises(InputError, match=r"clshade\.scene: expected digests of meshes, materials"):
+    written_again(path, record, storage)
+    expected = r"\.scene: expected digests of meshes, materials" if record else r"clshade\.storage"
+    with pytest.raises(InputError, match=expected):
         clshade.verify(path, scene())
 
 
@@ -194,21 +190,15 @@ def test_an_image_of_which_nothing_is_right(tmp_path, name):
     assert found.claim == "any number of the pixels may be wrong"
 
 
-def test_a_picture_of_another_size_is_a_fault(tmp_path):
+def test_a_picture_that_is_not_the_exr_is_a_fault(tmp_path):
     path = saved(tmp_path)
-    with path.with_suffix(".png").open("wb") as file:
-        png.encode(file, np.zeros((30, 40, 3), np.uint8))
+    png.write(path.with_suffix(".png"), np.zeros((30, 40, 3), np.uint8))
     (fault,) = clshade.verify(path, scene(), pixels=50).faults
     expected = "expected 80 x 60 pixels of 3 channels, found 40 x 30 pixels of 3 channels"
     assert fault == f"teapot.png is of another size: {expected}"
-
-
-def test_a_damaged_picture_is_a_fault(tmp_path):
-    path = saved(tmp_path)
-    path.with_suffix(".png").write_bytes(b"\x89PNG")
+    path.with_suffix(".png").write_bytes(b"\x89PNG")  # damaged
     found = clshade.verify(path, scene(), pixels=50)
-    assert found.pixels == 50
-    assert len(found.faults) == 1
+    assert (found.pixels, len(found.faults)) == (50, 1)
     assert "teapot.png" in found.faults[0]
 
 
