@@ -72,9 +72,10 @@ def test_nothing_of_it_imports_opencl(tmp_path, name, code):
     drawn = replace(drawn, camera=drawn.camera.with_resolution((80, 60)))
     frame_of(drawn, settings).save(tmp_path / "teapot")
     program = "import sys; sys.modules['pyopencl'] = None\nfrom clshade.cli.main import main\n"
-    program += f"sys.exit(main(['verify', '-q', {str(tmp_path / 'teapot.exr')!r}, {name!r}]))"
+    program += f"sys.exit(main(['verify', {str(tmp_path / 'teapot.exr')!r}, {name!r}]))"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (code, "")
+    assert done.returncode == code
+    assert done.stderr in ("", "clshade: computing pixels again in float64 ...\n")  # which is said where it is slow
     expected = ("compared: color, coverage, Z, id, PNG", "the scene is not the one that was drawn: its meshes")
     assert expected[code] in done.stdout
 
