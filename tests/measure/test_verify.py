@@ -1,4 +1,4 @@
-"""`clshade.verify`: images are judged from their files, and planted changes of them are found."""
+"""`clshade.verify`: images are judged from their files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ import pytest
 from oracle_frames import frame_of
 
 import clshade
-from clshade.errors import InputError, OutputError
+from clshade.errors import InputError
 from clshade.images import exr, png
 from clshade.measure.verify.confidence import upper_bound
-from clshade.measure.verify.planted import plant
-from clshade.measure.verify.recorded_image import nearest_stored, read_recorded, stored_range
+from clshade.measure.verify.recorded_image import nearest_stored, stored_range
 from clshade.pipeline.drawing_record import RECORD, read_record, seal_of, sealed
 from clshade.scene.builtin import scenes
 from clshade.scene.description import PARTS
@@ -75,7 +74,8 @@ def test_nothing_of_it_imports_opencl(tmp_path, name, code):
     program = "import sys; sys.modules['pyopencl'] = None\nfrom clshade.cli.main import main\n"
     program += f"sys.exit(main(['verify', {str(tmp_path / 'teapot.exr')!r}, {name!r}]))"
     done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (code, "")
+    assert done.returncode == code
+    assert done.stderr in ("", "clshade: computing pixels again in float64 ...\n")  # which is said where it is slow
     expected = ("compared: color, coverage, Z, id, PNG", "the scene is not the one that was drawn: its meshes")
     assert expected[code] in done.stdout
 
@@ -108,59 +108,6 @@ def test_other_kernels_are_a_remark(tmp_path):
     assert "on a card, as the header says" in lines
     header = exr.read(path)[1]
     assert header["clshadeSeal"] == seal_of(header)
-
-
-def test_thirty_planted_changes_are_found(tmp_path):
-    image = read_recorded(saved(tmp_path))
-    found = plant(image, scene(), 30, pixels=1000, seed=5)
-    assert found.passed, found.lines()
-    assert found.found.total() + found.outside.total() == 30
-
-
-def test_planted_changes_of_half_images_are_beyond_what_half_hides(tmp_path):
-    image = read_recorded(saved(tmp_path, half=True))
-    found = plant(image, scene(), 20, pixels=4800)
-    assert found.passed, found.lines()
-
-
-@pytest.mark.parametrize("options", [{"pixels": 0}, {"count": 0}, {"seed": -1}])
-def test_planted_changes_need_a_sample(tmp_path, options):
-    image = read_recorded(saved(tmp_path))
-    with pytest.raises(InputError, match="expected"):
-        plant(image, scene(), **{"count": 3, "pixels": 9, **options})
-
-
-@pytest.mark.parametrize(("background", "intensity"), [((0.2, 0.2, 0.2), 10.0), ((0.0, 0.0, 0.0), 0.0)])
-def test_changes_that_are_none_are_not_planted(tmp_path, background, intensity):
-    """An image of one color is the same when it is moved, black is not brightened, and no light of it is known."""
-    lights = tuple(replace(light, intensity=(intensity,) * 3) for light in scene().lights)
-    camera = replace(scene().camera, eye=(100, 100, 100), lookat=(200, 200, 200))
-    empty = replace(scene(), background=background, camera=camera, lights=lights)
-    frame_of(empty, Settings()).save(tmp_path / "empty")
-    found = plant(read_recorded(tmp_path / "empty.exr"), empty, 20, pixels=300)
-    assert found.passed, found.lines()
-    assert found.found.total() + found.outside.total() == 20
-    assert found.found["color moved by a column"] == 0
-
-
-def test_planted_changes_need_a_place_to_write_to(tmp_path, monkeypatch):
-    image = read_recorded(saved(tmp_path))
-
-    def no_folder(*_, **__):
-        raise FileNotFoundError(2, "No usable temporary directory found")
-
-    monkeypatch.setattr("tempfile.TemporaryDirectory", no_folder)
-    with pytest.raises(OutputError, match="temporary folder: cannot be written: No usable temporary directory found"):
-        plant(image, scene(), 1, pixels=9)
-
-
-@pytest.mark.long
-def test_many_planted_changes_are_found(tmp_path):
-    image = read_recorded(saved(tmp_path))
-    found = plant(image, scene(), 250, pixels=1000)
-    assert found.passed, found.lines()
-    assert found.found.total() + found.outside.total() == 250
-    assert len(found.outside) > 0
 
 
 def test_what_cannot_be_judged_is_refused_in_one_line(tmp_path):
@@ -208,29 +155,25 @@ PICTURE = {"tonemap": "srgb", "exposure": 0.0, "colorbar": False}
 
 
 @pytest.mark.parametrize(
-    "storage",
+    ("record", "storage"),
     [
-        {"half": "yes"},
-        {"crop": 1},
-        {"png": {"tonemap": "srgb"}},
-        {"png": {**PICTURE, "tonemap": "no such"}},
-        {"png": {**PICTURE, "exposure": 1e9}},
-        {"png": {**PICTURE, "colorbar": True}},  # without scalars
-        {"more": 1},
+        ({}, {"half": "yes"}),
+        ({}, {"crop": 1}),
+        ({}, {"png": {"tonemap": "srgb"}}),
+        ({}, {"png": {**PICTURE, "tonemap": "no such"}}),
+        ({}, {"png": {**PICTURE, "exposure": 1e9}}),
+        ({}, {"png": {**PICTURE, "colorbar": True}}),  # without scalars
+        ({}, {"more": 1}),
+        ({"scene": {}}, {}),
+        ({"scene": {"meshes": "0"}}, {}),
+        ({"scene": dict.fromkeys(PARTS, 0)}, {}),
     ],
 )
-def test_storage_that_cannot_be_is_refused(tmp_path, storage):
+def test_records_that_cannot_be_are_refused(tmp_path, record, storage):
     path = saved(tmp_path)
-    written_again(path, storage=storage)
-    with pytest.raises(InputError, match=r"clshade\.storage"):
-        clshade.verify(path, scene())
-
-
-@pytest.mark.parametrize("digests", [{}, {"meshes": "0"}, dict.fromkeys(PARTS, 0)])
-def test_digests_that_cannot_be_are_refused(tmp_path, digests):
-    path = saved(tmp_path)
-    written_again(path, {"scene": digests})
-    with pytest.raises(InputError, match=r"clshade\.scene: expected digests of meshes, materials"):
+    written_again(path, record, storage)
+    expected = r"\.scene: expected digests of meshes, materials" if record else r"clshade\.storage"
+    with pytest.raises(InputError, match=expected):
         clshade.verify(path, scene())
 
 
@@ -248,21 +191,15 @@ def test_an_image_of_which_nothing_is_right(tmp_path, name):
     assert found.claim == "any number of the pixels may be wrong"
 
 
-def test_a_picture_of_another_size_is_a_fault(tmp_path):
+def test_a_picture_that_is_not_the_exr_is_a_fault(tmp_path):
     path = saved(tmp_path)
-    with path.with_suffix(".png").open("wb") as file:
-        png.encode(file, np.zeros((30, 40, 3), np.uint8))
+    png.write(path.with_suffix(".png"), np.zeros((30, 40, 3), np.uint8))
     (fault,) = clshade.verify(path, scene(), pixels=50).faults
     expected = "expected 80 x 60 pixels of 3 channels, found 40 x 30 pixels of 3 channels"
     assert fault == f"teapot.png is of another size: {expected}"
-
-
-def test_a_damaged_picture_is_a_fault(tmp_path):
-    path = saved(tmp_path)
-    path.with_suffix(".png").write_bytes(b"\x89PNG")
+    path.with_suffix(".png").write_bytes(b"\x89PNG")  # damaged
     found = clshade.verify(path, scene(), pixels=50)
-    assert found.pixels == 50
-    assert len(found.faults) == 1
+    assert (found.pixels, len(found.faults)) == (50, 1)
     assert "teapot.png" in found.faults[0]
 
 

@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from ...measure.defaults import SAMPLE
 from . import DONE, FAILED
-from .arguments import refuse
 
 if TYPE_CHECKING:
-    from ...measure.verify.planted import Planted
     from ...measure.verify.recorded_image import RecordedImage
-    from ...measure.verify.verification import Verification
     from ...scene.model import Scene
 
 
@@ -32,33 +29,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     either.add_argument("--pixels", type=int, default=SAMPLE, metavar="N", help=what)
     either.add_argument("--all", action="store_true", help="compute every pixel again")
     parser.add_argument("--seed", type=int, metavar="N", help="of the sample (default: one that nobody can foresee)")
-    what = "change the image, its header or its scene in N ways, and see whether each change is found"
-    parser.add_argument("--planted", type=int, metavar="N", help=what)
     parser.add_argument("--json", action="store_true", help="print all figures as JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
     from ...base import console
     from ...measure.verify.recorded_image import read_recorded
-    from ...measure.verify.verify import closest, verified
+    from ...measure.verify.verify import verified
 
-    if arguments.planted is not None:
-        why = "cannot go with --planted, which looks at all pixels where a sample has missed a change"
-        refuse(arguments, ("all",), why)
     image = read_recorded(arguments.image)
     pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
     scenes, remark, faults = _scenes(image, arguments.scene)
-    found: Verification | Planted
-    if arguments.planted is not None:
-        from ...measure.verify.planted import plant
-
-        scene = closest(scenes, image.record)[0]
-        found = plant(image, scene, arguments.planted, pixels=arguments.pixels, seed=arguments.seed or 0)
-    else:
-        with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
-            found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
-        remarks = (*found.remarks, remark) if remark and found.pixels else found.remarks
-        found = replace(found, faults=(*found.faults, *faults), remarks=remarks)
+    with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
+        found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
+    remarks = (*found.remarks, remark) if remark and found.pixels else found.remarks
+    found = replace(found, faults=(*found.faults, *faults), remarks=remarks)
     if arguments.json:
         import json
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
@@ -21,8 +21,6 @@ Place = Callable[[Integers, Integers, tuple[int, int]], tuple[Integers, Integers
 Shade = Callable[["Drawing"], Floats]
 Compose = Callable[["Drawing", Shade], Floats]
 Edit = Callable[["Drawing"], "Drawing"]  # what a mistake does to a drawing
-Variant = tuple[str, Edit]  # of a mistake: its words, and what it does
-Variants = Callable[["Drawing"], Iterable[Variant]]
 _Value = TypeVar("_Value")
 
 
@@ -75,11 +73,6 @@ class Drawing:
     backdrop: Floats = field(default_factory=lambda: np.zeros(3))
     covers: bool = False
 
-    @property
-    def of_scene(self) -> bool:
-        """Whether only scene and settings may differ from the right ones: any renderer can draw it."""
-        return all(getattr(self, each.name) == each.default for each in fields(self) if each.default is not MISSING)
-
     def codes_of(self, linear: Floats) -> Floats:
         """Return linear colors (..., 3) as codes from 0 to 255, not rounded."""
         return as_codes(_through(self.shown, linear))
@@ -98,16 +91,6 @@ def then(**steps: Any) -> Edit:
 def instead(**steps: Any) -> Edit:
     """Return an edit that replaces steps of a drawing, such as `order`."""
     return lambda drawing: replace(drawing, **steps)
-
-
-def variants(changes: Mapping[str, Edit], when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
-    """Return the variants of a mistake, by their words. when: whether a drawing can have it."""
-    return lambda drawing: changes.items() if when(drawing) else ()
-
-
-def only(change: Edit, when: Callable[[Drawing], bool] = lambda drawing: True) -> Variants:
-    """Return the only variant of a mistake. when: whether a drawing can have it."""
-    return variants({"": change}, when)
 
 
 class _Visible(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -12,58 +12,64 @@ from typing import Any, NamedTuple
 from ...base.atomic_files import shown
 from ...base.input_files import file_error
 from ...errors import ClshadeError
+from . import pictures
 from .grade import Right, grade
-from .pictures import Shot, shots
 from .reading import ENDINGS
 
 
 class Row(NamedTuple):
-    """A submission that was graded: its facts, see `Grade.facts`, and its pictures, small."""
+    """A submission. facts: see `Grade.facts`, `image` being its name in the folder; of one that cannot be graded beside that
+    only `error`, one line. picture: see `pictures.draw`, a PNG, if there is one."""
 
     facts: dict[str, Any]
-    pictures: tuple[Shot, ...]
+    picture: bytes = b""
 
 
-def submissions(folder: str | Path) -> list[Path]:
-    """Return the image files of a folder, and of folders within it, in the order of their names: those with ENDINGS whose
+def submissions(folder: str | Path) -> list[str]:
+    """Return the names in a folder of its image files, and of those in folders within it, in order: those with ENDINGS whose
     names, and folders' names, begin with no dot. Links to folders are not followed. Raises InputError for a folder that
     cannot be read."""
     found = []
     for where, folders, names in os.walk(folder, onerror=_refuse):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [Path(where, name) for name in sorted(names) if not name.startswith(".")]
-    return [path for path in found if path.suffix.lower() in ENDINGS]
+        found += [os.path.relpath(Path(where, name), folder) for name in sorted(names) if not name.startswith(".")]
+    return [name for name in found if name.lower().endswith(ENDINGS)]
 
 
 def _refuse(error: OSError) -> None:
     raise file_error(shown(error.filename), "folder", "a readable folder", error.strerror or str(error))
 
 
-def grade_all(paths: Sequence[Path], right: Right) -> Iterator[Row | str]:
-    """Grade files in parallel, and yield the result of each, or in one line why it cannot be graded."""
+def grade_all(folder: str | Path, names: list[str], right: Right, drawn: bool = False) -> Iterator[Row]:
+    """Grade files of a folder in parallel. drawn: whether their pictures are wanted."""
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with ProcessPoolExecutor(min(workers, len(paths)), get_context("forkserver"), _keep, (right,)) as pool:
-        for future in [pool.submit(_kept_one, path) for path in paths]:
+    with ProcessPoolExecutor(min(workers, len(names)), get_context("forkserver"), _keep, (right, drawn)) as pool:
+        for name, future in [(name, pool.submit(_row, Path(folder, name), shown(name))) for name in names]:
             try:
                 yield future.result()
             except BrokenExecutor:
-                yield "a process that grades was ended, perhaps for want of memory"
+                yield _failed(shown(name), "a process that grades was ended, perhaps for want of memory")
 
 
-_kept: list[Right] = []
+_kept: list[tuple[Right, bool]] = []
 
 
-def _keep(right: Right) -> None:
+def _keep(right: Right, drawn: bool) -> None:
     """Keep the right image in a worker."""
-    _kept[:] = [right]
+    _kept[:] = [(right, drawn)]
 
 
-def _kept_one(path: Path) -> Row | str:
+def _failed(name: str, error: str) -> Row:
+    return Row({"image": name, "error": error})
+
+
+def _row(path: Path, name: str) -> Row:
     """Grade a file in a worker."""
+    right, drawn = _kept[0]
     try:
-        found = grade(path, _kept[0])
+        found = grade(path, right)
+        return Row({**found.facts(), "image": name}, pictures.as_png(found, right) if drawn else b"")
     except ClshadeError as error:
-        return str(error).removeprefix(f"{shown(path)}: ")
+        return _failed(name, str(error).removeprefix(f"{shown(path)}: "))
     except MemoryError:
-        return "expected an image that fits into memory, found none left"
-    return Row(found.facts(), shots(found, _kept[0]))
+        return _failed(name, "expected an image that fits into memory, found none left")

@@ -13,7 +13,7 @@ from ...base.atomic_files import shown
 from ...errors import InputError
 from ...scene.model import Scene, Settings
 from .drawing import Canvas, Drawing, as_codes, code_image, linear_image
-from .edge_mistakes import SUBPIXEL_SHIFTS
+from .mistakes.coverage import SUBPIXEL_SHIFTS
 from .reading import read_codes
 from .search import Explanation, applied, explain, wrong
 
@@ -26,6 +26,10 @@ class Right:
 
     drawing: Drawing
     linear: Floats
+
+    @property
+    def name(self) -> str:
+        return self.drawing.scene.name
 
     @property
     def codes(self) -> Floats:
@@ -59,28 +63,21 @@ class Grade:
         return self.explanations[0] if self.explanations else None
 
     def facts(self) -> dict[str, Any]:
-        """Return the results for programs."""
+        """Return the results as plain values: those of the best explanation among them, and of all."""
+        explanations = [explanation.facts() for explanation in self.explanations]
+        best = explanations[0] if explanations else {"mistake": ""}
         return {
             "image": self.name,
             "right": self.right,
             "pixels": self.image.shape[0] * self.image.shape[1],
             "pixels_that_differ": self.differ,
-            "of_these_on_edges": self.edges,
+            "on_edges": self.edges,
             "largest_difference": self.worst / 255.0,
             "explained": bool(self.best and self.best.claimed),
-            "explanations": [_facts(each) for each in self.explanations],
-            "remarks": list(self.remarks),
+            **best,
+            "explanations": explanations,
+            "remark": "; ".join(self.remarks),
         }
-
-
-def _facts(found: Explanation) -> dict[str, Any]:
-    return {
-        "mistakes": [change.label for change in found.changes],
-        "advice": [change.mistake.advice for change in found.changes],
-        "difference_removed": found.removed,
-        "pixels_made_right": found.fixed,
-        "same_image": [[change.label for change in changes] for changes in found.same],
-    }
 
 
 def right_of(scene: Scene, settings: Settings) -> Right:
@@ -102,8 +99,8 @@ def explained_codes(right: Right, found: Explanation) -> Floats:
 
 def grade(path: str | Path, right: Right) -> Grade:
     """Grade an image file. Raises InputError if it cannot be read or has another size than the right image."""
-    read = read_codes(path, (right.linear.shape[0], right.linear.shape[1]))
-    return replace(graded(read.codes, right, shown(path)), remarks=read.remarks)
+    codes, remarks = read_codes(path, (right.linear.shape[0], right.linear.shape[1]))
+    return replace(graded(codes, right, shown(path)), remarks=remarks)
 
 
 def graded(image: Floats, right: Right, name: str) -> Grade:

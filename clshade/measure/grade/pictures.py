@@ -1,33 +1,24 @@
-"""Pictures of a graded image: itself, the right one and the difference; and what is left after the best explanation."""
+"""Picture of a graded image: itself, the right one and the difference; and what is left after the best explanation."""
 
 from __future__ import annotations
 
+import io
 import textwrap
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.arrays import Bytes, Floats
+from ...base.arrays import Floats
 from ...images import compare_figure, figures
 from ...images.channels import Group
 from ...images.layer_plots import panel_size
-from ...images.thumbnails import largest, thinned
 from .grade import Grade, Right, explained_codes
-from .search import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SIDE = 240  # most pixels of a small picture along its longer side
 _PANEL, _TITLE, _BAR = 3.6, 0.75, 0.9  # inches
 _LETTERS = 110  # of a title, in a line
-
-
-class Shot(NamedTuple):
-    """A small picture, (M, N, 3) uint8, and what it shows."""
-
-    caption: str
-    pixels: Bytes
 
 
 def draw(found: Grade, right: Right) -> Figure:
@@ -35,9 +26,10 @@ def draw(found: Grade, right: Right) -> Figure:
     image = _group(found.image)
     verdict = "right within 1/255" if found.right else f"not right: {found.differ:,} pixels differ"
     rows = [(verdict, "the right image", _group(right.codes))]
-    if found.best is not None:
-        mistake = found.best.label if found.best.claimed else f"not explained; nearest: {found.best.label}"
-        rows.append((mistake, _with_mistakes(found.best), _group(explained_codes(right, found.best))))
+    if best := found.best:
+        mistake = best.label if best.claimed else f"not explained; nearest: {best.label}"
+        these = "this mistake" if len(best.changes) == 1 else "these mistakes"
+        rows.append((mistake, f"the right image with {these}", _group(explained_codes(right, best))))
     width, height = panel_size(found.image.shape, _PANEL)
     figure = figures.blank(3 * width + _BAR, len(rows) * (height + _TITLE), dpi=100)
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
@@ -53,28 +45,8 @@ def _group(codes: Floats) -> Group:
     return Group("RGB", ("R", "G", "B"), tuple(planes))
 
 
-def _with_mistakes(found: Explanation) -> str:
-    return f"the right image with {'this mistake' if len(found.changes) == 1 else 'these mistakes'}"
-
-
-def shots(found: Grade, right: Right) -> tuple[Shot, ...]:
-    """Return small pictures of an image for a page: `draw` without its scale."""
-    made = [_shot("submission", found.image), _shot("the right image", right.codes)]
-    if found.differ:
-        made.append(_difference("difference", found.image, right.codes))
-    if found.best is not None:
-        explained = explained_codes(right, found.best)
-        made.append(_shot(_with_mistakes(found.best), explained))
-        made.append(_difference("difference that is left", found.image, explained))
-    return tuple(made)
-
-
-def _shot(caption: str, codes: Floats) -> Shot:
-    return Shot(caption, np.ascontiguousarray(np.uint8(np.rint(thinned(codes, _SIDE)))))
-
-
-def _difference(caption: str, codes: Floats, expected: Floats) -> Shot:
-    """Show what differs by more than one code, the brighter, the more; of pixels that are skipped, too."""
-    apart = largest(np.abs(codes - expected).max(axis=2), _SIDE)
-    level = np.where(apart > 1.0 + 1e-9, 64.0 + 0.75 * apart, 0.0)
-    return Shot(caption, np.repeat(np.uint8(np.minimum(level, 255.0))[..., None], 3, axis=2))
+def as_png(found: Grade, right: Right) -> bytes:
+    """Return the picture as a PNG file."""
+    file = io.BytesIO()
+    draw(found, right).savefig(file, format="png")
+    return file.getvalue()

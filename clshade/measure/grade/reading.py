@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,22 +20,18 @@ _ARRAYS = (".npy", ".npz")
 ENDINGS = (".png", ".exr", *_ARRAYS, ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif", ".ppm")
 
 
-class Read(NamedTuple):
-    """An image: its codes (M, N, 3), 0 to 255, row 0 at the top, and what was remarked while it was read."""
-
-    codes: Floats
-    remarks: tuple[str, ...]
-
-
-def read_codes(path: str | Path, shape: tuple[int, int]) -> Read:
+def read_codes(path: str | Path, shape: tuple[int, int]) -> tuple[Floats, tuple[str, ...]]:
     """Read an image of (M, N) pixels: codes of 8-bit files as they are; linear floats of EXR, .npy and .npz (its array
     `rgb`, or its only one) times 255, clipped to [0, 255]; integers from 0 to 255 of these as codes. Row 0 of an .npy is
-    the bottom, as the course's functions return images; of all others it is the top. Raises InputError naming the file."""
+    the bottom, as the course's functions return images; of all others it is the top.
+
+    Returns codes (M, N, 3), row 0 at the top, and remarks on the file. Raises InputError naming the file.
+    """
     owner = shown(path)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         codes = _codes(path, shape, owner)
-    return Read(codes, tuple(str(each.message).removeprefix(f"{owner}: ") for each in caught))
+    return codes, tuple(str(warning.message).removeprefix(f"{owner}: ") for warning in caught)
 
 
 def _codes(path: str | Path, shape: tuple[int, int], owner: str) -> Floats:

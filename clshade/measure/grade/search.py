@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from ...base.arrays import Bools, Floats, Integers
 from .drawing import Canvas, Drawing, Edit, as_codes
-from .mistakes import MISTAKES, Mistake
+from .mistakes import MISTAKES
+from .mistakes.mistake import Mistake
 
-SINGLES, PAIRS = 1500, 400  # pixels on which single mistakes, and pairs, are compared
-BEAM = 5  # single mistakes that are tried with all others
-MOVED = 12  # how good a single mistake in the places of pixels must be to be tried with those in the scene
+_SINGLES, _PAIRS = 1500, 400  # pixels on which single mistakes, and pairs, are compared
+_BEAM = 5  # single mistakes that are tried with all others
+_MOVED = 12  # how good a single mistake in the places of pixels must be to be tried with those in the scene
 _ENOUGH = 0.97  # a single mistake that explains as much is not paired
 _CLAIMED = 0.8  # what an explanation must explain to be claimed
 _WORTH_NAMING = 0.1  # what an explanation must explain to be listed
@@ -23,25 +25,19 @@ _SEED = 0
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """One variant of a mistake. draw: from a drawing to the wrong one."""
+    """One variant of a mistake."""
 
     mistake: Mistake
     words: str
-    draw: Edit
+    edit: Edit
 
     @property
     def label(self) -> str:
         return f"{self.mistake.name} ({self.words})" if self.words else self.mistake.name
 
 
-class Sample(NamedTuple):
-    """Pixels of the image that is graded, rows from the TOP and columns, (K,): their codes (K, 3), and the number of pixels
-    that each stands for."""
-
-    rows: Integers
-    columns: Integers
-    codes: Floats
-    weights: Floats
+def _label(changes: Sequence[Change]) -> str:
+    return " + ".join(change.label for change in changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +63,29 @@ class Explanation:
 
     @property
     def label(self) -> str:
-        return " + ".join(change.label for change in self.changes)
+        return _label(self.changes)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the explanation as plain values."""
+        return {
+            "mistake": self.label,
+            "difference_removed": self.removed,
+            "pixels_made_right": self.fixed,
+            "same_image": "; ".join(map(_label, self.same)),
+            "advice": " ".join(change.mistake.advice for change in self.changes),
+        }
 
 
 def applied(drawing: Drawing, changes: Sequence[Change]) -> Drawing:
     """Return the drawing with mistakes, made one after another."""
     for change in changes:
-        drawing = change.draw(drawing)
+        drawing = change.edit(drawing)
     return drawing
 
 
-def changes_of(drawing: Drawing, mistakes: Sequence[Mistake] = MISTAKES) -> list[Change]:
+def changes_of(drawing: Drawing) -> list[Change]:
     """Return all variants of the mistakes that the right drawing can have."""
-    return [Change(mistake, *variant) for mistake in mistakes for variant in mistake.variants(drawing)]
+    return [Change(mistake, *variant) for mistake in MISTAKES for variant in mistake.variants(drawing).items()]
 
 
 def wrong(codes: Floats, expected: Floats) -> Bools:
@@ -87,10 +93,10 @@ def wrong(codes: Floats, expected: Floats) -> Bools:
     return np.asarray((np.abs(codes - expected) > 1.0 + 1e-9).any(axis=-1))
 
 
-def sample(image: Floats, linear: Floats, doubtful: Bools, count: int) -> Sample:
+def sample(image: Floats, linear: Floats, doubtful: Bools, count: int) -> tuple[Integers, Floats]:
     """Choose pixels of the image, codes (M, N, 3): half of those that differ from the right linear colors, and half of the
     others, at random, but all of a half that has no more; none that are doubtful, (M, N). Also the brightest right one, on
-    which maxima depend."""
+    which maxima depend. Return their indices in reading order, and the number of pixels that each stands for, (K,)."""
     generator = np.random.default_rng(_SEED)
     differ = wrong(image, np.rint(as_codes(linear))).reshape(-1)
     chosen, weights = [np.array([linear.max(axis=2).argmax()])], [np.zeros(1)]
@@ -99,25 +105,26 @@ def sample(image: Floats, linear: Floats, doubtful: Bools, count: int) -> Sample
         some = half if len(half) <= count // 2 else generator.choice(half, count // 2, replace=False)
         chosen.append(some)
         weights.append(np.full(len(some), len(half) / max(len(some), 1)))
-    rows, columns = np.divmod(np.concatenate(chosen), image.shape[1])
-    return Sample(rows, columns, image[rows, columns], np.concatenate(weights))
+    return np.concatenate(chosen), np.concatenate(weights)
 
 
 class Search:
-    """The search for what explains pixels of an image. right: the right drawing."""
+    """The search for what explains a sample of an image's pixels, see `explain`."""
 
-    def __init__(self, right: Drawing, pixels: Sample) -> None:
-        self.right, self.pixels = right, pixels
-        self.canvas = Canvas(pixels.rows, pixels.columns)
-        self._before = self._left(self.canvas.codes(right))
+    def __init__(self, right: Drawing, image: Floats, linear: Floats, doubtful: Bools, count: int) -> None:
+        index, self._weights = sample(image, linear, doubtful, count)
+        rows, columns = np.divmod(index, image.shape[1])
+        self._right, self._codes = right, image[rows, columns]
+        self._changes = changes_of(right)
+        self._canvas = Canvas(rows, columns)
+        self._before = self._left(self._canvas.codes(right))
         self._linear: dict[tuple[object, ...], Floats] = {}
 
     def _left(self, codes: Floats) -> tuple[float, float]:
         """Return what is left of the difference: the sum beyond one code, and the number of pixels."""
-        written = np.rint(codes) if (self.pixels.codes == np.rint(self.pixels.codes)).all() else codes
-        apart = np.maximum(np.abs(written - self.pixels.codes) - 1.0, 0.0).sum(axis=1)
-        weights = self.pixels.weights
-        return float(weights @ apart), float(weights @ wrong(written, self.pixels.codes))
+        written = np.rint(codes) if (self._codes == np.rint(self._codes)).all() else codes
+        apart = np.maximum(np.abs(written - self._codes) - 1.0, 0.0).sum(axis=1)
+        return float(self._weights @ apart), float(self._weights @ wrong(written, self._codes))
 
     def explained(self, *changes: Change) -> Explanation:
         """Return how much these mistakes, in this order, explain."""
@@ -127,23 +134,21 @@ class Search:
 
     def _drawn(self, changes: Sequence[Change]) -> Floats:
         """Return the codes of the pixels. Linear colors are kept, which mistakes in the finished image share."""
-        drawing = applied(self.right, changes)
+        drawing = applied(self._right, changes)
         key = (*(change for change in changes if change.mistake.early), drawing.place)
         if key not in self._linear:
-            self._linear[key] = self.canvas.linear(drawing)
-        return self.canvas.codes(drawing, self._linear[key])
+            self._linear[key] = self._canvas.linear(drawing)
+        return self._canvas.codes(drawing, self._linear[key])
 
     def singles(self) -> list[Explanation]:
         """Return all single mistakes, the one that explains most first; equals in the table's order."""
-        return _ranked(self.explained(change) for change in changes_of(self.right))
+        return _ranked(self.explained(change) for change in self._changes)
 
     def pairs(self, singles: Sequence[Explanation]) -> list[Explanation]:
         """Return pairs of mistakes, the one that explains most first: each with those in the finished image, and the best of
         `singles` with all."""
-        changes = changes_of(self.right)
-        best, moved = ({each.label for each in singles[:count]} for count in (BEAM, MOVED))
-        idle = {change.label for change in changes if change.mistake.moves} - moved
-        tried = [change for change in changes if change.label not in idle]
+        best, moved = ({single.label for single in singles[:count]} for count in (_BEAM, _MOVED))
+        tried = [change for change in self._changes if not change.mistake.moves or change.label in moved]
         return _ranked(self.explained(*pair) for pair in _ordered_pairs(tried, best))
 
     def together(self, ranked: Sequence[Explanation]) -> Explanation:
@@ -161,30 +166,24 @@ def _ranked(found: Iterable[Explanation]) -> list[Explanation]:
 
 def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[Change, Change]]:
     """Yield pairs of different mistakes: those in the scene before those in the image, two in the image in both orders."""
-    for i, one in enumerate(changes):
-        for other in changes[i + 1 :]:
-            if one.mistake is other.mistake:
-                continue
-            late = (not one.mistake.early) + (not other.mistake.early)
-            if late == 0 and not {one.label, other.label} & best:
-                continue
-            if one.mistake.early or late == 2:
-                yield one, other
-            if late == 2 or (late == 1 and other.mistake.early):
-                yield other, one
+    for one, other in combinations(sorted(changes, key=lambda change: not change.mistake.early), 2):
+        if one.mistake is other.mistake or (other.mistake.early and not {one.label, other.label} & best):
+            continue
+        yield one, other
+        if not one.mistake.early:
+            yield other, one
 
 
 def explain(right: Drawing, image: Floats, linear: Floats, doubtful: Bools) -> list[Explanation]:
     """Return what explains an image, codes (M, N, 3), that differs from the right linear colors elsewhere than at doubtful
     pixels, (M, N): the best first, at most three; one alone if it explains nearly all."""
-    search = Search(right, sample(image, linear, doubtful, SINGLES))
+    search = Search(right, image, linear, doubtful, _SINGLES)
     singles = search.singles()
     best = search.together(singles)
     found = [each for each in (best, *singles[1:]) if each.changes not in best.same and each.score > _WORTH_NAMING]
     if best.score >= _ENOUGH:
         return found[:1]
-    fewer = Search(right, sample(image, linear, doubtful, PAIRS))
-    likely = fewer.pairs(singles)[:24]
+    likely = Search(right, image, linear, doubtful, _PAIRS).pairs(singles)[:24]
     pair = search.together(_ranked(search.explained(*each.changes) for each in likely))
     if 1.0 - pair.score < 0.5 * (1.0 - best.score):
         found = [pair, *found]

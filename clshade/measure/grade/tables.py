@@ -1,26 +1,28 @@
-"""What `grade` prints, and its CSV."""
+"""What `grade` prints and writes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
+from xml.etree.ElementTree import Element
 
 from ...base import text_tables
-from ...base.atomic_files import shown
-from ...base.text_tables import digits
+from ...base.markup import data_uri, element
+from ..results import Column, Results, Table
 from .folder import Row
 
-Facts = dict[str, Any]
-HEADER = (
-    *("submission", "right", "pixels", "pixels differ", "on edges"),
-    *("mistake", "nearest", "removes", "makes right", "same image", "remark"),
-)
+Facts = dict[str, Any]  # of a submission, see `Grade.facts`; of one that cannot be graded: `image` and `error`
 _FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # what begins a formula in spreadsheets
+_STYLE = """
+.right { border-left: .4rem solid #4b9b4b } .wrong { border-left: .4rem solid #c0504d } section { padding-left: .8rem }
+section img { max-width: 100% } td, tbody th { white-space: normal } td, thead th { text-align: left }
+"""
 
 
-def verdict(facts: Facts) -> str:
+def _verdict(facts: Facts) -> str:
     """Say in a sentence whether the image is right."""
-    differ, edges = facts["pixels_that_differ"], facts["of_these_on_edges"]
+    differ, edges = facts["pixels_that_differ"], facts["on_edges"]
     if not differ:
         return "right within 1/255"
     if facts["right"]:
@@ -33,97 +35,104 @@ def verdict(facts: Facts) -> str:
     return f"not right: {differ:,} of {facts['pixels']:,} pixels differ{on_edges}, by up to {most}/255"
 
 
-def percent(share: float) -> str:
-    """Return a share in percent, with two significant digits or more."""
-    return f"{100.0 * share:.0f} %" if abs(share) >= 0.1 else f"{digits(100.0 * share, 2)} %"
-
-
-def named(found: Facts) -> str:
-    return " + ".join(found["mistakes"])
-
-
-def same(found: Facts) -> str:
-    """Name what cannot be told from an explanation."""
-    return "; ".join(" + ".join(labels) for labels in found["same_image"])
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
 
 
 def lines(facts: Facts) -> list[str]:
     """Return what is printed on an image."""
-    return [f"{facts['image']}: {verdict(facts)}", *(text_tables.wrapped(each, 2) for each in _reasons(facts))]
+    return [f"{facts['image']}: {_verdict(facts)}", *(text_tables.wrapped(text, 2) for text in _reasons(facts))]
 
 
 def _reasons(facts: Facts) -> Iterator[str]:
+    explanations = facts["explanations"]
     if not facts["right"] and not facts["explained"]:
-        nearest = " What comes nearest:" if facts["explanations"] else ""
+        nearest = " What comes nearest:" if explanations else ""
         yield f"None of the modeled mistakes, nor two of them, explains it.{nearest}"
-    for number, found in enumerate(facts["explanations"], 1):
-        removed, fixed = percent(found["difference_removed"]), percent(found["pixels_made_right"])
-        yield f"{number}. {named(found)}: removes {removed} of the difference, makes {fixed} of the wrong pixels right"
+    for number, found in enumerate(explanations, 1):
+        removed, fixed = _percent(found["difference_removed"]), _percent(found["pixels_made_right"])
+        yield f"{number}. {found['mistake']}: removes {removed} of the difference, makes {fixed} of the wrong pixels right"
         if number == 1:
-            yield from (f"   {advice}" for advice in found["advice"])
+            yield f"   {found['advice']}"
             if found["same_image"]:
-                yield f"   Cannot be told apart in this scene: {same(found)}"
-    yield from (f"Note: {each}" for each in facts["remarks"])
+                yield f"   Cannot be told apart in this scene: {found['same_image']}"
+    if facts["remark"]:
+        yield f"Note: {facts['remark']}"
 
 
-def counted(found: Sequence[Row | str]) -> str:
-    """Say in a sentence how many submissions are right."""
-    graded = [each.facts for each in found if not isinstance(each, str)]
-    right, explained = sum(each["right"] for each in graded), sum(each["explained"] for each in graded)
-    missed = f", {len(found) - len(graded)} not graded" if len(graded) < len(found) else ""
-    wrong = f"{len(graded) - right} not right ({explained} explained)"
-    return f"{len(found)} submission{'s' * (len(found) != 1)}: {right} right within 1/255, {wrong}{missed}"
-
-
-def summary(names: Sequence[str], found: Sequence[Row | str]) -> list[str]:
-    """Return a line for each submission of a folder, for the terminal, and a last one on all."""
-    each_line = [f"{shown(name)}: {short(each)}" for name, each in zip(names, found, strict=True)]
-    return [*each_line, counted(found)]
-
-
-def short(found: Row | str) -> str:
+def short(facts: Facts) -> str:
     """Return the result in one line."""
-    if isinstance(found, str):
-        return f"not graded: {found}"
-    facts = found.facts
-    remarks = "".join(f"; {each}" for each in facts["remarks"])
-    if facts["right"]:
-        on_edges = f", but for {facts['of_these_on_edges']:,} pixels on edges" if facts["of_these_on_edges"] else ""
-        return f"right{on_edges}{remarks}"
-    count = facts["pixels_that_differ"]
-    start = "not right, 1 pixel differs" if count == 1 else f"not right, {count:,} pixels differ"
-    if not facts["explanations"]:
-        return f"{start}; no mistake explains it{remarks}"
-    first = facts["explanations"][0]
-    removes = f"(removes {percent(first['difference_removed'])})"
-    claim = "" if facts["explained"] else "no mistake explains it, nearest: "
-    return f"{start}; {claim}{named(first)} {removes}{remarks}"
+    if "error" in facts:
+        return f"not graded: {facts['error']}"
+    texts = [_verdict(facts)]
+    if not facts["right"] and not facts["explained"]:
+        texts.append("no mistake explains it")
+    if facts["mistake"]:
+        nearest = "" if facts["explained"] else "nearest: "
+        texts.append(f"{nearest}{facts['mistake']} (removes {_percent(facts['difference_removed'])})")
+    return "; ".join([*texts, facts["remark"]] if facts["remark"] else texts)
 
 
-def csv(names: Sequence[str], found: Sequence[Row | str]) -> str:
-    """Return the table as CSV. Texts that a spreadsheet would take for formulas begin with an apostrophe."""
-    return text_tables.as_csv(HEADER, [[_harmless(cell) for cell in row] for row in rows(names, found)])
+def summary(submissions: Sequence[Facts]) -> list[str]:
+    """Return a line for each submission of a folder, for the terminal, and a last one on all."""
+    return [*(f"{facts['image']}: {short(facts)}" for facts in submissions), _counted(submissions)]
 
 
-def _harmless(cell: str) -> str:
-    return f"'{cell}" if cell.startswith(_FORMULAS) else cell
+def _counted(submissions: Sequence[Facts]) -> str:
+    graded = [facts for facts in submissions if "error" not in facts]
+    right, explained = (sum(facts[name] for facts in graded) for name in ("right", "explained"))
+    missed = f", {len(submissions) - len(graded)} not graded" if len(graded) < len(submissions) else ""
+    count = f"{len(submissions)} submission{'s' * (len(submissions) != 1)}"
+    return f"{count}: {right} right within 1/255, {len(graded) - right} not right ({explained} explained){missed}"
 
 
-def rows(names: Sequence[str], found: Sequence[Row | str]) -> list[tuple[str, ...]]:
-    """Return a row of HEADER for each submission: removes and makes right are shares."""
-    return [_row(shown(name), each) for name, each in zip(names, found, strict=True)]
+def _column(name: str) -> Column:
+    """Return a column of a fact for programs."""
+    return Column("", name, lambda facts: facts.get(name))
 
 
-def _row(name: str, found: Row | str) -> tuple[str, ...]:
-    if isinstance(found, str):
-        return name, *[""] * (len(HEADER) - 2), found
-    facts = found.facts
-    counts = (str(facts[key]) for key in ("pixels", "pixels_that_differ", "of_these_on_edges"))
-    start = name, "yes" if facts["right"] else "no", *counts
-    remarks = "; ".join(facts["remarks"])
-    if not facts["explanations"]:
-        return *start, "", "", "", "", "", remarks
-    first = facts["explanations"][0]
-    either = (named(first), "") if facts["explained"] else ("", named(first))
-    shares = (f"{first[key]:.4f}" for key in ("difference_removed", "pixels_made_right"))
-    return *start, *either, *shares, same(first), remarks
+_FOUND = ("mistake", "difference_removed", "pixels_made_right", "same_image")
+_COUNTS = ("right", "pixels", "pixels_that_differ", "on_edges", "largest_difference", "explained")
+SUBMISSIONS = (
+    Column("submission", "submission", lambda facts: facts["image"], str),
+    Column("result", "", short, str),
+    *map(_column, (*_COUNTS, *_FOUND, "remark", "error")),
+)
+EXPLANATIONS = tuple(map(_column, ("submission", *_FOUND, "advice")))
+
+
+def results(submissions: Sequence[Facts], scene: str) -> Results:
+    """Return the results for programs. scene: its name."""
+    explanations = [
+        {"submission": facts["image"], **found} for facts in submissions for found in facts.get("explanations", ())
+    ]
+    tables = (Table("Submissions", SUBMISSIONS, submissions), Table("Explanations", EXPLANATIONS, explanations))
+    return Results(f"Submissions: {scene}", {"scene": scene, "result": _counted(submissions)}, tables)
+
+
+def csv(submissions: Sequence[Facts]) -> str:
+    """Return the submissions as CSV. Texts that a spreadsheet would take for formulas begin with an apostrophe."""
+
+    def harmless(value: Any) -> Any:
+        return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value
+
+    safe = [{name: harmless(value) for name, value in facts.items()} for facts in submissions]
+    return Table("", SUBMISSIONS, safe).csv()
+
+
+def page(rows: Sequence[Row], scene: str) -> bytes:
+    """Return a page of HTML that fetches nothing: the results, and each submission with its picture. scene: its name."""
+    submissions = [row.facts for row in rows]
+    overview = Table("Results", SUBMISSIONS, submissions).html()
+    above = replace(results(submissions, scene), tables=())
+    return above.html(overview, [_section(row) for row in rows], style=_STYLE)
+
+
+def _section(row: Row) -> Element:
+    facts = row.facts
+    text = [short(facts)] if "error" in facts else lines(facts)
+    picture = element("img", src=data_uri("image/png", row.picture), alt=short(facts)) if row.picture else None
+    paragraphs = [element("p", line) for line in text]
+    return element(
+        "section", element("h2", facts["image"]), paragraphs, picture, class_="right" if facts.get("right") else "wrong"
+    )

@@ -1,0 +1,225 @@
+"""`clshade.verify` finds changes that are planted in an image, its header, its scene and the PNG beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from oracle_frames import frame_of
+
+from clshade import oracle
+from clshade.errors import InputError
+from clshade.images import exr, png
+from clshade.measure.check import oracle_bounds
+from clshade.measure.verify.confidence import sampled
+from clshade.measure.verify.recorded_image import nearest_stored, read_recorded
+from clshade.measure.verify.verify import as_drawn, verified
+from clshade.pipeline.drawing_record import NOT_SEALED, RECORD, SEAL
+from clshade.scene.builtin import scenes
+from clshade.scene.model import Mesh, Scene, Settings, with_materials
+
+SAMPLE = 1000
+REFUSED = ("header record", "rows cut off", "file cut off")  # kinds of which nothing may be left that can be judged
+
+
+@dataclass(frozen=True)
+class Files:
+    """What is changed: channels and header of the EXR, codes of the PNG, the scene. left: hundredths of the EXR."""
+
+    planes: dict[str, np.ndarray]
+    header: dict[str, Any]
+    codes: np.ndarray | None
+    scene: Scene
+    left: int = 100
+
+
+class Planting:
+    """Changes of the image of a teapot that is right."""
+
+    def __init__(self, folder: Path, half: bool) -> None:
+        scene, self.half = scenes.teapot(3, (80, 60)), half
+        frame_of(scene, Settings(layers=("Z", "id"))).save(folder / "teapot", half=half)
+        image = read_recorded(folder / "teapot.exr")
+        assert verified(image, [scene], pixels="all").passed
+        self.files = Files(*exr.read(image.path), png.read(folder / "teapot.png", alpha=True), scene)
+        shown, settings = as_drawn(scene, image.record), image.record.settings
+        expected = oracle.render(shown, settings)
+        bound = oracle_bounds.color_bound(expected, settings.precision)
+        most = oracle_bounds.allowed(shown, settings) * bound + expected.jump
+        self.right, self.most = expected.rgb, np.maximum(most, oracle_bounds.FLOAT32_TINY)
+        everywhere = np.ones(expected.alpha.shape, bool)
+        self.decided = ~(expected.unsure | oracle_bounds.depth_ties(shown, settings, everywhere))  # a tie is no fault
+
+    def color(self, change, files: Files, random) -> Files:
+        """Change colors of a pixel, a block or a part of a row by more than is allowed, without the PNG that would tell."""
+        rgb = np.stack([files.planes[name] for name in "RGB"], axis=-1)
+        while True:
+            rows, columns = random.choice([(1, 1), (4, 4), (1, 32)])
+            row, column = place(rgb[..., 0], random)
+            where = slice(row, row + int(rows)), slice(column, column + int(columns))
+            new = rgb.copy()
+            most = (self.right + self.most)[where].astype(rgb.dtype)
+            new[where] = change(rgb[where].astype(np.float64), most)
+            read = nearest_stored(new, self.right) if self.half else new.astype(np.float64)
+            is_wrong = ~(np.abs(read - self.right) <= self.most).all(axis=-1)
+            new = np.where((is_wrong & self.decided)[..., None], new, rgb)
+            if not np.array_equal(new, rgb, equal_nan=True):
+                planes = {**files.planes, **{name: new[..., k] for k, name in enumerate("RGB")}}
+                return replace(files, planes=planes, codes=None)
+
+    def is_outside(self, changed: Files, seed: int) -> bool:
+        """Return whether all changed pixels are outside the sample."""
+        before = self.files.planes
+        other = [~np.isclose(changed.planes[name], before[name], 0, 0, equal_nan=True) for name in before]
+        at = np.flatnonzero(np.any(other, axis=0))
+        return len(at) > 0 and not np.isin(at, sampled(self.decided.size, SAMPLE, seed)).any()
+
+
+def place(array: np.ndarray, random) -> tuple[int, ...]:
+    return tuple(int(random.integers(size)) for size in array.shape)
+
+
+def changed_layer(name: str, files: Files, random) -> Files:
+    plane = files.planes[name].copy()
+    at = place(plane, random)
+    value = plane[at]
+    wrong = {"id": value + 1, "A": 1.0 - value if value != 0.5 else 1.0}
+    plane[at] = wrong.get(name, value * np.float32(1.0 + 2.0**-18) if np.isfinite(value) else 1.0)
+    return replace(files, planes={**files.planes, name: plane})
+
+
+def changed_attribute(files: Files, random) -> Files:
+    """Change, remove or add an attribute of the header."""
+    ours = sorted(name for name in files.header if name not in NOT_SEALED - {SEAL} and name != RECORD)
+    name = ours[int(random.integers(len(ours)))]
+    value = files.header[name]
+    if isinstance(value, str):
+        value = value[:-1] + ("x" if value[-1:] != "x" else "y")
+    else:
+        value = np.float32(2.0) * value + 1 if isinstance(value, np.ndarray) else 2 * value + 1
+    changes: list[dict[str, Any]] = [{name: value}, {"added": "by someone"}]
+    changes += [] if name == "pixelAspectRatio" else [{name: None}]  # every file has one
+    return replace(files, header={**files.header, **changes[int(random.integers(len(changes)))]})
+
+
+def changed_record(files: Files, random) -> Files:
+    """Change a letter of the record, or leave one out."""
+    text = files.header[RECORD]
+    at = int(random.integers(len(text)))
+    new = text[:at] + str(random.choice(["", "0", "x", '"', "}", "9e999"])) + text[at + 1 :]
+    return replace(files, header={**files.header, RECORD: new if new != text else text + " "})
+
+
+def changed_code(files: Files, random) -> Files:
+    codes = files.codes.copy()
+    at = place(codes, random)
+    codes[at] += 1 if codes[at] < 255 else -1
+    return replace(files, codes=codes)
+
+
+def changed_scene(change, files: Files, random) -> Files:
+    return replace(files, scene=change(files.scene, random))
+
+
+def nudged(value: Any) -> np.ndarray:
+    return np.nextafter(np.asarray(value, np.float64), np.inf)
+
+
+def moved_vertex(scene: Scene, random) -> Scene:
+    first, *others = scene.meshes
+    verts = np.array(first.verts)
+    at = place(verts, random)
+    verts[at] = next_to(verts[at])
+    return replace(scene, meshes=(replace(first, verts=verts), *others))
+
+
+def brighter_light(scene: Scene, random) -> Scene:
+    first, *others = scene.lights
+    return replace(scene, lights=(replace(first, intensity=nudged(first.intensity)), *others))
+
+
+def next_to(values: np.ndarray) -> np.ndarray:
+    return np.nextafter(values, values.dtype.type(np.inf))
+
+
+COLORS = {  # of colors (K, L, 3) with the largest that are allowed
+    "an ulp beyond its bound": lambda rgb, most: next_to(next_to(most)),
+    "1 % brighter": lambda rgb, most: 1.01 * rgb,
+    "NaN": lambda rgb, most: np.full_like(rgb, np.nan),
+    "negative": lambda rgb, most: -rgb - 1e-3,
+    "channels exchanged": lambda rgb, most: rgb[..., ::-1],
+    "moved by a column": lambda rgb, most: np.roll(rgb, 1, axis=1),
+}
+SCENES = {
+    "vertex moved by an ulp": moved_vertex,
+    "material": lambda scene, random: with_materials(scene, lambda each: replace(each, kd=nudged(each.kd))),
+    "light": brighter_light,
+    "camera": lambda scene, random: replace(scene, camera=replace(scene.camera, eye=nudged(scene.camera.eye))),
+    "mesh left out": lambda scene, random: replace(scene, meshes=(*scene.meshes[1:], Mesh(np.eye(3), [[0, 1, 2]]))),
+}
+OTHERS = {
+    "header attribute": changed_attribute,
+    "header record": changed_record,
+    "PNG code": changed_code,
+    "rows cut off": lambda files, random: replace(files, planes={n: p[:-1] for n, p in files.planes.items()}),
+    "file cut off": lambda files, random: replace(files, left=int(random.integers(4, 95))),
+}
+
+
+def missed(folder: Path, count: int, half: bool = False) -> tuple[list[str], int]:
+    """Plant changes, one after another of each kind. Return those that are neither found at once, nor lie outside the sample
+    and are found among all pixels; and the number of the latter."""
+    planting = Planting(folder, half)
+    kinds = [
+        *((f"color {name}", partial(planting.color, change)) for name, change in COLORS.items()),
+        *((f"layer {name}", partial(changed_layer, name)) for name in ("A", "id", "Z")),
+        *((f"scene {name}", partial(changed_scene, change)) for name, change in SCENES.items()),
+        *OTHERS.items(),
+    ]
+    lines, outside = [], 0
+    for seed in range(count):
+        kind, change = kinds[seed % len(kinds)]
+        changed = change(planting.files, np.random.default_rng(seed))
+        written(folder / "planted.exr", changed, half)
+
+        def is_found(pixels, kind=kind, changed=changed, seed=seed) -> bool:
+            try:
+                image = read_recorded(folder / "planted.exr")
+                return not verified(image, [changed.scene], pixels=pixels, seed=seed).passed
+            except InputError:
+                return kind in REFUSED
+
+        if is_found(SAMPLE):
+            continue
+        if planting.is_outside(changed, seed) and is_found("all"):
+            outside += 1
+        else:
+            lines.append(f"{kind}, seed {seed}")
+    return lines, outside
+
+
+def written(path: Path, files: Files, half: bool) -> None:
+    metadata = {name: value for name, value in files.header.items() if name not in exr.PROTECTED}
+    exr.write(path, files.planes, metadata=metadata, half=half, compression=files.header["compression"])
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * files.left // 100])
+    path.with_suffix(".png").unlink(missing_ok=True)
+    if files.codes is not None:
+        png.write(path.with_suffix(".png"), files.codes)
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_changes_are_found(tmp_path, half):
+    """Those of half floats are beyond what half hides."""
+    assert missed(tmp_path, 30, half)[0] == []
+
+
+@pytest.mark.long
+def test_a_thousand_changes_are_found(tmp_path):
+    lines, outside = missed(tmp_path, 1000)
+    assert lines == []
+    assert outside > 0
