@@ -165,9 +165,9 @@ def teapot(resolution):
     return seen("teapot", replace(scene, meshes=scene.meshes[:-1]))
 
 
-def from_file(path: str, resolution):
+def from_file(name: str, path: str, resolution):
     scene = clshade.load(Path(DATA) / path)
-    return seen(Path(path).stem, replace(scene, camera=scene.camera.with_resolution(resolution)))
+    return seen(name, replace(scene, camera=scene.camera.with_resolution(resolution)))
 
 
 FILES = {"beetle": "beetle-alt.obj", "spot": "spot/spot.obj", "helmet": "gltf/DamagedHelmet.glb"}
@@ -175,7 +175,7 @@ CANNOT = {("riley", "beetle")}  # it leaves out triangles seen from behind, whic
 SCENES: dict[str, Callable[..., clshade.Scene]] = {
     **{make.__name__: make for make in (teapot, fan, grid, offset, slivers)},
     "million": lambda resolution: seen("million", clshade.builtin("icosphere", level=8, resolution=resolution)),
-    **{name: partial(from_file, path) for name, path in FILES.items() if DATA and (Path(DATA) / path).is_file()},
+    **{name: partial(from_file, name, path) for name, path in FILES.items() if DATA and (Path(DATA) / path).is_file()},
 }
 
 
