@@ -117,7 +117,7 @@ def missed(count: int, together: int, seed: int) -> list[str]:
         planted = {change.label for change in changes}
         if planted not in [{change.label for change in answer} for answer in answers]:
             lines.append(f"{' + '.join(sorted(planted))} in {where}: {best.label if best else 'nothing'}")
-    assert by_kernels > 0.5 * count
+    assert by_kernels > 0.2 * count
     return lines
 
 
