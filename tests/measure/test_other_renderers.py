@@ -11,7 +11,7 @@ import pytest
 
 import clshade
 
-SCRIPT = Path(__file__).resolve().parent.parent / "demos" / "other_renderers.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "demos" / "other_renderers.py"
 SIZE = (16, 12)  # columns and rows
 PITCH = 1.0 / 8.0  # of a pixel at depth 1
 LIGHT = np.array([0.5, 1.0, 0.0])
