@@ -142,7 +142,6 @@ TESTS = {
     "clshade/images/decode.py": "images deep_images limits",
     "clshade/images/pnm.py": "deep_images",
     "clshade/images/tiff.py": "deep_images",
-    "clshade/measure/conform/pairs.py": "conform",
     "clshade/measure/grade/reading.py": "grade_files grade",
     "clshade/measure/verify/confidence.py": "confidence",
     "clshade/measure/verify/recorded_image.py": "verify",

@@ -16,12 +16,10 @@ from .opencl.device import Device
 
 @dataclass(frozen=True)
 class Grid:
-    """Work-items of a launch. size: in each dimension. group: of a work-group, None: the runtime's choice. offset: of the
-    global ids, None: 0."""
+    """Work-items of a launch. size: in each dimension. group: of a work-group, None: the runtime's choice."""
 
     size: tuple[int, ...]
     group: tuple[int, ...] | None = None
-    offset: tuple[int, ...] | None = None
 
 
 def launch(device: Device, kernel: Any, grid: Grid, arguments: Sequence[Any]) -> None:
@@ -35,7 +33,7 @@ def launch(device: Device, kernel: Any, grid: Grid, arguments: Sequence[Any]) ->
     try:
         buffers = {k: cl.Buffer(device.context, flags, hostbuf=array) for k, array in arrays.items()}
         kernel.set_args(*(buffers.get(k, value) for k, value in enumerate(arguments)))
-        cl.enqueue_nd_range_kernel(device.queue, kernel, grid.size, grid.group, grid.offset)
+        cl.enqueue_nd_range_kernel(device.queue, kernel, grid.size, grid.group)
         for k, array in arrays.items():
             if array.flags.writeable:
                 cl.enqueue_copy(device.queue, array, buffers[k])

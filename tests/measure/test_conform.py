@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import asdict, replace
@@ -13,13 +14,11 @@ import pytest
 from command_line import assert_refused, run
 
 from clshade.measure.conform import case as case_module
-from clshade.measure.conform import conform, groups, memory, operations, reproducer, scenes
-from clshade.measure.conform.case import GROUP, Bench, Case, Wrong, without_denormals
-from clshade.measure.conform.conform import Judged
-from clshade.measure.conform.content import FACTORS, golden_scene
-from clshade.measure.conform.groups import GROUPS, Check, parts_of
-from clshade.measure.conform.isolated import Part, Result, Task
-from clshade.measure.conform.pairs import Draws, covering
+from clshade.measure.conform import conform, groups, operations, reproducer, scenes
+from clshade.measure.conform.case import GROUP, Bench, Case, Check
+from clshade.measure.conform.content import Draws, golden_scene
+from clshade.measure.conform.groups import GROUPS, parts_of
+from clshade.measure.conform.isolated import Result, Task, run_part
 from clshade.pipeline import programs
 from clshade.pipeline.opencl.device import chosen_devices
 
@@ -33,18 +32,17 @@ def check_of(device, group: str, name: str, part: str = "") -> Check:
 # Choices
 
 
-def uncovered(factors: dict, rows: list[dict]) -> set:
-    """Return the pairs of levels of different factors that no row has."""
-    every = {
-        ((one, a), (other, b)) for one, other in combinations(factors, 2) for a in factors[one] for b in factors[other]
-    }
-    return every - {pair for row in rows for pair in combinations(row.items(), 2)}
-
-
 def test_golden_scenes_cover_all_pairs():
+    """Of the levels of different choices, but one pair that Settings refuses."""
     rows = json.loads(scenes.GOLDEN.read_text())
     choices = [row["choice"] for row in rows]
-    assert uncovered(FACTORS, choices) == {(("texture_at", "vertex"), ("texture_filter", "trilinear"))}
+    names = list(choices[0])
+    assert all(list(choice) == names for choice in choices)
+    levels = {level for choice in choices for level in choice.items()}
+    every = {frozenset(pair) for pair in combinations(levels, 2) if pair[0][0] != pair[1][0]}
+    missing = every - {frozenset(pair) for choice in choices for pair in combinations(choice.items(), 2)}
+    assert missing == {frozenset([("texture_at", "vertex"), ("texture_filter", "trilinear")])}
+    assert len(names) == 31
     assert len({row["digest"] for row in rows}) == len(rows) >= 100
 
 
@@ -55,18 +53,10 @@ def test_a_device_without_float64_draws_every_scene(opened, program):
     without = replace(opened, has_fp64=False)
     drawn = [scene for scene, _ in scenes.golden(True) if scene.choice["program"] == program]
     tests = scenes.tests(program, has_fp64=False)
-    assert [name for name, *_ in tests] == [scene.name for scene in drawn]
-    needing = [run for (_, _, run), scene in zip(tests, drawn, strict=True) if scene.needs_float64]
+    assert [check.name for check in tests] == [scene.name for scene in drawn]
+    needing = [check.test for check, scene in zip(tests, drawn, strict=True) if scene.needs_float64]
     assert len(needing) > 3
-    assert [run(Bench(without)) for run in needing[:3]] == ["", "", ""]
-
-
-def test_choices_cover_what_is_allowed():
-    factors = {"a": (0, 1, 2), "b": "xyz", "c": (False, True)}
-    found = covering(factors, lambda row: (row["a"], row["b"]) != (2, "z"), 12)
-    assert uncovered(factors, found) == {(("a", 2), ("b", "z"))}
-    assert len(found) == 12
-    assert len(covering(factors, lambda row: True, 0)) <= 14
+    assert [test(Bench(without)) for test in needing[:3]] == ["", "", ""]
 
 
 def test_draws_are_the_same_everywhere():
@@ -95,13 +85,12 @@ def test_a_scene_follows_from_its_choices():
     ("operations", "count", "atomic_add(out + 3, x[item]);", "if (item) atomic_add(out + 3, x[item]);"),
     ("constructs", "divergent_loop", "k < a[i]", "k < a[i - get_local_id(0)]"),
     ("constructs", "denormals", "a[i] * 0.5f", "(fabs(a[i]) < 0x1p-126f ? 0.0f : a[i] * 0.5f)"),
-    ("constructs", "comparisons", "!(x >= y)", "(x < y)"),
-    ("constructs", "ids_in_2_dimensions", "(int)get_global_id(0)", "x"),
+    ("constructs", "comparisons", "!(a[i] >= b[i])", "(a[i] < b[i])"),
     ("structs", "View_float32", "} View;", "} __attribute__((aligned(64))) View;"),
 ])  # fmt: skip
 def test_a_fault_in_a_kernel_is_found(opened, group, name, right, fault):
     """Sources are rewritten as if a compiler had made the fault; without it the test passes."""
-    case = check_of(opened, group, name, "float32-library-1" if group == "operations" else "").case
+    case = check_of(opened, group, name, "float32-library" if group == "operations" else "").test
     case = replace(case, program="")
     assert Bench(opened).wrong(case) is None
     with programs.rewriting(lambda source, options: source.replace(right, fault)):
@@ -110,26 +99,22 @@ def test_a_fault_in_a_kernel_is_found(opened, group, name, right, fault):
 
 def test_faults_of_memory_and_frames_are_found(opened, monkeypatch):
     """A lost byte, a buffer that is too large, a run with other bits, a color with another last bit."""
-    tests = {name: run for name, _, run in memory.TESTS}
-    monkeypatch.setattr(memory, "edge_bytes", lambda device, size: (5, 0))
-    assert "expected (5, 7)" in tests["largest_allocation"](Bench(opened))
-    assert "the last byte" in tests["sizes_of_buffers"](Bench(opened))
-    monkeypatch.setattr(memory, "edge_bytes", lambda device, size: (5, 7))
-    assert "expected an error" in tests["beyond_the_limit"](Bench(opened))
+    monkeypatch.setattr(groups, "edge_bytes", lambda device, size: (5, 7 * (size < 1 << 20)))
+    assert groups.sizes(Bench(opened)) == "1048576 bytes: expected (5, 7) at the ends, found (5, 0)"
+    assert "expected an error" in groups.beyond(Bench(opened))
     outputs = iter([*[np.zeros(4)] * 49, *[np.ones(4)] * 51])
     monkeypatch.setattr(Bench, "run", lambda *_: next(outputs))
-    problem = check_of(opened, "repeatability", "builds").run(Bench(opened))
-    assert problem == "run 50 of 100 gives other bits than the first"
-    drawn, draw = check_of(opened, "scenes", "062-nolight", "nolight"), Bench.draw
+    assert groups.builds(Bench(opened)) == "run 50 of 100 gives other bits than the first"
+    drawn, draw = check_of(opened, "scenes", "062-nolight", "nolight").test, scenes.draw
 
-    def other(self, scene, **options):
-        frame = draw(self, scene, **options)
+    def other(scene, device):
+        frame = draw(scene, device)
         frame.rgba.reshape(-1).view(np.uint32)[4] ^= 1
         return frame
 
-    assert not drawn.run(Bench(opened))
-    monkeypatch.setattr(Bench, "draw", other)
-    assert drawn.run(Bench(opened)).startswith("other bits, within the bounds of the oracle")
+    assert not drawn(Bench(opened))
+    monkeypatch.setattr(scenes, "draw", other)
+    assert drawn(Bench(opened)).startswith("other bits, within the bounds of the oracle")
 
 
 @pytest.mark.parametrize(("name", "right", "fault"), [
@@ -137,15 +122,14 @@ def test_faults_of_memory_and_frames_are_found(opened, monkeypatch):
     ("count", "atomic_add(out + 3, x[item]);", ""),
 ])  # fmt: skip
 def test_a_script_shows_a_fault_where_it_is(opened, tmp_path, name, right, fault):
-    """It has the rows of a work-group, fails with the fault in its kernel, and does not without; what has not run has a
-    script too."""
+    """It has the rows of a work-group, fails with the fault in its kernel, and does not without."""
     case = next(case for case in operations.cases(operations.Way(np.float32, True, 1)) if case.name == name)
     with programs.rewriting(lambda source, options: source.replace(right, fault)):
-        wrong = Bench(opened).wrong(case)
-    assert len(reproducer.cut(case).inputs[0]) == len(reproducer.cut(wrong).inputs[0]) == GROUP
-    path = reproducer.write(wrong, opened, programs.compiler_options(opened), tmp_path, f"operations/{name}")
+        _, row = Bench(opened).wrong(case)
+    path = tmp_path / reproducer.write(case, row, opened, tmp_path, f"operations/{name}")
     text = path.read_text()
     assert path.name == f"operations_{name}.py"
+    assert set(re.findall(r"reshape\(\((\d+),", text)) == {str(GROUP)}
     assert "clshade." not in text
     assert "#line" not in text
     assert opened.name in text
@@ -156,31 +140,22 @@ def test_a_script_shows_a_fault_where_it_is(opened, tmp_path, name, right, fault
         assert (done.returncode, "as expected" in done.stdout) == (code, not code), done.stdout + done.stderr
 
 
-def test_denormals_may_be_zeros():
-    tiny = np.array([1e-40, -1e-40, 1.0, np.inf], np.float32)
-    assert without_denormals(tiny).tolist() == [0.0, -0.0, 1.0, np.inf]
-    assert np.signbit(without_denormals(tiny)[1])
-
-
-def test_a_device_that_flushes_may_give_zeros_of_any_sign(opened, monkeypatch):
-    """In place of denormals, in operands and results; no other device may, nor where there is none."""
+def test_a_device_that_flushes_may_err_with_denormals(opened, monkeypatch):
+    """In operands and results; no other device may, nor where there is none."""
     tiny = np.array([1e-40, -1e-40, 1.0, -2.0], np.float32)
     case = Case("same", "", "", (tiny,), lambda v: v)
-    for found, right in (
-        ([-0.0, 0.0, 1.0, -2.0], True),
-        ([0.0, -0.0, 1.0, 0.0], False),
-        ([1.0, 0.0, 1.0, -2.0], False),
-    ):
+    for found, right in (([-0.0, 0.0, 1.0, -2.0], True), ([0.0, -0.0, 1.0, 0.0], False)):
         monkeypatch.setattr(Bench, "run", lambda *_, found=found: np.array(found, np.float32))
         for flushing in (True, False):
             monkeypatch.setattr(case_module, "flushes", lambda device, flushing=flushing: flushing)
             assert (Bench(opened).wrong(case) is None) == (right and flushing)
 
 
-def test_what_is_wrong_is_told_by_the_first_wrong_row():
-    case = Case("name", "", "", (np.array([1.0, 0.5], np.float32), np.array([[1, 2], [3, 4]], np.int32)), np.copy)
-    wrong = Wrong(case, np.array([1, 9]), np.array([1, 4]), np.array([False, True]))
-    assert str(wrong) == "1 of 2 rows; of 0x1.0000000000000p-1, (3, 4): expected 4, found 9"
+def test_what_is_wrong_is_told_by_the_first_wrong_row(opened, monkeypatch):
+    inputs = np.array([1.0, 0.5], np.float32), np.array([[1, 2], [3, 4]], np.int32)
+    monkeypatch.setattr(Bench, "run", lambda *_: np.array([1, 9]))
+    wrong = Bench(opened).wrong(Case("name", "", "", inputs, lambda *_: np.array([1, 4])))
+    assert wrong == ("1 of 2 rows; of 0.5, [3, 4]: expected 4, found 9", 1)
 
 
 # Processes
@@ -207,43 +182,41 @@ def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, monke
     rewrite = "lambda source, options: os.write(1, b'{') and source.replace('k < a[i]', 'k < 3')"
     code = f"planted = programs.rewriting({rewrite}); planted.__enter__()"
     with_fault(monkeypatch, code)
-    part = Part(task(opened, tmp_path))
-    first, *others = part.run()
-    assert (first.name, first.title) == ("divergent_loop", "a loop of another length in each work-item")
+    (first, *others), facts = run_part(task(opened, tmp_path))
+    assert first.name == "divergent_loop"
     assert "of 1024 rows" in first.problem
     assert [path.name for path in tmp_path.iterdir()] == [first.script] == ["constructs_divergent_loop.py"]
     assert not any(result.problem or result.script for result in others)
-    assert part.device["lanes"] == opened.lanes
+    assert facts["lanes"] == opened.lanes
 
 
 def test_after_three_crashes_a_part_is_given_up(opened, tmp_path, monkeypatch):
     """Each costs a test, which has a script; the next process leaves it out."""
     with_fault(monkeypatch, "programs.build_alone = lambda *_: os.abort()")
-    *crashed, rest = Part(task(opened, tmp_path)).run()
+    (*crashed, rest), _ = run_part(task(opened, tmp_path))
     assert [result.problem for result in crashed] == ["ends the process: SIGABRT"] * 3
     assert len({result.name for result in crashed}) == 3
     assert all((tmp_path / result.script).is_file() for result in crashed)
-    assert rest.skipped == "constructs is given up: its processes end early"
+    assert rest.problem == "not tried: processes end early"
 
 
 def test_a_launch_that_does_not_end_is_one_line(opened, tmp_path, monkeypatch):
     """Even if it holds the interpreter's lock; the other tests of structs are those of an earlier process."""
     with_fault(monkeypatch, "programs.build_alone = lambda *_: ctypes.PyDLL(None).sleep(60)")
     done = [check.name for check in groups.tests_of("structs", "", opened)][1:]
-    (result,) = Part(task(opened, tmp_path, "structs", done=done, limit=10.0)).run()
+    (result,), _ = run_part(task(opened, tmp_path, "structs", done=done, limit=10.0))
     assert result.problem == "does not end within 10 s"
 
 
 @pytest.mark.parametrize(("code", "problem"), [
     ("", "exit code 0"),
     ("1 / 0", "exit code 1: ZeroDivisionError: division by zero"),
-    ("print(json.dumps({'begin': 'one', 'title': '', 'script': ''}))", "exit code 0"),
+    ("print(json.dumps({'group': 'g', 'name': 'one', 'problem': 'has not ended'}))", "exit code 0"),
 ])  # fmt: skip
 def test_a_process_that_ends_too_early_is_a_failure(opened, tmp_path, monkeypatch, code, problem):
     """Between two tests too, and whatever its exit code."""
-    planned = "import json; print(json.dumps({'planned': ['one', 'two'], 'device': {}}), flush=True); "
-    monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", planned + code])
-    found = Part(task(opened, tmp_path)).run()
+    monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", f"import json; {code}"])
+    found, _ = run_part(task(opened, tmp_path))
     assert found[0].problem == f"ends the process: {problem}"
 
 
@@ -261,17 +234,16 @@ def test_every_group_has_tests(opened):
 def test_the_card(opened):
     info = chosen_devices(opened.index)[1][0]
     passed = Result("constructs", "one", "what", seconds=1.0)
-    judged = Judged(info, [passed, Result("scenes", "two", skipped="no float64")], {"lanes": 16})
-    text = conform.card(judged).markdown()
+    results, facts = [passed, Result("scenes", "two")], {"lanes": 16}
+    text = conform.card(info, results, facts).markdown()
     assert "- verdict: conforms\n" in text
-    assert "- Skipped: no float64." in text
-    assert "| constructs: what kernels are made of | 1 | 0 | 0 | 1 |" in text
-    judged.results += [replace(passed, group="scenes", name=name, problem="a | b") for name in ("three", "four")]
-    text = conform.card(judged, 1).markdown()
-    assert "- scenes/three (what): a | b\n- 1 more failures\n- No operation and no construct" in text
-    found = json.loads(conform.card(judged).json())
-    assert found["verdict"] == "does not conform: scenes/three, scenes/four"
-    assert [test["name"] for test in found["tests"]] == ["one", "two", "three", "four"]
+    assert "| constructs: what kernels are made of | 1 | 0 | 1 |" in text
+    results.append(Result("scenes", "three", "what", "a | b", script="scenes_three.py"))
+    card = conform.card(info, results, facts)
+    assert "- scenes/three (what): a | b [scenes_three.py]\n" in card.markdown()
+    found = json.loads(card.json())
+    assert found["verdict"] == "does not conform: 1 of 3 tests failed"
+    assert [test["name"] for test in found["tests"]] == ["one", "two", "three"]
     assert (found["device"]["index"], found["lanes"]) == (opened.index, 16)
 
 

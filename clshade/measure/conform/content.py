@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...pipeline.features import OPTIONAL
 from ...scene.camera import Camera
 from ...scene.edges import Edges
 from ...scene.lights import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
 from ...scene.metallic_roughness import MetallicRoughness
 from ...scene.model import Filter, Material, Mesh, Scene, Settings, Texture
 from ...scene.scalars import Scalars
-from .pairs import Choice, Draws, covering
 
 RESOLUTION = (61, 47)
-COUNT = 100
+Choice = dict[str, Any]  # a level for each of the 31 choices, as golden.json holds them
 # All that the pixel program is compiled for: with all optional features in it, these are the only ones.
 PROGRAMS: dict[str, dict[str, Any]] = {
     "phong": {"shader": "phong", "precision": "float32", "samples": 1, "visibility": "depth"},
@@ -30,39 +28,24 @@ PROGRAMS: dict[str, dict[str, Any]] = {
     "pbr": {"shader": "pbr", "precision": "float32", "samples": 4, "visibility": "depth"},
     "pbr-fast": {"shader": "pbr", "precision": "fast", "samples": 1, "visibility": "depth"},
 }
-FACTORS: dict[str, tuple[Any, ...]] = {
-    "program": tuple(PROGRAMS),
-    "preset": ("standard", "course"),
-    "lighting_at": ("position", "centroid"),
-    "interpolation": ("perspective", "affine"),
-    "texture_at": ("pixel", "vertex"),
-    "ambient": ("tinted", "plain"),
-    "texture_filter": ("bilinear", "trilinear"),
-    "cull": (False, True),
-    "near": ("far off", "clips"),
-    "sample_shading": (False, True),
-    "resolve": ("mean", "weighted"),
-    "shadows": (False, True),
-    "ambient_occlusion": (0, 3),
-    "light_samples": (1, 4),
-    "background": ("none", "black", "color"),
-    "scalars": (None, "vertices"),
-    "edges": (None, "feature", "only"),
-    "orthographic": (False, True),
-    "principal": ("center", "beside"),
-    "lights": ("point", "distant", "spot", "areas", "many", "none"),
-    "texture": ("none", "bilinear", "nearest", "course", "alpha"),
-    "wrap": ("repeat", "clamp", "mirror"),
-    "uvs": ("vertices", "faces", "none"),
-    "normals": ("none", "vertices", "faces"),
-    "colors": ("white", "dim", "bright"),
-    "alpha": ("opaque", "cutoff", "blend"),
-    "sides": ("both", "front", "two_sided"),
-    "maps": ("none", "some", "all"),
-    "positions": ("float32", "float64"),
-    "instances": (1, 3),
-    "layer_alpha": (0.5, 0.125),
-}
+
+
+class Draws:
+    """Random numbers from PCG64's raw words, which no release of NumPy may change, by exact arithmetic alone."""
+
+    def __init__(self, seed: int) -> None:
+        self._words = np.random.PCG64(seed)
+
+    def below(self, end: int, *shape: int) -> Array:
+        """Return int64 from 0 to end - 1."""
+        words = np.asarray(self._words.random_raw(int(np.prod(shape, dtype=int))), np.uint64)
+        found: Array = ((words >> np.uint64(32)) * np.uint64(end) >> np.uint64(32)).astype(np.int64).reshape(shape)
+        return found
+
+    def parts(self, low: float, high: float, *shape: int, of: int = 4096) -> Array:
+        """Return float64 from low to high, exact multiples of 1/of."""
+        first, last = round(low * of), round(high * of)
+        return (self.below(last - first + 1, *shape) + first) / float(of)
 
 
 @dataclass(frozen=True)
@@ -75,10 +58,6 @@ class GoldenScene:
     settings: Settings
 
     @property
-    def described(self) -> str:
-        return ", ".join(f"{name} {level}" for name, level in self.choice.items())
-
-    @property
     def needs_float64(self) -> bool:
         return self.settings.precision == "float64" or self.settings.edges is not None
 
@@ -89,22 +68,9 @@ class GoldenScene:
         return replace(self, choice={**self.choice, "edges": None, "precision": precision}, settings=settings)
 
 
-def _allowed(row: Choice) -> bool:
-    return not (row["texture_filter"] == "trilinear" and row["texture_at"] == "vertex")
-
-
-def choices() -> list[Choice]:
-    """Return the choices of all scenes, those of a program together. It takes some seconds."""
-    order = list(PROGRAMS)
-    return sorted(covering(FACTORS, _allowed, COUNT), key=lambda row: order.index(row["program"]))
-
-
 def golden_scene(number: int, row: Choice) -> GoldenScene:
     """Return a scene, which its number and its choices determine."""
-    return _scene(f"{number:03d}-{row['program']}", row, Draws(1000 + number))
-
-
-def _scene(name: str, row: Choice, draws: Draws) -> GoldenScene:
+    draws, name = Draws(1000 + number), f"{number:03d}-{row['program']}"
     material = _material(row, draws)
     plain = Material(ka=0.25, kd=(0.5, 0.75, 0.25), ks=0.5, n=8.0)
     meshes = [_mesh(row, draws, material, 24, own=True), _mesh(row, draws, plain, 16)]
@@ -207,8 +173,3 @@ def _mesh(row: Choice, draws: Draws, material: Material, count: int, own: bool =
         places[1, 0, 0] = -0.5
         fields["instances"] = places
     return Mesh(verts, faces, material=material, **fields)
-
-
-def options(golden: GoldenScene) -> dict[str, Any]:
-    """Return how `Renderer` draws a scene: with all optional features compiled in."""
-    return {"settings": golden.settings, "forced": OPTIONAL}

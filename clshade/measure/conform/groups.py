@@ -1,17 +1,25 @@
-"""The tests of a device, in groups."""
+"""The tests of a device, in groups; those of memory and repeatability."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from functools import partial
-from typing import NamedTuple
+from typing import Any
 
+import numpy as np
+
+from ...base.host_memory import available
+from ...errors import DeviceError
+from ...pipeline.bare_kernel import edge_bytes
 from ...pipeline.opencl.device import Device
-from . import constructs, memory, operations, repeatability, scenes, structs
-from .case import Bench, Case, Wrong
+from ...pipeline.renderer import Renderer
+from ...scene.builtin.scenes import builtin
+from ..digest import digest
+from . import constructs, operations, scenes, structs
+from .case import Bench, Case, Check, divides
 from .content import PROGRAMS
+from .operands import rng
 
-Row = tuple[str, str, Callable[[Bench], str]]  # name, title and function of a test
 GROUPS = {
     "operations": "each against its definition",
     "constructs": "what kernels are made of",
@@ -21,30 +29,19 @@ GROUPS = {
     "coverage": "every triangle of a grid",
     "scenes": "golden hashes, all pairs of features",
 }
-OTHERS: dict[str, Iterable[Row]] = {
-    "memory": memory.TESTS,
-    "repeatability": repeatability.TESTS,
-    "coverage": scenes.COVERAGE,
+SHARE, MOST = 4, 64 << 30  # a buffer takes one part in SHARE of the free memory, of which at most MOST bytes count
+WRITTEN = (5, 7)  # into a buffer's first and last byte
+RUNS = 100
+MIXED = """
+kernel void mixed(global const float *a, global float *out)
+{
+    int i = get_global_id(0);
+    float sum = 0.0f;
+    for (int k = 0; k < 64; ++k)
+        sum = sum / 1.5f + a[(i + k * k) % 1024] * sum - sqrt(fabs(sum - a[k]));
+    out[i] = sum;
 }
-
-
-class Check(NamedTuple):
-    """A test of a device. run: returns what is wrong, "" or None if nothing; raises Skipped. case: its kernel, if it is
-    one."""
-
-    name: str
-    title: str
-    run: Callable[[Bench], Wrong | str | None]
-    case: Case | None = None
-
-
-def _of_cases(cases: Iterable[Case], prefix: str = "") -> Iterator[Check]:
-    for case in cases:
-        yield Check(f"{prefix}{case.name}", case.title, partial(_wrong, case), case)
-
-
-def _wrong(case: Case, bench: Bench) -> Wrong | None:
-    return bench.wrong(case)
+"""
 
 
 def parts_of(group: str, has_fp64: bool) -> list[str]:
@@ -57,11 +54,67 @@ def parts_of(group: str, has_fp64: bool) -> list[str]:
 def tests_of(group: str, part: str, device: Device) -> list[Check]:
     """Return the tests of a part of one of GROUPS."""
     if group == "operations":
-        ways = [way for way in operations.ways(device.lanes, device.has_fp64) if str(way).startswith(part)]
-        return [check for way in ways for check in _of_cases(operations.cases(way), f"{way}/")]
+        real, functions = part.split("-")
+        lanes = dict.fromkeys((device.lanes, 1))
+        ways = [operations.Way(getattr(np, real), functions == "library", count) for count in lanes]
+        found = [(way, case) for way in ways for case in operations.cases(way)]
+        left_out = () if divides(device) else operations.DIVIDING
+        return [Check(f"{way}/{case.name}", case.title, case) for way, case in found if case.name not in left_out]
     if group in ("constructs", "structs"):
         cases = constructs.cases() if group == "constructs" else structs.cases(device.has_fp64)
-        return list(_of_cases(cases))
+        return [Check(case.name, case.title, case) for case in cases]
     if group == "scenes":
-        return [Check(*row) for row in scenes.tests(part, device.has_fp64)]
-    return [Check(*row) for row in OTHERS[group]]
+        return scenes.tests(part, device.has_fp64)
+    return {"memory": MEMORY, "repeatability": REPEATABILITY, "coverage": scenes.COVERAGE}[group]
+
+
+def sizes(bench: Bench) -> str:
+    """Sizes about powers of two, where those in 32 bits overflow, and the largest that no device may refuse."""
+    device = bench.device
+    most = min(device.max_allocation, int(min(device.memory, available(), MOST)) // SHARE)
+    powers = [(1 << power) + more for power in (16, 20, 24, 28, 31, 32) for more in (-1, 0, 1)]
+    for size in (*(size for size in powers if size <= most), most):
+        found = edge_bytes(device, size)
+        if found != WRITTEN:
+            return f"{size} bytes: expected {WRITTEN} at the ends, found {found}"
+    return ""
+
+
+def beyond(bench: Bench) -> str:
+    size = 4 * max(bench.device.memory, bench.device.max_allocation, 1 << 40)
+    try:
+        edge_bytes(bench.device, size)
+    except DeviceError:
+        return ""
+    return f"{size} bytes: expected an error, found a buffer"
+
+
+def builds(bench: Bench) -> str:
+    """A kernel that is built again for each run, as a text that no cache knows."""
+    numbers, salt = rng(30).uniform(0.0, 0.5, 1024).astype(np.float32), np.random.default_rng().integers(1 << 60)
+    cases = (Case("mixed", "", f"{MIXED}// {salt} {run}\n", (numbers,), np.zeros_like) for run in range(RUNS))
+    return _first_other(bench.run(case, numbers).tobytes() for case in cases)
+
+
+def frames(resolution: tuple[int, int], bench: Bench) -> str:
+    options: dict[str, Any] = {"resolution": resolution, "shader": "nolight", "layers": ("Z", "id")}
+    with Renderer(builtin("teapot"), device=bench.device, **options) as renderer:
+        return _first_other(digest(renderer.render()) for _ in range(RUNS))
+
+
+def _first_other(outputs: Iterable[object]) -> str:
+    """Return which run gives other bits than the first, "" if none does."""
+    first, *others = outputs
+    run = next((run for run, found in enumerate(others, 2) if found != first), 0)
+    return f"run {run} of {RUNS} gives other bits than the first" if run else ""
+
+
+MEMORY = [
+    Check("sizes_of_buffers", "first and last bytes of buffers up to the largest", sizes),
+    Check("beyond_the_limit", "a buffer of four times the memory is refused", beyond),
+]
+REPEATABILITY = [
+    Check("builds", f"{RUNS} builds of a kernel", builds),
+    Check("small_frames", f"{RUNS} frames of 61 x 47 pixels", partial(frames, (61, 47))),
+    Check("large_frames", f"{RUNS} frames of 800 x 600 pixels", partial(frames, (800, 600))),
+]

@@ -68,10 +68,8 @@ def factors(kind: Any) -> tuple[Array, ...]:
         a, b = spread(-most / 4, most / 4, kind, 1), spread(-most / 4, most / 4, kind, 2)
         near = a, b, a * b * spread(-2 * info.nmant, 2 * info.nmant, kind, 3)
         cancel = a, b, np.nextafter(-a * b, own.choice([-2.0, -1.0, 0.0], HARD).astype(kind) * a * b)
-        tiny = (
-            *(spread(least / 2 - 9, info.minexp / 2 + 1, kind, k) for k in (4, 5)),
-            spread(least, info.minexp + 2, kind, 6),
-        )
+        small = (spread(least / 2 - 9, info.minexp / 2 + 1, kind, k) for k in (4, 5))
+        tiny = *small, spread(least, info.minexp + 2, kind, 6)
         huge = *(spread(most / 2 - 2, most / 2, kind, k) for k in (7, 8)), spread(most - 4, most - 1, kind, 9)
     return tuple(map(np.concatenate, zip(free, ties(kind), near, cancel, tiny, huge, strict=True)))
 

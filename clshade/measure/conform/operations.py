@@ -3,18 +3,20 @@ the runtime's function that it stands for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Array
+from ...pipeline import programs
 from ...pipeline.features import COMPILED
 from .case import C_TYPES, GROUP, UNWRITTEN, Case, in_one_program, signature
-from .definitions import each, fused, nearest, rounded
 from .operands import COUNT, factors, integers, patterns, rng, spread, ties
 
+DIVIDING = ("quotient_float", "root_float")  # correctly rounded on devices that say so
 HEAD = """
 #include "lanes.clh"
 #define FIRST int i = get_global_id(0) * LANES
@@ -70,38 +72,58 @@ class Way(NamedTuple):
         return (*(f"-D{name}={value}" for name, value in chosen.items()), "-DLEFT_OUT=0UL", *own)
 
 
-class Operation(NamedTuple):
-    """An expression of lanes a, b and c, and what it is; of inputs (K,) each.
-
-    kind: NumPy type of the result, None: that of a. scalars: whether it is one of numbers instead of lanes.
-    """
-
-    name: str
-    expression: str
-    inputs: tuple[Array, ...]
-    define: Callable[..., Array]
-    kind: Any = None
-    scalars: bool = False
-
-
 def cases(way: Way) -> list[Case]:
     """Return all cases of a way, built as one program."""
-    operations = [*_of_reals(way.real), *_of_integers(), *_of_bits(), *_to_reals(way.real), *_to_integers(way.real)]
-    found = [_case(way, operation) for operation in operations]
+    found = [*_of_reals(way), *_of_integers(way), *_of_bits(way), *_conversions(way)]
     found += [*(_moves(way, n) for n in dict.fromkeys((4, way.lanes)) if n > 1), _atomics(way)]
     return in_one_program(found)
 
 
-def ways(lanes: int, double: bool) -> list[Way]:
-    """Return the ways that a device is tested in: with its own number of lanes, and with one."""
-    kinds = [np.float32, np.float64] if double else [np.float32]
-    counts = dict.fromkeys((lanes, 1))
-    return [Way(real, library, count) for real in kinds for count in counts for library in (False, True)]
+def nearest(numerator: int, places: int, kind: Any) -> float:
+    """Return the number of a type that is nearest to numerator / 2^places; of two, the one whose last digit is even."""
+    info, size = np.finfo(kind), abs(numerator)
+    last = max(size.bit_length() - places - info.nmant - 1, info.minexp - info.nmant)  # the power of the last digit
+    shift = max(last + places, 0)
+    kept = (size << shift - last - places) >> shift
+    rest = 2 * (size - (kept << shift)) if shift else 0
+    kept += rest > 1 << shift or (rest == 1 << shift and kept % 2)
+    magnitude = math.inf if kept.bit_length() + last > info.maxexp else math.ldexp(kept, last)
+    return -magnitude if numerator < 0 else magnitude
 
 
-def _case(way: Way, operation: Operation) -> Case:
-    """Lanes are loaded and stored number by number, neither by what is tested nor by functions of the runtime."""
-    name, expression, inputs, define, kind, scalars = operation
+def fused(a: float, b: float, c: float, kind: Any) -> float:
+    """Return a * b + c, rounded once."""
+    if not (math.isfinite(a) and math.isfinite(b)):
+        return a * b + c
+    if not math.isfinite(c):
+        return c
+    (p, d), (q, e), (r, f) = (v.as_integer_ratio() for v in (a, b, c))  # the denominators are powers of two
+    total = p * q * f + r * d * e
+    if total:
+        return nearest(total, (d * e * f).bit_length() - 1, kind)
+    return 0.0 if p * q else a * b + c  # of zeros: IEEE 754's sign of their sum
+
+
+def each(definition: Callable[..., float], kind: Any, *operands: Array) -> Array:
+    """Return a definition's results, (K,), for operands (K,) each."""
+    rows = zip(*(v.tolist() for v in operands), strict=True)
+    return np.array([definition(*row, kind) for row in rows]).astype(kind)
+
+
+def _case(
+    way: Way,
+    name: str,
+    expression: str,
+    inputs: Sequence[Array],
+    define: Callable[..., Array],
+    kind: Any = None,
+    scalars: bool = False,
+) -> Case:
+    """Return the case of an expression of lanes a, b and c, or of numbers if it is one of `scalars`.
+
+    kind: NumPy type of the result, None: that of a. Lanes are loaded and stored number by number, neither by what is tested
+    nor by functions of the runtime.
+    """
     inputs = tuple(np.append(v, np.repeat(v[-1:], -len(v) % GROUP)) for v in inputs)
     kind = np.dtype(inputs[0].dtype if kind is None else kind)
     types = [(v, C_TYPES[array.dtype]) for v, array in zip("abc", inputs, strict=False)]
@@ -116,104 +138,95 @@ def _case(way: Way, operation: Operation) -> Case:
     name = f"{name}_{types[0][1]}"
     body = "".join(f"    {line}\n" for line in ("FIRST;", *lines))
     text = f"{signature(name, [f'{v}s' for v in 'abc'], inputs, kind)}\n{{\n{body}}}\n"
-    divides = name in ("quotient_float", "root_float")
-    title = f"{expression} of {types[0][1]}"
-    return Case(
-        name, title, text, inputs, lambda *v: define(*v).astype(kind), HEAD, way.options, way.lanes, None, divides
-    )
-
-
-def _of_reals(real: Any) -> Iterator[Operation]:
-    a, b, c = factors(real)
-    yield Operation("fused", "fma(a, b, c)", (a, b, c), lambda a, b, c: each(fused, real, a, b, c))
-    yield Operation("sum", "a + b", (a, b), np.add)
-    yield Operation("difference", "a - b", (a, b), np.subtract)
-    yield Operation("product", "a * b", (a, b), np.multiply)
-    yield Operation("quotient", "a / b", (a, b), np.divide)
-    yield Operation("root", "sqrt(a)", (a,), np.sqrt)
-    with np.errstate(all="ignore"):
-        product = np.abs(a * b)  # a device that flushes denormals may take it as 0
-    normal = ~((product > 0) & (product <= np.finfo(real).tiny))
-    yield Operation("rounded_twice", "a * b + c", (a[normal], b[normal], c[normal]), lambda a, b, c: a * b + c)
-    a, b, c = quiet_operands(real)
-    for name, define in {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint}.items():
-        yield Operation(name, f"{name}(a)", (a,), define)
-    yield Operation("fmin", "fmin(a, b)", (a, b), np.fmin)
-    yield Operation("fmax", "fmax(a, b)", (a, b), np.fmax)
-    ordered = (a == a) & (b <= c)
-    yield Operation("clamp", "clamp(a, b, c)", tuple(np.where(v == 0, real(0), v)[ordered] for v in (a, b, c)), np.clip)
+    more = (_head(), way.options, way.lanes)
+    return Case(name, f"{expression} of {types[0][1]}", text, inputs, lambda *v: define(*v).astype(kind), *more)
 
 
 @cache
-def quiet_operands(real: Any) -> tuple[Array, Array, Array]:
-    """Return a, b and c of all kinds: NaN is quiet, of two zeros a and b either both are negative or none."""
-    own = rng(6)
-    a, b, c = (np.where(np.isnan(v), real(np.nan), v) for v in factors(real))
+def _head() -> str:
+    return programs.flatten_text(HEAD)
+
+
+def _of_reals(way: Way) -> Iterator[Case]:
+    real = way.real
+    a, b, c = factors(real)
+    yield _case(way, "fused", "fma(a, b, c)", (a, b, c), lambda a, b, c: each(fused, real, a, b, c))
+    yield _case(way, "sum", "a + b", (a, b), np.add)
+    yield _case(way, "difference", "a - b", (a, b), np.subtract)
+    yield _case(way, "product", "a * b", (a, b), np.multiply)
+    yield _case(way, "quotient", "a / b", (a, b), np.divide)
+    yield _case(way, "root", "sqrt(a)", (a,), np.sqrt)
+    with np.errstate(all="ignore"):
+        product = np.abs(a * b)  # a device that flushes denormals may take it as 0
+    normal = ~((product > 0) & (product <= np.finfo(real).tiny))
+    yield _case(way, "rounded_twice", "a * b + c", (a[normal], b[normal], c[normal]), lambda a, b, c: a * b + c)
+    own = rng(6)  # NaN is quiet, and of two zeros a and b either both are negative or none
+    a, b, c = (np.where(np.isnan(v), real(np.nan), v) for v in (a, b, c))
     b, c = np.where(own.random(len(a)) < 0.1, a, b), np.where(own.random(len(a)) < 0.1, -a, c)
-    return a, np.where((a == 0.0) & (b == 0.0), a, b), c
+    b = np.where((a == 0.0) & (b == 0.0), a, b)
+    for name, define in {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint}.items():
+        yield _case(way, name, f"{name}(a)", (a,), define)
+    yield _case(way, "fmin", "fmin(a, b)", (a, b), np.fmin)
+    yield _case(way, "fmax", "fmax(a, b)", (a, b), np.fmax)
+    ordered = (a == a) & (b <= c)
+    yield _case(
+        way, "clamp", "clamp(a, b, c)", tuple(np.where(v == 0, real(0), v)[ordered] for v in (a, b, c)), np.clip
+    )
 
 
-def _of_integers() -> Iterator[Operation]:
+def _of_integers(way: Way) -> Iterator[Case]:
     for kind, unsigned in ((np.int32, np.uint32), (np.int64, np.uint64)):
         a = integers(kind)
         a = a[a != np.iinfo(kind).min]
         b, c = np.sort([rng(7).permutation(a), rng(8).permutation(a)], axis=0)
-        yield Operation("min", "min(a, b)", (a, b), np.minimum)
-        yield Operation("max", "max(a, b)", (a, b), np.maximum)
-        yield Operation("clamp", "clamp(a, b, c)", (a, b, c), np.clip)
-        yield Operation("abs", f"JOIN(as_, LANES_OF({C_TYPES[np.dtype(unsigned)]}))(abs(a))", (a,), np.abs, unsigned)
+        yield _case(way, "min", "min(a, b)", (a, b), np.minimum)
+        yield _case(way, "max", "max(a, b)", (a, b), np.maximum)
+        yield _case(way, "clamp", "clamp(a, b, c)", (a, b, c), np.clip)
+        yield _case(way, "abs", f"JOIN(as_, LANES_OF({C_TYPES[np.dtype(unsigned)]}))(abs(a))", (a,), np.abs, unsigned)
 
 
-def _of_bits() -> Iterator[Operation]:
+def _of_bits(way: Way) -> Iterator[Case]:
     def counted(v: Array) -> Array:
         bytes_of = np.ascontiguousarray(v).view(np.uint8).reshape(len(v), -1)
         found: Array = np.unpackbits(bytes_of, axis=1).sum(axis=1, dtype=v.dtype)
         return found
 
-    def lowest(v: Array) -> Array:
-        return counted((v & -v) - v.dtype.type(1))
-
     def upper(a: Array, b: Array) -> Array:
         return np.array([p * q >> 64 for p, q in zip(a.tolist(), b.tolist(), strict=True)], np.uint64)
 
     a = integers(np.uint64)
-    yield Operation("mul_hi", "mul_hi(a, b)", (a, rng(9).permutation(a)), upper, scalars=True)
+    yield _case(way, "mul_hi", "mul_hi(a, b)", (a, rng(9).permutation(a)), upper, scalars=True)
     for v in (a, a.astype(np.uint32)):
-        yield Operation("popcount", "popcount(a)", (v,), counted, scalars=True)
-        yield Operation("lowest", "LOWEST_BIT(a)", (v[v != 0],), lowest, scalars=True)
+        yield _case(way, "popcount", "popcount(a)", (v,), counted, scalars=True)
+        yield _case(
+            way, "lowest", "LOWEST_BIT(a)", (v[v != 0],), lambda v: counted((v & -v) - v.dtype.type(1)), scalars=True
+        )
 
 
-def _to_reals(real: Any) -> Iterator[Operation]:
-    """Conversions to reals, rounded once."""
-
-    def of(kind: Any) -> Callable[[Array], Array]:
-        return lambda v: each(nearest, kind, v, np.zeros_like(v))
-
+def _conversions(way: Way) -> Iterator[Case]:
+    """To reals and among them, rounded once, and to integers, toward 0, as NumPy's own."""
+    real = way.real
+    most, integer = (31, np.int32) if real is np.float32 else (63, np.int64)
+    x, y = integers(np.int32), integers(np.int64)
     with np.errstate(all="ignore"):
         a, b, c = (v.astype(real) for v in ties(np.float32))
-        z = np.concatenate([a * b + c, patterns(real)])[: COUNT // 2]  # in float64 near ties of float32
-    x, y = integers(np.int32)[: len(z)], integers(np.int64)[: len(z)]
-    for v in (x, x.view(np.uint32), y):
-        yield Operation("to_real", "TO_REALS(a)", (v,), of(real), real)
-    yield Operation("to_float", "TO_LANES(a, float)", (x,), of(np.float32), np.float32)
-    yield Operation("to_float", "TO_LANES(a, float)", (z,), lambda v: each(rounded, np.float32, v), np.float32)
-
-
-def _to_integers(real: Any) -> Iterator[Operation]:
-    """Conversions toward 0."""
-    most, kind = (31, np.int32) if real is np.float32 else (63, np.int64)
-    x, y = integers(np.int32), integers(np.int64) >> (63 - most)
+        near = np.concatenate([a * b + c, patterns(real)])[: COUNT // 2]  # in float64 near ties of float32
     z = np.concatenate([patterns(real), spread(-2, 30, real, 10), (x / 2).astype(real)])
     z, w = (rng(bits).permutation(z[(z >= -(2.0**bits)) & (z < 2.0**bits)])[: COUNT // 2] for bits in (31, most))
-    for name, expression, v, to in (
+    for name, expression, v, kind in (
+        ("to_real", "TO_REALS(a)", x, real),
+        ("to_real", "TO_REALS(a)", x.view(np.uint32), real),
+        ("to_real", "TO_REALS(a)", y, real),
+        ("to_float", "TO_LANES(a, float)", x, np.float32),
+        ("to_float", "TO_LANES(a, float)", near, np.float32),
         ("to_long", "TO_LONGS(a)", x, np.int64),
         ("to_uint", "TO_LANES(a, uint)", x, np.uint32),
-        ("to_fixed", "TO_FIXEDS(a)", y, np.int32),
-        ("to_int", "TO_INTS(a)", y, kind),
+        ("to_fixed", "TO_FIXEDS(a)", y >> (63 - most), np.int32),
+        ("to_int", "TO_INTS(a)", y >> (63 - most), integer),
         ("to_fixed", "TO_FIXEDS(a)", z, np.int32),
-        ("to_int", "TO_INTS(a)", w, kind),
+        ("to_int", "TO_INTS(a)", w, integer),
     ):
-        yield Operation(name, expression, (v,), np.trunc if v.dtype.kind == "f" else np.asarray, to)
+        yield _case(way, name, expression, (v,), np.asarray, kind)
 
 
 def _moves(way: Way, n: int) -> Case:
@@ -230,7 +243,9 @@ def _moves(way: Way, n: int) -> Case:
     places = rng(n).integers(0, 16, rows).astype(np.int32)
     values = np.arange(1, rows * (n + 4) + 1).astype(way.real).reshape(rows, n + 4)
     text = signature(f"move_{n}", ("places", "from"), (places, values), way.real) + MOVE.format(n=n)
-    return Case(f"move_{n}", f"loads and stores of {n}", text, (places, values), define, HEAD, way.options, way.lanes)
+    return Case(
+        f"move_{n}", f"loads and stores of {n}", text, (places, values), define, _head(), way.options, way.lanes
+    )
 
 
 def _atomics(way: Way) -> Case:
@@ -246,4 +261,4 @@ def _atomics(way: Way) -> Case:
 
     inputs = rng(11).integers(1, 1000, 1 << 17).astype(np.int32), np.zeros(1 << 17, np.int32)
     title = "atomic operations on global memory"
-    return Case("count", title, COUNT_TEXT, inputs, define, HEAD, way.options, way.lanes)
+    return Case("count", title, COUNT_TEXT, inputs, define, _head(), way.options, way.lanes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from dataclasses import replace
@@ -10,8 +9,9 @@ from pathlib import Path
 
 from ...base.arrays import Array
 from ...base.atomic_files import write_bytes
+from ...pipeline import programs
 from ...pipeline.opencl.device import Device
-from .case import GROUP, UNWRITTEN, Case, Wrong
+from .case import GROUP, UNWRITTEN, Case
 
 _SCRIPT = '''\
 """{title}
@@ -41,7 +41,7 @@ program = cl.Program(context, KERNEL).build(OPTIONS)
 flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
 found = np.full(EXPECTED.nbytes, {unwritten}, np.uint8).view(EXPECTED.dtype).reshape(EXPECTED.shape)
 buffers = [cl.Buffer(context, flags, hostbuf=array) for array in (*INPUTS, found)]
-program.{name}(queue, {size}, {group}, *buffers, global_offset={offset})
+program.{name}(queue, {size}, {group}, *buffers)
 cl.enqueue_copy(queue, found, buffers[-1])
 same = found.view(f"u{{found.itemsize}}") == EXPECTED.view(f"u{{found.itemsize}}")
 if found.dtype.kind == "f":
@@ -49,53 +49,36 @@ if found.dtype.kind == "f":
 if same.all():
     print("as expected")
     sys.exit(0)
-for place in np.argwhere(~same)[:5]:
-    at = tuple(place)
-    print(f"out{{place.tolist()}}: expected {{EXPECTED[at]!r}}, found {{found[at]!r}}")
+for at in map(tuple, np.argwhere(~same)[:5].tolist()):
+    print(f"out{{list(at)}}: expected {{EXPECTED[at]!r}}, found {{found[at]!r}}")
 sys.exit(1)
 '''
 
 
 def _values(array: Array) -> str:
     """Return an array as Python source that gives the same bits."""
-    if array.dtype.kind == "f":
-        words = [hex(word) for word in array.reshape(-1).view(f"u{array.itemsize}").tolist()]
-        kind = f"np.uint{8 * array.itemsize}).view(np.{array.dtype})"
-    else:
-        words, kind = [str(word) for word in array.reshape(-1).tolist()], f"np.{array.dtype})"
-    lines = textwrap.fill(", ".join(words), 120, initial_indent=" " * 8, subsequent_indent=" " * 8)
-    return f"np.array([\n{lines}\n    ], {kind}.reshape({array.shape})"
+    bits = f"uint{8 * array.itemsize}"
+    words = ", ".join(hex(word) for word in array.reshape(-1).view(bits).tolist())
+    lines = textwrap.fill(words, 120, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return f"np.array([\n{lines}\n    ], np.{bits}).view(np.{array.dtype}).reshape({array.shape})"
 
 
-def cut(wrong: Wrong | Case) -> Case:
-    """Return the case of the first work-group that has a wrong row; of a case that has not run, of the first one."""
-    case, row = (wrong.case, int(wrong.rows.argmax())) if isinstance(wrong, Wrong) else (wrong, 0)
-    if case.grid is not None:
-        return case
+def write(case: Case, row: int, device: Device, folder: Path, name: str) -> str:
+    """Write the script of a case with the work-group of a row; return its name. Raises OutputError."""
     first = row - row % GROUP
-    return replace(case, inputs=tuple(v[first : first + GROUP] for v in case.inputs))
-
-
-def script(case: Case, device: Device, options: list[str]) -> str:
-    """Return the script of a case. options: of the compiler, for every program."""
-    grid = case.launched
-    return _SCRIPT.format(
+    case = replace(case, inputs=tuple(v[first : first + GROUP] for v in case.inputs))
+    path = folder / f"{re.sub(r'[^A-Za-z0-9_]+', '_', name)}.py"
+    text = _SCRIPT.format(
         title=case.title,
         device=f"{device.title}, driver {device.driver}",
-        kernel=re.sub(r"\n{2,}", "\n", re.sub(r"(?m)^#line.*$", "", case.source)),
-        options=json.dumps([*case.options, *options]),
+        kernel=re.sub(r"(?m)^#line.*\n+", "", case.source),
+        options=[*case.options, *programs.compiler_options(device)],
         inputs="".join(f"    {_values(v)},\n" for v in case.inputs),
         expected=_values(case.expected()),
         unwritten=UNWRITTEN,
         name=case.name,
-        size=grid.size,
-        group=grid.group,
-        offset=grid.offset,
+        size=case.grid.size,
+        group=case.grid.group,
     )
-
-
-def write(wrong: Wrong | Case, device: Device, options: list[str], folder: Path, name: str) -> Path:
-    """Write the script of a failure as NAME.py; return its path. Raises OutputError."""
-    path = folder / f"{re.sub(r'[^A-Za-z0-9_]+', '_', name)}.py"
-    write_bytes(path, script(cut(wrong), device, options).encode())
-    return path
+    write_bytes(path, text.encode())
+    return path.name

@@ -1,21 +1,28 @@
-"""Frames as tests: golden hashes of generated scenes, and every triangle of a grid."""
+"""Frames as tests: golden hashes of generated scenes, and every triangle of a grid.
+
+golden.json holds the choices of each scene, which cover all pairs of levels (test_conform.py names pairs without a row),
+and the digest of its frame. For a new choice, add a level of it to each row, and rows until all pairs are covered;
+`conform --write-golden` draws them.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from ...base.atomic_files import shown, write_bytes
 from ...errors import DeviceError
-from ...pipeline.opencl.device import open_device
+from ...pipeline.features import OPTIONAL
+from ...pipeline.frame import Frame
+from ...pipeline.opencl.device import Device, open_device
+from ...pipeline.renderer import Renderer
 from ..check import check
 from ..digest import digest
 from ..stability.cases import bench as cases_bench
 from ..stability.cases import coverage
-from .case import Bench, Skipped, divides, flushes
-from .content import GoldenScene, choices, golden_scene, options
+from .case import Bench, Check, divides, flushes
+from .content import GoldenScene, golden_scene
 
 GOLDEN = Path(__file__).with_name("golden.json")
 
@@ -30,33 +37,28 @@ def golden(has_fp64: bool) -> list[tuple[GoldenScene, str]]:
     return found
 
 
+def tests(program: str, has_fp64: bool) -> list[Check]:
+    """Return the tests of a program's scenes, for a device with or without float64."""
+    scenes = [(scene, digest) for scene, digest in golden(has_fp64) if scene.choice["program"] == program]
+    return [Check(scene.name, program, partial(_compare, scene, digest)) for scene, digest in scenes]
+
+
+def draw(scene: GoldenScene, device: Device) -> Frame:
+    with Renderer(scene.scene, device=device, settings=scene.settings, forced=OPTIONAL) as renderer:
+        return renderer.render()
+
+
 def _compare(scene: GoldenScene, expected: str, bench: Bench) -> str:
-    """Return how a frame differs from the golden one, and whether it is right all the same."""
-    frame = bench.draw(scene.scene, **options(scene))
+    """Return how a frame differs from the golden one, and whether it is right all the same. Where denormals or divisions may
+    differ it has to agree with the oracle."""
+    frame = draw(scene, bench.device)
     if digest(frame) == expected:
         return ""
     problem = check.problem(frame)
     if not problem and (flushes(bench.device) or not divides(bench.device)):
-        raise Skipped("bits may differ where denormals or divisions do: such frames agree with the oracle")
-    return f"{problem or 'other bits, within the bounds of the oracle'} ({scene.described})"
-
-
-def tests(program: str, has_fp64: bool) -> list[tuple[str, str, Callable[[Bench], str]]]:
-    """Return names, titles and functions of the scenes of a program, for a device with or without float64."""
-    return [
-        (scene.name, program, partial(_compare, scene, expected))
-        for scene, expected in golden(has_fp64)
-        if scene.choice["program"] == program
-    ]
-
-
-def _right(bench: Bench, scene: GoldenScene) -> str:
-    """Return the digest of a frame that agrees with the oracle. Raises DeviceError if it does not."""
-    frame = bench.draw(scene.scene, **options(scene))
-    problem = check.problem(frame)
-    if problem:
-        raise DeviceError(f"{bench.device.name}: {scene.name}: expected a frame within its bounds, found {problem}")
-    return digest(frame)
+        return ""
+    described = ", ".join(f"{name} {level}" for name, level in scene.choice.items())
+    return f"{problem or 'other bits, within the bounds of the oracle'} ({described})"
 
 
 def write_golden(device: str | None, path: str) -> None:
@@ -64,17 +66,18 @@ def write_golden(device: str | None, path: str) -> None:
 
     Raises DeviceError, and writes nothing, if any frame exceeds its bounds.
     """
-    bench, rows = Bench(open_device(device)), []
-    for number, row in enumerate(choices()):
-        scene = golden_scene(number, row)
-        drawn = {"digest": scene, **({"float32": scene.without_float64()} if scene.needs_float64 else {})}
-        rows.append({**{name: _right(bench, scene) for name, scene in drawn.items()}, "choice": row})
+    opened, rows = open_device(device), json.loads(GOLDEN.read_text())
+    for number, row in enumerate(rows):
+        scene = golden_scene(number, row["choice"])
+        for name, drawn in (("digest", scene), ("float32", scene.without_float64()))[: 1 + scene.needs_float64]:
+            frame = draw(drawn, opened)
+            problem = check.problem(frame)
+            if problem:
+                raise DeviceError(f"{opened.name}: {scene.name}: expected a frame within its bounds, found {problem}")
+            row[name] = digest(frame)
     lines = ",\n".join(json.dumps(row) for row in rows)
     write_bytes(Path(path), f"[\n{lines}\n]\n".encode())
     print(f"{len(rows)} scenes agree with the oracle: wrote {shown(Path(path))}")
-
-
-# Coverage
 
 
 def _cover(case: cases_bench.Case, bench: Bench) -> str:
@@ -83,7 +86,7 @@ def _cover(case: cases_bench.Case, bench: Bench) -> str:
 
 
 COVERAGE = [
-    (case.name.replace("-", "_"), f"{case.title}: {case.expected}", partial(_cover, case))
+    Check(case.name.replace("-", "_"), f"{case.title}: {case.expected}", partial(_cover, case))
     for case in coverage.CASES
     if case.name in ("half-pixel-grid", "edges-on-centers", "slivers")
 ]

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...pipeline import struct_layout
-from ...pipeline.bare_kernel import Grid
-from .case import Case, in_one_program, signature
+from .case import C_TYPES, GROUP, Case, in_one_program, signature
 
 
 def cases(double: bool) -> list[Case]:
@@ -21,19 +20,20 @@ def cases(double: bool) -> list[Case]:
         for name, dtype in layout._asdict().items():
             if name == "real":
                 continue
-            words = [f"{name} s; out[0] = sizeof({name});"]
-            words += [f"out[{k}] = (char *)&s.{member} - (char *)&s;" for k, member in enumerate(dtype.names, 1)]
+            words = [f"{name} s; row[0] = sizeof({name});"]
+            words += [f"row[{k}] = (char *)&s.{member} - (char *)&s;" for k, member in enumerate(dtype.names, 1)]
             numbers = [dtype.itemsize, *(dtype.fields[member][1] for member in dtype.names)]
             alike.append(_case(f"{name}_{reals}", f"struct {name} with {reals} reals", words, head, numbers, np.int32))
         found += in_one_program(alike)
-    words = [f"out[{k}] = {name};" for k, name in enumerate(struct_layout.CONSTANTS)]
+    words = [f"row[{k}] = {name};" for k, name in enumerate(struct_layout.CONSTANTS)]
     numbers = list(struct_layout.CONSTANTS.values())  # float32 holds all of them
     head = struct_layout.header(with_double=double)
     return [*found, _case("constants", "constants of host and kernels", words, head, numbers, np.float32)]
 
 
 def _case(name: str, title: str, words: list[str], head: str, numbers: Sequence[Any], kind: Any) -> Case:
-    """Return the case of a kernel that writes these numbers."""
-    inputs = (np.zeros(1, np.int32),)
+    """Return the case of a kernel of which each item writes these numbers."""
+    inputs, expected = (np.zeros(GROUP, np.int32),), np.array([numbers] * GROUP, kind)
+    words = [f"global {C_TYPES[np.dtype(kind)]} *row = out + {len(numbers)} * get_global_id(0);", *words]
     text = f"{signature(name, ('unused',), inputs, kind)}\n{{\n    {chr(10).join(words)}\n}}\n"
-    return Case(name, title, text, inputs, lambda _: np.array([numbers], kind), head, grid=Grid((1,), (1,)))
+    return Case(name, title, text, inputs, lambda _: expected, head)
