@@ -161,7 +161,8 @@ def _process(task: Task) -> tuple[list[dict[str, Any]], str]:
         return lines, ""
     if code == 1 and any(line.startswith("Timeout (") for line in said):
         return lines, f"does not end within {task.limit:g} s"
-    ending = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+    names = {each.value: each.name for each in signal.Signals}
+    ending = f"exit code {code}" if code >= 0 else names.get(-code, f"signal {-code}")
     return lines, f"ends the process: {': '.join(filter(None, [ending, _telling(said)]))}"
 
 
