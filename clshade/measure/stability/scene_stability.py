@@ -15,12 +15,8 @@ from ...scene.model import Scene, Settings
 from .. import results
 from ..results import Column, Results, Table
 from . import scene_figure
-from .causes import CAUSES
+from .causes import CAUSES, NONE
 from .scene_study import SceneStudy, WorstPixel, study
-
-
-def _title(pixel: WorstPixel) -> str:
-    return CAUSES[pixel.cause].title if pixel.cause in CAUSES else pixel.cause
 
 
 def _factor(name: str, pixel: WorstPixel) -> float:
@@ -29,7 +25,7 @@ def _factor(name: str, pixel: WorstPixel) -> float:
 
 PIXELS = (
     Column("no", "no", attrgetter("number"), str),
-    Column("cause", "", _title, str),
+    Column("cause", "", lambda pixel: CAUSES.get(pixel.cause, (NONE,))[0], str),
     *(Column(name, name, attrgetter(name), str) for name in ("row", "column", "face")),
     Column("kappa", "kappa", attrgetter("kappa")),
     Column("n", "n", attrgetter("exponent"), "{:g}".format),
@@ -54,7 +50,8 @@ def run(scene: Scene, settings: Settings, device: str | None = None, *, out: str
     print("\n".join(summary.lines()), flush=True)
     summary.write(prefix)
     scene_figure.plot(found, opened.title, paths[-2])
-    exr.write(paths[-1], found.channels(), metadata=found.frame.metadata())
+    maps = {"kappa": found.kappa, "relativeError": found.error, "relativeBound": found.bound}
+    exr.write(paths[-1], {**found.frame.channels(), **maps}, metadata=found.frame.metadata())
     print("\n".join(["", *results.wrote(paths)]))
     return found.check.passed
 

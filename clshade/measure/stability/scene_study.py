@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.arrays import Array, Floats, Floats32, Integers
+from ...base.arrays import Floats, Floats32, Integers
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check
 from ...pipeline.opencl.device import Device
@@ -75,20 +75,8 @@ class SceneStudy:
         known = self.kappa[self.kappa > 0.0]
         if not len(known):
             return {}
-        return {
-            "median": float(np.median(known)),
-            "p99": float(np.quantile(known, 0.99, method="inverted_cdf")),
-            "max": float(known.max()),
-        }
-
-    def channels(self) -> dict[str, Array]:
-        """Return the EXR's channels: the image and its layers, kappa, and the error and its bound."""
-        return {
-            **self.frame.channels(),
-            "kappa": self.kappa,
-            "relativeError": self.error,
-            "relativeBound": self.bound,
-        }
+        values = np.quantile(known, (0.5, 0.99, 1.0), method="inverted_cdf").tolist()
+        return dict(zip(("median", "p99", "max"), values, strict=True))
 
 
 def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
@@ -103,7 +91,7 @@ def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
     seen = causes.visible_faces(compared)
     factors = causes.factors(compared, seen)
     good = ~compared.wrong & (compared.counted <= compared.allowed)
-    chosen = worst_pixels(compared, np.where(good, causes.amplification(factors), np.inf))
+    chosen = _worst(compared, np.where(good, causes.amplification(factors), np.inf))
     return SceneStudy(
         frame,
         frame.check,
@@ -129,7 +117,7 @@ def _maps(compared: Comparison, index: Integers) -> tuple[Floats32, Floats32, Fl
     return maps[0], maps[1], maps[2]
 
 
-def worst_pixels(compared: Comparison, score: Floats) -> Integers:
+def _worst(compared: Comparison, score: Floats) -> Integers:
     """Return up to WORST of the compared pixels whose center is covered, spread over what is drawn: the largest score (K,)
     first, and of equal ones the largest error."""
     alive: Integers = np.flatnonzero((compared.oracle.id > 0) | compared.wrong)
@@ -156,7 +144,7 @@ def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factor
     cause, why, mesh = causes.NONE, "nothing belongs here", ""
     if face >= 0:
         cause, why = causes.explain(compared, seen, k, factors)
-        mesh = frame.scene.meshes[seen.mesh[np.searchsorted(seen.index, face)]].name
+        mesh = frame.scene.meshes[seen.mesh[np.searchsorted(seen.face, face)]].name
     return WorstPixel(
         number=number,
         row=row,

@@ -30,13 +30,13 @@ _POINT_FEATURES = {"LIT", "POWER", *GROUPS["TERMS"]}
 
 @dataclass(frozen=True)
 class Outcome:
-    """Measurements of a case.
+    """Measurements of a case, or of a part of it.
 
     wrong: pixels (or values, where the case says so) that are not exactly as expected.
     error: largest measured error, in `unit`; allowed up to `limit`. Both are 0 in cases that only count.
     amplification: the largest error in float32 roundings (2^-24 of the light budget).
-    detail: what was compared, in a few words.
-    pictures: rendered and expected image, (M, N) or (M, N, 3), of the worst part.
+    detail: which part, if that says more than its pictures.
+    pictures: rendered and expected image, (M, N) or (M, N, 3).
     """
 
     wrong: int = 0
@@ -53,23 +53,25 @@ class Outcome:
         return self.wrong == 0 and bool(self.error <= self.limit)
 
     @property
-    def badness(self) -> float:
-        """How close to failing, for choosing the worst of several."""
-        return (1e6 + self.wrong) if self.wrong else (self.error / self.limit if self.limit else self.error)
+    def share(self) -> float:
+        """The error as a share of its limit, infinite for NaN."""
+        return float(np.nan_to_num(self.error / self.limit, nan=np.inf)) if self.limit else 0.0
 
 
-def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
-    """Combine outcomes: the counts of all, the error and the images of the worst."""
-    chosen = max(outcomes, key=lambda o: o.badness)
-    bad = [o for o in outcomes if not o.error <= o.limit]
-    if bad and chosen.error <= chosen.limit:  # wrong pixels elsewhere must not hide an error
-        chosen = replace(bad[0], pictures=chosen.pictures or bad[0].pictures)
-    amplified = [o.amplification for o in outcomes if o.amplification is not None]
+Outcomes = Iterable[Outcome]
+
+
+def worst(outcomes: Outcomes) -> Outcome:
+    """Combine parts: the count of all, the largest error, and the images of a part that fails."""
+    parts = list(outcomes)
+    largest = max(parts, key=lambda part: part.share)
+    shown = next((part for part in parts if not part.passed), largest)
     return replace(
-        chosen,
-        wrong=sum(o.wrong for o in outcomes),
-        amplification=max(amplified) if amplified else None,
-        detail=detail or chosen.detail,
+        largest,
+        wrong=sum(part.wrong for part in parts),
+        amplification=max((part.amplification for part in parts if part.amplification is not None), default=None),
+        detail=shown.detail,
+        pictures=shown.pictures,
     )
 
 
@@ -96,8 +98,10 @@ class Bench:
         material["k"] = np.repeat([{"kd": kd, "ks": 1.0}.get(name, 0.0) for name in TERMS], 3)
         material["n"], material["texture"] = n, -1
         lights["position"], lights["intensity"] = position, 1.0
+        vectors = np.zeros((3, len(points), 4))
+        vectors[..., :3] = points, normals, np.ones_like(points)
         # Bound to names, so that the memory outlives the kernel.
-        at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, np.ones_like(points)))
+        at, facing, tint = (Buffer(self.device, each) for each in shading_tables.to_real(vectors))
         surface, shining = Buffer(self.device, material), Buffer(self.device, lights)
         lit = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
         stages.light(at, facing, tint, surface, shining, features.needs, lit, 1.0, 1, len(points))
@@ -105,26 +109,23 @@ class Bench:
         return values
 
 
-def _four(vectors: Array) -> Array:
-    wide = np.zeros((len(vectors), 4), np.float32)
-    wide[:, :3] = shading_tables.to_real(vectors)
-    return wide
-
-
 @dataclass(frozen=True)
 class Case:
     """One named case.
 
     number: in the list of cases, an integer and perhaps a letter. title: what is stressed. expected: what a correct
-    renderer does. run: runs the case. slow: takes more than two seconds or builds further programs.
+    renderer does. parts: draws and compares its parts. slow: takes more than two seconds or builds further programs.
     """
 
     number: str
     name: str
     title: str
     expected: str
-    run: Callable[[Bench], Outcome]
+    parts: Callable[[Bench], Outcomes]
     slow: bool = False
+
+    def run(self, bench: Bench) -> Outcome:
+        return worst(self.parts(bench))
 
 
 def wrong_pixels(drawn: Array, expected: Array, detail: str = "") -> Outcome:
@@ -150,10 +151,9 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
     )
 
 
-def all_against_oracle(bench: Bench, scenes: Iterable[Scene], what: str = "scenes", **options: Any) -> Outcome:
-    """Draw the scenes, compare each with the oracle, and return the worst."""
-    outcomes = [against_oracle(bench.draw(scene, **options)) for scene in scenes]
-    return worst(outcomes, f"{len(outcomes)} {what}")
+def all_against_oracle(bench: Bench, scenes: Iterable[Scene], **options: Any) -> Outcomes:
+    """Draw scenes and compare them with the oracle."""
+    return (against_oracle(bench.draw(scene, **options)) for scene in scenes)
 
 
 def different_bits(a: Frame, b: Frame) -> Outcome:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from ....base.arrays import Array, Floats
 from ....scene.camera import Camera
 from ....scene.model import Mesh, Scene
 from . import flat
-from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
+from .bench import Bench, Case, Outcome, Outcomes, against_oracle, wrong_pixels
 from .flat import HALF, SUB
 
 ANGLES = np.radians(np.arange(15) * 6.0 + 0.7)
@@ -38,35 +39,33 @@ def _turned(points: Array, angle: float) -> Floats:
 _SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
-def shared_edges(bench: Bench) -> Outcome:
+def shared_edges(bench: Bench) -> Outcomes:
     points, faces = grid(4)
     center, size, resolution = np.array([64.5, 64.0]), 90.0, (128, 128)
-    outcomes = []
     for angle in ANGLES:
         inside = flat.polygon_interior(_turned(_SQUARE, angle) * size + center, resolution)
         scene = flat.scene_of(_turned(points, angle) * size + center, faces, resolution)
-        outcomes.append(flat.drawn_once(bench, scene, inside))
-    return worst(outcomes, f"{len(ANGLES)} rotations")
+        yield flat.drawn_once(bench, scene, inside)
 
 
-def perspective_edges(bench: Bench) -> Outcome:
+def perspective_edges(bench: Bench) -> Outcomes:
     """The grid of case 1 with depths from 0.1 to 4: each triangle is also drawn alone, and the coverage is summed."""
     rng = np.random.default_rng(3)
     points, faces = grid(4)
     camera = Camera(np.zeros(3), -np.eye(3)[2], np.eye(3)[1], 1.0, (1, 1), (96, 96))
-    outcomes = []
     for angle in ANGLES[::5]:
         depth = rng.uniform(0.1, 4.0, len(points))
         verts = np.concatenate([_turned(points, angle) * 0.7, -np.ones((len(points), 1))], axis=1) * depth[:, None]
         scene = Scene((Mesh(verts, faces, material=flat.UNLIT),), camera, background=None)
-        count = flat.each_alone(bench, scene, near=0.05)
+        options = {**flat.FLAT, "near": 0.05}
+        alone = (replace(scene, meshes=(replace(scene.meshes[0], faces=face[None]),)) for face in faces)
+        count = np.sum([bench.draw(one, **options).alpha > 0 for one in alone], axis=0)
         inside = flat.polygon_interior((_turned(_SQUARE, angle) * 0.7 + 0.5) * 96, (96, 96))
         wrong = np.where(inside, count != 1, count > 1)
-        whole = bench.draw(scene, **{**flat.FLAT, "near": 0.05})
+        whole = bench.draw(scene, **options)
         wrong |= (whole.alpha > 0) != (count > 0)
-        outcomes.append(Outcome(int(wrong.sum()), pictures=(count, np.clip(count, inside, 1))))
-        outcomes.append(against_oracle(whole))
-    return worst(outcomes, "3 rotations, 32 triangles each alone")
+        yield Outcome(int(wrong.sum()), pictures=(count, np.clip(count, inside, 1)))
+        yield against_oracle(whole)
 
 
 def _adversarial(rng: np.random.Generator, xy: Array, size: int) -> Array:
@@ -96,11 +95,10 @@ def triangles_of_size(rng: np.random.Generator, size: int, count: int) -> tuple[
     return xy, (max(across * size - 9, 1), rows)
 
 
-def random_triangles(bench: Bench) -> Outcome:
+def random_triangles(bench: Bench) -> Outcomes:
     """Triangles of sizes 2^0 to 2^8 px, half as many of each size as of the previous one, drawn with both
     visibilities."""
     rng = np.random.default_rng(5)
-    outcomes, drawn = [], 0
     shares = 2.0 ** -np.arange(9)
     for power, share in reversed(list(enumerate(shares / shares.sum()))):
         size, count = 1 << power, max(1, round(bench.triangles * share))
@@ -108,47 +106,42 @@ def random_triangles(bench: Bench) -> Outcome:
         for start in range(0, count, many):
             xy, resolution = triangles_of_size(rng, size, min(many, count - start))
             frame = flat.draw(bench, xy, resolution, visibility="depth" if (start // many) % 2 else "painter")
-            outcomes.append(wrong_pixels(frame["id"], flat.exact(xy, resolution)))
-            drawn += len(xy)
-    return worst(outcomes, f"{drawn:,} triangles")
+            yield wrong_pixels(frame["id"], flat.exact(xy, resolution))
 
 
-def half_pixel_grid(bench: Bench) -> Outcome:
+def half_pixel_grid(bench: Bench) -> Outcomes:
     """All 49^3 triangles with corners on a 7 x 7 half-pixel grid, each in a cell of 4 x 4 pixels."""
     corner = HALF * np.stack(np.divmod(np.arange(49), 7), axis=1)
     index = np.stack(np.meshgrid(*[np.arange(49)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     cell = np.stack(np.divmod(np.arange(len(index)), 343), axis=1)
     xy = corner[index] + 4 * SUB * cell[:, None, :]
     ids = flat.exact(xy, (1372, 1372))
-    return wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], ids, f"{len(xy):,} triangles")
+    yield wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], ids)
 
 
-def edges_on_centers(bench: Bench) -> Outcome:
+def edges_on_centers(bench: Bench) -> Outcomes:
     """Rectangles with edges through pixel centers own their left column and top row, not the right and bottom ones,
     with either diagonal and winding. Squares rotated by 45 degrees, all edges through centers, are checked in closed
     form too."""
-    outcomes = []
     box = np.array([[3, 4], [11, 4], [11, 9], [3, 9]]) * SUB + HALF
     expected = np.zeros((16, 16), bool)
     expected[5:10, 3:11] = True  # rows from the bottom: 4 (exclusive) to 9 (inclusive)
     for cut in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]):
         for way in ([0, 1, 2], [0, 2, 1]):
             frame = flat.draw(bench, box[np.array(cut)][:, way], (16, 16))
-            outcomes.append(wrong_pixels(frame.alpha[::-1] > 0, expected))
+            yield wrong_pixels(frame.alpha[::-1] > 0, expected)
     middle, reach = np.array([8, 8]) * SUB + HALF, 5 * SUB
     tips = middle + reach * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     x, y = np.arange(16) - 8, (np.arange(16) - 8)[:, None]
     # Inside or on a left edge; the top and bottom corners also end a right edge, and are not drawn.
     diamond = (np.abs(x) + np.abs(y) < 5) | ((np.abs(x) + np.abs(y) == 5) & (x < 0))
     drawn = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
-    outcomes.append(wrong_pixels(drawn, diamond))
-    return worst(outcomes, "rectangles and a diamond")
+    yield wrong_pixels(drawn, diamond)
 
 
-def slivers(bench: Bench) -> Outcome:
+def slivers(bench: Bench) -> Outcomes:
     """A strip of slivers 0.01 px wide and 4000 px long (4e5 : 1), vertical and horizontal, and a fan of needles 1e5 :
     1."""
-    outcomes = []
     for turned in (False, True):
         across = np.arange(1601) * 0.01 + 2.003
         ends = np.stack([np.stack([across, np.full(1601, y)], axis=1) for y in (3.3, 4003.7)], axis=1).reshape(-1, 2)
@@ -159,24 +152,23 @@ def slivers(bench: Bench) -> Outcome:
         if turned:
             ends, corners = ends[:, ::-1], corners[::-1, ::-1]
         inside = flat.polygon_interior(corners, size)
-        outcomes.append(flat.drawn_once(bench, flat.scene_of(ends, faces, size), inside))
+        yield flat.drawn_once(bench, flat.scene_of(ends, faces, size), inside)
     angle = np.radians(np.linspace(40.0, 40.5, 800))
     rim = np.array([10.1, 20.2]) + 1400.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     fan = np.concatenate([[[10.1, 20.2]], rim])
     k = np.arange(1, 800)[:, None]
     faces = np.concatenate([np.zeros_like(k), k, k + 1], axis=1)
     inside = flat.polygon_interior(fan[[0, 1, 800]], (1100, 950))
-    outcomes.append(flat.drawn_once(bench, flat.scene_of(fan, faces, (1100, 950)), inside))
-    return worst(outcomes, "slivers 0.01 x 4000 px, needles 0.015 x 1400 px")
+    yield flat.drawn_once(bench, flat.scene_of(fan, faces, (1100, 950)), inside)
 
 
-def million_into_64(bench: Bench) -> Outcome:
+def million_into_64(bench: Bench) -> Outcomes:
     points, faces = grid(895)
     scene = flat.scene_of(points * 70.0 + 32.1, faces, (64, 64))
-    return flat.drawn_once(bench, scene, np.ones((64, 64), bool), f"{len(faces):,} triangles")
+    yield flat.drawn_once(bench, scene, np.ones((64, 64), bool))
 
 
-def two_a_pixel(bench: Bench) -> Outcome:
+def two_a_pixel(bench: Bench) -> Outcomes:
     """One mesh of two triangles in each pixel, which meet on its center: the one whose left edge that is owns it."""
     columns = math.isqrt(max(bench.triangles // 2, 1))
     rows = -(-bench.triangles // (2 * columns))
@@ -190,11 +182,9 @@ def two_a_pixel(bench: Bench) -> Outcome:
     depth = flat.DEPTH + np.random.default_rng(11).random(uv[..., 0].size)
     scene = flat.scene_of(uv.reshape(-1, 2), faces.reshape(-1, 3), (columns, rows), depth)
     owners = np.arange(2, 2 * rows * columns + 1, 2, dtype=np.uint32).reshape(rows, columns)[::-1]
-    outcomes = []
     for visibility in ("painter", "depth"):
         ids = bench.draw(scene, **{**flat.FLAT, "visibility": visibility})["id"]
-        outcomes.append(wrong_pixels(ids, owners))
-    return worst(outcomes, f"{2 * rows * columns:,} triangles, both visibilities")
+        yield wrong_pixels(ids, owners)
 
 
 CASES = (

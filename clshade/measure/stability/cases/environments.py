@@ -12,7 +12,7 @@ from ....scene.environment import Environment
 from ....scene.metallic_roughness import MetallicRoughness
 from ....scene.model import Scene
 from . import lit
-from .bench import Bench, Case, Outcome, all_against_oracle
+from .bench import Bench, Case, Outcomes, all_against_oracle
 
 ROUGHNESSES = (0.0, 1e-4, 0.125, 0.6, 1.0)
 _IMAGE = np.random.default_rng(8).uniform(0.0, 1.0, (16, 32, 3))
@@ -24,24 +24,24 @@ def scene_in(environment: Environment, roughness: float, metallic: float) -> Sce
     return lit.scene_of(lit.patch(material=material), lights=(), ambient=0.0, environment=environment, preset="pbr")
 
 
-def _drawn(bench: Bench, environments: tuple[Environment, ...]) -> Outcome:
+def _drawn(bench: Bench, environments: tuple[Environment, ...]) -> Outcomes:
     """Compare frames in environments with the oracle. All features are on: one program serves for all."""
     scenes = [
         scene_in(environment, roughness, (number + k) % 3 / 2.0)
         for number, environment in enumerate(environments)
         for k, roughness in enumerate(ROUGHNESSES)
     ]
-    return all_against_oracle(bench, scenes, "frames", forced=OPTIONAL)
+    return all_against_oracle(bench, scenes, forced=OPTIONAL)
 
 
-def suns(bench: Bench) -> Outcome:
+def suns(bench: Bench) -> Outcomes:
     """One pixel of 1e6, where a mirror shows it and where it is blurred."""
     image = np.concatenate([_IMAGE, _IMAGE])
     image[11, 16] = 1e6
     return _drawn(bench, (Environment(image), Environment(image, rotation=180.0)))
 
 
-def extreme_environments(bench: Bench) -> Outcome:
+def extreme_environments(bench: Bench) -> Outcomes:
     """A single pixel, black, radiance up to 1e60 and down to 1e-42."""
     environments = (
         Environment(np.full((1, 1, 3), 0.5)),
@@ -52,7 +52,7 @@ def extreme_environments(bench: Bench) -> Outcome:
     return _drawn(bench, environments)
 
 
-def sun_behind(bench: Bench) -> Outcome:
+def sun_behind(bench: Bench) -> Outcomes:
     """One pixel of 1e6 at the seam, and at a pole, of an environment that is the background; from far and near."""
     scenes = []
     for row, column, lookat in ((8, 0, (0.0, 0.0, -1.0)), (8, 31, (0.0, 0.0, -1.0)), (0, 9, (1e-9, 1.0, 1e-9))):
@@ -61,7 +61,7 @@ def sun_behind(bench: Bench) -> Outcome:
         for focal in (0.1, 30.0):
             around = Camera((0.0, 0.0, 0.0), lookat, (0.3, 0.1, 0.2), focal, (1.0, 1.0), (61, 61))
             scenes.append(lit.scene_of(camera=around, environment=Environment(image)))
-    return all_against_oracle(bench, scenes, "frames", background="environment", forced=OPTIONAL)
+    return all_against_oracle(bench, scenes, background="environment", forced=OPTIONAL)
 
 
 CASES = (

@@ -10,7 +10,7 @@ from ....base.arrays import Array
 from ....pipeline.frame import Frame
 from ....scene.model import Mesh
 from . import flat, lit
-from .bench import Bench, Case, Outcome, against_oracle, all_against_oracle, different_bits, worst, wrong_pixels
+from .bench import Bench, Case, Outcome, Outcomes, against_oracle, all_against_oracle, different_bits, wrong_pixels
 
 PRESETS = ("standard", "course")
 
@@ -34,15 +34,14 @@ def _exact_edges(corners: Array, resolution: flat.Resolution) -> tuple[Array, Ar
     return covered, decided
 
 
-def huge_triangle(bench: Bench) -> Outcome:
+def huge_triangle(bench: Bench) -> Outcomes:
     """Counter-clockwise triangles 1e4 times as large as a 48 px screen: one that covers it all, and nine whose edges
     cross it."""
     rng = np.random.default_rng(12)
     size, reach = (48, 48), 48e4
-    outcomes = []
     corners = np.array([[-reach, -reach], [reach, -reach], [24.0, reach]])
     frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
-    outcomes.append(wrong_pixels(frame["id"], np.ones(size, np.uint32)))
+    yield wrong_pixels(frame["id"], np.ones(size, np.uint32))
     for _ in range(9):
         angle = rng.uniform(0, 2 * np.pi)
         along, across = (np.array([f(angle), g(angle)]) for f, g in ((np.cos, np.sin), (lambda a: -np.sin(a), np.cos)))
@@ -51,35 +50,32 @@ def huge_triangle(bench: Bench) -> Outcome:
         corners = np.round(corners * 2.0**20) / 2.0**20
         scene = flat.scene_of(corners, flat.ONE, size)
         frame = bench.draw(scene, **flat.FLAT)
-        outcomes.append(against_oracle(frame))
+        yield against_oracle(frame)
         drawn, (covered, decided) = frame.alpha > 0, _exact_edges(corners, size)
-        outcomes.append(Outcome(int((decided & (drawn != covered)).sum()), pictures=(drawn, covered)))
-    return worst(outcomes, "10 triangles, also unclipped in whole numbers")
+        yield Outcome(int((decided & (drawn != covered)).sum()), pictures=(drawn, covered))
 
 
-def far_coordinates(bench: Bench) -> Outcome:
+def far_coordinates(bench: Bench) -> Outcomes:
     """Corners beyond +-32768 px, and up to 1e38 and 1e100, in both projections: all pixels, or the oracle's."""
-    outcomes, size = [], (40, 30)
+    size = (40, 30)
     for reach in (32767.5, 32768.0, 40000.0, 2.0**31, 1e12, 1e20, 1e38, 1e100):
         corners = np.array([[-reach, -reach], [reach, -reach], [0.0, reach]])
         frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
-        outcomes.append(wrong_pixels(frame["id"], np.ones(size[::-1], np.uint32)))
+        yield wrong_pixels(frame["id"], np.ones(size[::-1], np.uint32))
         # Two triangles share the edge that crosses the image: together they draw each pixel once.
         quad = np.array([[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]])
         scene = flat.scene_of(quad + [20.3, 15.2], np.array([[0, 1, 2], [0, 2, 3]]), size)
-        outcomes.append(flat.drawn_once(bench, scene, np.ones(size[::-1], bool)))
+        yield flat.drawn_once(bench, scene, np.ones(size[::-1], bool))
     for far in (1e20, 1e36, 1e100):
         mesh = lit.triangle((-far, -far, -20.0), (far, -far, -20.0), (0.0, far, -20.0))
         frame = bench.draw(lit.scene_of(lit.blob(), mesh), near=0.1)
         near = Frame(frame.rgba, {"id": frame["id"]}, frame.scene, frame.settings, dict)  # depths may exceed float32
-        outcomes.append(against_oracle(near))
-    return worst(outcomes, "32767.5 px to 1e100")
+        yield against_oracle(near)
 
 
-def not_finite(bench: Bench) -> Outcome:
+def not_finite(bench: Bench) -> Outcomes:
     """With nonfinite="drop" a triangle with NaN or infinity is dropped and counted, and the rest intact."""
     mesh = lit.patch()
-    outcomes = []
     rng = np.random.default_rng(14)
     for value in (np.nan, np.inf, -np.inf):
         bad = rng.choice(len(mesh.verts), 4, replace=False)
@@ -91,12 +87,11 @@ def not_finite(bench: Bench) -> Outcome:
         rest = bench.draw(lit.scene_of(replace(mesh, faces=mesh.faces[~lost])))
         ids = np.append(0, np.flatnonzero(~lost) + 1).astype(np.uint32)[rest["id"]]
         whole = Frame(rest.rgba, {"Z": rest["Z"], "id": ids}, rest.scene, rest.settings, dict)
-        miscounted = Outcome(int(frame.stats["nonfinite"] != lost.sum()))
-        outcomes += [different_bits(frame, whole), miscounted, against_oracle(frame)]
-    return worst(outcomes, "NaN, +inf, -inf at four vertices of a sheet")
+        yield Outcome(int(frame.stats["nonfinite"] != lost.sum()))
+        yield from (different_bits(frame, whole), against_oracle(frame))
 
 
-def near_plane(bench: Bench) -> Outcome:
+def near_plane(bench: Bench) -> Outcomes:
     """Faces behind the eye, across it, and with a corner exactly at it; a floor that must stay below the horizon."""
     eye = lit.CAMERA.eye
     at_eye = lit.triangle((0.3, 0.2, 5.0), (1.0, -1.0, 0.0), (-1.0, -1.5, 1.0))
@@ -104,16 +99,16 @@ def near_plane(bench: Bench) -> Outcome:
     around = replace(lit.blob(), verts=lit.blob().verts + [0.0, 0.0, 4.5])
     behind = replace(lit.blob(), verts=lit.blob().verts + [0.0, 0.0, 15.0])
     scenes = [lit.scene_of(*meshes) for meshes in ((around,), (exactly,), (behind,), (around, exactly, behind))]
-    outcomes = [all_against_oracle(bench, scenes, preset=preset) for preset in PRESETS]
+    for preset in PRESETS:
+        yield from all_against_oracle(bench, scenes, preset=preset)
     empty = bench.draw(lit.scene_of(behind))
-    outcomes.append(Outcome(int((empty["id"] > 0).sum()) + abs(empty.stats["behind"] - 250)))
+    yield Outcome(int((empty["id"] > 0).sum()) + abs(empty.stats["behind"] - 250))
     level = replace(lit.CAMERA, lookat=eye - [0.0, 0.0, 1.0], up=np.array([0.0, 1.0, 0.0]))
     floor = lit.triangle((-900.0, -1.0, 90.0), (900.0, -1.0, 90.0), (0.0, -1.0, -900.0))
     frame = bench.draw(lit.scene_of(floor, camera=level), near=0.5)
     above = frame["id"][:30] > 0  # the upper 30 of 61 rows are above the horizon
     below = frame["id"][-10:] == 0
-    outcomes += [against_oracle(frame), Outcome(int(above.sum() + below.sum()))]
-    return worst(outcomes, "behind, across, at the eye, a floor")
+    yield from [against_oracle(frame), Outcome(int(above.sum() + below.sum()))]
 
 
 CASES = (

@@ -13,13 +13,13 @@ from ....pipeline.frame import Frame
 from ....scene.model import Scalars, Scene
 from ...check import oracle_bounds
 from . import lit
-from .bench import Bench, Case, Outcome, against_oracle, all_against_oracle, different_bits, worst, wrong_pixels
+from .bench import Bench, Case, Outcome, Outcomes, against_oracle, all_against_oracle, different_bits, wrong_pixels
 from .extremes import PRESETS
 
 _BITS = 22  # vertices are odd multiples of 2^-23: exact in float64 even at 1e9, nowhere in float32
 
 
-def degenerate_normals(bench: Bench) -> Outcome:
+def degenerate_normals(bench: Bench) -> Outcomes:
     """Normals that are 0, cancel between corners or faces, or have lengths of 1e-300 and 1e300."""
     mesh = lit.patch()
     count = len(mesh.verts)
@@ -32,13 +32,12 @@ def degenerate_normals(bench: Bench) -> Outcome:
         np.where(rng.random((count, 1)) < 0.3, 0.0, rng.normal(size=(count, 3))),
     )
     doubled = np.concatenate([mesh.faces, mesh.faces[:, [0, 2, 1]]])  # each face with its reverse: the normals sum to 0
-    meshes = [replace(mesh, normals=normals) for normals in sets]
-    meshes.append(replace(mesh, faces=doubled))
-    scenes = [lit.scene_of(mesh) for mesh in meshes]
-    return worst([all_against_oracle(bench, scenes, preset=preset) for preset in PRESETS], "5 sheets, both presets")
+    meshes = [replace(mesh, faces=doubled), *(replace(mesh, normals=normals) for normals in sets)]
+    for preset in PRESETS:
+        yield from all_against_oracle(bench, [lit.scene_of(mesh) for mesh in meshes], preset=preset)
 
 
-def renormalized(bench: Bench) -> Outcome:
+def renormalized(bench: Bench) -> Outcomes:
     """Corner normals up to 150 degrees apart: interpolated normals are short, and renormalized per pixel."""
     rng = np.random.default_rng(26)
     scenes = []
@@ -48,7 +47,7 @@ def renormalized(bench: Bench) -> Outcome:
         way = rng.uniform(0, 2 * np.pi, 9)
         normals = np.stack([np.sin(tilt) * np.cos(way), np.sin(tilt) * np.sin(way), np.cos(tilt)], axis=1)
         scenes.append(lit.scene_of(replace(mesh, normals=normals)))
-    return all_against_oracle(bench, scenes, "angles between corners")
+    return all_against_oracle(bench, scenes)
 
 
 def _lit_by(*intensities: float, **coefficients: Any) -> Scene:
@@ -58,10 +57,10 @@ def _lit_by(*intensities: float, **coefficients: Any) -> Scene:
     return lit.scene_of(lit.patch(material=material), lights=tuple(lights))
 
 
-def intensities(bench: Bench) -> Outcome:
+def intensities(bench: Bench) -> Outcomes:
     """Lights of 1e-30 to 1e30, also together: finite, within the bound of the light budget."""
     pairs = (1e-30, 1e-30), (1e-20, 1e-25), (1e-30, 1e30), (1e20, 1.0), (1e30, 1e30), (1e30, -1e30)
-    return all_against_oracle(bench, [_lit_by(*pair) for pair in pairs], "pairs of lights")
+    return all_against_oracle(bench, [_lit_by(*pair) for pair in pairs])
 
 
 def _saturated(bench: Bench, scene: Scene) -> Outcome:
@@ -78,15 +77,13 @@ def _saturated(bench: Bench, scene: Scene) -> Outcome:
     return Outcome(int(wrong.sum()) + uncounted, pictures=(frame.rgb, expected.rgb))
 
 
-def overflow(bench: Bench) -> Outcome:
+def overflow(bench: Bench) -> Outcomes:
     """Reflected light beyond float32, on surfaces of color 2 and on darker ones that bring some of it back into range."""
-    outcomes = []
     for pair in ((3.4e38, 3.4e38), (-3.4e38, -3.4e38), (3.4e38, 1.0), (1e38, 1e38)):
         scene = _lit_by(*pair, kd=3.0, ks=2.0)
         mesh = scene.meshes[0]
         light = replace(mesh, colors=np.full_like(mesh.verts, 2.0))
-        outcomes += [_saturated(bench, scene), _saturated(bench, replace(scene, meshes=(light,)))]
-    return worst(outcomes, "lights of 3.4e38, -3.4e38, 1e38")
+        yield from [_saturated(bench, scene), _saturated(bench, replace(scene, meshes=(light,)))]
 
 
 def centered() -> Scene:
@@ -100,37 +97,33 @@ def centered() -> Scene:
     return lit.scene_of(lit.on_a_grid(lit.blob(), _BITS), camera=camera, lights=lights)
 
 
-def _as_centered(frame: Frame, first: Frame) -> Outcome:
-    """Compare with the centered scene: its ids, and its oracle's colors within the bound."""
-    ids = wrong_pixels(frame["id"], first["id"])
-    return worst([ids, against_oracle(Frame(frame.rgba, {"id": first["id"]}, first.scene, first.settings, dict))])
+def _as_centered(frame: Frame, first: Frame) -> Outcomes:
+    """Compare a frame with its oracle and with the centered scene: its ids, and its oracle's colors within the bound."""
+    yield from (against_oracle(frame), wrong_pixels(frame["id"], first["id"]))
+    yield against_oracle(Frame(frame.rgba, {"id": first["id"]}, first.scene, first.settings, dict))
 
 
-def offsets(bench: Bench) -> Outcome:
+def offsets(bench: Bench) -> Outcomes:
     """The scene moved to +1e6 and +1e9, where its vertices are still exact: the oracle's image of the same float64
     data, and the centered scene's."""
-    outcomes = []
     for preset in PRESETS:
         first = bench.draw(centered(), preset=preset)
         for shift in (1e6, 1e9, np.array([1e9, -1e6, 3e8])):
             frame = bench.draw(lit.shifted(centered(), 1.0, shift), preset=preset)
-            outcomes += [against_oracle(frame), _as_centered(frame, first)]
-    return worst(outcomes, "+1e6, +1e9, both presets")
+            yield from _as_centered(frame, first)
 
 
-def scales(bench: Bench) -> Outcome:
+def scales(bench: Bench) -> Outcomes:
     """The scene scaled by 1e-20 to 1e20: the same ids, colors within the bound; by a power of two: the same bits."""
-    outcomes = []
     for preset in PRESETS:
         first = bench.draw(centered(), preset=preset)
         for scale in (1e-20, 1e-10, 1e10, 1e20):
             frame = bench.draw(lit.shifted(centered(), scale, 0.0), preset=preset)
-            outcomes += [against_oracle(frame), _as_centered(frame, first)]
+            yield from _as_centered(frame, first)
         for power in (-70, -3, 90):
             frame = bench.draw(lit.shifted(centered(), 2.0**power, 0.0), preset=preset)
             layers = {"Z": np.ldexp(first["Z"], power).astype(np.float32), "id": first["id"]}
-            outcomes.append(different_bits(frame, Frame(first.rgba, layers, first.scene, first.settings, dict)))
-    return worst(outcomes, "1e-20 to 1e20; 2^-70, 2^-3, 2^90")
+            yield different_bits(frame, Frame(first.rgba, layers, first.scene, first.settings, dict))
 
 
 _DATA: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
@@ -145,17 +138,15 @@ _DATA: tuple[tuple[float, float, tuple[float, float] | None], ...] = (
 )
 
 
-def scalars(bench: Bench) -> Outcome:
+def scalars(bench: Bench) -> Outcomes:
     """Data of a color map from denormals to the largest numbers, next to each other; maps of no width, and NaN."""
     mesh = lit.patch()
     rng = np.random.default_rng(27)
-    outcomes = []
     for low, high, ends in _DATA:
         share = rng.random((len(mesh.faces), 3))
         values = np.where(share < 0.3, low, np.where(share < 0.6, high, low * (1.0 - share) + high * share))
         scene = lit.scene_of(replace(mesh, scalars={"data": values}))
-        outcomes.append(against_oracle(bench.draw(scene, scalars=Scalars("data", clim=ends))))
-    return worst(outcomes, f"{len(_DATA)} ranges")
+        yield against_oracle(bench.draw(scene, scalars=Scalars("data", clim=ends)))
 
 
 CASES = (
