@@ -146,10 +146,10 @@ def test_a_wrong_depth_is_noticed(device):
 
 
 def made_up(name: str, outcome: Outcome | Exception) -> Case:
-    def drawn(bench: Bench) -> Outcome:
+    def drawn(bench: Bench) -> list[Outcome]:
         if isinstance(outcome, Exception):
             raise outcome
-        return outcome
+        return [outcome]
 
     return Case("1", name, "nothing", "all is well", drawn)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
@@ -25,7 +24,6 @@ from ...scene.settings import Precision
 from ..report.measure import frame_ms
 from ..report.power_law import Power, fitted
 from ..results import Column, Results, Table
-from ..timing import in_turns, spread
 from .cases import lit
 from .cases.light import unit
 from .plain_float32 import plain_float32
@@ -36,14 +34,15 @@ if TYPE_CHECKING:
 
 SIDE = 160  # pixels of the images
 NEAR = 1e-2  # of the near plane: a scene's size says nothing about it here
-FRAMES, SECONDS = 15, 10.0  # of every way at every stiffness, all of an axis in turns
+FRAMES = 15  # of every way at every stiffness
 PLAIN = "plain"  # float32
 WAYS: dict[str, Precision] = {"standard": "float32", "fast": "fast", "float64": "float64"}  # and their precision
 COLORS = {"standard": figures.OURS, "fast": "#c07a00", "float64": "#2e8b57", PLAIN: figures.OTHER}
 USELESS = 0.03  # RMS errors above this share of the light are of images that show nothing right, and follow no power
 ABOUT = (
     f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "
-    "can send; plain: float32 from world coordinates on, in NumPy; wrong: pixels of wrong coverage; ms: of a frame"
+    "can send; plain: float32 from world coordinates on, in NumPy, nan where that draws nothing; wrong: pixels of wrong "
+    "coverage; ms: of a frame"
 )
 
 
@@ -67,21 +66,18 @@ class Axis:
         return float(16.0 * value**self.power * 2.0**-53)
 
 
-class Point(NamedTuple):
-    """One way at one stiffness. rms: None where the way cannot draw the scene. wrong: pixels of wrong coverage. ms: None of
-    plain float32."""
-
-    rms: float | None
-    wrong: int | None
-    ms: float | None = None
-
-
 class Row(NamedTuple):
-    """All ways at one stiffness."""
+    """All ways at one stiffness, by their names.
+
+    rms: error, NaN where the way cannot draw the scene. wrong: pixels of wrong coverage. ms: of a frame, without plain
+    float32.
+    """
 
     axis: Axis
     value: float
-    points: dict[str, Point]
+    rms: dict[str, float]
+    wrong: dict[str, int]
+    ms: dict[str, float]
 
 
 # Scenes
@@ -150,49 +146,39 @@ AXES = (
 
 
 def measure(axis: Axis, device: Device) -> list[Row]:
-    """Measure every way along an axis, all frames in turns; float64 only if the device has it."""
-    ways = [way for way in WAYS if way != "float64" or device.has_fp64]
-    rows, draws = [], []
-    with ExitStack() as stack:
-        for value in axis.values:
-            scene = axis.scene(value)
-            standard = Settings.from_preset("standard", near=NEAR)
-            expected = oracle.render(scene, standard)
-            points = {}
-            for way in ways:
-                settings = replace(standard, precision=WAYS[way])
-                renderer = stack.enter_context(Renderer(scene, settings=settings, device=device))
-                points[way] = _point(renderer.render().rgba, expected)
-                draws.append(partial(_ms, renderer))
-            with np.errstate(all="ignore"):
-                points[PLAIN] = _point(plain_float32(scene), expected)
-            rows.append(Row(axis, value, points))
-        turns = in_turns(draws, FRAMES, SECONDS)
-    times = (spread(ms).median for ms in zip(*turns, strict=True))
-    for row in rows:
-        row.points.update({way: row.points[way]._replace(ms=next(times)) for way in ways})
-    return rows
+    """Measure every way along an axis; float64 only if the device has it."""
+    return [_row(axis, value, device) for value in axis.values]
 
 
-def _ms(renderer: Renderer, _: int) -> float:
-    return frame_ms(renderer)
+def _row(axis: Axis, value: float, device: Device) -> Row:
+    scene, standard = axis.scene(value), Settings.from_preset("standard", near=NEAR)
+    expected = oracle.render(scene, standard)
+    row = Row(axis, value, {}, {}, {})
+    for way, precision in WAYS.items():
+        if precision != "float64" or device.has_fp64:
+            with Renderer(scene, settings=replace(standard, precision=precision), device=device) as renderer:
+                row.rms[way], row.wrong[way] = errors(renderer.render().rgba, expected)
+                row.ms[way] = float(np.median([frame_ms(renderer) for _ in range(FRAMES)]))
+    with np.errstate(all="ignore"):
+        row.rms[PLAIN], row.wrong[PLAIN] = errors(plain_float32(scene), expected)
+    return row
 
 
-def _point(rgba: Array | None, expected: oracle.OracleFrame) -> Point:
-    """Return the errors of an image (M, N, 4). Pixels that are not finite count as off by all the light."""
+def errors(rgba: Array | None, expected: oracle.OracleFrame) -> tuple[float, int]:
+    """Return the RMS error of an image (M, N, 4), NaN without one, and its pixels of wrong coverage. Pixels that are not
+    finite count as off by all the light."""
     if rgba is None:
-        return Point(None, None)
+        return np.nan, 0
     off = np.abs(np.asarray(rgba[..., :3], np.float64) - expected.rgb).max(axis=-1) / float(expected.budget.max())
     off = np.where(np.isfinite(off), off, 1.0)
     wrong = int(((rgba[..., 3] > 0.5) != (expected.alpha > 0.5)).sum())
-    return Point(float(np.sqrt(np.square(off).mean())), wrong)
+    return float(np.sqrt(np.square(off).mean())), wrong
 
 
 def power(rows: Sequence[Row], way: str, axis: Axis) -> Power | None:
     """Return the power of the stiffness that errors along an axis follow, without 0 and useless images; None for fewer than
     three."""
-    errors = [(row.value, row.points[way].rms or 0.0) for row in rows if row.axis is axis]
-    useful = [(value, error) for value, error in errors if 0.0 < error < USELESS]
+    useful = [(row.value, row.rms[way]) for row in rows if row.axis is axis and 0.0 < row.rms[way] < USELESS]
     return fitted(*zip(*useful, strict=True)) if len(useful) > 2 else None
 
 
@@ -212,15 +198,19 @@ def run(device: Device, prefix: Path, formats: Sequence[str]) -> None:
 
 def results(rows: Sequence[Row], device: str) -> Results:
     """Return the table of errors and times, and that of the powers that errors follow."""
-    ways, axes = list(rows[0].points), list(dict.fromkeys(row.axis for row in rows))
-    wrong = [way for way in ways if any(row.points[way].wrong for row in rows)]
+    ways, axes = list(rows[0].rms), list(dict.fromkeys(row.axis for row in rows))
+    two = partial(digits, count=2)
+    wrong = [way for way in ways if any(row.wrong[way] for row in rows)]
     columns = (
         Column("axis", "axis", attrgetter("axis.name"), str),
         Column("value", "stiffness", attrgetter("value"), "{:g}".format),
-        *(Column(way, f"rms_{way}", partial(_field, way, "rms"), _two) for way in ways),
-        Column("", "rms_oracle", lambda row: row.axis.own_error(row.value), _two),
-        *(Column(f"{way} wrong", f"wrong_{way}", partial(_field, way, "wrong"), _count) for way in wrong),
-        *(Column(f"{way} ms", f"ms_{way}", partial(_field, way, "ms"), _two) for way in ways if way != PLAIN),
+        *(Column(way, f"rms_{way}", partial(_of_way, way, "rms"), two) for way in ways),
+        Column("", "rms_oracle", lambda row: row.axis.own_error(row.value)),
+        *(
+            Column(f"{way} wrong", f"wrong_{way}", partial(_of_way, way, "wrong"), partial(digits, count=6))
+            for way in wrong
+        ),
+        *(Column(f"{way} ms", f"ms_{way}", partial(_of_way, way, "ms"), two) for way in rows[0].ms),
     )
     fits = (
         Column("axis", "axis", attrgetter("name"), str),
@@ -234,11 +224,8 @@ def results(rows: Sequence[Row], device: str) -> Results:
     return Results("Error against stiffness", {"device": device}, tables)
 
 
-def _field(way: str, name: str, row: Row) -> float | None:
-    return getattr(row.points[way], name)  # type: ignore[no-any-return]
-
-
-_two, _count = partial(digits, count=2), partial(digits, count=6)
+def _of_way(way: str, name: str, row: Row) -> float:
+    return getattr(row, name)[way]  # type: ignore[no-any-return]
 
 
 def _plus_or_minus(fit: Power | None) -> str:
@@ -261,22 +248,14 @@ def figure(rows: Sequence[Row], device: str) -> Figure:
 
 def _draw(above: Axes, below: Axes, axis: Axis, rows: Sequence[Row]) -> None:
     """Draw one axis's errors and times."""
-    for way, color in COLORS.items():
-        points = [(row.value, row.points[way]) for row in rows if way in row.points and row.points[way].rms is not None]
-        values = [value for value, _ in points]
-        style: dict[str, Any] = {
-            "label": way,
-            "color": color,
-            "marker": "x" if way == PLAIN else "o",
-            "ms": 4,
-            "lw": 1.2,
-        }
-        above.plot(values, [point.rms or 0.0 for _, point in points], **style)
-        if way != PLAIN:
-            below.plot(values, [point.ms or 0.0 for _, point in points], **style)
-    above.plot(
-        axis.values, [axis.own_error(value) for value in axis.values], "k:", lw=1.0, label="oracle's own, at most"
-    )
+    for way in rows[0].rms:
+        marker = "x" if way == PLAIN else "o"
+        style: dict[str, Any] = {"label": way, "color": COLORS[way], "marker": marker, "ms": 4, "lw": 1.2}
+        above.plot(axis.values, [row.rms[way] for row in rows], **style)
+        if way in rows[0].ms:
+            below.plot(axis.values, [row.ms[way] for row in rows], **style)
+    own = [axis.own_error(value) for value in axis.values]
+    above.plot(axis.values, own, "k:", lw=1.0, label="oracle's own, at most")
     above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
     above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
     below.set(xscale="log", yscale="log", xlabel=axis.label)

@@ -24,20 +24,18 @@ def plain_float32(scene: Scene) -> Floats32 | None:
     plane, size = _float32(camera.plane[::-1]), _float32(camera.resolution)
     uv = (_float32(camera.focal) * seen[:, :2] / seen[:, 2:] / plane + np.float32(0.5)) * size
     uv = np.rint(uv * np.float32(SUB)) / np.float32(SUB)
-    centers = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)[::-1]), axis=-1) + 0.5
-    points, nearest = np.zeros((rows, columns, 9), np.float32), np.zeros((rows, columns), np.float32)
+    centers = _float32(np.stack(np.meshgrid(np.arange(columns), np.arange(rows)[::-1]), axis=-1) + 0.5)
+    image, nearest = np.zeros((rows, columns, 4), np.float32), np.zeros((rows, columns), np.float32)
     for face in mesh.faces:
-        at = uv[face] - _float32(centers)[..., None, :]
+        at = uv[face] - centers[..., None, :]
         edges = np.stack([_cross(at[..., i - 2, :], at[..., i - 1, :]) for i in range(3)], axis=-1)
         weights = edges / seen[face, 2]
         total = weights.sum(axis=-1)
         inverse = total / _cross(uv[face[1]] - uv[face[0]], uv[face[2]] - uv[face[0]])
         closer = (edges >= 0.0).all(axis=-1) & (inverse > nearest)
         nearest[closer] = inverse[closer]
-        points[closer] = (weights[closer] / total[closer, None]) @ attributes[face]
-    image = np.zeros((rows, columns, 4), np.float32)
-    hit = nearest > 0.0
-    image[hit] = np.column_stack([_reflected(scene, points[hit]), np.ones(hit.sum())])
+        image[closer, :3] = _reflected(scene, (weights[closer] / total[closer, None]) @ attributes[face])
+        image[closer, 3] = 1.0
     return image
 
 
