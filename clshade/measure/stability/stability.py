@@ -170,8 +170,8 @@ def write_pictures(result: Result, folder: Path) -> list[Path]:
 
 
 def _picture(values: Array, like: Array) -> Bytes:
-    """Return an image, (M, N, 3) uint8: of ids, a color for each, 0 black; or of colors, white where they are NaN or as large as
-    the largest of `like`."""
+    """Return an image, (M, N, 3) uint8: of ids, a color for each, 0 black; or of colors, the largest of `like` and NaN
+    white."""
     if values.ndim == 2:
         mixed = (values.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
         color = np.stack([(mixed >> np.uint64(8 * k)) & np.uint64(0xFF) for k in range(3)], axis=-1) | np.uint64(0x40)

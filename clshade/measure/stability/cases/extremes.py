@@ -6,32 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....base.arrays import Array
 from ....pipeline.frame import Frame
 from ....scene.model import Mesh
 from . import flat, lit
 from .bench import Bench, Case, Outcome, Outcomes, against_oracle, all_against_oracle, different_bits, wrong_pixels
 
 PRESETS = ("standard", "course")
-
-
-def _exact_edges(corners: Array, resolution: flat.Resolution) -> tuple[Array, Array]:
-    """Return (covered, decided), both (M, N) bool, row 0 at the TOP, of a counter-clockwise triangle (3, 2) in
-    multiples of 2^-20 px, neither snapped nor clipped, computed in integers of any length. Centers within 1/128 px of
-    an edge, which snapping may move, are not decided."""
-    columns, rows = resolution
-    unit = 1 << 20
-    points = [[int(x * unit) for x in corner] for corner in corners]
-    x = np.array([column * unit + unit // 2 for column in range(columns)], object)
-    y = np.array([row * unit + unit // 2 for row in reversed(range(rows))], object)[:, None]
-    covered, decided = np.ones((rows, columns), bool), np.ones((rows, columns), bool)
-    for i in range(3):
-        (x0, y0), (x1, y1) = points[i], points[(i + 1) % 3]
-        area = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
-        covered &= (area > 0).astype(bool)
-        # |area| / length > unit / 128
-        decided &= ((area * 128) ** 2 > ((x1 - x0) ** 2 + (y1 - y0) ** 2) * unit**2).astype(bool)
-    return covered, decided
 
 
 def huge_triangle(bench: Bench) -> Outcomes:
@@ -47,12 +27,11 @@ def huge_triangle(bench: Bench) -> Outcomes:
         along, across = (np.array([f(angle), g(angle)]) for f, g in ((np.cos, np.sin), (lambda a: -np.sin(a), np.cos)))
         near = rng.uniform(14, 34, 2)
         corners = np.stack([near - reach * along, near + reach * along, near + reach * across])
-        corners = np.round(corners * 2.0**20) / 2.0**20
-        scene = flat.scene_of(corners, flat.ONE, size)
-        frame = bench.draw(scene, **flat.FLAT)
+        frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
         yield against_oracle(frame)
-        drawn, (covered, decided) = frame.alpha > 0, _exact_edges(corners, size)
-        yield Outcome(int((decided & (drawn != covered)).sum()), pictures=(drawn, covered))
+        drawn = frame.alpha > 0
+        surely, perhaps = (flat.polygon_interior(corners, size, margin) for margin in (1 / 64, -1 / 64))
+        yield Outcome(int(((surely & ~drawn) | (drawn & ~perhaps)).sum()), pictures=(drawn, surely))
 
 
 def far_coordinates(bench: Bench) -> Outcomes:

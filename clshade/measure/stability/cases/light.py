@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ....base.arrays import Array
-from ....oracle import OracleFrame, shade, terms
+from ....oracle import terms
 from ....pipeline.features import OPTIONAL
-from ....scene.material import TERMS
+from ....scene.camera import Camera
 from ....scene.model import Material
 from ...check import oracle_bounds
 from . import lit
@@ -86,46 +86,18 @@ def exponents(bench: Bench) -> Outcomes:
 
 
 def grazing(bench: Bench) -> Outcomes:
-    """Light and eye 1e-7 to 0.1 above the surface's plane: 64 points at each of ten places."""
+    """Eye and light 1e-7 to 0.1 above a sheet's plane, opposite each other, turned at random. Pixels are as much lower than
+    wide, so that the sheet fills the image."""
     rng = np.random.default_rng(23)
+    sheet = lit.patch(bend=0.0)
     for height in 10.0 ** np.arange(-7, 0):
-        for exact in unit(rng.normal(size=(10, 3))):
-            along = unit(np.cross(exact, rng.normal(size=3)))
-            point = -2.0 * along - 2.0 * height * exact * rng.uniform(0.5, 2.0)
-            # Opposite the eye, and equally low above the plane.
-            light = _float32(point - 1.5 * along + 1.5 * height * exact)
-            points = _float32(point + rng.normal(size=(64, 3)) * height * 0.3)
-            normals = _float32(np.tile(exact, (64, 1)))
-            yield from [_at_points(bench, points, normals, light, n) for n in (1.0, 20.0, 1e3)]
-
-
-def _at_points(bench: Bench, points: Array, normals: Array, light: Array, n: float) -> Outcome:
-    """Compare what white points (K, 3) reflect with the oracle."""
-    eye, count, position = np.zeros(3), len(points), light[None]
-    surface = terms.Surface(np.float64(n), k={name: np.full(3, float(name in ("kd", "ks"))) for name in TERMS})
-    around = np.abs(points).max(axis=1), np.ones(count)
-    steepness = shade.steepness(points, normals, surface, eye, position)
-    white = np.ones((1, 3))
-    expected = OracleFrame(
-        rgb=shade.reflected(points, normals, eye, surface, position, white)[None],
-        alpha=np.ones((1, count)),
-        id=np.ones((1, count), np.uint32),
-        Z=np.ones((1, count)),
-        budget=np.broadcast_to(shade.budget(np.ones(3), surface, white), (1, count, 3)),
-        conditions=shade.conditions(points, *around, eye, position, steepness=steepness)[None],
-        jump=shade.jumps(points, normals, *around, surface, eye, position, white)[None],
-        exponent=np.full((1, count), n),
-        alpha_error=np.zeros((1, count)),
-        unsure=np.zeros((1, count), bool),
-    )
-    rgb = np.repeat(bench.light(points, normals, light, n=n)[None, :, None], 3, axis=2)
-    limit = oracle_bounds.ALLOWED["float32"]
-    gates = oracle_bounds.excepted_at_gates(rgb, expected, limit)
-    absolute, error = oracle_bounds.color_errors(rgb, expected)
-    amplification = (
-        float((np.where(gates, 0.0, absolute[..., 0]) / expected.budget[..., 0]).max()) / oracle_bounds.HALF_ULP
-    )
-    return Outcome(0, float(np.where(gates, 0.0, error).max()), limit, "bounds", amplification)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        eye, lookat, light = np.array([[-2.0, 0.1, height], [0.0, 0.1, 0.0], [1.5, -0.2, 1.5 * height]]) @ turn
+        camera = Camera(eye, lookat, turn[2], 1.0, (height, 1.0), (61, 61))
+        lights = (replace(lit.LIGHTS[0], position=light),)
+        for n in (2.0, 20.0, 1e3):
+            mesh = replace(sheet, verts=sheet.verts @ turn, material=Material(n=n))
+            yield against_oracle(bench.draw(lit.scene_of(mesh, camera=camera, lights=lights)))
 
 
 def light_distance(bench: Bench) -> Outcomes:
