@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ SAMPLED = 1 << 18  # pixels of a larger image
 LAYERS: tuple[Layer, ...] = ("Z", "id", "P")
 
 
-@dataclass(frozen=True, eq=False)
-class WorstPixel:
+class WorstPixel(NamedTuple):
     """A pixel where rounding is amplified most.
 
     number: 1 is the worst. row: from the top. face: in the scene's face order, from 0. point: visible there, world space.
@@ -36,16 +35,16 @@ class WorstPixel:
     number: int
     row: int
     column: int
+    point: list[float]
     face: int
     mesh: str
-    point: tuple[float, ...]
+    cause: str
+    why: str
+    factors: dict[str, float]
     kappa: float
     exponent: float
     error: float
     bound: float
-    factors: dict[str, float]
-    cause: str
-    why: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +135,7 @@ def _worst(compared: Comparison, score: Floats) -> Integers:
     return np.array(chosen)
 
 
-def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factors: Mapping[str, float]) -> WorstPixel:
+def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factors: dict[str, float]) -> WorstPixel:
     """Return compared pixel k with its cause. A wrong pixel may show a face that the oracle does not see."""
     frame, expected = compared.frame, compared.oracle
     row, column = int(compared.rows[k]), int(compared.columns[k])
@@ -145,18 +144,5 @@ def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factor
     if face >= 0:
         cause, why = causes.explain(compared, seen, k, factors)
         mesh = frame.scene.meshes[seen.mesh[np.searchsorted(seen.face, face)]].name
-    return WorstPixel(
-        number=number,
-        row=row,
-        column=column,
-        face=face,
-        mesh=mesh,
-        point=tuple(map(float, frame["P"][row, column])),
-        kappa=float(expected.kappa[k]),
-        exponent=float(expected.exponent[k]),
-        error=float(compared.found[k]),
-        bound=float(compared.expected[k]),
-        factors=dict(factors),
-        cause=cause,
-        why=why,
-    )
+    values = (float(each[k]) for each in (expected.kappa, expected.exponent, compared.found, compared.expected))
+    return WorstPixel(number, row, column, frame["P"][row, column].tolist(), face, mesh, cause, why, factors, *values)
