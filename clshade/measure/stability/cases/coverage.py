@@ -30,37 +30,34 @@ def grid(cells: int) -> tuple[Array, Array]:
     return points, np.stack([first, second], axis=1).reshape(-1, 3)
 
 
-def _turned(points: Array, angle: float) -> Floats:
+def _turned_grid(angle: float) -> tuple[Floats, Array, Floats]:
+    """Return vertices and faces of a grid of 4 x 4 squares, and its corners."""
+    points, faces = grid(4)
     c, s = np.cos(angle), np.sin(angle)
-    turned: Floats = points @ np.array([[c, s], [-s, c]])
-    return turned
-
-
-_SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+    points = points @ np.array([[c, s], [-s, c]])
+    return points, faces, points[[0, 4, 24, 20]]
 
 
 def shared_edges(bench: Bench) -> Outcomes:
-    points, faces = grid(4)
     center, size, resolution = np.array([64.5, 64.0]), 90.0, (128, 128)
     for angle in ANGLES:
-        inside = flat.polygon_interior(_turned(_SQUARE, angle) * size + center, resolution)
-        scene = flat.scene_of(_turned(points, angle) * size + center, faces, resolution)
-        yield flat.drawn_once(bench, scene, inside)
+        points, faces, corners = _turned_grid(angle)
+        inside = flat.polygon_interior(corners * size + center, resolution)
+        yield flat.drawn_once(bench, flat.scene_of(points * size + center, faces, resolution), inside)
 
 
 def perspective_edges(bench: Bench) -> Outcomes:
     """The grid of case 1 with depths from 0.1 to 4: each triangle is also drawn alone, and the coverage is summed."""
     rng = np.random.default_rng(3)
-    points, faces = grid(4)
     camera = Camera(np.zeros(3), -np.eye(3)[2], np.eye(3)[1], 1.0, (1, 1), (96, 96))
     for angle in ANGLES[::5]:
-        depth = rng.uniform(0.1, 4.0, len(points))
-        verts = np.concatenate([_turned(points, angle) * 0.7, -np.ones((len(points), 1))], axis=1) * depth[:, None]
+        points, faces, corners = _turned_grid(angle)
+        verts = np.column_stack([points * 0.7, -np.ones(25)]) * rng.uniform(0.1, 4.0, (25, 1))
         scene = Scene((Mesh(verts, faces, material=flat.UNLIT),), camera, background=None)
         options = {**flat.FLAT, "near": 0.05}
         alone = (replace(scene, meshes=(replace(scene.meshes[0], faces=face[None]),)) for face in faces)
         count = np.sum([bench.draw(one, **options).alpha > 0 for one in alone], axis=0)
-        inside = flat.polygon_interior((_turned(_SQUARE, angle) * 0.7 + 0.5) * 96, (96, 96))
+        inside = flat.polygon_interior((corners * 0.7 + 0.5) * 96, (96, 96))
         wrong = np.where(inside, count != 1, count > 1)
         whole = bench.draw(scene, **options)
         wrong |= (whole.alpha > 0) != (count > 0)
@@ -115,8 +112,7 @@ def half_pixel_grid(bench: Bench) -> Outcomes:
     index = np.stack(np.meshgrid(*[np.arange(49)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     cell = np.stack(np.divmod(np.arange(len(index)), 343), axis=1)
     xy = corner[index] + 4 * SUB * cell[:, None, :]
-    ids = flat.exact(xy, (1372, 1372))
-    yield wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], ids)
+    yield wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], flat.exact(xy, (1372, 1372)))
 
 
 def edges_on_centers(bench: Bench) -> Outcomes:
@@ -142,22 +138,16 @@ def edges_on_centers(bench: Bench) -> Outcomes:
 def slivers(bench: Bench) -> Outcomes:
     """A strip of slivers 0.01 px wide and 4000 px long (4e5 : 1), vertical and horizontal, and a fan of needles 1e5 :
     1."""
-    for turned in (False, True):
-        across = np.arange(1601) * 0.01 + 2.003
-        ends = np.stack([np.stack([across, np.full(1601, y)], axis=1) for y in (3.3, 4003.7)], axis=1).reshape(-1, 2)
-        i = 2 * np.arange(1600)[:, None]
-        faces = np.concatenate([i + [0, 2, 1], i + [1, 2, 3]], axis=1).reshape(-1, 3)
-        size = (4010, 24) if turned else (24, 4010)
-        corners = np.array([[2.003, 3.3], [18.003, 3.3], [18.003, 4003.7], [2.003, 4003.7]])
-        if turned:
-            ends, corners = ends[:, ::-1], corners[::-1, ::-1]
-        inside = flat.polygon_interior(corners, size)
-        yield flat.drawn_once(bench, flat.scene_of(ends, faces, size), inside)
+    ends = np.stack(np.meshgrid(np.arange(1601) * 0.01 + 2.003, [3.3, 4003.7], indexing="ij"), axis=-1).reshape(-1, 2)
+    faces = (2 * np.arange(1600)[:, None] + [0, 2, 1, 1, 2, 3]).reshape(-1, 3)
+    corners = ends[[0, -2, -1, 1]]
+    for size, way in (((24, 4010), 1), ((4010, 24), -1)):
+        inside = flat.polygon_interior(corners[::way, ::way], size)
+        yield flat.drawn_once(bench, flat.scene_of(ends[:, ::way], faces, size), inside)
     angle = np.radians(np.linspace(40.0, 40.5, 800))
     rim = np.array([10.1, 20.2]) + 1400.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     fan = np.concatenate([[[10.1, 20.2]], rim])
-    k = np.arange(1, 800)[:, None]
-    faces = np.concatenate([np.zeros_like(k), k, k + 1], axis=1)
+    faces = np.arange(1, 800)[:, None] * [0, 1, 1] + [0, 0, 1]
     inside = flat.polygon_interior(fan[[0, 1, 800]], (1100, 950))
     yield flat.drawn_once(bench, flat.scene_of(fan, faces, (1100, 950)), inside)
 
@@ -173,10 +163,7 @@ def two_a_pixel(bench: Bench) -> Outcomes:
     columns = math.isqrt(max(bench.triangles // 2, 1))
     rows = -(-bench.triangles // (2 * columns))
     corner = np.arange(rows * (columns + 1), dtype=np.int32).reshape(rows, columns + 1)[:, :-1]
-    faces = np.empty((rows, columns, 2, 3), np.int32)
-    for triangle, steps in enumerate(((0, 1, columns + 1), (1, columns + 2, columns + 1))):
-        for place, step in enumerate(steps):
-            np.add(corner, step, out=faces[:, :, triangle, place])
+    faces = corner[..., None] + np.array([0, 1, columns + 1, 1, columns + 2, columns + 1], np.int32)
     uv = np.empty((rows + 1, columns + 1, 2))
     uv[..., 0], uv[..., 1] = np.arange(columns + 1), np.arange(rows + 1)[:, None]
     depth = flat.DEPTH + np.random.default_rng(11).random(uv[..., 0].size)

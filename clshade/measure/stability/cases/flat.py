@@ -29,20 +29,15 @@ DEPTH = 1.0 + 2.0**-40
 FLAT = {"shader": "nolight", "visibility": "painter", "near": 0.5}
 
 
-def camera(resolution: Resolution) -> Camera:
-    """Return a parallel projection in which world x and y are pixels from the image's center, and -z is the depth."""
-    columns, rows = resolution
-    return Camera(np.zeros(3), -_Z, _Y, 1.0, (rows, columns), resolution, orthographic=True)
-
-
 def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | float = DEPTH) -> Scene:
-    """Return a scene of one mesh with its vertices at image coordinates uv (V, 2), in pixels."""
+    """Return a scene of one mesh with its vertices at image coordinates uv (V, 2), in pixels. World x and y are pixels from
+    the image's center, -z is the depth."""
     columns, rows = resolution
     verts = np.empty((len(uv), 3))
-    verts[:, :2] = np.asarray(uv, np.float64) - [columns / 2, rows / 2]
-    verts[:, 0] += NUDGE
+    verts[:, :2] = uv - np.array([columns / 2 - NUDGE, rows / 2])
     verts[:, 2] = -np.asarray(depth)
-    return Scene((Mesh(verts, faces, material=UNLIT),), camera(resolution), background=None)
+    camera = Camera(np.zeros(3), -_Z, _Y, 1.0, (rows, columns), resolution, orthographic=True)
+    return Scene((Mesh(verts, faces, material=UNLIT),), camera, background=None)
 
 
 def separate(xy: Array) -> tuple[Array, Array]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from .... import oracle
-from ....base.arrays import Array
 from ....pipeline.frame import Frame
 from ....scene.model import Scalars, Scene
 from ...check import oracle_bounds
@@ -87,14 +86,9 @@ def overflow(bench: Bench) -> Outcomes:
 
 
 def centered() -> Scene:
-    """Return the blob, its camera and lights on the grid of 2^-22."""
-
-    def snapped(point: Array) -> Array:
-        return np.round(np.asarray(point) * 2.0**_BITS) / 2.0**_BITS
-
-    camera = replace(lit.CAMERA, eye=snapped(lit.CAMERA.eye), lookat=snapped(lit.CAMERA.lookat))
-    lights = tuple(replace(light, position=snapped(light.position)) for light in lit.LIGHTS)
-    return lit.scene_of(lit.on_a_grid(lit.blob(), _BITS), camera=camera, lights=lights)
+    """Return the blob and its camera on the grid of 2^-22, as the lights are."""
+    eye, lookat = (np.round(point * 2.0**_BITS) / 2.0**_BITS for point in (lit.CAMERA.eye, lit.CAMERA.lookat))
+    return lit.scene_of(lit.on_a_grid(lit.blob(), _BITS), camera=replace(lit.CAMERA, eye=eye, lookat=lookat))
 
 
 def _as_centered(frame: Frame, first: Frame) -> Outcomes:
