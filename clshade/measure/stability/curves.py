@@ -29,7 +29,6 @@ from .cases.light import unit
 from .plain_float32 import plain_float32
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIDE = 160  # pixels of the images
@@ -130,15 +129,12 @@ def needle(aspect: float) -> Scene:
     return Scene((mesh,), camera, lit.LIGHTS)
 
 
-def _decades(last: int) -> tuple[float, ...]:
-    return tuple(10.0**power for power in range(last + 1))
-
-
+DECADES = tuple(10.0**power for power in range(10))
 AXES = (
-    Axis("exponent", "exponent n of a highlight", _decades(9), highlight, 0.5, 1.0),
-    Axis("distance", "distance of everything from the origin", _decades(9), moved, 0.0, 1.0),
-    Axis("aspect", "longest edge / smallest height of a triangle", _decades(6), needle, 1.0, 1.0),
-    Axis("nearness", "1 / distance of the light from the surface", _decades(6), near_light, 1.0, 1.0),
+    Axis("exponent", "exponent n of a highlight", DECADES, highlight, 0.5, 1.0),
+    Axis("distance", "distance of everything from the origin", DECADES, moved, 0.0, 1.0),
+    Axis("aspect", "longest edge / smallest height of a triangle", DECADES[:7], needle, 1.0, 1.0),
+    Axis("nearness", "1 / distance of the light from the surface", DECADES[:7], near_light, 1.0, 1.0),
 )
 
 
@@ -218,8 +214,8 @@ def results(rows: Sequence[Row], device: str) -> Results:
         Column("theory", "theory", attrgetter("power"), str),
         Column("of plain", "theory_plain", attrgetter("plain_power"), str),
     )
-    notes = [f"{axis.name}: {axis.label}" for axis in axes]
-    notes.append(f"images with errors above {USELESS:g} show nothing right, and are left out")
+    useless = f"images with errors above {USELESS:g} show nothing right, and are left out"
+    notes = [*(f"{axis.name}: {axis.label}" for axis in axes), useless]
     tables = Table("Errors and times", columns, rows, ABOUT, left=2), Table("Powers", fits, axes, notes=notes)
     return Results("Error against stiffness", {"device": device}, tables)
 
@@ -238,26 +234,24 @@ def figure(rows: Sequence[Row], device: str) -> Figure:
     drawn = figures.blank(4.2 * len(axes), 6.4)
     panels = drawn.subplots(2, len(axes), squeeze=False, height_ratios=(2.2, 1.0))
     for axis, above, below in zip(axes, *panels, strict=True):
-        _draw(above, below, axis, [row for row in rows if row.axis is axis])
+        some = [row for row in rows if row.axis is axis]
+        for way in some[0].rms:
+            style: dict[str, Any] = {
+                "label": way,
+                "color": COLORS[way],
+                "marker": "x" if way == PLAIN else "o",
+                "ms": 4,
+            }
+            above.plot(axis.values, [row.rms[way] for row in some], **style)
+            if way in some[0].ms:
+                below.plot(axis.values, [row.ms[way] for row in some], **style)
+        own = [axis.own_error(value) for value in axis.values]
+        above.plot(axis.values, own, "k:", label="oracle's own, at most")
+        above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
+        above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
+        below.set(xscale="log", yscale="log", xlabel=axis.label)
     panels[0][0].legend(fontsize=7.5, loc="lower right")
     panels[0][0].set_ylabel("RMS of |value - oracle| / light")
     panels[1][0].set_ylabel("time of a frame, ms")
     drawn.suptitle(f"Error and time against stiffness\n{device}".replace("$", r"\$"), fontsize=10)
     return drawn
-
-
-def _draw(above: Axes, below: Axes, axis: Axis, rows: Sequence[Row]) -> None:
-    """Draw one axis's errors and times."""
-    for way in rows[0].rms:
-        marker = "x" if way == PLAIN else "o"
-        style: dict[str, Any] = {"label": way, "color": COLORS[way], "marker": marker, "ms": 4, "lw": 1.2}
-        above.plot(axis.values, [row.rms[way] for row in rows], **style)
-        if way in rows[0].ms:
-            below.plot(axis.values, [row.ms[way] for row in rows], **style)
-    own = [axis.own_error(value) for value in axis.values]
-    above.plot(axis.values, own, "k:", lw=1.0, label="oracle's own, at most")
-    above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
-    above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
-    below.set(xscale="log", yscale="log", xlabel=axis.label)
-    for panel in (above, below):
-        panel.grid(True, alpha=0.3)

@@ -38,12 +38,6 @@ class Result:
     outcome: Outcome
     seconds: float
 
-    @property
-    def why(self) -> str:
-        """Why it failed."""
-        case = self.case
-        return f"{case.name}: expected of {case.title}: {case.expected}; {self.outcome.detail}"
-
 
 def chosen(names: Sequence[str] = (), triangles: int = 1) -> tuple[Case, ...]:
     """Return the cases with these names or numbers; by default all. triangles: number of random triangles that they are to
@@ -143,7 +137,11 @@ COLUMNS = (
 
 def summarize(found: Sequence[Result], facts: dict[str, str]) -> Results:
     """Return a table of the cases, which says why some failed."""
-    reasons = [result.why for result in found if not result.outcome.passed]
+    reasons = [
+        f"{case.name}: expected of {case.title}: {case.expected}; {outcome.detail}"
+        for case, outcome in ((result.case, result.outcome) for result in found)
+        if not outcome.passed
+    ]
     count = len({result.case.name for result in found})
     passed = len(found) - len(reasons)
     facts = facts | {"cases": f"{len(found)} runs of {count}: {passed} passed, {len(reasons)} failed"}
