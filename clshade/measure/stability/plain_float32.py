@@ -8,6 +8,7 @@ from ...base.arrays import Array, Floats32
 from ...scene.geometry import camera_axes, vertex_normals
 from ...scene.model import PointLight, Scene
 from .cases.flat import SUB
+from .cases.light import unit
 
 
 def plain_float32(scene: Scene) -> Floats32 | None:
@@ -43,10 +44,10 @@ def _reflected(scene: Scene, points: Array) -> Array:
     """Return the light of points (K, 9): position, normal and color."""
     material = scene.meshes[0].material
     position, normal, color = np.split(points, 3, axis=1)
-    normal, to_eye = _unit(normal), _unit(_float32(scene.camera.eye) - position)
+    normal, to_eye = unit(normal), unit(_float32(scene.camera.eye) - position)
     total = _float32(material.ka * scene.ambient)
     for source in (light for light in scene.lights if isinstance(light, PointLight)):
-        to_light = _unit(_float32(source.position) - position)
+        to_light = unit(_float32(source.position) - position)
         cosine = (normal * to_light).sum(axis=1, keepdims=True)
         toward = np.maximum(((2.0 * cosine * normal - to_light) * to_eye).sum(axis=1, keepdims=True), 0.0)
         shine = np.where(cosine > 0.0, toward ** np.float32(material.n), 0.0)
@@ -62,8 +63,3 @@ def _float32(values: object) -> Floats32:
 def _cross(a: Array, b: Array) -> Array:
     product: Array = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product
-
-
-def _unit(vectors: Array) -> Array:
-    units: Array = vectors / np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
-    return units

@@ -13,14 +13,12 @@ from . import lit
 from .bench import Bench, Case, Outcomes, against_oracle, all_against_oracle, different_bits
 
 _LAYERS = 1000
-_CAMERA = replace(lit.CAMERA, resolution=(20, 20))
 
 
 def _squares(z: Floats, **fields: Any) -> Mesh:
     """Return squares at depths z (K,), cut along one diagonal or the other in turn, of random colors and alphas."""
     rng = np.random.default_rng(20)
-    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    verts = square + np.stack([np.zeros((len(z), 1)), np.zeros((len(z), 1)), z[:, None]], axis=-1)
+    verts = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + z[:, None, None] * [0, 0, 1]
     cuts = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])
     faces = cuts[np.arange(len(z)) % 2] + 4 * np.arange(len(z))[:, None, None]
     colors, alphas = rng.uniform(0, 1, (4 * len(z), 3)), rng.uniform(0.5, 1, 4 * len(z))
@@ -31,7 +29,7 @@ def _squares(z: Floats, **fields: Any) -> Mesh:
 def transparency(bench: Bench) -> Outcomes:
     """1000 layers behind each other and in one plane, alphas from 1e-7 to 1, triangles that intersect: within the bound, and
     twice the same bits."""
-    apart, flat = np.linspace(-1.0, 1.0, _LAYERS), np.zeros(12)
+    apart, camera = np.linspace(-1.0, 1.0, _LAYERS), replace(lit.CAMERA, resolution=(20, 20))
     soup = lit.blob(150)
     alphas = np.random.default_rng(7).uniform(0, 1, len(soup.verts))
     wall = lit.patch(material=Material(two_sided=True))
@@ -39,12 +37,12 @@ def transparency(bench: Bench) -> Outcomes:
         ("1000 layers", (_squares(apart, opacity=1 / 256),)),
         ("alpha 1e-7", (_squares(apart[::10], opacity=1e-7),)),
         ("alpha to 1", (_squares(apart[::10], opacity=1.0),)),
-        ("in one plane", (_squares(flat, opacity=0.3),)),
+        ("in one plane", (_squares(np.zeros(12), opacity=0.3),)),
         ("1000 in one plane", tuple(_squares(np.zeros(1), opacity=1 / 64) for _ in range(_LAYERS))),
         ("intersecting", (replace(soup, alphas=alphas, material=Material(blend=True)), wall)),
     )
     for name, meshes in scenes:
-        frames = [bench.draw(replace(lit.scene_of(camera=_CAMERA), meshes=meshes)) for _ in range(2)]
+        frames = [bench.draw(lit.scene_of(*meshes, camera=camera)) for _ in range(2)]
         yield from [against_oracle(frames[0], name), different_bits(*frames)]
 
 
@@ -61,16 +59,11 @@ def _sheet(metallic: float, roughness: float, emission: float) -> Mesh:
     return lit.patch(cells=10, bend=-0.5 / lit.CAMERA.eye[2], material=Material(ka=0.2, pbr=pbr))
 
 
-def _turned(mesh: Mesh) -> Mesh:
-    """Return the sheet with normals that lean away from the eye, to all sides."""
-    x, y, _ = mesh.verts.T
-    return replace(mesh, normals=np.column_stack([3.0 * x + 0.5, 2.0 * y, np.full(len(x), -0.4)]))
-
-
 def narrow_lobes(bench: Bench) -> Outcomes:
     """Roughness 0 to 1 in highlights as wide as the sheet, and where normals lean away from the eye; emission of 1e30."""
     sheets = [_sheet(k % 3 / 2.0, roughness, 0.1) for k, roughness in enumerate(ROUGHNESSES)]
-    sheets += [_turned(_sheet(0.5, roughness, 0.1)) for roughness in (0.0, 0.5)]
+    away = sheets[0].verts * [3.0, 2.0, 0.0] + [0.5, 0.0, -0.4]
+    sheets += [replace(_sheet(0.5, roughness, 0.1), normals=away) for roughness in (0.0, 0.5)]
     sheets += [_sheet(0.5, roughness, 1e30) for roughness in (0.0, 1.0)]
     scenes = [lit.scene_of(sheet, lights=(_MIRRORED, _BEHIND, lit.LIGHTS[1])) for sheet in sheets]
     return all_against_oracle(bench, scenes, shader="pbr", forced=("DIFFUSE", "SPECULAR"))
@@ -99,19 +92,13 @@ def _mapped(changes: dict[str, Any], **fields: Any) -> Mesh:
     return replace(mesh, **{"uvs": mesh.verts[:, :2] * _UVS, **fields})
 
 
-def _mirrored() -> Mesh:
-    """Return a sheet whose texture coordinates are mirrored at its middle, placed twice, once mirrored."""
-    mirrored = np.diag([1.0, -1.0, 1.0, 1.0])
-    mirrored[2, 3] = 0.4
-    sheet = _mapped({})
-    return replace(sheet, uvs=np.abs(sheet.verts[:, :2]) * _UVS, instances=[np.eye(4), mirrored])
-
-
 def maps(bench: Bench) -> Outcomes:
     """Tangents that cancel or are missing, maps without a normal, emission beyond float32, steep and mirrored maps."""
     count = len(lit.patch().verts)
     turned = np.ones((count, 4)) * (1.0 - 2.0 * (np.arange(count) % 2))[:, None]  # neighbors against each other
     turned[::5] = 0.0
+    mirrored = np.diag([1.0, -1.0, 1.0, 1.0])
+    mirrored[2, 3] = 0.4
     sheets = [
         _mapped({}, uvs=np.zeros((count, 2))),
         _mapped({}, uvs=np.full((count, 2), np.nan)),
@@ -123,7 +110,7 @@ def maps(bench: Bench) -> Outcomes:
         _mapped({"normal_scale": 1e6}),
         _mapped({"emission": 1e30}),
         _mapped({"emission": 3e38, "emission_texture": Texture(np.full((1, 1, 3), 3e38))}),
-        _mirrored(),
+        _mapped({}, uvs=np.abs(lit.patch().verts[:, :2]) * _UVS, instances=[np.eye(4), mirrored]),
     ]
     return all_against_oracle(bench, [lit.scene_of(sheet) for sheet in sheets], shader="pbr")
 

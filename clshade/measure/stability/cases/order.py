@@ -29,9 +29,9 @@ def equal_depth(bench: Bench) -> Outcomes:
             yield from [wrong_pixels(frame["id"], ids) for frame in frames]
             yield different_bits(*frames)
     mesh = lit.blob()
-    zero = replace(mesh, verts=np.where(np.abs(mesh.verts) < 0.1, 0.0, mesh.verts))
-    negative = replace(mesh, verts=np.where(np.abs(mesh.verts) < 0.1, -0.0, mesh.verts))
-    yield different_bits(bench.draw(lit.scene_of(zero)), bench.draw(lit.scene_of(negative)))
+    near = np.abs(mesh.verts) < 0.1
+    meshes = (replace(mesh, verts=np.where(near, zero, mesh.verts)) for zero in (0.0, -0.0))
+    yield different_bits(*(bench.draw(lit.scene_of(each)) for each in meshes))
 
 
 def close_depths(bench: Bench) -> Outcomes:
@@ -48,12 +48,8 @@ def close_depths(bench: Bench) -> Outcomes:
         if magnitude > 1e29:
             far = np.minimum(far, np.float32(1.9e30))
         ulp = np.spacing(far).astype(np.float64)
-        for visibility, step in (
-            ("painter", ulp),
-            ("painter", 16 * np.spacing(far.astype(np.float64))),
-            ("depth", ulp),
-            ("depth", ulp * 2.0**-10),
-        ):
+        fine = {"painter": 16 * np.spacing(far.astype(np.float64)), "depth": ulp * 2.0**-10}
+        for visibility, step in (("painter", ulp), ("depth", ulp), *fine.items()):
             depth = np.repeat(np.concatenate([far - step, far.astype(np.float64)]), 3)
             scene = flat.scene_of(uv, faces, (64, 64), depth)
             frame = bench.draw(scene, **{**flat.FLAT, "visibility": visibility, "near": magnitude / 2})
@@ -65,19 +61,15 @@ def _bars() -> tuple[Mesh, np.ndarray]:
     on top."""
     angle = np.radians([90.0, 210.0, 330.0])
     tips = 0.9 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    verts, faces = [], []
-    for k in range(3):
-        start, end = tips[k], tips[(k + 1) % 3]
+    verts = []
+    for start, end in zip(tips, np.roll(tips, -1, axis=0), strict=True):
         along = (end - start) / np.hypot(*(end - start))
         side = 0.2 * np.array([-along[1], along[0]])
-        ends = (start - 0.5 * along, end + 0.5 * along)
-        corners = [
-            [*(point + s * side), height] for point, height in zip(ends, (0.4, -0.4), strict=True) for s in (1, -1)
-        ]
-        faces += [[4 * k, 4 * k + 1, 4 * k + 3], [4 * k, 4 * k + 3, 4 * k + 2]]
-        verts += corners
+        for point, height in ((start - 0.5 * along, 0.4), (end + 0.5 * along, -0.4)):
+            verts += [[*(point + side), height], [*(point - side), height]]
+    faces = (4 * np.arange(3)[:, None] + [0, 1, 3, 0, 3, 2]).reshape(-1, 3)
     colors = np.repeat(np.eye(3), 4, axis=0)
-    return Mesh(np.array(verts) * (1 + 2.0**-40), np.array(faces), colors=colors, material=lit.MATERIAL), tips
+    return Mesh(np.array(verts) * (1 + 2.0**-40), faces, colors=colors, material=lit.MATERIAL), tips
 
 
 def cyclic_overlap(bench: Bench) -> Outcomes:
@@ -95,8 +87,6 @@ def cyclic_overlap(bench: Bench) -> Outcomes:
 
 # Lines along edges
 
-_SHIFT = np.array([1e7, -3e7, 2e7])
-
 
 def _sheet(cells: int, size: float) -> Mesh:
     """Return a square in the plane z = 0 around the origin, of 2 * cells^2 triangles."""
@@ -108,13 +98,11 @@ def lines(bench: Bench) -> Outcomes:
     """Every sample shows a line exactly where the oracle's does: edges seen end-on, at coordinates of 1e7, across the near
     plane, and in a mesh finer than pixels; twice the same bits."""
     coarse, fine = _sheet(3, 1.0), _sheet(90, 0.9)
-    side = replace(
-        coarse, verts=coarse.verts[:, [2, 0, 1]]
-    )  # in the plane x = 0, which these eyes see edge-on or nearly
+    side = replace(coarse, verts=coarse.verts[:, [2, 0, 1]])  # in the plane x = 0, seen edge-on or nearly
     views = (
         ("end-on", coarse, [0.0, 0.0, 4.0], 0.0),
         ("nearly end-on", coarse, [1e-6, 1e-9, 4.0], 0.0),
-        ("far", coarse, [0.7, 0.4, 3.0], _SHIFT),
+        ("far", coarse, [0.7, 0.4, 3.0], np.array([1e7, -3e7, 2e7])),
         ("near plane", coarse, [0.4, 0.3, 0.2], 0.0),
         ("fine", fine, [0.5, 0.6, 3.0], 0.0),
     )
