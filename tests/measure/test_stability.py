@@ -39,8 +39,8 @@ class Spoiled(Bench):
         layers["id"][at] += 1
         return Frame(rgba, layers, frame.scene, frame.settings, lambda: frame.stats)
 
-    def light(self, *arguments, **options):
-        return super().light(*arguments, **options) * np.float32(1.25) + np.float32(1e-3)
+    def highlights(self, *arguments):
+        return super().highlights(*arguments) * np.float32(1.25) + np.float32(1e-3)
 
 
 def cases() -> list:

@@ -88,14 +88,14 @@ def visible_faces(compared: Comparison) -> Faces:
     edges = np.roll(world, -1, axis=1) - world
     longest = length(edges).max(axis=1, initial=0.0)
     height = length(cross(edges[:, 0], edges[:, 1])) / longest
-    box = np.ptp(world.reshape(-1, 3), axis=0) if len(index) else np.zeros(3)
+    size = np.ptp(world.reshape(-1, 3), axis=0).max() if len(index) else 0.0
     mesh = corners.mesh[index]
     texels = np.array([oracle_bounds.texture_side(each) for each in scene.meshes], np.int64)
     return Faces(
         face=index,
         extent=np.abs(world - scene.camera.eye).max(axis=(1, 2), initial=0.0),
         aspect=longest / height,
-        size=np.full(len(index), box.max()),
+        size=np.full(len(index), size),
         rounding=_stored_rounding(scene, corners, index),
         reach=np.abs(corners.uvs[index]).max(axis=(1, 2), initial=0.0),
         texels=texels[mesh],

@@ -89,13 +89,13 @@ class Bench:
         with Renderer(scene, device=self.device, layers=LAYERS, **options) as renderer:
             return renderer.render()
 
-    def light(self, points: Array, normals: Array, position: Array, *, n: float, kd: float = 1.0) -> Array:
+    def highlights(self, points: Array, normals: Array, position: Array, n: float) -> Array:
         """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3) and one light (3,) of
-        intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients but kd 0."""
+        intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients are 0."""
         features = Features.of(_POINT_FEATURES)
         stages = Stages(self.device, build(self.device, features, ("light.cl",)))
         material, lights = np.zeros(1, SINGLE.Material), np.zeros(1, SINGLE.Light)
-        material["k"] = np.repeat([{"kd": kd, "ks": 1.0}.get(name, 0.0) for name in TERMS], 3)
+        material["k"] = np.repeat([float(name == "ks") for name in TERMS], 3)
         material["n"], material["texture"] = n, -1
         lights["position"], lights["intensity"] = position, 1.0
         vectors = np.zeros((3, len(points), 4))
@@ -129,7 +129,7 @@ class Case:
 
 
 def wrong_pixels(drawn: Array, expected: Array, detail: str = "") -> Outcome:
-    """Compare two images of ids (M, N), which must agree exactly."""
+    """Compare two images, (M, N) or (M, N, 3), which must agree exactly."""
     return Outcome(int((drawn != expected).sum()), detail=detail, pictures=(drawn, expected))
 
 
@@ -137,9 +137,9 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
     """Compare a frame with the oracle as `clshade.check` does: ids and coverage exactly but for proven depth ties,
     depths within their roundings, colors within their bounds."""
     compared = compare(frame, np.arange(frame.alpha.size))
-    ids, expected_ids = frame["id"], compared.oracle.id.reshape(frame.alpha.shape)
     too_deep = compared.depth is not None and not compared.depth <= depth_roundings(frame.alpha)
-    rgb = frame.rgb, compared.oracle.rgb.reshape(frame.rgb.shape)
+    ids, rgb = (frame["id"], compared.oracle.id), (frame.rgb, compared.oracle.rgb)
+    drawn, expected = ids if compared.wrong.any() else rgb
     return Outcome(
         int(compared.wrong.sum()) + int(too_deep),
         float(compared.counted.max()),
@@ -147,7 +147,7 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
         "bounds",
         float(compared.relative.max()) / HALF_ULP,
         detail,
-        (ids, expected_ids) if (ids != expected_ids).any() and compared.wrong.any() else rgb,
+        (drawn, expected.reshape(drawn.shape)),
     )
 
 

@@ -11,6 +11,7 @@ from ....scene.lights import ATTENUATIONS
 from ....scene.model import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
 from . import lit
 from .bench import Bench, Case, Outcomes, all_against_oracle
+from .light import unit
 
 FAR = 1e30
 _COLOR, _DIM = (1.0, 0.5, 0.2), (0.3, 0.2, 0.1)
@@ -29,8 +30,7 @@ def _under(bench: Bench, lights: Sequence[Light]) -> Outcomes:
 def attenuation(bench: Bench) -> Outcomes:
     """Inverse-square lights at a vertex, in a face, 1e-9 to 1 before it, and at the eye."""
     inside = np.array([0.3, 0.3, 0.4]) @ _CORNERS
-    normal = np.cross(_CORNERS[1] - _CORNERS[0], _CORNERS[2] - _CORNERS[0])
-    normal /= np.linalg.norm(normal)
+    normal = unit(np.cross(_CORNERS[1] - _CORNERS[0], _CORNERS[2] - _CORNERS[0]))
     places = [_VERTEX, inside, lit.CAMERA.eye, *(inside + normal * 10.0**power for power in range(-9, 1))]
     return _under(bench, [PointLight(place, _DIM, "inverse-square") for place in places])
 
@@ -47,8 +47,7 @@ def cone_edge(bench: Bench) -> Outcomes:
 
 def range_edge(bench: Bench) -> Outcomes:
     """Lights that end within the sheet, just before it, and at once."""
-    height = 1.0 - 0.15
-    ends = (height, height * (1 - 1e-6), height * (1 + 1e-6), 1.1, 1e-3, 1e-30, 1e30)
+    ends = (0.85, 0.85 * (1 - 1e-6), 0.85 * (1 + 1e-6), 1.1, 1e-3, 1e-30, 1e30)
     return _under(bench, [PointLight(_ABOVE, _COLOR, "inverse-square", end) for end in ends])
 
 
@@ -56,17 +55,15 @@ def far_away(bench: Bench) -> Outcomes:
     """Lights 1e19 and 1e30 away, as bright as float32 allows, with and without a cone, and from infinitely far."""
     toward = np.array([0.3, 0.4, 1.2]) / 1.3
     bright = np.full(3, 3e38)
-    return _under(
-        bench,
-        [
-            DirectionalLight(-toward),
-            DirectionalLight(-toward * 1e-300),
-            PointLight(toward * FAR, bright, "inverse-square"),
-            SpotLight(toward * FAR, -toward, bright, 0.0, 60.0, "inverse-square", 2.0 * FAR),
-            PointLight(toward * 1e19, bright, "inverse-square"),
-            SpotLight(toward * FAR, -toward, (1, 1, 1), 30.0, 60.0),
-        ],
-    )
+    lights: list[Light] = [
+        DirectionalLight(-toward),
+        DirectionalLight(-toward * 1e-300),
+        PointLight(toward * FAR, bright, "inverse-square"),
+        SpotLight(toward * FAR, -toward, bright, 0.0, 60.0, "inverse-square", 2.0 * FAR),
+        PointLight(toward * 1e19, bright, "inverse-square"),
+        SpotLight(toward * FAR, -toward, (1, 1, 1), 30.0, 60.0),
+    ]
+    return _under(bench, lights)
 
 
 def spheres(bench: Bench) -> Outcomes:
