@@ -23,7 +23,7 @@ def test_errors_are_as_in_theory(device, monkeypatch):
     monkeypatch.setattr(curves, "SIDE", 48)
     monkeypatch.setattr(curves, "FRAMES", 2)
     some = [replace(axis, values=(1.0, 1e3, 1e6)) for axis in AXES]
-    rows = [row for axis in some for row in curves.measure(axis, device)]
+    rows = [curves.measure(axis, value, device) for axis in some for value in axis.values]
     for row in rows:
         assert set(row.ms) == set(row.rms) - {PLAIN}
         assert all(row.wrong[way] == 0 and row.ms[way] > 0.0 for way in row.ms)

@@ -13,20 +13,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ... import oracle
-from ...base.arrays import Array
+from ...base.arrays import Array, Floats32
 from ...base.text_tables import digits
 from ...images import figures
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene.camera import Camera
+from ...scene.geometry import camera_axes, vertex_normals
 from ...scene.model import Material, Mesh, PointLight, Scene, Settings
 from ...scene.settings import Precision
 from ..report.measure import frame_ms
 from ..report.power_law import Power, fitted
 from ..results import Column, Results, Table
 from .cases import lit
+from .cases.flat import SUB
 from .cases.light import unit
-from .plain_float32 import plain_float32
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,12 +142,8 @@ AXES = (
 # Measuring
 
 
-def measure(axis: Axis, device: Device) -> list[Row]:
-    """Measure every way along an axis; float64 only if the device has it."""
-    return [_row(axis, value, device) for value in axis.values]
-
-
-def _row(axis: Axis, value: float, device: Device) -> Row:
+def measure(axis: Axis, value: float, device: Device) -> Row:
+    """Measure every way at a value of the axis; float64 only if the device has it."""
     scene, standard = axis.scene(value), Settings.from_preset("standard", near=NEAR)
     expected = oracle.render(scene, standard)
     row = Row(axis, value, {}, {}, {})
@@ -178,12 +175,69 @@ def power(rows: Sequence[Row], way: str, axis: Axis) -> Power | None:
     return fitted(*zip(*useful, strict=True)) if len(useful) > 2 else None
 
 
+# Plain float32
+
+
+def plain_float32(scene: Scene) -> Floats32 | None:
+    """Draw one mesh naively in float32 from world coordinates on. Return the image (M, N, 4), with corners on the grid of
+    1/256 px that the oracle has too; None where corners lie behind the eye."""
+    mesh, camera = scene.meshes[0], scene.camera
+    columns, rows = camera.resolution
+    normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
+    colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
+    attributes = _float32(np.hstack([mesh.verts, normals, colors]))
+    seen = (attributes[:, :3] - _float32(camera.eye)) @ _float32(camera_axes(camera)).T
+    if seen[:, 2].min() <= 0.0:
+        return None
+    plane, size = _float32(camera.plane[::-1]), _float32(camera.resolution)
+    uv = (_float32(camera.focal) * seen[:, :2] / seen[:, 2:] / plane + np.float32(0.5)) * size
+    uv = np.rint(uv * np.float32(SUB)) / np.float32(SUB)
+    centers = _float32(np.stack(np.meshgrid(np.arange(columns), np.arange(rows)[::-1]), axis=-1) + 0.5)
+    image, nearest = np.zeros((rows, columns, 4), np.float32), np.zeros((rows, columns), np.float32)
+    for face in mesh.faces:
+        at = uv[face] - centers[..., None, :]
+        edges = np.stack([_cross(at[..., i - 2, :], at[..., i - 1, :]) for i in range(3)], axis=-1)
+        weights = edges / seen[face, 2]
+        total = weights.sum(axis=-1)
+        inverse = total / _cross(uv[face[1]] - uv[face[0]], uv[face[2]] - uv[face[0]])
+        closer = (edges >= 0.0).all(axis=-1) & (inverse > nearest)
+        nearest[closer] = inverse[closer]
+        image[closer, :3] = _reflected(scene, (weights[closer] / total[closer, None]) @ attributes[face])
+        image[closer, 3] = 1.0
+    return image
+
+
+def _reflected(scene: Scene, points: Array) -> Array:
+    """Return the light of points (K, 9): position, normal and color."""
+    material = scene.meshes[0].material
+    position, normal, color = np.split(points, 3, axis=1)
+    normal, to_eye = unit(normal), unit(_float32(scene.camera.eye) - position)
+    total = _float32(material.ka * scene.ambient)
+    for source in (light for light in scene.lights if isinstance(light, PointLight)):
+        to_light = unit(_float32(source.position) - position)
+        cosine = (normal * to_light).sum(axis=1, keepdims=True)
+        toward = np.maximum(((2.0 * cosine * normal - to_light) * to_eye).sum(axis=1, keepdims=True), 0.0)
+        shine = np.where(cosine > 0.0, toward ** np.float32(material.n), 0.0)
+        diffuse = _float32(material.kd) * np.maximum(cosine, 0.0)
+        total = total + _float32(source.intensity) * (diffuse + _float32(material.ks) * shine)
+    return color * total
+
+
+def _float32(values: object) -> Floats32:
+    return np.asarray(values, np.float32)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    product: Array = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
+
+
 # Tables and the figure
 
 
 def run(device: Device, prefix: Path, formats: Sequence[str]) -> None:
     """Measure all axes, print the tables, and write them and the figure as PREFIX.csv and so on. Raises OutputError."""
-    rows = [row for axis in AXES for row in measure(axis, device)]
+    rows = [measure(axis, value, device) for axis in AXES for value in axis.values]
     tables = results(rows, device.title)
     print("\n".join(["", *tables.lines()]), flush=True)
     tables.write(prefix)

@@ -40,7 +40,7 @@ def plot(study: SceneStudy, device: str, path: Path) -> None:
     for axes in (picture, kappa, errors):
         _zoom(axes, study)
         _numbers(axes, study)
-    columns, rows = study.frame.scene.camera.resolution
+    rows, columns = study.kappa.shape
     name = cut(shown(study.frame.scene.name or "unnamed"), 48).replace("$", r"\$")
     title = f"Stability of {name}, {columns}x{rows}, {study.frame.settings.precision}\n{device}"
     figure.suptitle(title, fontsize=10)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import re
 
-from . import coverage, environments, extremes, light, lights, materials, order, shadows, surfaces
+from . import coverage, light, lights, order, shadows, surfaces
 from .bench import Bench, Case, Outcome
 
 __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
-MODULES = coverage, extremes, order, light, lights, environments, shadows, surfaces, materials
+MODULES = coverage, order, light, lights, shadows, surfaces
 
 
 def all_cases() -> tuple[Case, ...]:

@@ -24,6 +24,7 @@ from ....scene.settings import Layer
 from ...check.check import compare
 from ...check.oracle_bounds import HALF_ULP, depth_roundings
 
+PRESETS = ("standard", "course")
 LAYERS: tuple[Layer, ...] = ("Z", "id")
 _POINT_FEATURES = {"LIT", "POWER", *GROUPS["TERMS"]}
 

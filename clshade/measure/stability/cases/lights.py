@@ -1,16 +1,21 @@
-"""Cases 24c to 24h: lights with attenuation, range and cone where these are steep, as far away as they may be, tiny and
-huge."""
+"""Cases 24c to 24k: lights with attenuation, range and cone where these are steep, far away, tiny and huge; environments
+whose pixels are as bright, as dark or as few as can be."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ....pipeline.features import OPTIONAL
+from ....scene.camera import Camera
+from ....scene.environment import Environment
 from ....scene.lights import ATTENUATIONS
+from ....scene.metallic_roughness import MetallicRoughness
 from ....scene.model import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
 from . import lit
-from .bench import Bench, Case, Outcomes, all_against_oracle
+from .bench import Bench, Case, Outcomes, against_oracle, all_against_oracle
 from .light import unit
 
 FAR = 1e30
@@ -100,6 +105,48 @@ def rectangles(bench: Bench) -> Outcomes:
     return _under(bench, lights)
 
 
+ROUGHNESSES = (0.0, 1e-4, 0.125, 0.6, 1.0)
+_IMAGE = np.random.default_rng(8).uniform(0.0, 1.0, (16, 32, 3))
+
+
+def _within(bench: Bench, *environments: Environment) -> Outcomes:
+    """Compare a bent sheet in environments, without any other light, with the oracle. All features are on: one program
+    serves for all."""
+    for number, environment in enumerate(environments):
+        for k, roughness in enumerate(ROUGHNESSES):
+            pbr = MetallicRoughness((number + k) % 3 / 2.0, roughness)
+            sheet = lit.patch(material=replace(lit.MATERIAL, pbr=pbr))
+            scene = lit.scene_of(sheet, lights=(), ambient=0.0, environment=environment, preset="pbr")
+            yield against_oracle(bench.draw(scene, forced=OPTIONAL))
+
+
+def suns(bench: Bench) -> Outcomes:
+    """One pixel of 1e6, where a mirror shows it and where it is blurred."""
+    image = np.concatenate([_IMAGE, _IMAGE])
+    image[11, 16] = 1e6
+    return _within(bench, Environment(image), Environment(image, rotation=180.0))
+
+
+def extreme_environments(bench: Bench) -> Outcomes:
+    """A single pixel, black, radiance up to 1e60 and down to 1e-42."""
+    small, black = Environment(np.full((1, 1, 3), 0.5)), Environment(np.zeros((2, 4, 3)))
+    return _within(
+        bench, small, black, Environment(_IMAGE * 1e30, intensity=1e30), Environment(_IMAGE * 1e-30, intensity=1e-12)
+    )
+
+
+def sun_behind(bench: Bench) -> Outcomes:
+    """One pixel of 1e6 at the seam, and at a pole, of an environment that is the background; from far and near."""
+    scenes = []
+    for row, column, lookat in ((8, 0, (0.0, 0.0, -1.0)), (8, 31, (0.0, 0.0, -1.0)), (0, 9, (1e-9, 1.0, 1e-9))):
+        image = _IMAGE.copy()
+        image[row, column] = 1e6
+        for focal in (0.1, 30.0):
+            around = Camera((0.0, 0.0, 0.0), lookat, (0.3, 0.1, 0.2), focal, (1.0, 1.0), (61, 61))
+            scenes.append(lit.scene_of(camera=around, environment=Environment(image)))
+    return all_against_oracle(bench, scenes, background="environment", forced=OPTIONAL)
+
+
 CASES = (
     Case("24c", "attenuation", "inverse-square lights in the surface", "within the bound", attenuation),
     Case("24d", "cone-edge", "edges of cones, 0 and 90 degrees", "within the bound", cone_edge),
@@ -107,4 +154,7 @@ CASES = (
     Case("24f", "far-lights", "lights 1e30 away", "within the bound", far_away),
     Case("24g", "spheres", "spheres: tiny, huge, around what they light", "within the bound", spheres, True),
     Case("24h", "rectangles", "rectangles: tiny, huge, edge-on", "within the bound", rectangles),
+    Case("24i", "sun-pixel", "a pixel of 1e6 in an environment", "within the bound", suns, True),
+    Case("24j", "environments", "one pixel, black, 1e60, 1e-42", "within the bound", extreme_environments, True),
+    Case("24k", "sun-behind", "a pixel of 1e6 at seam and pole behind all", "within the bound", sun_behind, True),
 )

@@ -9,9 +9,8 @@ import numpy as np
 from ....scene.edges import Edges
 from ....scene.model import Mesh
 from . import flat, lit
-from .bench import Bench, Case, Outcome, Outcomes, against_oracle, different_bits, wrong_pixels
+from .bench import PRESETS, Bench, Case, Outcome, Outcomes, against_oracle, different_bits, wrong_pixels
 from .coverage import grid
-from .extremes import PRESETS
 
 MAGNITUDES = (1e-30, 1e-10, 1.0, 1e6, 1e15, 1e30)
 
