@@ -26,7 +26,6 @@ from ...check.oracle_bounds import HALF_ULP, depth_roundings
 
 PRESETS = ("standard", "course")
 LAYERS: tuple[Layer, ...] = ("Z", "id")
-_POINT_FEATURES = {"LIT", "POWER", *GROUPS["TERMS"]}
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class Bench:
     def highlights(self, points: Array, normals: Array, position: Array, n: float) -> Array:
         """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3) and one light (3,) of
         intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients are 0."""
-        features = Features.of(_POINT_FEATURES)
+        features = Features.of({"LIT", "POWER", *GROUPS["TERMS"]})
         stages = Stages(self.device, build(self.device, features, ("light.cl",)))
         material, lights = np.zeros(1, SINGLE.Material), np.zeros(1, SINGLE.Light)
         material["k"] = np.repeat([float(name == "ks") for name in TERMS], 3)

@@ -18,7 +18,6 @@ SUB = 1 << SUBPIXEL_BITS
 HALF = SUB // 2
 Resolution = tuple[int, int]
 
-_Y, _Z = np.eye(3)[1:]
 ONE = np.array([[0, 1, 2]])  # the faces of a single triangle
 
 # All unlit scenes share a material and have positions that are not float32 values, so that one program serves them all.
@@ -36,7 +35,7 @@ def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | flo
     verts = np.empty((len(uv), 3))
     verts[:, :2] = uv - np.array([columns / 2 - NUDGE, rows / 2])
     verts[:, 2] = -np.asarray(depth)
-    camera = Camera(np.zeros(3), -_Z, _Y, 1.0, (rows, columns), resolution, orthographic=True)
+    camera = Camera(np.zeros(3), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (rows, columns), resolution, orthographic=True)
     return Scene((Mesh(verts, faces, material=UNLIT),), camera, background=None)
 
 

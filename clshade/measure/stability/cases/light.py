@@ -18,7 +18,6 @@ from .bench import Bench, Case, Outcome, Outcomes, against_oracle, all_against_o
 
 LOBE = 16.0  # times sqrt(n) * 2^-24: relative error of the highlight alone where it is at least 1/e
 DIGITS = 50  # of the reference that exceeds float64
-Points = tuple[Array, Array, Array]
 
 
 def unit(vectors: Array) -> Array:
@@ -30,7 +29,7 @@ def _float32(values: Array) -> Array:
     return values.astype(np.float32).astype(np.float64)
 
 
-def in_the_lobe(n: float, count: int = 4000) -> Points:
+def in_the_lobe(n: float, count: int = 4000) -> tuple[Array, Array, Array]:
     """Return points (K, 3) relative to the eye, unit normals (K, 3) and a light's position (3,), all float32 values,
     with R.V throughout the lobe (R.V)^n >= 1/e."""
     rng = np.random.default_rng(int(n))

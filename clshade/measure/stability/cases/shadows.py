@@ -88,8 +88,7 @@ def sliver_mesh() -> Mesh:
 
 def slivers(bench: Bench) -> Outcomes:
     """Casters that are slivers."""
-    mesh = sliver_mesh()
-    return _under(bench, [PointLight((0.5, 1.0, 4.0)), DirectionalLight((0.1, -0.3, -1.0))], mesh)
+    return _under(bench, [PointLight((0.5, 1.0, 4.0)), DirectionalLight((0.1, -0.3, -1.0))], sliver_mesh())
 
 
 def planes() -> list[Mesh]:
