@@ -12,8 +12,6 @@ from . import flat, lit
 from .bench import PRESETS, Bench, Case, Outcome, Outcomes, against_oracle, different_bits, wrong_pixels
 from .coverage import grid
 
-MAGNITUDES = (1e-30, 1e-10, 1.0, 1e6, 1e15, 1e30)
-
 
 def equal_depth(bench: Bench) -> Outcomes:
     """Coincident triangles of bit-identical depth: the later face wins, in any order of the list; -0.0 among the
@@ -42,7 +40,7 @@ def close_depths(bench: Bench) -> Outcomes:
     xy = np.concatenate([corners, corners])
     expected = flat.exact(corners, (64, 64))
     uv, faces = flat.separate(xy)
-    for magnitude in MAGNITUDES:
+    for magnitude in (1e-30, 1e-10, 1.0, 1e6, 1e15, 1e30):
         far = (magnitude * rng.uniform(1.0, 2.0, 64)).astype(np.float32)
         if magnitude > 1e29:
             far = np.minimum(far, np.float32(1.9e30))
