@@ -15,7 +15,7 @@ from clshade.images import compare, exr, statistics
 from clshade.images.image_file import Picture
 from clshade.measure.bench import bench
 from clshade.measure.report import report
-from clshade.measure.stability import results, stability
+from clshade.measure.stability import stability
 from clshade.measure.stability.cases import Outcome, all_cases
 from clshade.measure.timing import Spread
 from clshade.pipeline.opencl import device as devices
@@ -107,8 +107,8 @@ def test_compare():
 
 def test_stability():
     worst = Outcome(123456, 1.23e-7, 16.0, "sqrt(n)*2^-24", 7.39e10, "some words about what was looked at " * 5)
-    some = [results.Result(case, "0:0", outcome, 12345.67) for case in all_cases() for outcome in (worst, Outcome())]
-    assert_fits(results.summarize(some, {"device 0:0": "a device"}).lines())
+    some = [stability.Result(case, "0:0", outcome, 12345.67) for case in all_cases() for outcome in (worst, Outcome())]
+    assert_fits(stability.summarize(some, {"device 0:0": "a device"}).lines())
     assert_fits(stability.listing())
 
 

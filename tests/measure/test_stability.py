@@ -39,8 +39,8 @@ class Spoiled(Bench):
         layers["id"][at] += 1
         return Frame(rgba, layers, frame.scene, frame.settings, lambda: frame.stats)
 
-    def light(self, *arguments, **options):
-        return super().light(*arguments, **options) * np.float32(1.25) + np.float32(1e-3)
+    def highlights(self, *arguments):
+        return super().highlights(*arguments) * np.float32(1.25) + np.float32(1e-3)
 
 
 def cases() -> list:
@@ -146,10 +146,10 @@ def test_a_wrong_depth_is_noticed(device):
 
 
 def made_up(name: str, outcome: Outcome | Exception) -> Case:
-    def drawn(bench: Bench) -> Outcome:
+    def drawn(bench: Bench) -> list[Outcome]:
         if isinstance(outcome, Exception):
             raise outcome
-        return outcome
+        return [outcome]
 
     return Case("1", name, "nothing", "all is well", drawn)
 

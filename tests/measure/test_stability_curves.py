@@ -10,7 +10,7 @@ import pytest
 from clshade import oracle
 from clshade.measure.stability import curves
 from clshade.measure.stability.cases.light import exact_highlights, in_the_lobe
-from clshade.measure.stability.curves import AXES, PLAIN, Point, Row
+from clshade.measure.stability.curves import AXES, PLAIN, Row
 from clshade.oracle import terms
 from clshade.scene.model import Settings
 
@@ -23,22 +23,22 @@ def test_errors_are_as_in_theory(device, monkeypatch):
     monkeypatch.setattr(curves, "SIDE", 48)
     monkeypatch.setattr(curves, "FRAMES", 2)
     some = [replace(axis, values=(1.0, 1e3, 1e6)) for axis in AXES]
-    rows = [row for axis in some for row in curves.measure(axis, device)]
+    rows = [curves.measure(axis, value, device) for axis in some for value in axis.values]
     for row in rows:
-        for way, point in row.points.items():
-            assert way == PLAIN or (point.wrong == 0 and point.ms > 0.0)
-            assert way != "float64" or point.rms < row.axis.own_error(row.value)
-    errors = {axis.name: [row.points for row in rows if row.axis is axis] for axis in some}
+        assert set(row.ms) == set(row.rms) - {PLAIN}
+        assert all(row.wrong[way] == 0 and row.ms[way] > 0.0 for way in row.ms)
+        assert row.rms.get("float64", 0.0) < row.axis.own_error(row.value)
+    errors = {axis.name: [row.rms for row in rows if row.axis is axis] for axis in some}
     for way, most in (("standard", 1e-4), ("fast", 0.01)):
-        first, _, last = (points[way].rms for points in errors["exponent"])
+        first, _, last = (rms[way] for rms in errors["exponent"])
         assert 100.0 < last / first < 1e4  # sqrt(n) is 1000
         assert last < most
-        distances = [points[way].rms for points in errors["distance"]]
+        distances = [rms[way] for rms in errors["distance"]]
         assert distances == pytest.approx(distances[:1] * 3, rel=0.05)
-    assert errors["exponent"][2][PLAIN].rms > 0.02  # no digit is left
-    assert errors["distance"][2][PLAIN].rms > 1e3 * errors["distance"][0][PLAIN].rms
-    assert errors["aspect"][2][PLAIN].rms > 2.0 * errors["aspect"][2]["standard"].rms > 1e-5
-    assert errors["nearness"][2]["standard"].rms > 1e4 * errors["nearness"][0]["standard"].rms
+    assert errors["exponent"][2][PLAIN] > 0.02  # no digit is left
+    assert errors["distance"][2][PLAIN] > 1e3 * errors["distance"][0][PLAIN]
+    assert errors["aspect"][2][PLAIN] > 2.0 * errors["aspect"][2]["standard"] > 1e-5
+    assert errors["nearness"][2]["standard"] > 1e4 * errors["nearness"][0]["standard"]
     tables = curves.results(rows, "$device$")
     assert max(map(len, "\n".join(tables.lines()).splitlines())) <= 100
     assert len(tables.tables[0].csv().splitlines()) == 13
@@ -75,21 +75,21 @@ def test_scenes_are_as_named(monkeypatch):
     assert np.linalg.norm(light - curves.near_light(1e6).camera.lookat) == pytest.approx(1e-6, rel=0.1)
 
 
-def power(*errors: float | None):
-    rows = [Row(ASPECT, 10.0**k, {"fast": Point(rms, 0, 1.0)}) for k, rms in enumerate(errors)]
+def power(*errors: float):
+    rows = [Row(ASPECT, 10.0**k, {"fast": rms}, {"fast": 0}, {"fast": 1.0}) for k, rms in enumerate(errors)]
     return curves.power(rows, "fast", ASPECT)
 
 
 def test_powers_leave_out_useless_images_and_none():
     assert power(1e-6, 1e-5, 1e-4, 0.5, 3.0).exponent == pytest.approx(1.0)
     assert power(0.0, 1e-6, 1e-5, 1e-4).exponent == pytest.approx(1.0)
-    assert power(1e-6, 1e-5, 0.5) is power(None, None, None) is None
+    assert power(1e-6, 1e-5, 0.5) is power(np.nan, np.nan, np.nan) is None
 
 
 def test_pixels_that_are_not_finite_are_all_wrong(monkeypatch):
     monkeypatch.setattr(curves, "SIDE", 24)
     expected = oracle.render(curves.needle(1.0), STANDARD)
     for bad in (np.nan, np.inf):
-        assert curves._point(np.full((24, 24, 4), bad), expected).rms == 1.0
+        assert curves.errors(np.full((24, 24, 4), bad), expected)[0] == 1.0
     covered = np.concatenate([expected.rgb, 1.0 - expected.alpha[..., None]], axis=-1)
-    assert curves._point(covered, expected).wrong == expected.alpha.size
+    assert curves.errors(covered, expected)[1] == expected.alpha.size

@@ -42,30 +42,16 @@ def flat(material: Material) -> Mesh:
     return sheet(material, bend=0.0)
 
 
-def light_on_the_surface() -> Scene:
-    return scene_of(sheet(), lamp=replace(LAMP, position=np.array([0.1, 0.1, 0.1487])))
-
-
-def eye_at_the_surface() -> Scene:
-    return scene_of(sheet(), eye=(0.01, 0.02, 0.152), lookat=(0.01, 0.02, 0.0))
-
-
-def needle() -> Scene:
-    return scene_of(Mesh([[-1, -1, 0], [1e4, 0, 0], [-1, 1, 0]], [[0, 1, 2]], COLORS, material=CALM))
-
-
-def opposite_normals() -> Scene:
-    verts, normals = [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[1, 0, 0.01], [-1, 0, 0.01], [0, 0, 1]]
+def one(verts, normals=None) -> Scene:
     return scene_of(Mesh(verts, [[0, 1, 2]], COLORS, normals=normals, material=CALM))
 
 
-def large_exponent() -> Scene:
-    return scene_of(sheet(Material(n=1e6)))
+def lit_from(*place: float, mesh: Mesh | None = None, eye=(0.0, 0.0, 5.0)) -> Scene:
+    return scene_of(mesh or sheet(), lamp=replace(LAMP, position=np.array(place)), eye=eye)
 
 
-def exponent_below_one() -> Scene:
-    """The mirrored light is nearly perpendicular to the direction to the eye."""
-    return scene_of(flat(Material(n=0.25)), lamp=replace(LAMP, position=np.array([1e3, 0.0, 0.1])))
+def light_on_the_surface() -> Scene:
+    return lit_from(0.1, 0.1, 0.1487)
 
 
 def far_texture() -> Scene:
@@ -85,44 +71,48 @@ def far_away_in_float32() -> Scene:
 
 def placed_far_away() -> Scene:
     """The mesh's own coordinates are small."""
-    scene = far_away()
     moved = np.eye(4)
     moved[:3, 3] = 1e10
-    return replace(scene, meshes=(replace(sheet(), instances=moved[None]),))
+    return replace(far_away(), meshes=(replace(sheet(), instances=moved[None]),))
 
 
-def light_in_the_plane() -> Scene:
-    """N.L is 0 exactly, and the highlight behind the gate is bright."""
-    return scene_of(flat(CALM), lamp=replace(LAMP, position=np.array([-20.0, 0.0, 0.0])), eye=(3.0, 0.0, 1.0))
+def opposite_normals() -> Scene:
+    return one([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[1, 0, 0.01], [-1, 0, 0.01], [0, 0, 1]])
 
 
 PLANTED = {
-    light_on_the_surface: ("light", "light 0 is "),
-    eye_at_the_surface: ("eye", "the eye is 0.0"),
-    needle: ("needle", "1e+04 away from the eye"),
-    opposite_normals: ("normals", "their mean has the length 0.0"),
-    large_exponent: ("exponent", "n = 1e+06"),
-    exponent_below_one: ("steepness", "n = 0.25"),
-    far_texture: ("texture", "1e+05, 4.1e+08 of the texture's 4096 texels"),
-    far_away: ("origin", "1e+10 from the origin"),
-    placed_far_away: ("origin", "1e+10 from the origin"),
-    far_away_in_float32: ("origin", "its float32 coordinates"),
-    light_in_the_plane: ("grazing", "N.L or R.V"),
+    "light on the surface": (light_on_the_surface, "light", "light 0 is "),
+    "eye at the surface": (
+        lambda: scene_of(sheet(), eye=(0.01, 0.02, 0.152), lookat=(0.01, 0.02, 0.0)),
+        "eye",
+        "the eye is 0.0",
+    ),
+    "needle": (lambda: one([[-1, -1, 0], [1e4, 0, 0], [-1, 1, 0]]), "needle", "1e+04 away from the eye"),
+    "opposite normals": (opposite_normals, "normals", "their mean has the length 0.0"),
+    "large exponent": (lambda: scene_of(sheet(Material(n=1e6))), "exponent", "n = 1e+06"),
+    # The mirrored light is nearly perpendicular to the direction to the eye.
+    "exponent below one": (lambda: lit_from(1e3, 0.0, 0.1, mesh=flat(Material(n=0.25))), "steepness", "n = 0.25"),
+    "far texture": (far_texture, "texture", "1e+05, 4.1e+08 of the texture's 4096 texels"),
+    "far away": (far_away, "origin", "1e+10 from the origin"),
+    "placed far away": (placed_far_away, "origin", "1e+10 from the origin"),
+    "far away in float32": (far_away_in_float32, "origin", "its float32 coordinates"),
+    # N.L is 0 exactly, and the highlight behind the gate is bright.
+    "light in the plane": (
+        lambda: lit_from(-20.0, 0.0, 0.0, mesh=flat(CALM), eye=(3.0, 0.0, 1.0)),
+        "grazing",
+        "N.L or R.V",
+    ),
 }
-
-
-LONG = (large_exponent, exponent_below_one, far_texture)  # they need programs of their own
+LONG = ("large exponent", "exponent below one", "far texture")  # they need programs of their own
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(
-    "plant",
-    [pytest.param(plant, marks=pytest.mark.long) if plant in LONG else plant for plant in PLANTED],
-    ids=lambda plant: plant.__name__,
+    "plant", [pytest.param(plant, marks=[pytest.mark.long] * (plant in LONG)) for plant in PLANTED]
 )
 def test_a_planted_cause_is_named(device, plant):
-    name, part = PLANTED[plant]
-    study = scene_study.study(plant(), STANDARD, device)
+    scene, name, part = PLANTED[plant]
+    study = scene_study.study(scene(), STANDARD, device)
     assert study.check.passed
     worst = study.worst[0]
     assert worst.cause == name, worst.factors
@@ -152,7 +142,7 @@ def test_a_cone_is_named_with_its_light(device):
 
 
 def test_every_cause_is_planted():
-    assert {name for name, _ in PLANTED.values()} == set(causes.CAUSES)
+    assert {name for _, name, _ in PLANTED.values()} == set(causes.CAUSES)
 
 
 def test_the_terms_of_kappa():
@@ -196,30 +186,27 @@ def test_the_factors_make_the_bound(calm_frame, shader, precision):
 
 
 def test_the_maps_are_those_of_the_oracle(device):
-    scene = scene_of(sheet(), lamp=replace(LAMP, position=np.array([0.1, 0.1, 0.2])))
+    scene = lit_from(0.1, 0.1, 0.2)
     study = scene_study.study(scene, STANDARD, device)
     expected = oracle.render(scene, STANDARD)
     covered = expected.id > 0
-    assert study.kappa.shape == study.error.shape == study.bound.shape == (61, 61)
     assert 0.1 < covered.mean() < 0.9
     assert (study.kappa[~covered] == 0.0).all()
-    assert (study.kappa[covered] >= 1.0).all()
     assert np.allclose(study.kappa[covered], expected.kappa[covered], rtol=1e-6)
     error = np.abs(study.frame.rgb - expected.rgb)[covered] / expected.budget[covered]
     assert np.allclose(study.error[covered], error.max(axis=1), rtol=1e-6)
-    assert (study.share <= 1.0).all()
     assert (study.share * study.check.allowed).max() == pytest.approx(study.check.bounds, rel=1e-6)
-    known = np.sort(expected.kappa[covered])
-    assert study.quantiles()["max"] == pytest.approx(known[-1], rel=1e-6)
-    assert study.quantiles()["median"] == pytest.approx(np.median(known), rel=1e-6)
-    assert known[-1] == pytest.approx(study.worst[0].kappa)
+    largest, half = expected.kappa[covered].max(), (expected.kappa[covered] <= study.quantiles()["median"] * (1 + 1e-6))
+    assert study.quantiles()["max"] == pytest.approx(largest, rel=1e-6)
+    assert half.mean() == pytest.approx(0.5, abs=1e-3)
+    assert study.worst[0].kappa == pytest.approx(largest)
 
 
 @pytest.mark.long
 def test_a_light_exactly_at_a_visible_point(device):
     """There kappa and the bound are infinite; it is the worst pixel, and the light's doing."""
     mesh = Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]], material=CALM)
-    scene = scene_of(mesh, lamp=replace(LAMP, position=np.zeros(3)), eye=(0.0, 0.0, 4.0))
+    scene = lit_from(0.0, 0.0, 0.0, mesh=mesh, eye=(0.0, 0.0, 4.0))
     odd = replace(scene, camera=scene.camera.with_resolution((33, 25)))
     worst = scene_study.study(odd, STANDARD, device).worst[0]
     assert (worst.row, worst.column) == (12, 16)
@@ -264,31 +251,27 @@ def spoiled(monkeypatch, amounts: dict[tuple[int, int], float]) -> None:
     monkeypatch.setattr(scene_study, "render", wrong)
 
 
+def drawn(study: scene_study.SceneStudy, values: np.ndarray) -> np.ndarray:
+    """Return the pixels of the map in the figure, (M, N, 4)."""
+    image = scene_figure.draw_map(figures.blank(1, 1).add_subplot(), study, values, "magma", (1e-5, 1.0))
+    return image.to_rgba(image.get_array(), bytes=True)
+
+
 def test_a_planted_error_is_the_worst(device, monkeypatch):
     """The figure shows it in a color of its own, which no pixel has without an error beyond its bound."""
-    drawn = []
-    for amount in (1e-3, 0.0):
-        with monkeypatch.context() as patch:
-            spoiled(patch, {(20, 33): amount})
-            study = scene_study.study(scene_of(sheet()), STANDARD, device)
-        image = scene_figure.draw_map(figures.blank(1, 1).add_subplot(), study, study.share, "magma", (1e-5, 1.0))
-        colors = image.to_rgba(image.get_array(), bytes=True)
-        drawn.append(np.argwhere((colors[..., :3] == (255, 32, 32)).all(axis=-1)).tolist())
-        if amount:
-            worst, result = study.worst[0], scene_stability.summarize(study, "").facts["result"]
-            assert 0.9 < study.within < 1.0
-            assert (worst.row, worst.column) == (20, 33)
-            assert worst.error > worst.bound
-            assert study.share[20, 33] == study.share.max() > 1.0
-            assert result.startswith("FAILED: largest error")
-    assert drawn == [[[20, 33]], []]
-
-
-def test_pixels_without_an_error_are_drawn(device):
+    right = scene_study.study(scene_of(sheet()), STANDARD, device)
+    spoiled(monkeypatch, {(20, 33): 1e-3})
     study = scene_study.study(scene_of(sheet()), STANDARD, device)
-    image = scene_figure.draw_map(figures.blank(1, 1).add_subplot(), study, 0.0 * study.kappa, "magma", (1e-5, 1.0))
-    opaque = image.to_rgba(image.get_array())[..., 3] == 1.0
-    assert np.array_equal(opaque, study.kappa > 0.0)
+    marked = [(drawn(each, each.share)[..., :3] == (255, 32, 32)).all(axis=-1) for each in (right, study)]
+    assert not marked[0].any()
+    assert np.argwhere(marked[1]).tolist() == [[20, 33]]
+    assert np.array_equal(drawn(right, 0.0 * right.kappa)[..., 3] == 255, right.kappa > 0.0)  # also without any error
+    worst = study.worst[0]
+    assert 0.9 < study.within < right.within == 1.0
+    assert (worst.row, worst.column) == (20, 33)
+    assert worst.error > worst.bound
+    assert study.share[20, 33] == study.share.max() > 1.0
+    assert scene_stability.summarize(study, "").facts["result"].startswith("FAILED: largest error")
 
 
 def test_wrong_pixels_are_infinitely_wrong(device, monkeypatch):
@@ -329,21 +312,18 @@ def test_the_command(capsys, tmp_path):
     assert "768 of 768 pixels: all" in out
     assert max(map(len, out.splitlines()[:-5])) <= 100
     folder = tmp_path / "o"
-    assert {path.name for path in folder.iterdir()} == {
-        f"stability.{kind}" for kind in ("csv", "json", "md", "png", "exr")
-    }
-    assert all(f"o/{path.name}" in out for path in folder.iterdir())
-    written = json.loads((folder / "stability.json").read_text())
-    assert written["settings"]["precision"] == "float32"
-    assert (written["passed"], written["within"], written["check"]["pixels"]) == (True, 1.0, 768)
+    written = {f"stability.{kind}" for kind in ("csv", "json", "md", "png", "exr")}
+    assert {path.name for path in folder.iterdir()} == written
+    assert all(f"o/{name}" in out for name in written)
+    data = json.loads((folder / "stability.json").read_text())
+    assert (data["passed"], data["within"], data["settings"]["precision"]) == (True, 1.0, "float32")
     rows = list(csv.DictReader((folder / "stability.csv").open()))
-    assert [float(row["kappa"]) for row in rows] == [pixel["kappa"] for pixel in written["worst_pixels"]]
-    assert {(row["cause"], row["n"]) for row in rows} == {("exponent", "20.0")}
-    assert {float(row["exponent_factor"]) for row in rows} == {np.sqrt(20.0)}
-    assert "large exponent" in (folder / "stability.md").read_text()
+    assert [float(row["kappa"]) for row in rows] == [pixel["kappa"] for pixel in data["worst_pixels"]]
+    assert {(row["cause"], row["n"], float(row["exponent_factor"])) for row in rows} == {
+        ("exponent", "20.0", np.sqrt(20.0))
+    }
     channels, _ = exr.read(folder / "stability.exr")
-    assert channels["kappa"].max() == pytest.approx(written["kappa"]["max"])
-    assert (channels["kappa"][channels["A"] == 0.0] == 0.0).all()
+    assert channels["kappa"].max() == pytest.approx(data["kappa"]["max"])
     assert (channels["relativeError"] <= channels["relativeBound"]).all()
 
 
@@ -364,10 +344,10 @@ def test_images_of_little(capsys, tmp_path, size):
 @pytest.mark.usefixtures("coarse_figures")
 def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch, device):
     spoiled(monkeypatch, {(3, 3): 1.0})
-    arguments = "stability", "quads", "--resolution", "8,6", "--device", device.index, "--out", tmp_path
-    code, out, err = run(capsys, *arguments)
-    assert code == 1, err
-    assert "FAILED" in out
+    code, out, err = run(
+        capsys, "stability", "quads", "--resolution", "8,6", "--device", device.index, "--out", tmp_path
+    )
+    assert (code, "FAILED" in out) == (1, True), err
 
 
 @pytest.mark.parametrize(
@@ -375,11 +355,8 @@ def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch,
     [
         (("no_such_scene",), ("SCENE: expected a file or one of teapot", "'no_such_scene'")),
         (("quads", "--resolution", "0,5"), ("resolution",)),
-        (("quads", "--case", "slivers"), ("--case: is for the cases, and cannot go with 'quads'",)),
         (("quads", "--list"), ("--list: is for the cases",)),
-        (("quads", "--triangles", "7"), ("--triangles: is for the cases",)),
         (("--resolution", "8,6"), ("--resolution: needs a SCENE",)),
-        (("--precision", "fast"), ("--precision: needs a SCENE",)),
         (("quads", "teapot"), ("SCENE alone", "'teapot'")),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,

@@ -7,12 +7,11 @@ is a factor at a pixel, and the others are 1.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Floats, Integers
+from ...base.arrays import Array, Floats, Integers
 from ...oracle import shade
 from ...oracle.corners import Corners, gather
 from ...oracle.pixels import scene_lights
@@ -23,70 +22,60 @@ from ..check import oracle_bounds
 from ..check.check import Comparison
 from ..check.layer_bounds import half_ulp
 
-
-class Cause(NamedTuple):
-    """title: for tables. sentence: with the names of numbers, see `explain`."""
-
-    title: str
-    sentence: str
-
-
-CAUSES = {
-    "light": Cause(
+CAUSES = {  # by name: a title, and a sentence with the names of numbers, see `explain`
+    "light": (
         "light near the surface",
         "light {light} is {distance:.3g} from the surface, and coordinates relative to the eye reach {size:.3g}: the "
         "direction to it turns by their rounding{shape}",
     ),
-    "eye": Cause(
+    "eye": (
         "eye near the surface",
-        "the eye is {eye:.3g} from the surface, and the triangle's corners reach {extent:.3g} away from it",
+        "the eye is {eye:.3g} from the surface, and the triangle's corners reach {face.extent:.3g} away from it",
     ),
-    "needle": Cause(
+    "needle": (
         "needle triangle",
-        "the triangle is {aspect:.3g} times as long as high, and its corners reach {extent:.3g} away from the eye: a near "
-        "point is a mean of far ones",
+        "the triangle is {face.aspect:.3g} times as long as high, and its corners reach {face.extent:.3g} away from the "
+        "eye: a near point is a mean of far ones",
     ),
-    "normals": Cause("cancelling normals", "the corners' normals cancel: their mean has the length {normal:.3g}"),
-    "exponent": Cause(
-        "large exponent", "n = {n:g}: so small a highlight amplifies errors of directions {factor:.3g} times"
+    "normals": ("cancelling normals", "the corners' normals cancel: their mean has the length {normal:.3g}"),
+    "exponent": ("large exponent", "n = {n:g}: so small a highlight amplifies errors of directions {factor:.3g} times"),
+    "steepness": (
+        "exponent below 1",
+        "n = {n:g}: the power is {factor:.3g} times as steep as its base, where R.V nears 0",
     ),
-    "steepness": Cause(
-        "exponent below 1", "n = {n:g}: the power is {factor:.3g} times as steep as its base, where R.V nears 0"
-    ),
-    "texture": Cause(
+    "texture": (
         "texture coordinates",
-        "texture coordinates reach {reach:.3g}, {reached_texels:.3g} of the texture's {texels} texels across",
+        "texture coordinates reach {face.reach:.3g}, {reached:.3g} of the texture's {face.texels} texels across",
     ),
-    "origin": Cause(
+    "origin": (
         "far from the origin",
         "{origin:.3g} from the origin, {sizes:.3g} times the size of what is seen: its {dtype} coordinates are right to "
-        "{rounding:.2g}, before anything is computed",
+        "{face.rounding:.2g}, before anything is computed",
     ),
-    "grazing": Cause("grazing light", "N.L or R.V is within rounding of 0: the highlight may be there or not"),
+    "grazing": ("grazing light", "N.L or R.V is within rounding of 0: the highlight may be there or not"),
 }
 NONE = "none"
 LEAST = 4.0  # a factor below it costs less than two bits, and is no cause
 SQUARE = 2.0  # longest edge over smallest height of half a square: no needle
 
 
-@dataclass(frozen=True, eq=False)
-class Faces:
-    """Properties of U faces, (U,) each.
+class Faces(NamedTuple):
+    """Properties of U faces, (U,) each, or of one.
 
-    index: in the scene's face order. extent: the largest coordinate of the corners relative to the eye. aspect: the longest
-    edge over the smallest height, 1 for half a square. size: the largest side of the box around all U faces. rounding: of
-    the coordinates as they are stored, absolute. reach: largest texture coordinate. texels: along the texture's larger
-    side, 0 without one. mesh: index into scene.meshes.
+    face: in the scene's face order. extent: the largest coordinate of the corners relative to the eye. aspect: the longest
+    edge over the smallest height. size: the largest side of the box around all U faces. rounding: of the coordinates as they
+    are stored, absolute. reach: largest texture coordinate. texels: along the texture's larger side, 0 without one. mesh:
+    index into scene.meshes.
     """
 
-    index: Integers
-    extent: Floats
-    aspect: Floats
-    size: float
-    rounding: Floats
-    reach: Floats
-    texels: Integers
-    mesh: Integers
+    face: Array
+    extent: Array
+    aspect: Array
+    size: Array
+    rounding: Array
+    reach: Array
+    texels: Array
+    mesh: Array
 
 
 def visible_faces(compared: Comparison) -> Faces:
@@ -98,17 +87,15 @@ def visible_faces(compared: Comparison) -> Faces:
     world = corners.world[index]
     edges = np.roll(world, -1, axis=1) - world
     longest = length(edges).max(axis=1, initial=0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        height = length(cross(edges[:, 0], edges[:, 1])) / longest
-        aspect = np.fmax(longest / height / SQUARE, 1.0)
-    box = np.ptp(world.reshape(-1, 3), axis=0) if len(index) else np.zeros(3)
+    height = length(cross(edges[:, 0], edges[:, 1])) / longest
+    size = np.ptp(world.reshape(-1, 3), axis=0).max() if len(index) else 0.0
     mesh = corners.mesh[index]
     texels = np.array([oracle_bounds.texture_side(each) for each in scene.meshes], np.int64)
     return Faces(
-        index=index,
+        face=index,
         extent=np.abs(world - scene.camera.eye).max(axis=(1, 2), initial=0.0),
-        aspect=aspect,
-        size=float(box.max()),
+        aspect=longest / height,
+        size=np.full(len(index), size),
         rounding=_stored_rounding(scene, corners, index),
         reach=np.abs(corners.uvs[index]).max(axis=(1, 2), initial=0.0),
         texels=texels[mesh],
@@ -137,16 +124,17 @@ def factors(compared: Comparison, seen: Faces) -> dict[str, Floats]:
     """
     expected, settings = compared.oracle, compared.frame.settings
     covered = expected.id > 0
-    at = np.searchsorted(seen.index, expected.id[covered].astype(np.int64) - 1)
+    at = np.searchsorted(seen.face, expected.id[covered].astype(np.int64) - 1)
     count, precision = len(covered), settings.precision
     result = {name: np.ones(count) for name in CAUSES}
 
     terms = expected.conditions[covered]
     kappa = np.fmax.reduce(terms[:, :3], axis=1, initial=1.0)
     worst = np.where(kappa > 1.0, np.nan_to_num(terms[:, :3]).argmax(axis=1), -1)
+    aspect = np.maximum(seen.aspect[at] / SQUARE, 1.0)
     # If the corners were no farther away than the point, s would be so much smaller; no term knows that in parallel
     # projection. kappa is at least the eye's term.
-    needle = np.where(worst >= 1, np.clip(terms[:, CONDITIONS.index("eye")], 1.0, seen.aspect[at]), 1.0)
+    needle = np.where(worst >= 1, np.clip(terms[:, CONDITIONS.index("eye")], 1.0, aspect), 1.0)
     for k, name in enumerate(CONDITIONS[:3]):
         result[name][covered] = np.where(worst == k, kappa / needle, 1.0)
     result["needle"][covered] = needle
@@ -154,8 +142,7 @@ def factors(compared: Comparison, seen: Faces) -> dict[str, Floats]:
     result["exponent"][covered] = oracle_bounds.exponent_condition(expected.exponent[covered], precision)
     more = oracle_bounds.texture_bounds(seen.texels, seen.reach, precision)
     result["texture"][covered] = (1.0 + more / oracle_bounds.ALLOWED[precision])[at]
-    if seen.size > 0.0:
-        result["origin"][covered] = np.maximum(seen.rounding / (half_ulp(settings) * seen.size), 1.0)[at]
+    result["origin"][covered] = np.maximum(seen.rounding / (half_ulp(settings) * seen.size), 1.0)[at]
     without = compared.allowed * oracle_bounds.rounding(expected, precision)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Where kappa is infinite, so is all that is expected.
@@ -176,29 +163,25 @@ def explain(compared: Comparison, seen: Faces, pixel: int, of: Mapping[str, floa
     if of[name] < LEAST:
         return NONE, f"nothing amplifies rounding {LEAST:g} times"
     expected, scene = compared.oracle, compared.frame.scene
-    face = int(np.searchsorted(seen.index, int(expected.id[pixel]) - 1))
+    k = int(np.searchsorted(seen.face, int(expected.id[pixel]) - 1))
+    face = Faces(*(values[k] for values in seen))
     point = compared.frame["P"][compared.rows[pixel], compared.columns[pixel]]
-    extent, reach, texels = float(seen.extent[face]), seen.reach[face], seen.texels[face]
     normal, eye = (np.float64(1.0 if term == 0.0 else term) for term in expected.conditions[pixel][:2])
     away = np.abs(point).max()
     numbers = {
+        "face": face,
         "factor": of[name],
         "n": expected.exponent[pixel],
-        "extent": extent,
-        "eye": extent / eye,
+        "eye": face.extent / eye,
         "normal": 1.0 / normal,
-        "aspect": SQUARE * seen.aspect[face],
-        "reach": reach,
-        "texels": texels,
-        "reached_texels": reach * texels,
+        "reached": face.reach * face.texels,
         "origin": away,
-        "sizes": away / (seen.size or 1.0),
-        "dtype": scene.meshes[seen.mesh[face]].verts.dtype,
-        "rounding": seen.rounding[face],
+        "sizes": away / face.size,
+        "dtype": scene.meshes[int(face.mesh)].verts.dtype,
     }
     if name == "light":
-        numbers |= _worst_light(scene, np.asarray(point - scene.camera.eye, np.float64), extent)
-    return name, CAUSES[name].sentence.format_map(numbers)
+        numbers |= _worst_light(scene, np.asarray(point - scene.camera.eye, np.float64), float(face.extent))
+    return name, CAUSES[name][1].format_map(numbers)
 
 
 def _worst_light(scene: Scene, point: Floats, extent: float) -> dict[str, object]:
@@ -209,14 +192,12 @@ def _worst_light(scene: Scene, point: Floats, extent: float) -> dict[str, object
         for position, shape in zip(lights.positions, lights.shapes, strict=True)
     ]
     worst = int(np.argmax(terms))
-    position, shape = lights.positions[worst], lights.shapes[worst]
+    position = lights.positions[worst]
     size, distance = max(extent, float(np.abs(position).max())), float(length(position - point))
-    shaped = (shape.attenuates or shape.axis is not None) and distance > 0.0
+    steeper = terms[worst] * distance / max(size, distance)  # NaN for a light at the point
     return {
         "light": [k for k, light in enumerate(scene.lights) if light.intensity.any()][worst],
         "distance": distance,
         "size": size,
-        "shape": f"; cone and attenuation amplify that {terms[worst] * distance / max(size, distance):.3g} times"
-        if shaped
-        else "",
+        "shape": f"; cone and attenuation amplify that {steeper:.3g} times" if steeper > 1.01 else "",
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
@@ -14,36 +13,36 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ... import oracle
-from ...base.arrays import Array
+from ...base.arrays import Array, Floats32
 from ...base.text_tables import digits
 from ...images import figures
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene.camera import Camera
+from ...scene.geometry import camera_axes, vertex_normals
 from ...scene.model import Material, Mesh, PointLight, Scene, Settings
 from ...scene.settings import Precision
 from ..report.measure import frame_ms
 from ..report.power_law import Power, fitted
 from ..results import Column, Results, Table
-from ..timing import in_turns, spread
 from .cases import lit
+from .cases.flat import SUB
 from .cases.light import unit
-from .plain_float32 import plain_float32
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIDE = 160  # pixels of the images
 NEAR = 1e-2  # of the near plane: a scene's size says nothing about it here
-FRAMES, SECONDS = 15, 10.0  # of every way at every stiffness, all of an axis in turns
+FRAMES = 15  # of every way at every stiffness
 PLAIN = "plain"  # float32
 WAYS: dict[str, Precision] = {"standard": "float32", "fast": "fast", "float64": "float64"}  # and their precision
 COLORS = {"standard": figures.OURS, "fast": "#c07a00", "float64": "#2e8b57", PLAIN: figures.OTHER}
 USELESS = 0.03  # RMS errors above this share of the light are of images that show nothing right, and follow no power
 ABOUT = (
     f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "
-    "can send; plain: float32 from world coordinates on, in NumPy; wrong: pixels of wrong coverage; ms: of a frame"
+    "can send; plain: float32 from world coordinates on, in NumPy, nan where that draws nothing; wrong: pixels of wrong "
+    "coverage; ms: of a frame"
 )
 
 
@@ -67,21 +66,18 @@ class Axis:
         return float(16.0 * value**self.power * 2.0**-53)
 
 
-class Point(NamedTuple):
-    """One way at one stiffness. rms: None where the way cannot draw the scene. wrong: pixels of wrong coverage. ms: None of
-    plain float32."""
-
-    rms: float | None
-    wrong: int | None
-    ms: float | None = None
-
-
 class Row(NamedTuple):
-    """All ways at one stiffness."""
+    """All ways at one stiffness, by their names.
+
+    rms: error, NaN where the way cannot draw the scene. wrong: pixels of wrong coverage. ms: of a frame, without plain
+    float32.
+    """
 
     axis: Axis
     value: float
-    points: dict[str, Point]
+    rms: dict[str, float]
+    wrong: dict[str, int]
+    ms: dict[str, float]
 
 
 # Scenes
@@ -134,66 +130,106 @@ def needle(aspect: float) -> Scene:
     return Scene((mesh,), camera, lit.LIGHTS)
 
 
-def _decades(last: int) -> tuple[float, ...]:
-    return tuple(10.0**power for power in range(last + 1))
-
-
+DECADES = tuple(10.0**power for power in range(10))
 AXES = (
-    Axis("exponent", "exponent n of a highlight", _decades(9), highlight, 0.5, 1.0),
-    Axis("distance", "distance of everything from the origin", _decades(9), moved, 0.0, 1.0),
-    Axis("aspect", "longest edge / smallest height of a triangle", _decades(6), needle, 1.0, 1.0),
-    Axis("nearness", "1 / distance of the light from the surface", _decades(6), near_light, 1.0, 1.0),
+    Axis("exponent", "exponent n of a highlight", DECADES, highlight, 0.5, 1.0),
+    Axis("distance", "distance of everything from the origin", DECADES, moved, 0.0, 1.0),
+    Axis("aspect", "longest edge / smallest height of a triangle", DECADES[:7], needle, 1.0, 1.0),
+    Axis("nearness", "1 / distance of the light from the surface", DECADES[:7], near_light, 1.0, 1.0),
 )
 
 
 # Measuring
 
 
-def measure(axis: Axis, device: Device) -> list[Row]:
-    """Measure every way along an axis, all frames in turns; float64 only if the device has it."""
-    ways = [way for way in WAYS if way != "float64" or device.has_fp64]
-    rows, draws = [], []
-    with ExitStack() as stack:
-        for value in axis.values:
-            scene = axis.scene(value)
-            standard = Settings.from_preset("standard", near=NEAR)
-            expected = oracle.render(scene, standard)
-            points = {}
-            for way in ways:
-                settings = replace(standard, precision=WAYS[way])
-                renderer = stack.enter_context(Renderer(scene, settings=settings, device=device))
-                points[way] = _point(renderer.render().rgba, expected)
-                draws.append(partial(_ms, renderer))
-            with np.errstate(all="ignore"):
-                points[PLAIN] = _point(plain_float32(scene), expected)
-            rows.append(Row(axis, value, points))
-        turns = in_turns(draws, FRAMES, SECONDS)
-    times = (spread(ms).median for ms in zip(*turns, strict=True))
-    for row in rows:
-        row.points.update({way: row.points[way]._replace(ms=next(times)) for way in ways})
-    return rows
+def measure(axis: Axis, value: float, device: Device) -> Row:
+    """Measure every way at a value of the axis; float64 only if the device has it."""
+    scene, standard = axis.scene(value), Settings.from_preset("standard", near=NEAR)
+    expected = oracle.render(scene, standard)
+    row = Row(axis, value, {}, {}, {})
+    for way, precision in WAYS.items():
+        if precision != "float64" or device.has_fp64:
+            with Renderer(scene, settings=replace(standard, precision=precision), device=device) as renderer:
+                row.rms[way], row.wrong[way] = errors(renderer.render().rgba, expected)
+                row.ms[way] = float(np.median([frame_ms(renderer) for _ in range(FRAMES)]))
+    with np.errstate(all="ignore"):
+        row.rms[PLAIN], row.wrong[PLAIN] = errors(plain_float32(scene), expected)
+    return row
 
 
-def _ms(renderer: Renderer, _: int) -> float:
-    return frame_ms(renderer)
-
-
-def _point(rgba: Array | None, expected: oracle.OracleFrame) -> Point:
-    """Return the errors of an image (M, N, 4). Pixels that are not finite count as off by all the light."""
+def errors(rgba: Array | None, expected: oracle.OracleFrame) -> tuple[float, int]:
+    """Return the RMS error of an image (M, N, 4), NaN without one, and its pixels of wrong coverage. Pixels that are not
+    finite count as off by all the light."""
     if rgba is None:
-        return Point(None, None)
+        return np.nan, 0
     off = np.abs(np.asarray(rgba[..., :3], np.float64) - expected.rgb).max(axis=-1) / float(expected.budget.max())
     off = np.where(np.isfinite(off), off, 1.0)
     wrong = int(((rgba[..., 3] > 0.5) != (expected.alpha > 0.5)).sum())
-    return Point(float(np.sqrt(np.square(off).mean())), wrong)
+    return float(np.sqrt(np.square(off).mean())), wrong
 
 
 def power(rows: Sequence[Row], way: str, axis: Axis) -> Power | None:
     """Return the power of the stiffness that errors along an axis follow, without 0 and useless images; None for fewer than
     three."""
-    errors = [(row.value, row.points[way].rms or 0.0) for row in rows if row.axis is axis]
-    useful = [(value, error) for value, error in errors if 0.0 < error < USELESS]
+    useful = [(row.value, row.rms[way]) for row in rows if row.axis is axis and 0.0 < row.rms[way] < USELESS]
     return fitted(*zip(*useful, strict=True)) if len(useful) > 2 else None
+
+
+# Plain float32
+
+
+def plain_float32(scene: Scene) -> Floats32 | None:
+    """Draw one mesh naively in float32 from world coordinates on. Return the image (M, N, 4), with corners on the grid of
+    1/256 px that the oracle has too; None where corners lie behind the eye."""
+    mesh, camera = scene.meshes[0], scene.camera
+    columns, rows = camera.resolution
+    normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
+    colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
+    attributes = _float32(np.hstack([mesh.verts, normals, colors]))
+    seen = (attributes[:, :3] - _float32(camera.eye)) @ _float32(camera_axes(camera)).T
+    if seen[:, 2].min() <= 0.0:
+        return None
+    plane, size = _float32(camera.plane[::-1]), _float32(camera.resolution)
+    uv = (_float32(camera.focal) * seen[:, :2] / seen[:, 2:] / plane + np.float32(0.5)) * size
+    uv = np.rint(uv * np.float32(SUB)) / np.float32(SUB)
+    centers = _float32(np.stack(np.meshgrid(np.arange(columns), np.arange(rows)[::-1]), axis=-1) + 0.5)
+    image, nearest = np.zeros((rows, columns, 4), np.float32), np.zeros((rows, columns), np.float32)
+    for face in mesh.faces:
+        at = uv[face] - centers[..., None, :]
+        edges = np.stack([_cross(at[..., i - 2, :], at[..., i - 1, :]) for i in range(3)], axis=-1)
+        weights = edges / seen[face, 2]
+        total = weights.sum(axis=-1)
+        inverse = total / _cross(uv[face[1]] - uv[face[0]], uv[face[2]] - uv[face[0]])
+        closer = (edges >= 0.0).all(axis=-1) & (inverse > nearest)
+        nearest[closer] = inverse[closer]
+        image[closer, :3] = _reflected(scene, (weights[closer] / total[closer, None]) @ attributes[face])
+        image[closer, 3] = 1.0
+    return image
+
+
+def _reflected(scene: Scene, points: Array) -> Array:
+    """Return the light of points (K, 9): position, normal and color."""
+    material = scene.meshes[0].material
+    position, normal, color = np.split(points, 3, axis=1)
+    normal, to_eye = unit(normal), unit(_float32(scene.camera.eye) - position)
+    total = _float32(material.ka * scene.ambient)
+    for source in (light for light in scene.lights if isinstance(light, PointLight)):
+        to_light = unit(_float32(source.position) - position)
+        cosine = (normal * to_light).sum(axis=1, keepdims=True)
+        toward = np.maximum(((2.0 * cosine * normal - to_light) * to_eye).sum(axis=1, keepdims=True), 0.0)
+        shine = np.where(cosine > 0.0, toward ** np.float32(material.n), 0.0)
+        diffuse = _float32(material.kd) * np.maximum(cosine, 0.0)
+        total = total + _float32(source.intensity) * (diffuse + _float32(material.ks) * shine)
+    return color * total
+
+
+def _float32(values: object) -> Floats32:
+    return np.asarray(values, np.float32)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    product: Array = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 # Tables and the figure
@@ -201,7 +237,7 @@ def power(rows: Sequence[Row], way: str, axis: Axis) -> Power | None:
 
 def run(device: Device, prefix: Path, formats: Sequence[str]) -> None:
     """Measure all axes, print the tables, and write them and the figure as PREFIX.csv and so on. Raises OutputError."""
-    rows = [row for axis in AXES for row in measure(axis, device)]
+    rows = [measure(axis, value, device) for axis in AXES for value in axis.values]
     tables = results(rows, device.title)
     print("\n".join(["", *tables.lines()]), flush=True)
     tables.write(prefix)
@@ -212,15 +248,19 @@ def run(device: Device, prefix: Path, formats: Sequence[str]) -> None:
 
 def results(rows: Sequence[Row], device: str) -> Results:
     """Return the table of errors and times, and that of the powers that errors follow."""
-    ways, axes = list(rows[0].points), list(dict.fromkeys(row.axis for row in rows))
-    wrong = [way for way in ways if any(row.points[way].wrong for row in rows)]
+    ways, axes = list(rows[0].rms), list(dict.fromkeys(row.axis for row in rows))
+    two = partial(digits, count=2)
+    wrong = [way for way in ways if any(row.wrong[way] for row in rows)]
     columns = (
         Column("axis", "axis", attrgetter("axis.name"), str),
         Column("value", "stiffness", attrgetter("value"), "{:g}".format),
-        *(Column(way, f"rms_{way}", partial(_field, way, "rms"), _two) for way in ways),
-        Column("", "rms_oracle", lambda row: row.axis.own_error(row.value), _two),
-        *(Column(f"{way} wrong", f"wrong_{way}", partial(_field, way, "wrong"), _count) for way in wrong),
-        *(Column(f"{way} ms", f"ms_{way}", partial(_field, way, "ms"), _two) for way in ways if way != PLAIN),
+        *(Column(way, f"rms_{way}", partial(_of_way, way, "rms"), two) for way in ways),
+        Column("", "rms_oracle", lambda row: row.axis.own_error(row.value)),
+        *(
+            Column(f"{way} wrong", f"wrong_{way}", partial(_of_way, way, "wrong"), partial(digits, count=6))
+            for way in wrong
+        ),
+        *(Column(f"{way} ms", f"ms_{way}", partial(_of_way, way, "ms"), two) for way in rows[0].ms),
     )
     fits = (
         Column("axis", "axis", attrgetter("name"), str),
@@ -228,17 +268,14 @@ def results(rows: Sequence[Row], device: str) -> Results:
         Column("theory", "theory", attrgetter("power"), str),
         Column("of plain", "theory_plain", attrgetter("plain_power"), str),
     )
-    notes = [f"{axis.name}: {axis.label}" for axis in axes]
-    notes.append(f"images with errors above {USELESS:g} show nothing right, and are left out")
+    useless = f"images with errors above {USELESS:g} show nothing right, and are left out"
+    notes = [*(f"{axis.name}: {axis.label}" for axis in axes), useless]
     tables = Table("Errors and times", columns, rows, ABOUT, left=2), Table("Powers", fits, axes, notes=notes)
     return Results("Error against stiffness", {"device": device}, tables)
 
 
-def _field(way: str, name: str, row: Row) -> float | None:
-    return getattr(row.points[way], name)  # type: ignore[no-any-return]
-
-
-_two, _count = partial(digits, count=2), partial(digits, count=6)
+def _of_way(way: str, name: str, row: Row) -> float:
+    return getattr(row, name)[way]  # type: ignore[no-any-return]
 
 
 def _plus_or_minus(fit: Power | None) -> str:
@@ -251,34 +288,24 @@ def figure(rows: Sequence[Row], device: str) -> Figure:
     drawn = figures.blank(4.2 * len(axes), 6.4)
     panels = drawn.subplots(2, len(axes), squeeze=False, height_ratios=(2.2, 1.0))
     for axis, above, below in zip(axes, *panels, strict=True):
-        _draw(above, below, axis, [row for row in rows if row.axis is axis])
+        some = [row for row in rows if row.axis is axis]
+        for way in some[0].rms:
+            style: dict[str, Any] = {
+                "label": way,
+                "color": COLORS[way],
+                "marker": "x" if way == PLAIN else "o",
+                "ms": 4,
+            }
+            above.plot(axis.values, [row.rms[way] for row in some], **style)
+            if way in some[0].ms:
+                below.plot(axis.values, [row.ms[way] for row in some], **style)
+        own = [axis.own_error(value) for value in axis.values]
+        above.plot(axis.values, own, "k:", label="oracle's own, at most")
+        above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
+        above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
+        below.set(xscale="log", yscale="log", xlabel=axis.label)
     panels[0][0].legend(fontsize=7.5, loc="lower right")
     panels[0][0].set_ylabel("RMS of |value - oracle| / light")
     panels[1][0].set_ylabel("time of a frame, ms")
     drawn.suptitle(f"Error and time against stiffness\n{device}".replace("$", r"\$"), fontsize=10)
     return drawn
-
-
-def _draw(above: Axes, below: Axes, axis: Axis, rows: Sequence[Row]) -> None:
-    """Draw one axis's errors and times."""
-    for way, color in COLORS.items():
-        points = [(row.value, row.points[way]) for row in rows if way in row.points and row.points[way].rms is not None]
-        values = [value for value, _ in points]
-        style: dict[str, Any] = {
-            "label": way,
-            "color": color,
-            "marker": "x" if way == PLAIN else "o",
-            "ms": 4,
-            "lw": 1.2,
-        }
-        above.plot(values, [point.rms or 0.0 for _, point in points], **style)
-        if way != PLAIN:
-            below.plot(values, [point.ms or 0.0 for _, point in points], **style)
-    above.plot(
-        axis.values, [axis.own_error(value) for value in axis.values], "k:", lw=1.0, label="oracle's own, at most"
-    )
-    above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
-    above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
-    below.set(xscale="log", yscale="log", xlabel=axis.label)
-    for panel in (above, below):
-        panel.grid(True, alpha=0.3)

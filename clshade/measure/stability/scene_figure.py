@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 SIDE = 900  # pixels of a panel's longer side: larger images are reduced
 SAMPLED_SIDE = 200  # of an image that was sampled, so that each pixel holds some of the sample
 LEAST_SHARE = 1e-5  # of the bound, drawn in the darkest color
-FEW_DECADES = 300.0  # a ratio below which a color bar has ticks within decades
 BACKGROUND, OVER = "#d9d9d9", "#ff2020"
-MARGIN = 0.06  # around what is drawn, of its longer side
+MARGIN = 2.5  # pixels around what is drawn
 
 
 def plot(study: SceneStudy, device: str, path: Path) -> None:
@@ -41,7 +40,7 @@ def plot(study: SceneStudy, device: str, path: Path) -> None:
     for axes in (picture, kappa, errors):
         _zoom(axes, study)
         _numbers(axes, study)
-    columns, rows = study.frame.scene.camera.resolution
+    rows, columns = study.kappa.shape
     name = cut(shown(study.frame.scene.name or "unnamed"), 48).replace("$", r"\$")
     title = f"Stability of {name}, {columns}x{rows}, {study.frame.settings.precision}\n{device}"
     figure.suptitle(title, fontsize=10)
@@ -55,7 +54,6 @@ def draw_map(
     ones in OVER. options: of the color bar."""
     from matplotlib import colormaps
     from matplotlib.colors import LogNorm
-    from matplotlib.ticker import LogLocator
 
     side = SIDE if study.check.complete else SAMPLED_SIDE
     block = -(-max(study.kappa.shape) // side)  # of pixels that become a pixel of the panel
@@ -68,9 +66,7 @@ def draw_map(
         extent=(-0.5, block * kappa.shape[1] - 0.5, block * kappa.shape[0] - 0.5, -0.5),
         interpolation="nearest",
     )
-    ticks = LogLocator(subs=(1.0, 2.0, 5.0) if ends[1] < FEW_DECADES * ends[0] else (1.0,))
-    bar = axes.figure.colorbar(image, ax=axes, location="bottom", shrink=0.9, ticks=ticks, format="{x:g}", **options)
-    bar.minorticks_off()
+    axes.figure.colorbar(image, ax=axes, location="bottom", shrink=0.9, **options)
     return image
 
 
@@ -86,14 +82,11 @@ def reduced(values: Array, block: int) -> Floats:
 
 def _zoom(axes: Axes, study: SceneStudy) -> None:
     """Show the part of the image that holds something, all of it if nothing does."""
-    drawn = np.nonzero(study.kappa)
-    ends = []
-    margin = MARGIN * max((float(np.ptp(at)) + 1.0 for at in drawn if len(at)), default=0.0)
-    for at, size in zip(drawn, study.kappa.shape, strict=True):
-        first, last = (int(at.min()), int(at.max())) if len(at) else (0, size - 1)
-        ends.append((max(first - margin, 0.0) - 0.5, min(last + margin, size - 1.0) + 0.5))
-    (top, bottom), (left, right) = ends
-    axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="column", ylabel="row")
+    rows, columns = np.nonzero(study.kappa)
+    if len(rows):
+        axes.set_xlim(columns.min() - MARGIN, columns.max() + MARGIN)
+        axes.set_ylim(rows.max() + MARGIN, rows.min() - MARGIN)
+    axes.set(xlabel="column", ylabel="row")
     axes.tick_params(labelsize=7)
     axes.set_anchor("N")  # the panels' tops are in line, with a color bar below or without
 
@@ -103,15 +96,8 @@ def _numbers(axes: Axes, study: SceneStudy) -> None:
     from matplotlib.patheffects import withStroke
 
     outline = [withStroke(linewidth=2.5, foreground="black")]
+    style: dict[str, Any] = {"color": "white", "path_effects": outline}
     for pixel in study.worst:
         place = pixel.column, pixel.row
-        axes.plot(*place, "o", markersize=6.0, markerfacecolor="none", color="white", path_effects=outline)
-        axes.annotate(
-            str(pixel.number),
-            place,
-            (5.0, 5.0),
-            textcoords="offset points",
-            fontsize=9.0,
-            color="white",
-            path_effects=outline,
-        )
+        axes.plot(*place, "o", markersize=6.0, markerfacecolor="none", **style)
+        axes.annotate(str(pixel.number), place, (5.0, 5.0), textcoords="offset points", fontsize=9.0, **style)

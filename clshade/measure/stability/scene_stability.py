@@ -15,27 +15,18 @@ from ...scene.model import Scene, Settings
 from .. import results
 from ..results import Column, Results, Table
 from . import scene_figure
-from .causes import CAUSES
-from .scene_study import SceneStudy, WorstPixel, study
-
-
-def _title(pixel: WorstPixel) -> str:
-    return CAUSES[pixel.cause].title if pixel.cause in CAUSES else pixel.cause
-
-
-def _factor(name: str, pixel: WorstPixel) -> float:
-    return pixel.factors[name]
-
+from .causes import CAUSES, NONE
+from .scene_study import SceneStudy, study
 
 PIXELS = (
     Column("no", "no", attrgetter("number"), str),
-    Column("cause", "", _title, str),
+    Column("cause", "", lambda pixel: CAUSES.get(pixel.cause, (NONE,))[0], str),
     *(Column(name, name, attrgetter(name), str) for name in ("row", "column", "face")),
     Column("kappa", "kappa", attrgetter("kappa")),
     Column("n", "n", attrgetter("exponent"), "{:g}".format),
     *(Column(name, name, attrgetter(name), partial(digits, count=2)) for name in ("error", "bound")),
     *(Column("", name, attrgetter(name)) for name in ("cause", "why", "mesh", "point")),
-    *(Column("", f"{name}_factor", partial(_factor, name)) for name in CAUSES),
+    *(Column("", f"{name}_factor", lambda pixel, name=name: pixel.factors[name]) for name in CAUSES),  # type: ignore[misc]
 )
 ABOUT = "error, bound: of the most light that the point can send"
 
@@ -54,7 +45,8 @@ def run(scene: Scene, settings: Settings, device: str | None = None, *, out: str
     print("\n".join(summary.lines()), flush=True)
     summary.write(prefix)
     scene_figure.plot(found, opened.title, paths[-2])
-    exr.write(paths[-1], found.channels(), metadata=found.frame.metadata())
+    maps = {"kappa": found.kappa, "relativeError": found.error, "relativeBound": found.bound}
+    exr.write(paths[-1], {**found.frame.channels(), **maps}, metadata=found.frame.metadata())
     print("\n".join(["", *results.wrote(paths)]))
     return found.check.passed
 
@@ -65,35 +57,26 @@ def summarize(study: SceneStudy, device: str) -> Results:
     for pixel in study.worst:
         numbers.setdefault(pixel.why, []).append(str(pixel.number))
     reasons = [f"{','.join(of)}: {why}" for why, of in numbers.items()]
-    data = {
-        "passed": study.check.passed,
-        "settings": vars(study.frame.settings),
-        "kappa": study.quantiles(),
-        "within": study.within,
-        "check": study.check.stats(),
-    }
     table = Table("Worst pixels", PIXELS, study.worst, ABOUT, reasons, left=2)
-    return Results("Stability of a scene", _facts(study, device), [table], data)
-
-
-def _facts(study: SceneStudy, device: str) -> dict[str, str]:
-    scene, check, settings = study.frame.scene, study.check, study.frame.settings
+    scene, check, settings, kappa = study.frame.scene, study.check, study.frame.settings, study.quantiles()
     columns, rows = scene.camera.resolution
+    lines = check.lines()
     facts = {
         "scene": f"{shown(scene.name or 'unnamed')}, {scene.face_count:,} triangles, {columns}x{rows}",
         "drawn": f"{settings.shader}, {settings.visibility}, {settings.lighting_at}, {settings.precision}",
         "device": device,
         "checked": f"{check.pixels:,} of {check.of:,} pixels: {'all' if check.complete else 'a sample'}",
+        "kappa": ", ".join(f"{name} {value:.3g}" for name, value in kappa.items())
+        or "nothing is visible: no triangle covers the center of a pixel",
+        "errors": f"{100.0 * study.within:.6g} % of the covered pixels checked are within bounds, the largest is "
+        f"{check.bounds:.3g} of {check.allowed:.4g} bounds",
+        "result": "all within bounds" if check.passed else f"FAILED: {lines[1]}; {lines[3]}",
     }
-    kappa = study.quantiles()
-    if not kappa:
-        facts["kappa"] = "nothing is visible: no triangle covers the center of a pixel"
-    else:
-        facts["kappa"] = f"median {kappa['median']:.3g}, 99 % {kappa['p99']:.3g}, max {kappa['max']:.3g}"
-        facts["errors"] = (
-            f"{100.0 * study.within:.6g} % of the covered pixels{'' if check.complete else ' checked'} are within bounds, "
-            f"the largest is {check.bounds:.3g} of {check.allowed:.4g} bounds"
-        )
-    lines = check.lines()
-    facts["result"] = "all within bounds" if check.passed else f"FAILED: {lines[1]}; {lines[3]}"
-    return facts
+    data = {
+        "passed": check.passed,
+        "settings": vars(settings),
+        "kappa": kappa,
+        "within": study.within,
+        "check": check.stats(),
+    }
+    return Results("Stability of a scene", facts, [table], data)

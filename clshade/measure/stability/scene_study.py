@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Array, Floats, Floats32, Integers
+from ...base.arrays import Floats, Floats32, Integers
 from ...pipeline.frame import Frame
 from ...pipeline.image_check import Check
 from ...pipeline.opencl.device import Device
@@ -25,8 +25,7 @@ SAMPLED = 1 << 18  # pixels of a larger image
 LAYERS: tuple[Layer, ...] = ("Z", "id", "P")
 
 
-@dataclass(frozen=True, eq=False)
-class WorstPixel:
+class WorstPixel(NamedTuple):
     """A pixel where rounding is amplified most.
 
     number: 1 is the worst. row: from the top. face: in the scene's face order, from 0. point: visible there, world space.
@@ -36,16 +35,16 @@ class WorstPixel:
     number: int
     row: int
     column: int
+    point: list[float]
     face: int
     mesh: str
-    point: tuple[float, ...]
+    cause: str
+    why: str
+    factors: dict[str, float]
     kappa: float
     exponent: float
     error: float
     bound: float
-    factors: dict[str, float]
-    cause: str
-    why: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +74,8 @@ class SceneStudy:
         known = self.kappa[self.kappa > 0.0]
         if not len(known):
             return {}
-        return {
-            "median": float(np.median(known)),
-            "p99": float(np.quantile(known, 0.99, method="inverted_cdf")),
-            "max": float(known.max()),
-        }
-
-    def channels(self) -> dict[str, Array]:
-        """Return the EXR's channels: the image and its layers, kappa, and the error and its bound."""
-        return {
-            **self.frame.channels(),
-            "kappa": self.kappa,
-            "relativeError": self.error,
-            "relativeBound": self.bound,
-        }
+        values = np.quantile(known, (0.5, 0.99, 1.0), method="inverted_cdf").tolist()
+        return dict(zip(("median", "p99", "max"), values, strict=True))
 
 
 def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
@@ -103,7 +90,7 @@ def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
     seen = causes.visible_faces(compared)
     factors = causes.factors(compared, seen)
     good = ~compared.wrong & (compared.counted <= compared.allowed)
-    chosen = worst_pixels(compared, np.where(good, causes.amplification(factors), np.inf))
+    chosen = _worst(compared, np.where(good, causes.amplification(factors), np.inf))
     return SceneStudy(
         frame,
         frame.check,
@@ -129,7 +116,7 @@ def _maps(compared: Comparison, index: Integers) -> tuple[Floats32, Floats32, Fl
     return maps[0], maps[1], maps[2]
 
 
-def worst_pixels(compared: Comparison, score: Floats) -> Integers:
+def _worst(compared: Comparison, score: Floats) -> Integers:
     """Return up to WORST of the compared pixels whose center is covered, spread over what is drawn: the largest score (K,)
     first, and of equal ones the largest error."""
     alive: Integers = np.flatnonzero((compared.oracle.id > 0) | compared.wrong)
@@ -148,7 +135,7 @@ def worst_pixels(compared: Comparison, score: Floats) -> Integers:
     return np.array(chosen)
 
 
-def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factors: Mapping[str, float]) -> WorstPixel:
+def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factors: dict[str, float]) -> WorstPixel:
     """Return compared pixel k with its cause. A wrong pixel may show a face that the oracle does not see."""
     frame, expected = compared.frame, compared.oracle
     row, column = int(compared.rows[k]), int(compared.columns[k])
@@ -156,19 +143,6 @@ def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factor
     cause, why, mesh = causes.NONE, "nothing belongs here", ""
     if face >= 0:
         cause, why = causes.explain(compared, seen, k, factors)
-        mesh = frame.scene.meshes[seen.mesh[np.searchsorted(seen.index, face)]].name
-    return WorstPixel(
-        number=number,
-        row=row,
-        column=column,
-        face=face,
-        mesh=mesh,
-        point=tuple(map(float, frame["P"][row, column])),
-        kappa=float(expected.kappa[k]),
-        exponent=float(expected.exponent[k]),
-        error=float(compared.found[k]),
-        bound=float(compared.expected[k]),
-        factors=dict(factors),
-        cause=cause,
-        why=why,
-    )
+        mesh = frame.scene.meshes[seen.mesh[np.searchsorted(seen.face, face)]].name
+    values = (float(each[k]) for each in (expected.kappa, expected.exponent, compared.found, compared.expected))
+    return WorstPixel(number, row, column, frame["P"][row, column].tolist(), face, mesh, cause, why, factors, *values)

@@ -6,16 +6,16 @@ Each module holds one kind of case, in a tuple `CASES`; `all_cases` sorts them b
 from __future__ import annotations
 
 import re
-from importlib import import_module
 
+from . import coverage, light, lights, order, shadows, surfaces
 from .bench import Bench, Case, Outcome
 
 __all__ = ["Bench", "Case", "Outcome", "all_cases"]
 
-MODULES = ("coverage", "extremes", "order", "light", "lights", "environments", "shadows", "surfaces", "materials")
+MODULES = coverage, order, light, lights, shadows, surfaces
 
 
 def all_cases() -> tuple[Case, ...]:
     """Return every case, by number."""
-    cases = [case for name in MODULES for case in import_module(f"clshade.measure.stability.cases.{name}").CASES]
+    cases = [case for module in MODULES for case in module.CASES]
     return tuple(sorted(cases, key=lambda case: (int(re.sub(r"\D", "", case.number)), case.number)))

@@ -24,19 +24,19 @@ from ....scene.settings import Layer
 from ...check.check import compare
 from ...check.oracle_bounds import HALF_ULP, depth_roundings
 
+PRESETS = ("standard", "course")
 LAYERS: tuple[Layer, ...] = ("Z", "id")
-_POINT_FEATURES = {"LIT", "POWER", *GROUPS["TERMS"]}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Measurements of a case.
+    """Measurements of a case, or of a part of it.
 
     wrong: pixels (or values, where the case says so) that are not exactly as expected.
     error: largest measured error, in `unit`; allowed up to `limit`. Both are 0 in cases that only count.
     amplification: the largest error in float32 roundings (2^-24 of the light budget).
-    detail: what was compared, in a few words.
-    pictures: rendered and expected image, (M, N) or (M, N, 3), of the worst part.
+    detail: which part, if that says more than its pictures.
+    pictures: rendered and expected image, (M, N) or (M, N, 3).
     """
 
     wrong: int = 0
@@ -53,23 +53,25 @@ class Outcome:
         return self.wrong == 0 and bool(self.error <= self.limit)
 
     @property
-    def badness(self) -> float:
-        """How close to failing, for choosing the worst of several."""
-        return (1e6 + self.wrong) if self.wrong else (self.error / self.limit if self.limit else self.error)
+    def share(self) -> float:
+        """The error as a share of its limit, infinite for NaN."""
+        return float(np.nan_to_num(self.error / self.limit, nan=np.inf)) if self.limit else 0.0
 
 
-def worst(outcomes: list[Outcome], detail: str = "") -> Outcome:
-    """Combine outcomes: the counts of all, the error and the images of the worst."""
-    chosen = max(outcomes, key=lambda o: o.badness)
-    bad = [o for o in outcomes if not o.error <= o.limit]
-    if bad and chosen.error <= chosen.limit:  # wrong pixels elsewhere must not hide an error
-        chosen = replace(bad[0], pictures=chosen.pictures or bad[0].pictures)
-    amplified = [o.amplification for o in outcomes if o.amplification is not None]
+Outcomes = Iterable[Outcome]
+
+
+def worst(outcomes: Outcomes) -> Outcome:
+    """Combine parts: the count of all, the largest error, and the images of a part that fails."""
+    parts = list(outcomes)
+    largest = max(parts, key=lambda part: part.share)
+    shown = next((part for part in parts if not part.passed), largest)
     return replace(
-        chosen,
-        wrong=sum(o.wrong for o in outcomes),
-        amplification=max(amplified) if amplified else None,
-        detail=detail or chosen.detail,
+        largest,
+        wrong=sum(part.wrong for part in parts),
+        amplification=max((part.amplification for part in parts if part.amplification is not None), default=None),
+        detail=shown.detail,
+        pictures=shown.pictures,
     )
 
 
@@ -87,17 +89,19 @@ class Bench:
         with Renderer(scene, device=self.device, layers=LAYERS, **options) as renderer:
             return renderer.render()
 
-    def light(self, points: Array, normals: Array, position: Array, *, n: float, kd: float = 1.0) -> Array:
+    def highlights(self, points: Array, normals: Array, position: Array, n: float) -> Array:
         """Run the stage `light` at points (K, 3) relative to the eye, with unit normals (K, 3) and one light (3,) of
-        intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients but kd 0."""
-        features = Features.of(_POINT_FEATURES)
+        intensity 1, all converted to float32. Return (K,) float32. ks is 1, other coefficients are 0."""
+        features = Features.of({"LIT", "POWER", *GROUPS["TERMS"]})
         stages = Stages(self.device, build(self.device, features, ("light.cl",)))
         material, lights = np.zeros(1, SINGLE.Material), np.zeros(1, SINGLE.Light)
-        material["k"] = np.repeat([{"kd": kd, "ks": 1.0}.get(name, 0.0) for name in TERMS], 3)
+        material["k"] = np.repeat([float(name == "ks") for name in TERMS], 3)
         material["n"], material["texture"] = n, -1
         lights["position"], lights["intensity"] = position, 1.0
+        vectors = np.zeros((3, len(points), 4))
+        vectors[..., :3] = points, normals, np.ones_like(points)
         # Bound to names, so that the memory outlives the kernel.
-        at, facing, tint = (Buffer(self.device, _four(a)) for a in (points, normals, np.ones_like(points)))
+        at, facing, tint = (Buffer(self.device, each) for each in shading_tables.to_real(vectors))
         surface, shining = Buffer(self.device, material), Buffer(self.device, lights)
         lit = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
         stages.light(at, facing, tint, surface, shining, features.needs, lit, 1.0, 1, len(points))
@@ -105,30 +109,27 @@ class Bench:
         return values
 
 
-def _four(vectors: Array) -> Array:
-    wide = np.zeros((len(vectors), 4), np.float32)
-    wide[:, :3] = shading_tables.to_real(vectors)
-    return wide
-
-
 @dataclass(frozen=True)
 class Case:
     """One named case.
 
     number: in the list of cases, an integer and perhaps a letter. title: what is stressed. expected: what a correct
-    renderer does. run: runs the case. slow: takes more than two seconds or builds further programs.
+    renderer does. parts: draws and compares its parts. slow: takes more than two seconds or builds further programs.
     """
 
     number: str
     name: str
     title: str
     expected: str
-    run: Callable[[Bench], Outcome]
+    parts: Callable[[Bench], Outcomes]
     slow: bool = False
+
+    def run(self, bench: Bench) -> Outcome:
+        return worst(self.parts(bench))
 
 
 def wrong_pixels(drawn: Array, expected: Array, detail: str = "") -> Outcome:
-    """Compare two images of ids (M, N), which must agree exactly."""
+    """Compare two images, (M, N) or (M, N, 3), which must agree exactly."""
     return Outcome(int((drawn != expected).sum()), detail=detail, pictures=(drawn, expected))
 
 
@@ -136,9 +137,9 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
     """Compare a frame with the oracle as `clshade.check` does: ids and coverage exactly but for proven depth ties,
     depths within their roundings, colors within their bounds."""
     compared = compare(frame, np.arange(frame.alpha.size))
-    ids, expected_ids = frame["id"], compared.oracle.id.reshape(frame.alpha.shape)
     too_deep = compared.depth is not None and not compared.depth <= depth_roundings(frame.alpha)
-    rgb = frame.rgb, compared.oracle.rgb.reshape(frame.rgb.shape)
+    ids, rgb = (frame["id"], compared.oracle.id), (frame.rgb, compared.oracle.rgb)
+    drawn, expected = ids if compared.wrong.any() else rgb
     return Outcome(
         int(compared.wrong.sum()) + int(too_deep),
         float(compared.counted.max()),
@@ -146,14 +147,13 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
         "bounds",
         float(compared.relative.max()) / HALF_ULP,
         detail,
-        (ids, expected_ids) if (ids != expected_ids).any() and compared.wrong.any() else rgb,
+        (drawn, expected.reshape(drawn.shape)),
     )
 
 
-def all_against_oracle(bench: Bench, scenes: Iterable[Scene], what: str = "scenes", **options: Any) -> Outcome:
-    """Draw the scenes, compare each with the oracle, and return the worst."""
-    outcomes = [against_oracle(bench.draw(scene, **options)) for scene in scenes]
-    return worst(outcomes, f"{len(outcomes)} {what}")
+def all_against_oracle(bench: Bench, scenes: Iterable[Scene], **options: Any) -> Outcomes:
+    """Draw scenes and compare them with the oracle."""
+    return (against_oracle(bench.draw(scene, **options)) for scene in scenes)
 
 
 def different_bits(a: Frame, b: Frame) -> Outcome:

@@ -1,16 +1,18 @@
-"""Cases 1 to 11: pixel ownership where triangles meet."""
+"""Cases 1 to 15: pixel ownership where triangles meet, triangles too large or not finite, the near plane."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ....base.arrays import Array, Floats
+from ....pipeline.frame import Frame
 from ....scene.camera import Camera
 from ....scene.model import Mesh, Scene
-from . import flat
-from .bench import Bench, Case, Outcome, against_oracle, worst, wrong_pixels
+from . import flat, lit
+from .bench import PRESETS, Bench, Case, Outcome, Outcomes, against_oracle, all_against_oracle, wrong_pixels
 from .flat import HALF, SUB
 
 ANGLES = np.radians(np.arange(15) * 6.0 + 0.7)
@@ -22,51 +24,45 @@ def grid(cells: int) -> tuple[Array, Array]:
     line = np.arange(cells + 1) / cells - 0.5
     points = np.stack(np.meshgrid(line, line, indexing="xy"), axis=-1).reshape(-1, 2)
     corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1)
-    a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
-    even = (np.arange(cells * cells) + np.arange(cells * cells) // cells) % 2 == 0
-    first = np.where(even[:, None], np.stack([a, b, c], 1), np.stack([a, b, d], 1))
-    second = np.where(even[:, None], np.stack([a, c, d], 1), np.stack([b, c, d], 1))
-    return points, np.stack([first, second], axis=1).reshape(-1, 3)
+    up = cells + 1
+    cuts = np.array([[0, 1, up + 1, 0, up + 1, up], [0, 1, up, 1, up + 1, up]])
+    odd = (np.arange(cells * cells) + np.arange(cells * cells) // cells) % 2
+    return points, (corner[:, None] + cuts[odd]).reshape(-1, 3)
 
 
-def _turned(points: Array, angle: float) -> Floats:
-    c, s = np.cos(angle), np.sin(angle)
-    turned: Floats = points @ np.array([[c, s], [-s, c]])
-    return turned
-
-
-_SQUARE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-
-
-def shared_edges(bench: Bench) -> Outcome:
+def _turned_grid(angle: float) -> tuple[Floats, Array, Floats]:
+    """Return vertices and faces of a grid of 4 x 4 squares, and its corners."""
     points, faces = grid(4)
+    c, s = np.cos(angle), np.sin(angle)
+    points = points @ np.array([[c, s], [-s, c]])
+    return points, faces, points[[0, 4, 24, 20]]
+
+
+def shared_edges(bench: Bench) -> Outcomes:
     center, size, resolution = np.array([64.5, 64.0]), 90.0, (128, 128)
-    outcomes = []
     for angle in ANGLES:
-        inside = flat.polygon_interior(_turned(_SQUARE, angle) * size + center, resolution)
-        scene = flat.scene_of(_turned(points, angle) * size + center, faces, resolution)
-        outcomes.append(flat.drawn_once(bench, scene, inside))
-    return worst(outcomes, f"{len(ANGLES)} rotations")
+        points, faces, corners = _turned_grid(angle)
+        inside = flat.polygon_interior(corners * size + center, resolution)
+        yield flat.drawn_once(bench, flat.scene_of(points * size + center, faces, resolution), inside)
 
 
-def perspective_edges(bench: Bench) -> Outcome:
+def perspective_edges(bench: Bench) -> Outcomes:
     """The grid of case 1 with depths from 0.1 to 4: each triangle is also drawn alone, and the coverage is summed."""
     rng = np.random.default_rng(3)
-    points, faces = grid(4)
     camera = Camera(np.zeros(3), -np.eye(3)[2], np.eye(3)[1], 1.0, (1, 1), (96, 96))
-    outcomes = []
     for angle in ANGLES[::5]:
-        depth = rng.uniform(0.1, 4.0, len(points))
-        verts = np.concatenate([_turned(points, angle) * 0.7, -np.ones((len(points), 1))], axis=1) * depth[:, None]
+        points, faces, corners = _turned_grid(angle)
+        verts = np.column_stack([points * 0.7, -np.ones(25)]) * rng.uniform(0.1, 4.0, (25, 1))
         scene = Scene((Mesh(verts, faces, material=flat.UNLIT),), camera, background=None)
-        count = flat.each_alone(bench, scene, near=0.05)
-        inside = flat.polygon_interior((_turned(_SQUARE, angle) * 0.7 + 0.5) * 96, (96, 96))
+        options = {**flat.FLAT, "near": 0.05}
+        alone = (replace(scene, meshes=(replace(scene.meshes[0], faces=face[None]),)) for face in faces)
+        count = np.sum([bench.draw(one, **options).alpha > 0 for one in alone], axis=0)
+        inside = flat.polygon_interior((corners * 0.7 + 0.5) * 96, (96, 96))
         wrong = np.where(inside, count != 1, count > 1)
-        whole = bench.draw(scene, **{**flat.FLAT, "near": 0.05})
+        whole = bench.draw(scene, **options)
         wrong |= (whole.alpha > 0) != (count > 0)
-        outcomes.append(Outcome(int(wrong.sum()), pictures=(count, np.clip(count, inside, 1))))
-        outcomes.append(against_oracle(whole))
-    return worst(outcomes, "3 rotations, 32 triangles each alone")
+        yield Outcome(int(wrong.sum()), pictures=(count, np.clip(count, inside, 1)))
+        yield against_oracle(whole)
 
 
 def _adversarial(rng: np.random.Generator, xy: Array, size: int) -> Array:
@@ -96,11 +92,10 @@ def triangles_of_size(rng: np.random.Generator, size: int, count: int) -> tuple[
     return xy, (max(across * size - 9, 1), rows)
 
 
-def random_triangles(bench: Bench) -> Outcome:
+def random_triangles(bench: Bench) -> Outcomes:
     """Triangles of sizes 2^0 to 2^8 px, half as many of each size as of the previous one, drawn with both
     visibilities."""
     rng = np.random.default_rng(5)
-    outcomes, drawn = [], 0
     shares = 2.0 ** -np.arange(9)
     for power, share in reversed(list(enumerate(shares / shares.sum()))):
         size, count = 1 << power, max(1, round(bench.triangles * share))
@@ -108,93 +103,148 @@ def random_triangles(bench: Bench) -> Outcome:
         for start in range(0, count, many):
             xy, resolution = triangles_of_size(rng, size, min(many, count - start))
             frame = flat.draw(bench, xy, resolution, visibility="depth" if (start // many) % 2 else "painter")
-            outcomes.append(wrong_pixels(frame["id"], flat.exact(xy, resolution)))
-            drawn += len(xy)
-    return worst(outcomes, f"{drawn:,} triangles")
+            yield wrong_pixels(frame["id"], flat.exact(xy, resolution))
 
 
-def half_pixel_grid(bench: Bench) -> Outcome:
+def half_pixel_grid(bench: Bench) -> Outcomes:
     """All 49^3 triangles with corners on a 7 x 7 half-pixel grid, each in a cell of 4 x 4 pixels."""
     corner = HALF * np.stack(np.divmod(np.arange(49), 7), axis=1)
     index = np.stack(np.meshgrid(*[np.arange(49)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     cell = np.stack(np.divmod(np.arange(len(index)), 343), axis=1)
     xy = corner[index] + 4 * SUB * cell[:, None, :]
-    ids = flat.exact(xy, (1372, 1372))
-    return wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], ids, f"{len(xy):,} triangles")
+    yield wrong_pixels(flat.draw(bench, xy, (1372, 1372))["id"], flat.exact(xy, (1372, 1372)))
 
 
-def edges_on_centers(bench: Bench) -> Outcome:
+def edges_on_centers(bench: Bench) -> Outcomes:
     """Rectangles with edges through pixel centers own their left column and top row, not the right and bottom ones,
     with either diagonal and winding. Squares rotated by 45 degrees, all edges through centers, are checked in closed
     form too."""
-    outcomes = []
     box = np.array([[3, 4], [11, 4], [11, 9], [3, 9]]) * SUB + HALF
     expected = np.zeros((16, 16), bool)
     expected[5:10, 3:11] = True  # rows from the bottom: 4 (exclusive) to 9 (inclusive)
     for cut in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]):
         for way in ([0, 1, 2], [0, 2, 1]):
             frame = flat.draw(bench, box[np.array(cut)][:, way], (16, 16))
-            outcomes.append(wrong_pixels(frame.alpha[::-1] > 0, expected))
+            yield wrong_pixels(frame.alpha[::-1] > 0, expected)
     middle, reach = np.array([8, 8]) * SUB + HALF, 5 * SUB
     tips = middle + reach * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     x, y = np.arange(16) - 8, (np.arange(16) - 8)[:, None]
     # Inside or on a left edge; the top and bottom corners also end a right edge, and are not drawn.
     diamond = (np.abs(x) + np.abs(y) < 5) | ((np.abs(x) + np.abs(y) == 5) & (x < 0))
     drawn = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
-    outcomes.append(wrong_pixels(drawn, diamond))
-    return worst(outcomes, "rectangles and a diamond")
+    yield wrong_pixels(drawn, diamond)
 
 
-def slivers(bench: Bench) -> Outcome:
+def slivers(bench: Bench) -> Outcomes:
     """A strip of slivers 0.01 px wide and 4000 px long (4e5 : 1), vertical and horizontal, and a fan of needles 1e5 :
     1."""
-    outcomes = []
-    for turned in (False, True):
-        across = np.arange(1601) * 0.01 + 2.003
-        ends = np.stack([np.stack([across, np.full(1601, y)], axis=1) for y in (3.3, 4003.7)], axis=1).reshape(-1, 2)
-        i = 2 * np.arange(1600)[:, None]
-        faces = np.concatenate([i + [0, 2, 1], i + [1, 2, 3]], axis=1).reshape(-1, 3)
-        size = (4010, 24) if turned else (24, 4010)
-        corners = np.array([[2.003, 3.3], [18.003, 3.3], [18.003, 4003.7], [2.003, 4003.7]])
-        if turned:
-            ends, corners = ends[:, ::-1], corners[::-1, ::-1]
-        inside = flat.polygon_interior(corners, size)
-        outcomes.append(flat.drawn_once(bench, flat.scene_of(ends, faces, size), inside))
+    ends = np.stack(np.meshgrid(np.arange(1601) * 0.01 + 2.003, [3.3, 4003.7], indexing="ij"), axis=-1).reshape(-1, 2)
+    faces = (2 * np.arange(1600)[:, None] + [0, 2, 1, 1, 2, 3]).reshape(-1, 3)
+    corners = ends[[0, -2, -1, 1]]
+    for size, way in (((24, 4010), 1), ((4010, 24), -1)):
+        inside = flat.polygon_interior(corners[::way, ::way], size)
+        yield flat.drawn_once(bench, flat.scene_of(ends[:, ::way], faces, size), inside)
     angle = np.radians(np.linspace(40.0, 40.5, 800))
     rim = np.array([10.1, 20.2]) + 1400.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     fan = np.concatenate([[[10.1, 20.2]], rim])
-    k = np.arange(1, 800)[:, None]
-    faces = np.concatenate([np.zeros_like(k), k, k + 1], axis=1)
+    faces = np.arange(1, 800)[:, None] * [0, 1, 1] + [0, 0, 1]
     inside = flat.polygon_interior(fan[[0, 1, 800]], (1100, 950))
-    outcomes.append(flat.drawn_once(bench, flat.scene_of(fan, faces, (1100, 950)), inside))
-    return worst(outcomes, "slivers 0.01 x 4000 px, needles 0.015 x 1400 px")
+    yield flat.drawn_once(bench, flat.scene_of(fan, faces, (1100, 950)), inside)
 
 
-def million_into_64(bench: Bench) -> Outcome:
+def million_into_64(bench: Bench) -> Outcomes:
     points, faces = grid(895)
     scene = flat.scene_of(points * 70.0 + 32.1, faces, (64, 64))
-    return flat.drawn_once(bench, scene, np.ones((64, 64), bool), f"{len(faces):,} triangles")
+    yield flat.drawn_once(bench, scene, np.ones((64, 64), bool))
 
 
-def two_a_pixel(bench: Bench) -> Outcome:
+def two_a_pixel(bench: Bench) -> Outcomes:
     """One mesh of two triangles in each pixel, which meet on its center: the one whose left edge that is owns it."""
     columns = math.isqrt(max(bench.triangles // 2, 1))
     rows = -(-bench.triangles // (2 * columns))
     corner = np.arange(rows * (columns + 1), dtype=np.int32).reshape(rows, columns + 1)[:, :-1]
-    faces = np.empty((rows, columns, 2, 3), np.int32)
-    for triangle, steps in enumerate(((0, 1, columns + 1), (1, columns + 2, columns + 1))):
-        for place, step in enumerate(steps):
-            np.add(corner, step, out=faces[:, :, triangle, place])
+    faces = corner[..., None] + np.array([0, 1, columns + 1, 1, columns + 2, columns + 1], np.int32)
     uv = np.empty((rows + 1, columns + 1, 2))
     uv[..., 0], uv[..., 1] = np.arange(columns + 1), np.arange(rows + 1)[:, None]
     depth = flat.DEPTH + np.random.default_rng(11).random(uv[..., 0].size)
     scene = flat.scene_of(uv.reshape(-1, 2), faces.reshape(-1, 3), (columns, rows), depth)
     owners = np.arange(2, 2 * rows * columns + 1, 2, dtype=np.uint32).reshape(rows, columns)[::-1]
-    outcomes = []
     for visibility in ("painter", "depth"):
         ids = bench.draw(scene, **{**flat.FLAT, "visibility": visibility})["id"]
-        outcomes.append(wrong_pixels(ids, owners))
-    return worst(outcomes, f"{2 * rows * columns:,} triangles, both visibilities")
+        yield wrong_pixels(ids, owners)
+
+
+def huge_triangle(bench: Bench) -> Outcomes:
+    """Counter-clockwise triangles 1e4 times as large as a 48 px screen: one that covers it all, and nine whose edges
+    cross it."""
+    rng = np.random.default_rng(12)
+    size, reach = (48, 48), 48e4
+    corners = np.array([[-reach, -reach], [reach, -reach], [24.0, reach]])
+    frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
+    yield wrong_pixels(frame["id"], np.ones(size, np.uint32))
+    for _ in range(9):
+        angle = rng.uniform(0, 2 * np.pi)
+        along, across = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        near = rng.uniform(14, 34, 2)
+        corners = np.stack([near - reach * along, near + reach * along, near + reach * across])
+        frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
+        yield against_oracle(frame)
+        drawn = frame.alpha > 0
+        surely, perhaps = (flat.polygon_interior(corners, size, margin) for margin in (1 / 64, -1 / 64))
+        yield Outcome(int(((surely & ~drawn) | (drawn & ~perhaps)).sum()), pictures=(drawn, surely))
+
+
+def far_coordinates(bench: Bench) -> Outcomes:
+    """Corners beyond +-32768 px, and up to 1e38 and 1e100, in both projections: all pixels, or the oracle's."""
+    size = (40, 30)
+    for reach in (32767.5, 32768.0, 40000.0, 2.0**31, 1e12, 1e20, 1e38, 1e100):
+        corners = np.array([[-reach, -reach], [reach, -reach], [0.0, reach]])
+        frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
+        yield wrong_pixels(frame["id"], np.ones(size[::-1], np.uint32))
+        # Two triangles share the edge that crosses the image: together they draw each pixel once.
+        quad = np.array([[-reach, -reach], [reach, -reach], [reach, reach], [-reach, reach]])
+        scene = flat.scene_of(quad + [20.3, 15.2], np.array([[0, 1, 2], [0, 2, 3]]), size)
+        yield flat.drawn_once(bench, scene, np.ones(size[::-1], bool))
+    for far in (1e20, 1e36, 1e100):
+        mesh = lit.triangle((-far, -far, -20.0), (far, -far, -20.0), (0.0, far, -20.0))
+        frame = bench.draw(lit.scene_of(lit.blob(), mesh), near=0.1)
+        near = Frame(frame.rgba, {"id": frame["id"]}, frame.scene, frame.settings, dict)  # depths may exceed float32
+        yield against_oracle(near)
+
+
+def not_finite(bench: Bench) -> Outcomes:
+    """With nonfinite="drop" a triangle with NaN or infinity is dropped and counted, and the rest intact."""
+    mesh = lit.patch()
+    rng = np.random.default_rng(14)
+    for value in (np.nan, np.inf, -np.inf):
+        bad = rng.choice(len(mesh.verts), 4, replace=False)
+        verts = mesh.verts.copy()
+        verts[bad, rng.integers(0, 3, 4)] = value
+        broken = Mesh(verts, mesh.faces, colors=mesh.colors, material=mesh.material, nonfinite="drop")
+        lost = np.isin(mesh.faces, bad).any(axis=1)
+        frame = bench.draw(lit.scene_of(broken))
+        rest = bench.draw(lit.scene_of(replace(mesh, faces=mesh.faces[~lost])))
+        yield Outcome(int(frame.stats["nonfinite"] != lost.sum()))
+        yield from (wrong_pixels(frame.rgba, rest.rgba), against_oracle(frame))
+
+
+def near_plane(bench: Bench) -> Outcomes:
+    """Faces behind the eye, across it, and with a corner exactly at it; a floor that must stay below the horizon."""
+    eye = lit.CAMERA.eye
+    at_eye = lit.triangle((0.3, 0.2, 5.0), (1.0, -1.0, 0.0), (-1.0, -1.5, 1.0))
+    exactly = replace(at_eye, verts=np.concatenate([eye[None], at_eye.verts[1:]]))
+    around, behind = (replace(lit.blob(), verts=lit.blob().verts + [0.0, 0.0, z]) for z in (4.5, 15.0))
+    scenes = [lit.scene_of(*meshes) for meshes in ((around,), (exactly,), (behind,), (around, exactly, behind))]
+    for preset in PRESETS:
+        yield from all_against_oracle(bench, scenes, preset=preset)
+    empty = bench.draw(lit.scene_of(behind))
+    yield Outcome(int((empty["id"] > 0).sum()) + abs(empty.stats["behind"] - 250))
+    level = replace(lit.CAMERA, lookat=eye - [0.0, 0.0, 1.0], up=np.array([0.0, 1.0, 0.0]))
+    floor = lit.triangle((-900.0, -1.0, 90.0), (900.0, -1.0, 90.0), (0.0, -1.0, -900.0))
+    frame = bench.draw(lit.scene_of(floor, camera=level), near=0.5)
+    above = frame["id"][:30] > 0  # the upper 30 of 61 rows are above the horizon
+    below = frame["id"][-10:] == 0
+    yield from [against_oracle(frame), Outcome(int(above.sum() + below.sum()))]
 
 
 CASES = (
@@ -206,4 +256,8 @@ CASES = (
     Case("10", "slivers", "needles 1e5:1, slivers of 0.01 px", "each pixel once, no hole", slivers),
     Case("11", "many-into-few", "1.6M triangles into 64x64", "each pixel once, no hole", million_into_64, True),
     Case("11b", "two-a-pixel", "one mesh of two triangles a pixel", "the upper one's pixel", two_a_pixel),
+    Case("12", "huge-triangle", "a triangle 1e4 times the screen", "exact at every pixel", huge_triangle),
+    Case("13", "far-coordinates", "past +-32768 px, 1e38, 1e100", "clipped, never wrapped", far_coordinates),
+    Case("14", "not-finite", "NaN and infinite vertices", "dropped and counted", not_finite),
+    Case("15", "near-plane", "behind, across, at the eye", "near-clipped, never mirrored", near_plane),
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ....base.arrays import Array
@@ -16,7 +18,6 @@ SUB = 1 << SUBPIXEL_BITS
 HALF = SUB // 2
 Resolution = tuple[int, int]
 
-_Y, _Z = np.eye(3)[1:]
 ONE = np.array([[0, 1, 2]])  # the faces of a single triangle
 
 # All unlit scenes share a material and have positions that are not float32 values, so that one program serves them all.
@@ -27,20 +28,15 @@ DEPTH = 1.0 + 2.0**-40
 FLAT = {"shader": "nolight", "visibility": "painter", "near": 0.5}
 
 
-def camera(resolution: Resolution) -> Camera:
-    """Return a parallel projection in which world x and y are pixels from the image's center, and -z is the depth."""
-    columns, rows = resolution
-    return Camera(np.zeros(3), -_Z, _Y, 1.0, (rows, columns), resolution, orthographic=True)
-
-
 def scene_of(uv: Array, faces: Array, resolution: Resolution, depth: Array | float = DEPTH) -> Scene:
-    """Return a scene of one mesh with its vertices at image coordinates uv (V, 2), in pixels."""
+    """Return a scene of one mesh with its vertices at image coordinates uv (V, 2), in pixels. World x and y are pixels from
+    the image's center, -z is the depth."""
     columns, rows = resolution
     verts = np.empty((len(uv), 3))
-    verts[:, :2] = np.asarray(uv, np.float64) - [columns / 2, rows / 2]
-    verts[:, 0] += NUDGE
+    verts[:, :2] = uv - np.array([columns / 2 - NUDGE, rows / 2])
     verts[:, 2] = -np.asarray(depth)
-    return Scene((Mesh(verts, faces, material=UNLIT),), camera(resolution), background=None)
+    camera = Camera(np.zeros(3), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 1.0, (rows, columns), resolution, orthographic=True)
+    return Scene((Mesh(verts, faces, material=UNLIT),), camera, background=None)
 
 
 def separate(xy: Array) -> tuple[Array, Array]:
@@ -65,7 +61,7 @@ def exact(xy: Array, resolution: Resolution) -> Array:
     return ids
 
 
-def drawn_once(bench: Bench, scene: Scene, inside: Array, detail: str = "") -> Outcome:
+def drawn_once(bench: Bench, scene: Scene, inside: Array) -> Outcome:
     """Check that a mesh whose triangles all have equal depth draws each pixel of `inside` (M, N) bool exactly once.
 
     A pixel drawn by two triangles gets the later one, so a different one with the faces in reverse order. Pixels
@@ -73,12 +69,12 @@ def drawn_once(bench: Bench, scene: Scene, inside: Array, detail: str = "") -> O
     """
     mesh = scene.meshes[0]
     count = len(mesh.faces)
-    turned = Scene((Mesh(mesh.verts, mesh.faces[::-1], material=UNLIT),), scene.camera, background=None)
+    turned = replace(scene, meshes=(replace(mesh, faces=mesh.faces[::-1]),))
     ids = bench.draw(scene, **FLAT)["id"].astype(np.int64)
     other = bench.draw(turned, **FLAT)["id"].astype(np.int64)
     other = np.where(other > 0, count + 1 - other, 0)
     wrong = (ids != other) | (inside & (ids == 0))
-    return Outcome(int(wrong.sum()), detail=detail, pictures=(ids, np.where(inside, np.maximum(ids, 1), ids * ~wrong)))
+    return Outcome(int(wrong.sum()), pictures=(ids, np.where(inside, np.maximum(ids, 1), ids * ~wrong)))
 
 
 def polygon_interior(corners: Array, resolution: Resolution, margin: float = 1 / 64) -> Array:
@@ -91,13 +87,3 @@ def polygon_interior(corners: Array, resolution: Resolution, margin: float = 1 /
         direction = (b - a) / np.hypot(*(b - a))
         inside &= direction[0] * (y - a[1]) - direction[1] * (x - a[0]) > margin
     return inside
-
-
-def each_alone(bench: Bench, scene: Scene, **options: object) -> Array:
-    """Return how many triangles of a mesh draw each pixel, (M, N), each rendered by itself."""
-    mesh = scene.meshes[0]
-    alone = (
-        Scene((Mesh(mesh.verts, face[None], material=UNLIT),), scene.camera, background=None) for face in mesh.faces
-    )
-    drawn: Array = np.sum([bench.draw(one, **{**FLAT, **options}).alpha > 0 for one in alone], axis=0)
-    return drawn

@@ -21,13 +21,13 @@ CAMERA = Camera(
 MATERIAL = Material()  # shared by all meshes: a second one would need another program
 
 
-def blob(count: int = 250, seed: int = 6, **fields: Any) -> Mesh:
+def blob(count: int = 250, seed: int = 6, material: Material = MATERIAL, **fields: Any) -> Mesh:
     """Return triangles without shared vertices, in coordinates that need float64."""
     rng = np.random.default_rng(seed)
     verts = rng.normal(size=(count, 1, 3)) + rng.uniform(0.05, 1, (count, 1, 1)) * rng.normal(size=(count, 3, 3))
     colors = rng.uniform(0, 1, (3 * count, 3))
     faces = np.arange(3 * count).reshape(-1, 3)
-    return Mesh(verts.reshape(-1, 3), faces, colors=colors, **{"material": MATERIAL, **fields})
+    return Mesh(verts.reshape(-1, 3), faces, colors=colors, material=material, **fields)
 
 
 def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
@@ -36,14 +36,13 @@ def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
     return Scene(**{**defaults, **fields})
 
 
-def triangle(*corners: tuple[float, float, float], **fields: Any) -> Mesh:
+def triangle(*corners: tuple[float, float, float]) -> Mesh:
     """Return one colored triangle, drawn by the blob's program."""
     colors = np.array([[1.0, 0.5, 0.2], [0.1, 0.9, 0.3], [0.2, 0.3, 0.7]])
-    material = {"material": MATERIAL, **fields}
-    return Mesh(np.array(corners) * (1 + 2.0**-40), np.array([[0, 1, 2]]), colors=colors, **material)
+    return Mesh(np.array(corners) * (1 + 2.0**-40), np.array([[0, 1, 2]]), colors=colors, material=MATERIAL)
 
 
-def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, **fields: Any) -> Mesh:
+def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, material: Material = MATERIAL, **fields: Any) -> Mesh:
     """Return a colored sheet of 2*cells^2 triangles in front of the camera, `size` wide around the origin, bent so that
     normals differ."""
     line = np.linspace(-1.0, 1.0, cells + 1)
@@ -53,7 +52,7 @@ def patch(size: float = 1.0, cells: int = 6, bend: float = 0.15, **fields: Any) 
     a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     colors = np.random.default_rng(1).uniform(0.2, 1.0, (len(verts), 3))
-    return Mesh(verts, faces, colors=colors, **{"material": MATERIAL, **fields})
+    return Mesh(verts, faces, colors=colors, material=material, **fields)
 
 
 def shifted(scene: Scene, scale: float, shift: float | Array) -> Scene:
