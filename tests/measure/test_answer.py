@@ -206,15 +206,15 @@ def test_without_details_only_variants_that_may_be_worth_their_time_are_measured
     monkeypatch.setattr(report, "study", stop)
     for options, expected in (({}, False), ({"details": True}, True), ({"names": ["fast"]}, True)):
         with pytest.raises(KeyboardInterrupt):
-            report.run(sphere(), device.index, out=tmp_path, **options)
+            report.run(sphere(), device.index, command=str, out=tmp_path, **options)
         assert chosen[-1][1] == expected
     assert {"samples-4"} < set(chosen[0][0]) < set(COMMON)
     assert set(chosen[1][0]) > {*chosen[0][0], "float64", "painter"}
     with pytest.raises(KeyboardInterrupt):
-        report.run(builtin("course"), device.index, out=tmp_path)
+        report.run(builtin("course"), device.index, command=str, out=tmp_path)
     assert {"course", "course-16"} < set(chosen[-1][0])
     with pytest.raises(KeyboardInterrupt):
-        report.run(builtin("teapot"), device.index, out=tmp_path, budget=1.0)
+        report.run(builtin("teapot"), device.index, command=str, out=tmp_path, budget=1.0)
     assert {"course", "vertex-texture"} < set(chosen[-1][0])
 
 

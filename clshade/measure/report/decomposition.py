@@ -49,10 +49,6 @@ class Decomposition:
     png_total: float
     known: float
 
-    def lines(self) -> list[str]:
-        """Return what the parts do not say, as sentences."""
-        return [f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}", *self.remarks()]
-
     def remarks(self) -> list[str]:
         """Return which causes are too small to be known, and which are not measured."""
         errors = {part.cause: part.rmse for part in self.parts}

@@ -130,13 +130,11 @@ def _curves(study: Study) -> dict[str, list[tuple[float, float]]]:
 
 
 def _label(axes: Axes, study: Study) -> None:
-    """Name every point, those of the front in its color; labels avoid lines and the bars of times."""
-    errors, best = _drawn(study), study.front
-    bars = [[(ms, error) for ms in each.quartiles] for each, error in zip(study.measured, errors, strict=True)]
-    names, costs = [each.name for each in study.measured], [each.cost for each in study.measured]
-    texts = label_points(axes, costs, errors, names, [_steps(study), *_curves(study).values(), *bars])
+    """Name every point, those of the front in its color."""
+    points = [(each.cost, error) for each, error in zip(study.measured, _drawn(study), strict=True)]
+    texts = label_points(axes, points, [each.name for each in study.measured])
     for text, each in zip(texts, study.measured, strict=True):
-        text.set_color(figures.OURS if each in best else "#444444")
+        text.set_color(figures.OURS if each in study.front else "#444444")
 
 
 def _errors_against_time(axes: Axes, study: Study) -> None:
@@ -145,15 +143,14 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     errors, best = _drawn(study), study.front
     known = max(study.reference.error, LEAST_ERROR)
     axes.set(xscale="log", yscale="log")
-    _widen(axes.set_xlim, [ms for each in study.measured for ms in each.quartiles])
+    _widen(axes.set_xlim, [ms for each in study.measured for ms in each.frame_ms])
     _widen(axes.set_ylim, errors, known)
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
         axes.plot(*zip(*points, strict=True), "--", color=FAMILIES[family][2], lw=1.0, label=family, zorder=1)
     for each, error in zip(study.measured, errors, strict=True):
-        low, median, high = each.frame_ms
         color = figures.OURS if each in best else DOMINATED
-        axes.errorbar(median, error, xerr=[[median - low], [high - median]], fmt="o", ms=4, color=color, lw=0.8)
+        axes.plot(each.frame_ms, [error] * 3, "-o", ms=4, markevery=[1], color=color, lw=0.8)
     axes.axhline(known, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
     axes.set(
         xlabel="time of a frame, ms (bars: the middle half of the frames)",

@@ -72,11 +72,6 @@ class Measured:
         return self.frame_ms.median
 
     @property
-    def quartiles(self) -> tuple[float, float]:
-        """Of the milliseconds per frame."""
-        return self.frame_ms.low, self.frame_ms.high
-
-    @property
     def error(self) -> float:
         """RMSE of the approximation."""
         return self.approximation.rmse

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +53,7 @@ def run(
     scene: Scene,
     device: str | None = None,
     *,
+    command: Command,
     out: str | Path = "report",
     names: Sequence[str] = (),
     frames: int = FRAMES,
@@ -63,16 +63,15 @@ def run(
     formats: Sequence[str] = ("png",),
     html: bool = False,
     settings: Mapping[str, Any] | None = None,
-    command: Command | None = None,
 ) -> bool:
     """Measure the variants, print what to render with, and write the files.
 
     Returns True if every variant's arithmetic is within its bounds.
 
-    names: variants; default: those that may be worth their time, with details all that change the image of this scene.
-    frames: number per variant. budget: milliseconds. tolerance: RMSE. details: measure more and print all tables; implied by
-    names. formats: of the figure. html: write a page too. settings: fields of Settings in place of the scene's own, in all
-    variants but those that change them. command: returns the command that draws the scene with some settings. Raises
+    command: returns the command that draws the scene with some settings. names: variants; default: those that may be worth
+    their time, with details all that change the image of this scene. frames: number per variant. budget: milliseconds.
+    tolerance: RMSE. details: measure more and print all tables; implied by names. formats: of the figure. html: write a
+    page too. settings: fields of Settings in place of the scene's own, in all variants but those that change them. Raises
     DeviceError, OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all
     files are written.
     """
@@ -83,18 +82,15 @@ def run(
     prefix = _folder(out) / "report"
     check_files(files(prefix, *formats, *(["html"] if html else [])))  # before minutes of measuring
     found = study(scene, opened, variants, frames, settings, details or bool(names))
-    draws = command or partial(tables.render_command, scene)
-    lines = [*(each.line(draws) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
+    lines = [*(each.line(command) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
     print("\n".join([*lines, *(["", *tables.results(found).lines()] if details or names else [])]))
+    used = None
     try:
-        used, unkept = _used(found, budget, tolerance), None
-    except InputError as error:
-        used, unkept = None, error
-    print("\n".join(wrote(_write(found, tables.written(found, draws, used), prefix, formats, html))))
-    if unkept is not None:
-        raise unkept
+        used = _used(found, budget, tolerance)
+    finally:  # what was measured is written even if no variant keeps the limit
+        print("\n".join(wrote(_write(found, tables.written(found, command, used), prefix, formats, html))))
     if used is not None:
-        print(f"use {tables.used_line(used, draws)}")
+        print(f"use {tables.used_line(used, command)}")
     return all(each.arithmetic.passed for each in found.measured)
 
 

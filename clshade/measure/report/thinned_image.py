@@ -102,10 +102,6 @@ class Thinned:
             return "the whole image"
         return f"{self.count:,} of {self.pixels:,} pixels, in {len(self.windows)} windows"
 
-    def stats(self) -> dict[str, int]:
-        """Return the figures for JSON."""
-        return {"pixels": self.count, "of": self.pixels, "windows": len(self.windows)}
-
 
 def thinned(image: Array, faces: int) -> Thinned:
     """Choose the windows for images like this one, (M, N, 3), of a scene of so many faces; the same ones every time.

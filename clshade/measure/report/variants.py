@@ -14,7 +14,6 @@ from ...pipeline.picture import picture_fields
 from ...scene.model import Scene, Settings
 
 BASE = "standard"
-UNCHANGED = "unchanged"
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +24,6 @@ class Variant:
     name: str
     title: str
     changes: dict[str, Any]
-
-    @property
-    def shown_name(self) -> str:
-        """Its name where the base may be other than the preset `standard`."""
-        return self.name if self.changes else UNCHANGED
-
-    @property
-    def shown_title(self) -> str:
-        """Its title, likewise."""
-        return self.title if self.changes else UNCHANGED
 
     def settings(self, base: Settings) -> Settings:
         return replace(base, **self.changes)
