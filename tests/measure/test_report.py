@@ -13,18 +13,17 @@ import pytest
 from command_line import assert_refused, run
 from studies import small_study, sphere
 
-from clshade.cli.main import _parser
 from clshade.errors import InputError, OutputError
 from clshade.images import figures, metrics, png
 from clshade.measure import timing
 from clshade.measure.report import figure, report, study, tables, variants
+from clshade.measure.report.answer import answer
 from clshade.measure.report.labels import places
 from clshade.measure.report.measure import frame_times, measure
 from clshade.measure.report.model_errors import ModelErrors
 from clshade.measure.report.power_law import fitted
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.variants import BASE, Variant, base_settings, named, variants_for
-from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.picture import SAMPLES
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
@@ -48,7 +47,6 @@ def test_measured_errors_are_those_of_the_images(device):
         assert each.arithmetic.wrong == 0
         assert 0.0 < each.arithmetic.rms < each.arithmetic.error < 1e-5
         assert each.frame_ms.low > 0.0
-        assert each.upload_ms > 0.0
     assert (standard.settings, gouraud.settings) == (base, replace(base, shader="gouraud"))
 
 
@@ -162,7 +160,7 @@ def test_the_tables_fit_a_terminal(found):
     slow = [replace(each, times=tuple(1e5 * ms for ms in each.times)) for each in long]
     lines = "\n".join(tables.results(replace(found, measured=tuple(slow))).lines()).splitlines()
     assert max(map(len, lines)) <= 100
-    for word in ("many_letters", "half of them", "arithmetic", "upload ms", "of the PNG's"):
+    for word in ("many_letters", "half of them", "arithmetic", "share"):
         assert any(word in line for line in lines)
 
 
@@ -205,7 +203,10 @@ def test_pictures_show_the_first_way_and_the_front(found, device):
     assert list(shown) == ["1 sample, off by", "Gouraud, off by"]
     assert metrics.rms(shown["1 sample, off by"]) == standard.error
     assert metrics.rms(shown["Gouraud, off by"]) == gouraud.error
-    assert figure.size(np.full((3, 4, 3), [0.0, 0.25, -0.5])) == pytest.approx(np.full((3, 4), 0.5))
+    planted = {"off": np.full((3, 4, 3), [0.0, 0.25, -0.5]), "by half": np.full((3, 4, 3), 0.5)}
+    _, off, half = figure.colored(replace(found, pictures=planted)).values()
+    assert (off == half).all()
+    assert off.any()
 
 
 @pytest.mark.long
@@ -276,37 +277,25 @@ def test_run_writes_all(found, device, capsys, tmp_path, monkeypatch):
     assert "no visible error: at least 99% of pixels" in shown
     for part in (found.device, found.machine, "use: 1 sample: ", "where the error comes from"):
         assert part.lower() in page.lower()
-    for each in written["answer"]:
-        assert each["command"] in page
-        assert any(line.startswith(each["purpose"]) and line.endswith(each["command"]) for line in shown.splitlines())
+    for each in answer(found):
+        command = str(each.used.settings)
+        assert written[each.purpose].endswith(command)
+        assert command in page
+        assert any(line.startswith(each.purpose) and line.endswith(command) for line in shown.splitlines())
     assert "8-bit PNG" not in shown
     assert report.run(sphere(), device.index, command=str, out=tmp_path, details=True)
     assert "8-bit PNG" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["course", "teapot", "quads"])
-def test_the_options_named_draw_what_was_measured(device, name):
-    """For any preset that `render` would use for the scene."""
-    from clshade.cli.commands import render as command
-
-    own = builtin(name)
-    scene = replace(own, camera=own.camera.with_resolution((48, 36)))
-    base = base_settings(scene)
-    parser = _parser(["render"])
-    for each in variants_for(scene, base, device):
-        options = tables.render_options(scene, tables.render_fields(each.settings(base), scene))
-        arguments = parser.parse_args(["render", name, *options])
-        kept = command.render_options(arguments, own)
-        kept.pop("device")
-        again, settings = effective_settings(own, **kept)
-        assert settings == each.settings(base), each.name
-        assert again.camera.resolution == (48, 36)
-    standard = ["--samples=1"] if own.preset == "standard" else ["--preset=standard"]
-    assert tables.render_options(scene, tables.render_fields(Settings(), scene))[1:] == standard
+def test_the_options_named_are_relative_to_the_preset():
+    scene = builtin("quads")
+    assert tables.render_options(scene, tables.render_fields(Settings(), scene))[1:] == ["--samples=1"]
+    course = builtin("course")
+    assert tables.render_options(course, tables.render_fields(Settings(), course))[1:] == ["--preset=standard"]
     unshadowed = {"samples": 1, "shadows": False}
     assert tables.render_fields(Settings(shader="pbr"), replace(scene, preset="pbr")) == unshadowed
     shadowed = {"samples": 1, "shadows": True}
-    assert tables.render_fields(Settings(shadows=True), replace(scene, preset="standard")) == shadowed
+    assert tables.render_fields(Settings(shadows=True), scene) == shadowed
 
 
 @pytest.mark.usefixtures("no_figure")

@@ -86,7 +86,7 @@ def test_a_real_study_chooses(device):
     tolerance = 2.0 * best.used.error
     kept = select(sphere(), tolerance=tolerance, device=device)
     image = render(sphere(), settings=kept.settings, device=device).rgb
-    assert kept.thinned.whole
+    assert len(kept.thinned.windows) == 1
     assert rmse(image.reshape(-1, 3), kept.reference.rgb) == pytest.approx(kept.used.error, rel=1e-12)
     assert kept.used.error <= tolerance
 
@@ -203,7 +203,7 @@ def test_the_windows_are_the_image(device, name):
     base = base_settings(scene)
     image = render(scene, settings=base, device=device).rgb
     windows = thinned(image, scene.face_count)
-    assert not windows.whole
+    assert len(windows.windows) > 1
     assert 0.05 < windows.count / windows.pixels < 0.6
     assert {(each.width, each.height) for each in windows.windows} > {(16, 16)}
     parts = [
@@ -249,7 +249,6 @@ def test_small_images_are_whole(device):
     base = base_settings(scene)
     image = render(scene, settings=base, device=device).rgb
     windows = thinned(image, scene.face_count)
-    assert windows.whole
     assert windows.about() == "the whole image"
     whole, part = reference(scene, base, device), reference(scene, base, device, thinned=windows)
     assert np.array_equal(whole.rgb.reshape(-1, 3), part.rgb)
@@ -257,8 +256,7 @@ def test_small_images_are_whole(device):
     found = windows.estimate(windows.of(image), part.rgb)
     assert found.rmse == pytest.approx(rmse(image, whole.rgb), rel=1e-12)
     assert found.low == found.high == found.rmse
-    assert found.widened(0.01) == (found.rmse, max(found.rmse - 0.01, 0.0), found.rmse + 0.01)
-    assert thinned(np.zeros((1, 1, 3)), 0).whole
+    assert len(thinned(np.zeros((1, 1, 3)), 0).windows) == 1
     flat = thinned(np.zeros((400, 400, 3)), 0)
     assert flat.estimate(flat.of(np.ones((400, 400, 3))), flat.of(np.zeros((400, 400, 3)))).rmse == pytest.approx(1.0)
     with pytest.raises(InputError, match="either a budget or a tolerance"):

@@ -212,8 +212,9 @@ class _Trials:
         with Renderer(self._scene, settings=variant.settings(self._base), device=self._device) as renderer:
             image = renderer.render().rgb
             ms = [frame_ms(renderer) for _ in range(TRIAL_FRAMES)]
-        estimate = self.thinned.estimate(self.thinned.of(image), self.reference.rgb)
-        return Tried(variant, ms, estimate.widened(self.reference.error))
+        error, low, high = self.thinned.estimate(self.thinned.of(image), self.reference.rgb)
+        known = self.reference.error  # an RMSE is a distance: the interval is wider by that of the reference
+        return Tried(variant, ms, Estimate(error, max(low - known, 0.0), high + known))
 
     def _time(self, chosen: Sequence[Tried]) -> None:
         """Replace the times of these by those of further frames."""

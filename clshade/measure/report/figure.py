@@ -1,4 +1,4 @@
-"""The figure of `report`: error against time, the causes of the error, and error images."""
+"""The figure of `report`: error against time, and error images."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base import text_tables
-from ...base.arrays import Array, Floats
+from ...base.arrays import Array
 from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
-from .decomposition import Decomposition
 from .labels import label_points
 from .study import SHOWN, Study
 from .variants import BASE
@@ -50,12 +49,8 @@ def draw(study: Study) -> Figure:
         figure = figures.blank(WIDTH, TOP + BOTTOM + 0.8, dpi=DPI)
         figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr, call-arg]
         rows = figure.add_gridspec(2, 1, height_ratios=(TOP, BOTTOM))
-        widths = (1.0,) if study.causes is None else (1.75, 1.0)
-        top = rows[0].subgridspec(1, len(widths), width_ratios=widths)
-        scatter = figure.add_subplot(top[0])
+        scatter = figure.add_subplot(rows[0])
         _errors_against_time(scatter, study)
-        if study.causes is not None:
-            _causes(figure.add_subplot(top[1]), study.causes)
         row = rows[1].subgridspec(1, PICTURES)
         _pictures(figure, [figure.add_subplot(row[k]) for k in range(PICTURES)], study)
         lines = (f"Error against run time: {study.title}", study.device, study.machine)
@@ -67,13 +62,6 @@ def draw(study: Study) -> Figure:
     return figure
 
 
-def size(difference: Array) -> Floats:
-    """Return the largest absolute difference of the channels, (M, N), clamped to at least LEAST."""
-    apart = np.abs(np.asarray(difference, np.float64)).max(axis=2)
-    shown: Floats = np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
-    return shown
-
-
 def colored(study: Study) -> dict[str, Array]:
     """Return the reference and the differences from it as uint8 (M, N, 3), by what they show."""
     from matplotlib import colormaps
@@ -81,7 +69,8 @@ def colored(study: Study) -> dict[str, Array]:
 
     found = {"reference": tonemap(study.reference.rgb, default_tonemap(study.scene))}
     for name, picture in study.pictures.items():
-        found[name] = colormaps[COLORS](LogNorm(LEAST, MOST, clip=True)(size(picture)), bytes=True)[..., :3]
+        apart = np.nan_to_num(np.abs(picture).max(axis=2), posinf=MOST).clip(LEAST)
+        found[name] = colormaps[COLORS](LogNorm(LEAST, MOST, clip=True)(apart), bytes=True)[..., :3]
     return found
 
 
@@ -97,9 +86,6 @@ def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
         axes.set_title(name.replace(", ", ",\n", 1), fontsize=8)
     bar = ScalarMappable(LogNorm(LEAST, MOST), COLORS)
     figure.colorbar(bar, ax=list(places), shrink=0.9, pad=0.01, aspect=10, label="difference, white is 1")
-
-
-# Error against time
 
 
 def _drawn(study: Study) -> list[float]:
@@ -169,25 +155,3 @@ def _widen(set_limits: Callable[[float, float], object], values: Sequence[float]
     if max(values) < 1.1 * min(values):
         shown = (*values, *others)
         set_limits(min(shown) / 2.0, max(shown) * 2.0)
-
-
-# The causes of the error
-
-
-def _causes(axes: Axes, found: Decomposition) -> None:
-    """Plot the causes' errors and the totals, with the shares of the causes."""
-    totals = {"total": found.total, "total, as a PNG": found.png_total}
-    errors = {**{part.cause: part.rmse for part in found.parts}, **totals}
-    shares = [f"{round(100.0 * part.share)} %" if part.share is not None else "" for part in found.parts]
-    colors = [figures.OURS] * len(found.parts) + ["#555555"] * len(totals)
-    some = [error for error in errors.values() if error > 0.0] or [1.0]
-    axes.set(xscale="log", xlim=(min(some) / 2.0, max(some) * 2.0))
-    axes.barh(range(len(errors)), list(errors.values()), color=colors)
-    for place, (error, share) in enumerate(zip(errors.values(), [*shares, "", ""], strict=True)):
-        text = f"{error:.2g}\n{share}".strip()
-        axes.text(1.02, place, text, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
-    axes.set_yticks(range(len(errors)), list(errors))
-    axes.invert_yaxis()
-    axes.set_title("where the error comes from")
-    axes.set_xlabel("RMSE and share of the total's mean square")
-    axes.grid(True, axis="x")

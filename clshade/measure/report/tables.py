@@ -52,8 +52,6 @@ VARIANTS = (
     Column("wrong", "", lambda measured: measured, _wrong),
     Column("", "wrong", attrgetter("arithmetic.wrong")),
     Column("", "pixels_checked", attrgetter("arithmetic.pixels")),
-    Column("build ms", "build_ms", attrgetter("build_ms"), "{:.0f}".format),
-    Column("upload ms", "upload_ms", attrgetter("upload_ms"), "{:.0f}".format),
 )
 NOTES = (
     "* marks the Pareto front: the variants that are more accurate than all faster ones, by more than the reference's own "
@@ -70,7 +68,6 @@ CAUSES = (
     Column("cause", "cause", attrgetter("cause"), str),
     Column("RMSE", "rmse", attrgetter("rmse")),
     Column("share", "share", attrgetter("share"), _percent),
-    Column("of the PNG's", "png_share", attrgetter("png_share"), _percent),
 )
 WHERE_FROM = (
     "Error of the image that `render` draws, by cause: RMSE of each alone; share of the total's mean square, negative where "
@@ -98,8 +95,8 @@ def results(study: Study) -> Results:
 
 def written(study: Study, command: Command, used: Measured | None) -> Results:
     """Return the results for files, the answer first. used: the variant chosen for the budget or tolerance."""
-    found, advice = results(study), answer(study)
-    first = {each.purpose: f"{each.found}: {command(each.used.settings)}" for each in advice}
+    found = results(study)
+    first = {each.purpose: f"{each.found}: {command(each.used.settings)}" for each in answer(study)}
     first["criterion"] = criterion(study)
     if used is not None:
         first["use"] = used_line(used, command)
@@ -108,10 +105,6 @@ def written(study: Study, command: Command, used: Measured | None) -> Results:
         "resolution": study.scene.camera.resolution,
         "reference_error": study.reference.error,
         "settings": dict(study.given),
-        "answer": [
-            {"purpose": each.purpose, "variant": each.used.variant.name, "command": command(each.used.settings)}
-            for each in advice
-        ],
         "use": used and used.variant.name,
         "default": study.default and study.usual,
         "pareto_front": [each.variant.name for each in study.front],
