@@ -51,11 +51,6 @@ def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
     return turn
 
 
-def median_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the 95 % interval of the median, by bootstrap as in `ratio_interval`."""
-    return _interval(np.median(_resampled(values), axis=1))
-
-
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the mean, by bootstrap as in `ratio_interval`."""
     return _interval(np.mean(_resampled(values), axis=1))

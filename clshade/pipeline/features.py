@@ -510,15 +510,10 @@ def bit_definitions() -> str:
 
 @dataclass(frozen=True)
 class Features:
-    """The features of a frame, name -> 0 or 1, and the reason why each optional one that is 0 is left out.
-
-    absent: bits of those that are conditions at run time and are left out at compile time nonetheless, to measure what that
-    saves.
-    """
+    """The features of a frame, name -> 0 or 1, and the reason why each optional one that is 0 is left out."""
 
     values: tuple[tuple[str, int], ...]
     left_out: tuple[tuple[str, str], ...] = ()
-    absent: int = 0
 
     @classmethod
     def of(cls, names: Collection[str] = ()) -> Features:
@@ -547,12 +542,7 @@ class Features:
         kept = {name: 0 if name in unread else value for name, value in self.values if name not in _BITS}
         if kept["FAST"] and self._table.get("ALPHA_TEST"):
             kept["FAST"] = 2  # see numerics.clh
-        return Features(tuple(kept.items()), absent=self.absent)
-
-    def without(self, names: Collection[str]) -> Features:
-        """Return the features for programs in which some that are not needed are left out at compile time."""
-        bits = sum(1 << _BITS[name] for name in names if not self[name])
-        return replace(self, absent=self.absent | bits)
+        return Features(tuple(kept.items()))
 
     def including(self, name: str) -> Features:
         """Return the features with an optional one that is not left out."""
@@ -568,7 +558,7 @@ class Features:
 
     def options(self) -> list[str]:
         """Return -D options of the OpenCL build."""
-        return [*(f"-D{name}={value}" for name, value in self.values), f"-DLEFT_OUT={self.absent}UL"]
+        return [*(f"-D{name}={value}" for name, value in self.values), "-DLEFT_OUT=0UL"]
 
 
 def needs(word: int, name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -287,6 +288,14 @@ def test_check_all_adds_a_layer(tmp_path, capsys):
     assert header["check"].startswith("largest error: 768 of 768 pixels")
     assert channels["error"].dtype == np.float32
     assert channels["error"].max() == pytest.approx(header["checkErrorBounds"])
+
+
+@needs_device
+def test_check_in_the_figures_as_json(tmp_path, capsys):
+    code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--stats", "--check")
+    found = json.loads(out)["check"]
+    assert code == 0
+    assert (found["passed"], found["allowed"], found["pixels"], found["of"]) == (True, 32.0, 768, 768)
 
 
 @pytest.mark.parametrize(

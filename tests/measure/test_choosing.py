@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from clshade.cli.commands.arguments import milliseconds, tolerance
 from clshade.errors import InputError
 from clshade.measure.report.pareto import front, within_budget, within_tolerance
+from clshade.measure.timing import Spread
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class Alternative:
     spread: float = 0.0
 
     @property
-    def quartiles(self) -> tuple[float, float]:
-        return self.cost - self.spread, self.cost + self.spread
+    def frame_ms(self) -> Spread:
+        return Spread(self.cost - self.spread, self.cost, self.cost + self.spread)
 
 
 # Few values, so that many are equal.

@@ -83,13 +83,12 @@ def test_a_model_takes_the_named_fields_only(studied):
 
 @pytest.mark.long
 def test_the_parts_add_up(device, studied):
-    """From the converged image to the PNG; each part's share of both totals."""
+    """From the converged image to the PNG."""
     scene, converged, _ = studied
     found = decomposed(studied, device, Settings.from_preset("course", ambient="tinted"))
     causes = [part.cause for part in found.parts]
     assert causes == [*[*APPROXIMATIONS.values()][:4], SAMPLING, ARITHMETIC, OUTPUT]
-    for shares in ([part.share for part in found.parts[:-1]], [part.png_share for part in found.parts]):
-        assert sum(shares) == pytest.approx(1.0)
+    assert sum(part.share for part in found.parts[:-1]) == pytest.approx(1.0)
     assert found.parts[-1].share is None
     frame = render(scene, device=device, settings=found.settings)
     assert found.total == pytest.approx(rms(frame.rgb - converged.rgb))
@@ -132,7 +131,7 @@ def test_the_arithmetic_is_not_known_without_float64(device):
     models = ModelErrors(sphere(), converged.settings, without)
     found = decompose(sphere(), Settings.from_preset("standard"), without, converged, models)
     assert [part.cause for part in found.parts] == [SAMPLING, OUTPUT]
-    assert found.lines()[-1] == "arithmetic: not known: the device has no float64 to compare with"
+    assert found.remarks()[-1] == "arithmetic: not known: the device has no float64 to compare with"
 
 
 def test_a_png_holds_no_radiance_above_one(device):
@@ -144,11 +143,11 @@ def test_a_png_holds_no_radiance_above_one(device):
 
 
 def test_what_the_parts_do_not_say():
-    """The totals, and whether sampling errs by more than the reference knows."""
+    """Whether sampling errs by more than the reference knows."""
 
-    def lines(sampling: float) -> list[str]:
-        parts = (Part(SAMPLING, sampling, 0.5, 0.5), Part(ARITHMETIC, 4.0, 0.5, 0.5))
-        return Decomposition(Settings.from_preset("standard"), parts, 5.0, 6.0, 1.0).lines()
+    def remarks(sampling: float) -> list[str]:
+        parts = (Part(SAMPLING, sampling, 0.5), Part(ARITHMETIC, 4.0, 0.5))
+        return Decomposition(Settings.from_preset("standard"), parts, 5.0, 6.0, 1.0).remarks()
 
-    assert lines(3.0) == ["total: RMSE 5, as a PNG 6"]
-    assert lines(1.5)[1] == "sampling: about as small as the reference's own error, 1"
+    assert remarks(3.0) == []
+    assert remarks(1.5) == ["sampling: about as small as the reference's own error, 1"]

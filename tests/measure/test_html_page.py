@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from pages import parsed, picture
+from pages import parsed
 from studies import small_study, sphere
 
 from clshade.images import figures
@@ -22,31 +21,25 @@ def page(device, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "study", lambda *arguments: found)
     monkeypatch.setattr(figure, "draw", lambda study: figures.blank(1.0, 1.0))
     report.run(sphere(), device.index, out=tmp_path, html=True, command=lambda settings: f"draw <{settings.samples}>")
-    return found, parsed((tmp_path / "report.html").read_bytes())
+    return parsed((tmp_path / "report.html").read_bytes())
 
 
 def test_it_loads_nothing_and_escapes_names(page):
-    _, tree = page
-    for node in tree.all():
+    for node in page.all():
         assert node.tag not in ("script", "link", "iframe", "object", "embed")
         for name in ("src", "href"):
             assert node.attributes.get(name, "#").startswith(
                 ("#", "data:image/png;base64,", "data:image/svg+xml;base64,")
             )
         assert not any(name.startswith("on") for name in node.attributes)
-    for text in (tree.all("title")[0].text, tree.all("h1")[0].text):
+    for text in (page.all("title")[0].text, page.all("h1")[0].text):
         assert "<script>alert(" in text
         assert not {"\x1b", "\u202e"} & set(text)
 
 
-def test_the_answer_the_tables_and_the_pictures(page):
-    found, tree = page
-    assert tree.all("dt")[0].text in ("no visible error", "closest")
-    assert tree.all("dd")[0].text.endswith("draw <1>")
-    assert [node.text for node in tree.all("h2")] == ["Images", "Variants", "Where the error comes from"]
-    drawn, *shown = tree.all("img")
+def test_the_answer_the_tables_and_the_figure(page):
+    assert page.all("dt")[0].text in ("no visible error", "closest")
+    assert page.all("dd")[0].text.endswith("draw <1>")
+    assert [node.text for node in page.all("h2")] == ["Variants", "Where the error comes from"]
+    (drawn,) = page.all("img")
     assert drawn.attributes["src"].startswith("data:image/svg+xml")
-    for image, (name, expected) in zip(shown, figure.colored(found).items(), strict=True):
-        assert np.array_equal(picture(image), expected)
-        assert image.attributes["alt"] == name
-    assert len(tree.all("details")) == len(shown)

@@ -12,7 +12,7 @@ from layer_scenes import crowd, matrices
 from mapped_scenes import mapped_scene, sheet
 
 import clshade
-from clshade import Camera, Material, Mesh, Scene
+from clshade import Camera, Material, Mesh, PointLight, Scene
 from clshade.pipeline import buffers, instances, placements, scene_buffers
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.frame import Frame, same_bits
@@ -206,3 +206,14 @@ def test_a_hundred_thousand_instances_are_one_unrolled_mesh(device):
     assert_alike([expected, frame])
     assert "INSTANCES" in frame.stats["features"]
     assert frame.stats["bytes"]["scene"] < expected.stats["bytes"]["scene"] / 3
+
+
+def test_normals_beyond_the_vertices():
+    """The normals of the following meshes are not shifted."""
+    corners, up = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0.0, 0, 1]])
+    first = Mesh(corners, [[0, 1, 2]], normals=np.repeat(up, 9, axis=0))
+    second = Mesh(corners - [1.0, 1, 0], [[0, 1, 2]], normals=np.array([[0.0, 1, 1], [0, 0, 1], [1, 0, 1]]))
+    camera, light = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7)), PointLight((0.0, 1, 2))
+    packed = scene_buffers.pack(Scene((first, second), camera, (light,)), Settings())
+    assert packed.normals.shape == (6, 4)
+    assert packed.normals[3:, :3] == pytest.approx(second.normals / np.linalg.norm(second.normals, axis=1)[:, None])

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from statistics import median
+from operator import attrgetter
 from typing import Any
 
 from ...base.text_tables import digits
@@ -18,10 +18,10 @@ from ...pipeline.renderer import Renderer, render
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESET_FIELDS, Preset
 from ..results import Column, Table
-from ..timing import median_interval, spread
+from ..timing import Spread, spread
 from .measure import frame_ms, frame_times
-from .pareto import NEARLY, within_budget, within_tolerance
-from .reference_image import Reference, reference_windows
+from .pareto import within_budget, within_tolerance
+from .reference_image import Reference, reference
 from .thinned_image import Estimate, Thinned, thinned
 from .variants import BASE, Variant, variants_for
 
@@ -36,68 +36,60 @@ LADDER = (
 TRIAL_FRAMES = 3  # of each variant that is drawn
 FRAMES, SECONDS = 15, 0.6  # of each that may be chosen, in turns: fewer once all took so long
 SLACK = 1.5  # trial frames may take this many times as long as later ones
-NOTE = "Not drawn: what does more work than a variant that is too slow, or accurate enough."
-UNKNOWN = Estimate(math.inf, math.inf, math.inf)
+NOT_DRAWN = "Not drawn, as they do more work than one that is too slow, or accurate enough: "
+UNCHANGED = Variant("unchanged", "unchanged", {})  # the base may be other than the preset `standard`
 
 
 @dataclass(eq=False)
 class Tried:
-    """A variant. ms: of its frames, none if it was not drawn. estimate: its RMSE. outcome: what became of it."""
+    """A variant that was drawn. ms: of its frames. estimate: its RMSE."""
 
     variant: Variant
-    ms: Sequence[float] = ()
-    estimate: Estimate = UNKNOWN
-    outcome: str = "not drawn"
+    ms: Sequence[float]
+    estimate: Estimate
 
     @property
     def name(self) -> str:
-        return self.variant.shown_title
+        return self.variant.title
+
+    @property
+    def frame_ms(self) -> Spread:
+        return spread(self.ms)
 
     @property
     def cost(self) -> float:
-        """Milliseconds per frame, the median."""
-        return median(self.ms)
-
-    @property
-    def quartiles(self) -> tuple[float, float]:
-        low, _, high = spread(self.ms)
-        return low, high
+        return self.frame_ms.median
 
     @property
     def error(self) -> float:
         return self.estimate.rmse
 
 
-def _interval(interval: tuple[float, float] | None) -> str:
-    return "-" if interval is None else " to ".join(map(digits, interval))
-
-
-def _if_drawn(value: Callable[[Tried], Any]) -> Callable[[Tried], Any]:
-    return lambda tried: value(tried) if tried.ms else None
+def _interval(interval: tuple[float, float]) -> str:
+    return " to ".join(map(digits, interval))
 
 
 COLUMNS = (
-    Column("variant", "about", lambda tried: tried.name, str),
-    Column("outcome", "outcome", lambda tried: tried.outcome, str),
-    Column("ms a frame", "frame_ms", _if_drawn(lambda tried: tried.cost)),
-    Column("95 %", "frame_ms_95", _if_drawn(lambda tried: median_interval(tried.ms)), _interval),
-    Column("RMSE", "rmse", _if_drawn(lambda tried: tried.error)),
-    Column("95 %", "rmse_95", _if_drawn(lambda tried: tried.estimate[1:]), _interval),
-    Column("", "variant", lambda tried: tried.variant.shown_name),
-    Column("", "settings", lambda tried: tried.variant.changes),
-    Column("", "frames", lambda tried: len(tried.ms)),
+    Column("variant", "about", attrgetter("name"), str),
+    Column("ms a frame", "frame_ms", attrgetter("cost")),
+    Column("half of them", "frame_ms_half", lambda tried: (tried.frame_ms.low, tried.frame_ms.high), _interval),
+    Column("RMSE", "rmse", attrgetter("error")),
+    Column("95 %", "rmse_95", lambda tried: tried.estimate[1:], _interval),
+    Column("", "variant", attrgetter("variant.name")),
+    Column("", "settings", attrgetter("variant.changes")),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The settings to render with. kept: fields of Settings that were given, or the scene's own. thinned: the pixels that
-    errors were measured at. seconds: that trying took."""
+    """The settings to render with. kept: fields of Settings that were given, or the scene's own. not_drawn: titles of
+    variants. thinned: the pixels that errors were measured at. seconds: that trying took."""
 
     used: Tried
     settings: Settings
-    kept: tuple[str, ...]
-    tried: tuple[Tried, ...]
+    kept: dict[str, Any]
+    tried: Sequence[Tried]
+    not_drawn: Sequence[str]
     reference: Reference
     thinned: Thinned
     seconds: float
@@ -106,19 +98,21 @@ class Selection:
 
     @property
     def table(self) -> Table:
-        return Table("Variants tried", COLUMNS, self.tried, notes=[NOTE], left=2)
+        notes = [NOT_DRAWN + ", ".join(self.not_drawn)] if self.not_drawn else []
+        return Table("Variants tried", COLUMNS, self.tried, notes=notes)
 
     def lines(self) -> list[str]:
         """Return the choice as lines for the terminal."""
         used, variant = self.used, self.used.variant
         changed = f" ({variant.changed()})" if variant.changes else ""
-        kept = ", ".join(f"{name}={getattr(self.settings, name)}" for name in self.kept)
-        drawn = sum(bool(tried.ms) for tried in self.tried)
+        kept = ", ".join(f"{name}={value}" for name, value in self.kept.items())
+        count = len(self.tried)
         return [
             f"{used.name}{changed}: {digits(used.cost)} ms a frame after the first, RMSE {digits(used.error)}, "
             f"{_interval(used.estimate[1:])}",
             *([f"kept as they are: {kept}"] if kept else []),
-            f"{drawn} of {len(self.tried)} variants drawn, in {self.seconds:.1f} s; errors of {self.thinned.about()}",
+            f"{count} of {count + len(self.not_drawn)} variants drawn, in {self.seconds:.1f} s",
+            f"errors: of {self.thinned.about()}",
             f"reference: {self.reference.about()}",
         ]
 
@@ -126,9 +120,9 @@ class Selection:
         """Return the figures for JSON."""
         return {
             **Table("", COLUMNS, [self.used]).plain()[0],
-            "kept": {name: getattr(self.settings, name) for name in self.kept},
-            "reference": self.reference.stats(),
-            "thinned": self.thinned.stats(),
+            "kept": self.kept,
+            "reference": self.reference.about(),
+            "errors_of": self.thinned.about(),
             "tried": self.table.plain(),
             "seconds": self.seconds,
         }
@@ -160,34 +154,34 @@ def select(
     if preset is not None or scene.preset != BASE:
         own = preset or scene.preset
         kept |= PRESET_FIELDS["course" if own == "standard" else own].keys()
-    study = _Study(scene, base, opened, kept)
-    used = study.within_tolerance(tolerance or 0.0) if budget is None else study.within_budget(budget)
-    used.outcome = "used"
-    settings, names = used.variant.settings(base), tuple(sorted(kept - {"layers"}))
+    trials = _Trials(scene, base, opened, kept)
+    used = trials.within_tolerance(tolerance or 0.0) if budget is None else trials.within_budget(budget)
+    settings = used.variant.settings(base)
+    values = {name: getattr(settings, name) for name in sorted(kept - {"layers"})}
     seconds = time.perf_counter() - start
-    return Selection(used, settings, names, tuple(study.tried), study.reference, study.thinned, seconds)
+    return Selection(used, settings, values, trials.tried, trials.not_drawn, trials.reference, trials.thinned, seconds)
 
 
 def _work(variant: Variant) -> tuple[int, bool]:
     return variant.changes.get("samples", 1), variant.changes.get("sample_shading", False)
 
 
-class _Study:
-    """The variants of a scene that change none of the settings `kept`. tried: those that were."""
+class _Trials:
+    """The variants of a scene that change none of the settings `kept`."""
 
     def __init__(self, scene: Scene, base: Settings, device: Device, kept: set[str]) -> None:
         self._scene, self._base, self._device = scene, base, device
-        self._variants = {v.name: v for v in variants_for(scene, base, device) if not kept & set(v.changes)}
+        usable = {v.name: v for v in variants_for(scene, base, device) if not kept & set(v.changes)}
+        usable[BASE] = UNCHANGED
+        self._families = [[usable[name] for name in family if name in usable] for family in LADDER]
         self.thinned = thinned(render(scene, settings=base, device=device).rgb, scene.face_count)
-        self.reference = reference_windows(scene, base, device, self.thinned, kept)
+        self.reference = reference(scene, base, device, kept, self.thinned)
         self.tried: list[Tried] = []
 
     def within_budget(self, budget: float) -> Tried:
         drawn = self._try(lambda tried: min(tried.ms) > SLACK * budget)
         sure = min((tried.error for tried in drawn if SLACK * min(tried.ms) <= budget), default=math.inf)
         self._time([tried for tried in drawn if min(tried.ms) <= SLACK * budget and tried.error <= sure])
-        for tried in drawn:
-            tried.outcome = "possible" if tried.quartiles[0] <= NEARLY * budget else "too slow"
         return within_budget(drawn, budget, self.reference.error)
 
     def within_tolerance(self, tolerance: float) -> Tried:
@@ -196,28 +190,31 @@ class _Study:
         exact = [tried for tried in drawn if tried.error <= most]
         fastest = min((min(tried.ms) for tried in exact), default=0.0)
         self._time([tried for tried in exact if min(tried.ms) <= SLACK * fastest])
-        for tried in drawn:
-            tried.outcome = "possible" if tried in exact else "not accurate enough"
         return within_tolerance(drawn, tolerance, self.reference.error)
+
+    @property
+    def not_drawn(self) -> list[str]:
+        drawn = [tried.variant for tried in self.tried]
+        return [variant.title for family in self._families for variant in family if variant not in drawn]
 
     def _try(self, is_last: Callable[[Tried], bool]) -> list[Tried]:
         """Draw the variants of each family until one is the last that may be chosen; return those drawn."""
-        for family in LADDER:
-            ended = False
-            for variant in (self._variants[name] for name in family if name in self._variants):
-                tried = Tried(variant) if ended else self._draw(variant)
-                ended = ended or is_last(tried)
-                self.tried.append(tried)
+        for family in self._families:
+            for variant in family:
+                self.tried.append(self._draw(variant))
+                if is_last(self.tried[-1]):
+                    break
         self.tried.sort(key=lambda tried: _work(tried.variant))  # of equally accurate ones the first is taken
-        return [tried for tried in self.tried if tried.ms]
+        return self.tried
 
     def _draw(self, variant: Variant) -> Tried:
         """Draw a variant. The first frame is not timed, as runtimes may compile during it."""
         with Renderer(self._scene, settings=variant.settings(self._base), device=self._device) as renderer:
             image = renderer.render().rgb
             ms = [frame_ms(renderer) for _ in range(TRIAL_FRAMES)]
-        estimate = self.thinned.estimate(self.thinned.of(image), self.reference.rgb)
-        return Tried(variant, ms, estimate.widened(self.reference.error))
+        error, low, high = self.thinned.estimate(self.thinned.of(image), self.reference.rgb)
+        known = self.reference.error  # an RMSE is a distance: the interval is wider by that of the reference
+        return Tried(variant, ms, Estimate(error, max(low - known, 0.0), high + known))
 
     def _time(self, chosen: Sequence[Tried]) -> None:
         """Replace the times of these by those of further frames."""

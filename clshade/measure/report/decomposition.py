@@ -24,15 +24,14 @@ SAMPLING, ARITHMETIC, OUTPUT = "sampling", "arithmetic", "8-bit PNG"
 class Part(NamedTuple):
     """The error of one cause.
 
-    rmse: of this cause alone. share, png_share: of the mean square of the image's total error, and of its PNG's: the mean of
-    the products of both over that. The shares of all causes add up to 1; one that makes up for others has a negative share.
-    share is None for the PNG's own part.
+    rmse: of this cause alone. share: of the mean square of the image's total error: the mean of the products of both over
+    that. The shares of all causes add up to 1; one that makes up for others has a negative share; the PNG's own part has
+    None.
     """
 
     cause: str
     rmse: float
     share: float | None
-    png_share: float
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,6 @@ class Decomposition:
     total: float
     png_total: float
     known: float
-
-    def lines(self) -> list[str]:
-        """Return what the parts do not say, as sentences."""
-        return [f"total: RMSE {self.total:.3g}, as a PNG {self.png_total:.3g}", *self.remarks()]
 
     def remarks(self) -> list[str]:
         """Return which causes are too small to be known, and which are not measured."""
@@ -73,15 +68,10 @@ def decompose(
     """
     *steps, (output, lost) = _steps(scene, settings, device, converged, models)
     total = np.sum([difference for _, difference in steps], axis=0)
-    png_total = total + lost
-    parts = [Part(cause, rms(off), _share(off, total), _share(off, png_total)) for cause, off in steps]
-    parts.append(Part(output, rms(lost), None, _share(lost, png_total)))
-    return Decomposition(settings, tuple(parts), rms(total), rms(png_total), converged.error)
-
-
-def _share(part: Array, total: Array) -> float:
-    square = float(np.mean(total * total))
-    return float(np.mean(part * total)) / square if square > 0.0 else 0.0
+    square = float(np.mean(total * total)) or 1.0
+    parts = [Part(cause, rms(off), float(np.mean(off * total)) / square) for cause, off in steps]
+    parts.append(Part(output, rms(lost), None))
+    return Decomposition(settings, tuple(parts), rms(total), rms(total + lost), converged.error)
 
 
 def _steps(

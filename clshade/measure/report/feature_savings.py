@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ...pipeline import programs
 from ...pipeline.features import FEATURES, OPTIONAL
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
@@ -33,33 +32,23 @@ NOT_DRAWN = {
 
 
 @dataclass(frozen=True)
-class Side:
-    """Measurements of one renderer. ms: median time of each stage and of the `frame`. bytes: device memory kept."""
-
-    ms: dict[str, float]
-    bytes: int
-
-
-@dataclass(frozen=True)
 class Explanation:
     """Result of `explain`.
 
     needed: optional features in the kernels. left_out: the others -> why. unneeded: other work that this scene and view
-    did without -> why. frames: number timed of each renderer. saved_ms: how much longer a frame with everything on took than
-    the one drawn before it. identical: whether the images and layers of both are. compiled, loaded: programs that this
-    process built from source and loaded from the cache: number and seconds.
+    did without -> why. frames: number timed of each renderer. ms: median time of each stage and of the `frame`, as it is and
+    with everything on. bytes: device memory of both. saved_ms: how much longer a frame with everything on took than
+    the one drawn before it. identical: whether the images and layers of both are.
     """
 
     needed: tuple[str, ...]
     left_out: dict[str, str]
     unneeded: dict[str, str]
     frames: int
-    as_is: Side
-    everything_on: Side
+    ms: tuple[dict[str, float], dict[str, float]]
+    bytes: tuple[int, int]
     saved_ms: Spread
     identical: bool
-    compiled: tuple[int, float]
-    loaded: tuple[int, float]
 
     @property
     def passed(self) -> bool:
@@ -68,12 +57,11 @@ class Explanation:
 
     def lines(self) -> list[str]:
         """Return the results as lines for the terminal."""
-        lean, full = self.as_is.ms, self.everything_on.ms
+        lean, full = self.ms
         low, middle, high = self.saved_ms
-        lean_mb, full_mb = self.as_is.bytes / 1e6, self.everything_on.bytes / 1e6
+        lean_mb, full_mb = (size / 1e6 for size in self.bytes)
         names = [name for name in {**lean, **full} if name != "frame"]
         stages = ", ".join(f"{name} {lean.get(name, 0.0):.2f} ({full.get(name, 0.0):.2f})" for name in names)
-        (compiled, building), (loaded, loading) = self.compiled, self.loaded
         return [
             *(f"left out: {WORK[name]} ({name}): {why}" for name, why in self.left_out.items()),
             *(f"unneeded: {what}: {why}" for what, why in self.unneeded.items()),
@@ -84,8 +72,6 @@ class Explanation:
             f"as fast; {lean_mb:.2f} MB instead of {full_mb:.2f} MB",
             *([f"stages, in ms (with everything on): {stages}"] if stages else []),
             f"images: {'the same bits' if self.identical else 'FAILED, they differ'}",
-            f"programs: {compiled} compiled in {building:.2f} s, {loaded} loaded from the cache in {loading:.2f} s; another "
-            "camera, another size or a moved light builds none",
         ]
 
     def stats(self) -> dict[str, Any]:
@@ -100,7 +86,7 @@ def explain(scene: Scene, **options: Any) -> Explanation:
     """
     with Renderer(scene, **options) as lean, Renderer(scene, forced=_everything(lean), **options) as full:
         frame, other = lean.render(), full.render()
-        identical, sizes = same_bits(frame, other), [_bytes(frame), _bytes(other)]
+        identical, sizes = same_bits(frame, other), (_bytes(frame), _bytes(other))
         del other  # releases its memory for the next frames
         draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in (lean, full)]
         timed = in_turns(draws, FRAMES, SECONDS)
@@ -110,12 +96,10 @@ def explain(scene: Scene, **options: Any) -> Explanation:
         left_out=left_out,
         unneeded=_unneeded(frame),
         frames=len(timed),
-        as_is=Side(_medians([times for times, _ in timed]), sizes[0]),
-        everything_on=Side(_medians([times for _, times in timed]), sizes[1]),
+        ms=(_medians([lean for lean, _ in timed]), _medians([full for _, full in timed])),
+        bytes=sizes,
         saved_ms=spread([after["frame"] - before["frame"] for before, after in timed]),
         identical=identical,
-        compiled=_programs(stored=False),
-        loaded=_programs(stored=True),
     )
 
 
@@ -133,11 +117,6 @@ def _medians(times: Sequence[dict[str, float]]) -> dict[str, float]:
 def _bytes(frame: Frame) -> int:
     """Return the device memory of the scene, the image and the owner buffer."""
     return sum(frame.stats["bytes"][name] for name in ("scene", "image", "owners"))
-
-
-def _programs(stored: bool) -> tuple[int, float]:
-    seconds = [program.seconds for program in programs.built() if program.stored == stored]
-    return len(seconds), sum(seconds)
 
 
 def _unneeded(frame: Frame) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The figure of `report`: error against time, the causes of the error, and error images."""
+"""The figure of `report`: error against time, and error images."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base import text_tables
-from ...base.arrays import Array, Floats
+from ...base.arrays import Array
 from ...images import figures
 from ...images.tonemap import tonemap
 from ...scene.model import default_tonemap
-from .decomposition import Decomposition
 from .labels import label_points
 from .study import SHOWN, Study
 from .variants import BASE
@@ -50,12 +49,8 @@ def draw(study: Study) -> Figure:
         figure = figures.blank(WIDTH, TOP + BOTTOM + 0.8, dpi=DPI)
         figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr, call-arg]
         rows = figure.add_gridspec(2, 1, height_ratios=(TOP, BOTTOM))
-        widths = (1.0,) if study.causes is None else (1.75, 1.0)
-        top = rows[0].subgridspec(1, len(widths), width_ratios=widths)
-        scatter = figure.add_subplot(top[0])
+        scatter = figure.add_subplot(rows[0])
         _errors_against_time(scatter, study)
-        if study.causes is not None:
-            _causes(figure.add_subplot(top[1]), study.causes)
         row = rows[1].subgridspec(1, PICTURES)
         _pictures(figure, [figure.add_subplot(row[k]) for k in range(PICTURES)], study)
         lines = (f"Error against run time: {study.title}", study.device, study.machine)
@@ -67,13 +62,6 @@ def draw(study: Study) -> Figure:
     return figure
 
 
-def size(difference: Array) -> Floats:
-    """Return the largest absolute difference of the channels, (M, N), clamped to at least LEAST."""
-    apart = np.abs(np.asarray(difference, np.float64)).max(axis=2)
-    shown: Floats = np.maximum(np.nan_to_num(apart, posinf=MOST), LEAST)
-    return shown
-
-
 def colored(study: Study) -> dict[str, Array]:
     """Return the reference and the differences from it as uint8 (M, N, 3), by what they show."""
     from matplotlib import colormaps
@@ -81,7 +69,8 @@ def colored(study: Study) -> dict[str, Array]:
 
     found = {"reference": tonemap(study.reference.rgb, default_tonemap(study.scene))}
     for name, picture in study.pictures.items():
-        found[name] = colormaps[COLORS](LogNorm(LEAST, MOST, clip=True)(size(picture)), bytes=True)[..., :3]
+        apart = np.nan_to_num(np.abs(picture).max(axis=2), posinf=MOST).clip(LEAST)
+        found[name] = colormaps[COLORS](LogNorm(LEAST, MOST, clip=True)(apart), bytes=True)[..., :3]
     return found
 
 
@@ -97,9 +86,6 @@ def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
         axes.set_title(name.replace(", ", ",\n", 1), fontsize=8)
     bar = ScalarMappable(LogNorm(LEAST, MOST), COLORS)
     figure.colorbar(bar, ax=list(places), shrink=0.9, pad=0.01, aspect=10, label="difference, white is 1")
-
-
-# Error against time
 
 
 def _drawn(study: Study) -> list[float]:
@@ -130,13 +116,11 @@ def _curves(study: Study) -> dict[str, list[tuple[float, float]]]:
 
 
 def _label(axes: Axes, study: Study) -> None:
-    """Name every point, those of the front in its color; labels avoid lines and the bars of times."""
-    errors, best = _drawn(study), study.front
-    bars = [[(ms, error) for ms in each.quartiles] for each, error in zip(study.measured, errors, strict=True)]
-    names, costs = [each.name for each in study.measured], [each.cost for each in study.measured]
-    texts = label_points(axes, costs, errors, names, [_steps(study), *_curves(study).values(), *bars])
+    """Name every point, those of the front in its color."""
+    points = [(each.cost, error) for each, error in zip(study.measured, _drawn(study), strict=True)]
+    texts = label_points(axes, points, [each.name for each in study.measured])
     for text, each in zip(texts, study.measured, strict=True):
-        text.set_color(figures.OURS if each in best else "#444444")
+        text.set_color(figures.OURS if each in study.front else "#444444")
 
 
 def _errors_against_time(axes: Axes, study: Study) -> None:
@@ -145,15 +129,14 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
     errors, best = _drawn(study), study.front
     known = max(study.reference.error, LEAST_ERROR)
     axes.set(xscale="log", yscale="log")
-    _widen(axes.set_xlim, [ms for each in study.measured for ms in each.quartiles])
+    _widen(axes.set_xlim, [ms for each in study.measured for ms in each.frame_ms])
     _widen(axes.set_ylim, errors, known)
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
         axes.plot(*zip(*points, strict=True), "--", color=FAMILIES[family][2], lw=1.0, label=family, zorder=1)
     for each, error in zip(study.measured, errors, strict=True):
-        low, median, high = each.frame_ms
         color = figures.OURS if each in best else DOMINATED
-        axes.errorbar(median, error, xerr=[[median - low], [high - median]], fmt="o", ms=4, color=color, lw=0.8)
+        axes.plot(each.frame_ms, [error] * 3, "-o", ms=4, markevery=[1], color=color, lw=0.8)
     axes.axhline(known, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
     axes.set(
         xlabel="time of a frame, ms (bars: the middle half of the frames)",
@@ -172,25 +155,3 @@ def _widen(set_limits: Callable[[float, float], object], values: Sequence[float]
     if max(values) < 1.1 * min(values):
         shown = (*values, *others)
         set_limits(min(shown) / 2.0, max(shown) * 2.0)
-
-
-# The causes of the error
-
-
-def _causes(axes: Axes, found: Decomposition) -> None:
-    """Plot the causes' errors and the totals, with the shares of the causes."""
-    totals = {"total": found.total, "total, as a PNG": found.png_total}
-    errors = {**{part.cause: part.rmse for part in found.parts}, **totals}
-    shares = [f"{round(100.0 * part.share)} %" if part.share is not None else "" for part in found.parts]
-    colors = [figures.OURS] * len(found.parts) + ["#555555"] * len(totals)
-    some = [error for error in errors.values() if error > 0.0] or [1.0]
-    axes.set(xscale="log", xlim=(min(some) / 2.0, max(some) * 2.0))
-    axes.barh(range(len(errors)), list(errors.values()), color=colors)
-    for place, (error, share) in enumerate(zip(errors.values(), [*shares, "", ""], strict=True)):
-        text = f"{error:.2g}\n{share}".strip()
-        axes.text(1.02, place, text, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
-    axes.set_yticks(range(len(errors)), list(errors))
-    axes.invert_yaxis()
-    axes.set_title("where the error comes from")
-    axes.set_xlabel("RMSE and share of the total's mean square")
-    axes.grid(True, axis="x")

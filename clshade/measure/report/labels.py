@@ -1,8 +1,7 @@
-"""Labels beside the points of a plot, placed so that none overlaps another or a point."""
+"""Labels beside the points of a plot, placed so that they cover little."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -13,96 +12,50 @@ from ...base.arrays import Array, Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.text import Text
+    from matplotlib.text import Annotation
 
-DIRECTIONS = 16
-UNIT = 0.01  # inches; lengths below are multiples of it
-RADIUS = 5.0  # of a point
-PIECE = 6.0  # of sloping lines, about which a box is drawn
-PAD = 5.0  # on either side of a label
-REACHES = (7.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0)  # from the point to the label's nearest side
+ANGLES = np.arange(16) * math.pi / 8.0
+REACHES = (5.0, 9.0, 15.0, 23.0, 33.0, 45.0)  # from the point to the label's nearest side, in points of 1/72 inch
+DOT = 60.0  # square points that covering a dot of a line or a point counts as
+PIECES = 40  # dots between two corners of a line
 
 
-def placed(points: Array, sizes: Array, frame: Array, obstacles: Array) -> Floats:
-    """Return a box for each point's label, (K, 4): near the point, inside the frame, over no other label and no obstacle;
-    if no place is free, where it covers least.
-
-    points, sizes: (K, 2). frame, obstacles: (4,) and (P, 4). Boxes are left, bottom, right, top. The points with the most
-    neighbors choose first.
-    """
-    boxes = np.empty((len(points), 4))
-    taken = obstacles
-    crowd = [sum(1.0 / (1.0 + math.dist(a, b)) for b in points) for a in points]
-    for k in sorted(range(len(points)), key=lambda k: -crowd[k]):
-        beside = np.array([_beside(points[k], sizes[k], *place) for place in _places()])
-        outside = np.prod(sizes[k]) - _overlaps(beside, frame[None])[:, 0]
-        boxes[k] = beside[np.argmin(outside + _overlaps(beside, taken).sum(axis=1))]
-        taken = np.concatenate([taken, boxes[k : k + 1]])
-    return boxes
+def places(points: Array, sizes: Array, frame: Array, dots: Array) -> Floats:
+    """Return the middle of each point's label, (K, 2): where it covers least of other labels and dots, and leaves the frame
+    least; of equal places the nearest. points, sizes: (K, 2). frame: left, bottom, right, top. dots: (P, 2)."""
+    directions = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+    boxes = np.empty((0, 4))
+    for point, size in zip(points, sizes, strict=True):
+        middles = np.concatenate([point + directions * (reach + size / 2.0) for reach in REACHES])
+        beside = np.hstack([middles - size / 2.0, middles + size / 2.0])
+        covered = _overlaps(beside, boxes).sum(axis=1) + size.prod() - _overlaps(beside, frame[None])[:, 0]
+        inside = (beside[:, None, :2] <= dots) & (dots <= beside[:, None, 2:])
+        best = np.argmin(covered + DOT * inside.all(axis=2).sum(axis=1))
+        boxes = np.concatenate([boxes, beside[best : best + 1]])
+    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
 
 
-def _places() -> list[tuple[float, float]]:
-    """Return reaches and angles, the nearest first."""
-    return [(reach, 2.0 * math.pi * step / DIRECTIONS) for reach in REACHES for step in range(DIRECTIONS)]
-
-
-def _beside(point: Array, size: Array, reach: float, angle: float) -> Array:
-    """Return a box of that size whose nearest side or corner is `reach` away from the point, in direction `angle`."""
-    middle = point + np.array([math.cos(angle), math.sin(angle)]) * (reach + size / 2.0)
-    return np.concatenate([middle - size / 2.0, middle + size / 2.0])
-
-
-def _overlaps(boxes: Array, others: Array) -> Array:
+def _overlaps(boxes: Array, others: Array) -> Floats:
     """Return the areas of the intersections, (K, 4) with (P, 4): (K, P)."""
     low = np.maximum(boxes[:, None, :2], others[None, :, :2])
-    high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
-    areas: Array = np.maximum(high - low, 0.0).prod(axis=2)
+    areas: Floats = np.maximum(np.minimum(boxes[:, None, 2:], others[None, :, 2:]) - low, 0.0).prod(axis=2)
     return areas
 
 
-def _along(line: Array) -> list[Array]:
-    """Return boxes about a line with corners (N, 2), small ones where it slopes."""
-    found = []
-    for start, end in itertools.pairwise(line):
-        ends = np.linspace(start, end, 2 + int(np.abs(end - start).min() / PIECE))
-        found += [np.concatenate([np.minimum(a, b) - 1.0, np.maximum(a, b) + 1.0]) for a, b in itertools.pairwise(ends)]
-    return found
+def label_points(axes: Axes, points: Sequence[tuple[float, float]], names: Sequence[str]) -> list[Annotation]:
+    """Label the points of axes whose place in the figure is final, beside their lines; return the labels."""
+    from matplotlib.text import Text
 
-
-def label_points(
-    axes: Axes,
-    x: Sequence[float],
-    y: Sequence[float],
-    names: Sequence[str],
-    lines: Sequence[Sequence[tuple[float, float]]] = (),
-    size: float = 8.0,
-    **style: Any,
-) -> list[Text]:
-    """Label the points of axes whose place in the figure is final, and return the labels; a thin line leads to those
-    not next to their point.
-
-    lines: the corners of lines, which labels avoid. style: further properties of the texts. Places are parts of the
-    figure, whatever resolution it is saved with.
-    """
     figure: Any = axes.figure
-    unit, renderer = UNIT * figure.dpi, figure.canvas.get_renderer()  # pixels
-    texts = [axes.text(0.0, 0.0, name, fontsize=size, transform=None, va="bottom", zorder=5, **style) for name in names]
-    if not texts:
-        return []
-    points = axes.transData.transform(np.column_stack([x, y])) / unit
-    extents = np.array([text.get_window_extent(renderer).size for text in texts]) / unit
-    pieces = [piece for line in lines for piece in _along(axes.transData.transform(line) / unit)]
-    obstacles = np.array([*pieces, *np.hstack([points - RADIUS, points + RADIUS])])
-    frame = axes.get_window_extent(renderer).extents / unit
-    to_figure = figure.transFigure.inverted()
-    for text, box, point in zip(
-        texts, placed(points, extents + (2.0 * PAD, 2.0), frame, obstacles), points, strict=True
-    ):
-        text.set_transform(figure.transFigure)
-        text.set_position(to_figure.transform((box[:2] + (PAD, 1.0)) * unit))
-        near = np.clip(point, box[:2], box[2:])
-        if math.dist(near, point) > REACHES[1]:
-            ends = to_figure.transform(np.array([near, point]) * unit)
-            line = axes.plot(*ends.T, color="gray", lw=0.5, transform=figure.transFigure, zorder=1)
-            line[0].set_clip_on(False)
+    unit = figure.dpi / 72.0  # pixels
+    at = axes.transData.transform(points) / unit
+    corners = [line.get_transform().transform(line.get_xydata()) / unit for line in axes.lines]
+    dots = [np.linspace(line[:-1], line[1:], PIECES).reshape(-1, 2) for line in corners]
+    style: Any = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 5}
+    style["arrowprops"] = {"arrowstyle": "-", "lw": 0.5, "color": "gray"}
+    texts = [axes.annotate(name, point, (0.0, 0.0), **style) for name, point in zip(names, points, strict=True)]
+    sizes = np.array([Text.get_window_extent(text).size for text in texts]) / unit + 2.0
+    middles = places(at, sizes, axes.get_window_extent().extents / unit, np.concatenate([at, *dots]))
+    for text, middle, point in zip(texts, middles, at, strict=True):
+        text.set_position(middle - point)
     return texts

@@ -39,8 +39,7 @@ STEP = 0.05  # degrees that the camera moves between frames
 class Measured:
     """Measurements of a variant on one scene and device, drawn with `settings`.
 
-    build_ms, upload_ms: before the first frame: building programs or loading them from the cache; packing and uploading
-    the scene. arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the
+    arithmetic: errors against the float64 oracle with the same settings. approximation: errors against the
     reference, from all causes. close: share of the pixels whose 8-bit codes are within CODES of the reference's. model: RMSE
     of its model alone, in images of equal and many samples; sampling: RMSE of its sampling alone, against the converged
     image of the same model. times: milliseconds of frames, with the scene resident on the device.
@@ -48,8 +47,6 @@ class Measured:
 
     variant: Variant
     settings: Settings
-    build_ms: float
-    upload_ms: float
     arithmetic: Check
     approximation: ImageError
     close: float
@@ -70,11 +67,6 @@ class Measured:
     def cost(self) -> float:
         """Milliseconds per frame."""
         return self.frame_ms.median
-
-    @property
-    def quartiles(self) -> tuple[float, float]:
-        """Of the milliseconds per frame."""
-        return self.frame_ms.low, self.frame_ms.high
 
     @property
     def error(self) -> float:
@@ -103,13 +95,10 @@ def measure(
 
     def errors(variant: Variant, renderer: Renderer) -> Measured:
         image = renderer.render()  # released on return: the images of all variants may not fit in memory
-        ms = image.stats["times_ms"]
         model = models.difference(renderer.settings)
         return Measured(
             variant,
             renderer.settings,
-            build_ms=image.stats["build_ms"],
-            upload_ms=ms["pack"] + ms["upload"],
             arithmetic=check(image, _pixels_to_check(image, checked)),
             approximation=image_error(image.rgb, reference.rgb),
             close=close_share(tonemap(image.rgb, operator), codes),

@@ -6,19 +6,20 @@ from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
 from ...errors import InputError
+from ..timing import Spread
 
 NEARLY = 1.1  # ratio of times that another measurement might find equal
 
 
 class Alternative(Protocol):
-    """A name, the median and the quartiles of some times in milliseconds, and an error."""
+    """A name, the median of some times in milliseconds and their quartiles, and an error."""
 
     @property
     def name(self) -> str: ...
     @property
     def cost(self) -> float: ...
     @property
-    def quartiles(self) -> tuple[float, float]: ...
+    def frame_ms(self) -> Spread: ...
     @property
     def error(self) -> float: ...
 
@@ -45,8 +46,8 @@ def most_accurate(alternatives: Sequence[A], known: float) -> A:
 
 def most_accurate_of_fastest(alternatives: Sequence[A], known: float) -> A:
     """Return the most accurate of those that are nearly as fast as the fastest in a quarter of their frames."""
-    least = min(each.quartiles[0] for each in alternatives)
-    return most_accurate([each for each in alternatives if each.quartiles[0] <= NEARLY * least], known)
+    least = min(each.frame_ms.low for each in alternatives)
+    return most_accurate([each for each in alternatives if each.frame_ms.low <= NEARLY * least], known)
 
 
 def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) -> A:
@@ -55,7 +56,7 @@ def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) 
 
     Raises InputError, naming the fastest, if there is none.
     """
-    affordable = [each for each in alternatives if each.quartiles[0] <= NEARLY * budget]
+    affordable = [each for each in alternatives if each.frame_ms.low <= NEARLY * budget]
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
         raise InputError(

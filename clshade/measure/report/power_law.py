@@ -26,8 +26,6 @@ def fitted(x: Sequence[float], y: Sequence[float]) -> Power:
     u, v = np.log(x), np.log(y)
     slope, offset = np.polyfit(u, v, 1)
     free = len(u) - 2
-    if free < 1:
-        raise ValueError(f"fitted: expected three points or more, found {len(u)}")
     variance = np.square(v - (slope * u + offset)).sum() / free / np.square(u - u.mean()).sum()
     half = (STUDENT[free - 1] if free <= len(STUDENT) else NORMAL) * float(np.sqrt(variance))
     return Power(float(slope), float(slope) - half, float(slope) + half)

@@ -6,9 +6,9 @@ mean of many samples, each of them shaded: the limit of increasing sample counts
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+import math
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -38,12 +38,11 @@ CONVERGING = {  # how well
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A converged image, or some windows of it.
+    """A converged image.
 
-    rgb: float64; (M, N, 3), or (K, 3) of the windows' pixels, see `thinned_image.Thinned`. samples: number per pixel.
-    settings: those that it was drawn with.
-    error: estimate of its RMSE: half of the RMSE between it and the image with a quarter of the samples, because errors
-    fall at least with the square root of the number of samples.
+    rgb: float64; (M, N, 3), or (K, 3) of a thinned image. samples: number per pixel. settings: those that it was drawn
+    with. error: estimate of its RMSE: half of the RMSE between it and the image with a quarter of the samples, because
+    errors fall at least with the square root of the number of samples.
     """
 
     rgb: Array = field(repr=False)
@@ -58,48 +57,23 @@ class Reference:
             f"{self.error:.2g}, half its distance from an image with a quarter of the samples"
         )
 
-    def stats(self) -> dict[str, float]:
-        """Return the figures for JSON."""
-        return {"samples": self.samples, "estimated_error": self.error}
 
-
-def reference(scene: Scene, base: Settings, device: Device, fixed: Collection[str] = ()) -> Reference:
+def reference(
+    scene: Scene, base: Settings, device: Device, fixed: Collection[str] = (), thinned: Thinned | None = None
+) -> Reference:
     """Render the reference with as many samples as MOST allows, at least 4 and at most 256 per pixel.
 
     base: its ambient term, culling and near plane, and whether there is lighting at all, belong to the scene and are
-    kept, as are the fields named in `fixed`, except those that decide how accurately the image converges.
+    kept, as are the fields named in `fixed`, except those that decide how accurately the image converges. thinned: draws
+    only its pixels.
     """
-    columns, rows = scene.camera.resolution
     best = best_settings(base, device, fixed)
-    return _converged(best, columns * rows, partial(averaged, scene, device), rmse)
-
-
-def reference_windows(
-    scene: Scene, base: Settings, device: Device, thinned: Thinned, fixed: Collection[str] = ()
-) -> Reference:
-    """Render the same as `reference`, but only the pixels of a thinned image."""
-
-    def draw(settings: Settings, scale: int, samples: int) -> Array:
-        found = window_means(scene, device, settings, scale, samples, thinned.windows)
-        return np.concatenate([means.reshape(-1, 3) for _, means in found])
-
-    def error(coarse: Array, fine: Array) -> float:
-        return thinned.estimate(coarse, fine).rmse
-
-    return _converged(best_settings(base, device, fixed), thinned.count, draw, error)
-
-
-def _converged(
-    best: Settings,
-    pixels: int,
-    draw: Callable[[Settings, int, int], Array],
-    error: Callable[[Array, Array], float],
-) -> Reference:
-    """Return the reference of so many pixels. draw: takes settings and a step. error: returns an RMSE."""
+    pixels = thinned.count if thinned else math.prod(scene.camera.resolution)
     first = first_step(pixels * (1 + 10 * best.ambient_occlusion))  # a ray of it takes as long as ten samples
-    fine, coarse = (draw(best, *step) for step in STEPS[first : first + 2])
+    fine, coarse = (averaged(scene, device, best, *step, thinned) for step in STEPS[first : first + 2])
+    apart = thinned.estimate(coarse, fine).rmse if thinned else rmse(coarse, fine)
     scale, samples = STEPS[first]
-    return Reference(fine, scale * scale * samples, best, error(coarse, fine) / 2.0)
+    return Reference(fine, scale * scale * samples, best, apart / 2.0)
 
 
 def first_step(pixels: int) -> int:
@@ -122,24 +96,20 @@ def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -
     )
 
 
-def averaged(scene: Scene, device: Device, settings: Settings, scale: int, samples: int) -> Array:
-    """Return the means of scale x scale pixels of a larger image, each with `samples` samples, (M, N, 3) float64."""
+def averaged(
+    scene: Scene, device: Device, settings: Settings, scale: int, samples: int, thinned: Thinned | None = None
+) -> Array:
+    """Return the means of scale x scale pixels of a larger image, each with `samples` samples, (M, N, 3) float64; or
+    (K, 3), the pixels of a thinned image."""
     columns, rows = scene.camera.resolution
     image = np.empty((rows, columns, 3))
-    for window, means in window_means(scene, device, settings, scale, samples, tiles(scene.camera, scale)):
-        image[window.place] = means
-    return image
-
-
-def window_means(
-    scene: Scene, device: Device, settings: Settings, scale: int, samples: int, windows: Iterable[Window]
-) -> Iterator[tuple[Window, Array]]:
-    """Yield each window with its part of what `averaged` returns, (height, width, 3) float64."""
+    windows = thinned.windows if thinned else tiles(scene.camera, scale)
     with Renderer(scene, settings=replace(settings, samples=samples), device=device) as renderer:
         for window in windows:
-            found = np.asarray(renderer.render(camera=window.camera(scene.camera, scale)).rgb, np.float64)
-            blocks = found.reshape(window.height, scale, window.width, scale, 3)
-            yield window, blocks.mean(axis=(1, 3))
+            large = np.asarray(renderer.render(camera=window.camera(scene.camera, scale)).rgb, np.float64)
+            blocks = large.reshape(window.height, scale, window.width, scale, 3)
+            image[window.place] = blocks.mean(axis=(1, 3))
+    return thinned.of(image) if thinned else image
 
 
 def tiles(camera: Camera, scale: int) -> Iterator[Window]:

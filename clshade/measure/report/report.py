@@ -3,42 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...base import atomic_files, text_tables
 from ...base.atomic_files import shown
 from ...base.declare import as_option
-from ...base.markup import Content, data_uri, element
+from ...base.markup import data_uri, element
 from ...errors import InputError
-from ...images import figures, png
+from ...images import figures
 from ...pipeline.opencl.device import Device, open_device
 from ...scene.model import Scene
 from ..defaults import FRAMES
 from ..results import Results, check_files, files, wrote
 from . import figure, tables
 from .answer import Command, answer, criterion
-from .measure import Measured
 from .pareto import within_budget, within_tolerance
 from .study import Study, study
 from .variants import COMMON, LIMITED, VARIANTS, Variant, base_settings, default_variant, named, variants_for
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-STYLE = """
-.figure { width: 100%; height: auto }
-.pictures { display: flex; flex-wrap: wrap; gap: .6rem }
-details { width: 18rem } details[open] { width: 100% }
-summary { list-style: none; cursor: zoom-in } details[open] summary { cursor: zoom-out }
-summary::-webkit-details-marker { display: none }
-details img { width: 100%; display: block; image-rendering: pixelated } details span { font-size: .9rem }
-"""
-SCALE = (
-    f"Click to enlarge. Differences are drawn on a logarithmic scale: black is {figure.LEAST:g} or less, the brightest "
-    f"color {figure.MOST:g} or more, where display white is 1."
-)
+STYLE = ".figure { width: 100%; height: auto }"
 
 
 def listing() -> str:
@@ -54,6 +38,7 @@ def run(
     scene: Scene,
     device: str | None = None,
     *,
+    command: Command,
     out: str | Path = "report",
     names: Sequence[str] = (),
     frames: int = FRAMES,
@@ -63,16 +48,15 @@ def run(
     formats: Sequence[str] = ("png",),
     html: bool = False,
     settings: Mapping[str, Any] | None = None,
-    command: Command | None = None,
 ) -> bool:
     """Measure the variants, print what to render with, and write the files.
 
     Returns True if every variant's arithmetic is within its bounds.
 
-    names: variants; default: those that may be worth their time, with details all that change the image of this scene.
-    frames: number per variant. budget: milliseconds. tolerance: RMSE. details: measure more and print all tables; implied by
-    names. formats: of the figure. html: write a page too. settings: fields of Settings in place of the scene's own, in all
-    variants but those that change them. command: returns the command that draws the scene with some settings. Raises
+    command: returns the command that draws the scene with some settings. names: variants; default: those that may be worth
+    their time, with details all that change the image of this scene. frames: number per variant. budget: milliseconds.
+    tolerance: RMSE. details: measure more and print all tables; implied by names. formats: of the figure. html: write a
+    page too. settings: fields of Settings in place of the scene's own, in all variants but those that change them. Raises
     DeviceError, OutputError and InputError; the last also if no variant meets the budget or tolerance, but only after all
     files are written.
     """
@@ -83,25 +67,19 @@ def run(
     prefix = _folder(out) / "report"
     check_files(files(prefix, *formats, *(["html"] if html else [])))  # before minutes of measuring
     found = study(scene, opened, variants, frames, settings, details or bool(names))
-    draws = command or partial(tables.render_command, scene)
-    lines = [*(each.line(draws) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
+    lines = [*(each.line(command) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
     print("\n".join([*lines, *(["", *tables.results(found).lines()] if details or names else [])]))
+    used, known = None, found.reference.error
     try:
-        used, unkept = _used(found, budget, tolerance), None
-    except InputError as error:
-        used, unkept = None, error
-    print("\n".join(wrote(_write(found, tables.written(found, draws, used), prefix, formats, html))))
-    if unkept is not None:
-        raise unkept
+        if budget is not None:
+            used = within_budget(found.measured, budget, known)
+        elif tolerance is not None:
+            used = within_tolerance(found.measured, tolerance, known)
+    finally:  # what was measured is written even if no variant keeps the limit
+        print("\n".join(wrote(_write(found, tables.written(found, command, used), prefix, formats, html))))
     if used is not None:
-        print(f"use {tables.used_line(used, draws)}")
+        print(f"use {tables.used_line(used, command)}")
     return all(each.arithmetic.passed for each in found.measured)
-
-
-def _used(study: Study, budget: float | None, tolerance: float | None) -> Measured | None:
-    if budget is not None:
-        return within_budget(study.measured, budget, study.reference.error)
-    return None if tolerance is None else within_tolerance(study.measured, tolerance, study.reference.error)
 
 
 def _write(study: Study, results: Results, prefix: Path, formats: Sequence[str], html: bool) -> list[Path]:
@@ -112,7 +90,9 @@ def _write(study: Study, results: Results, prefix: Path, formats: Sequence[str],
         figures.save(drawn, path, colors=256)
     if html:
         paths.append(prefix.with_suffix(".html"))
-        atomic_files.write_bytes(paths[-1], results.html(_pictures(study, drawn), style=STYLE))
+        vectors = data_uri("image/svg+xml", figures.as_vectors(drawn, "svg"))
+        picture = element("img", class_="figure", src=vectors, alt="Error against time, and error images")
+        atomic_files.write_bytes(paths[-1], results.html(picture, style=STYLE))
     return [*paths, *results.write(prefix)]
 
 
@@ -137,18 +117,3 @@ def _folder(out: str | Path) -> Path:
         option = "--html" if suffix == "html" else f"--format {suffix}"
         raise InputError(f"report: --out: expected a folder, found {shown(out)} ({option} writes that into it)")
     return text_tables.create_folder(out)
-
-
-def _pictures(study: Study, drawn: Figure) -> Content:
-    """Return the figure, and error images that open large, for a page."""
-    vectors = data_uri("image/svg+xml", figures.as_vectors(drawn, "svg"))
-    images = [
-        element("details", element("summary", element("img", src=png.as_uri(picture), alt=name), element("span", name)))
-        for name, picture in figure.colored(study).items()
-    ]
-    return (
-        element("img", class_="figure", src=vectors, alt="Error against time, and error images"),
-        element("h2", "Images"),
-        element("p", SCALE),
-        element("div", images, class_="pictures"),
-    )

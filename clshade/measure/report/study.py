@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ...base import atomic_files, console
 from ...base.arrays import Array
 from ...base.progress_bar import Bar
@@ -70,39 +72,30 @@ def study(
     settings: fields of Settings in place of the scene's own."""
     given = dict(settings or {})
     base = base_settings(scene, **given)
-    steps = len(variants) + (3 if details else 2)
-    with Bar(steps, "report", clock=running_time, hidden=console.quiet() or None) as bar:
+    with Bar(len(variants) + 2, "report", clock=running_time, hidden=console.quiet() or None) as bar:
         converged = reference(scene, base, device)
         bar.advance()
         models = ModelErrors(scene, converged.settings, device)
         checked, seconds = (SAMPLES_CHECKED, SECONDS) if details else (FEW_CHECKED, FEW_SECONDS)
         effort: dict[str, Any] = {"frames": frames, "checked": checked, "seconds": seconds}
         measured = measure(scene, variants, base, device, converged, models, advance=bar.advance, **effort)
-        off = pictures(scene, device, measured, converged, models)
+        off = pictures(scene, device, measured, converged)
+        usual = picture_settings(scene, **given)
+        causes = decompose(scene, usual, device, converged, models) if details else None
         bar.advance()
-        causes = None
-        if details:
-            causes = decompose(scene, picture_settings(scene, **given), device, converged, models)
-            bar.advance()
-    usual = default_variant(scene, base, variants, **given).name
-    return Study(scene, device.title, machine(), converged, tuple(measured), off, usual, causes, given)
+    default = default_variant(scene, base, variants, **given).name
+    return Study(scene, device.title, machine(), converged, tuple(measured), off, default, causes, given)
 
 
-def pictures(
-    scene: Scene, device: Device, measured: Sequence[Measured], converged: Reference, models: ModelErrors
-) -> dict[str, Array]:
-    """Return what the first and the most accurate image are off by, and between them the models that are off most."""
-    ends = list(dict.fromkeys([*measured[:1], *sorted(measured, key=lambda each: each.error)[:1]]))
-    off = {
+def pictures(scene: Scene, device: Device, measured: Sequence[Measured], converged: Reference) -> dict[str, Array]:
+    """Return what the first image is off by, and those of the Pareto front, from its fastest to its most accurate."""
+    best = front(measured, converged.error)
+    places = np.linspace(0, len(best) - 1, min(len(best), SHOWN - 1)).round().astype(int)
+    chosen = dict.fromkeys([measured[0], *(best[place] for place in places)])
+    return {
         f"{each.name}, off by": render(scene, settings=each.settings, device=device).rgb - converged.rgb
-        for each in ends
+        for each in chosen
     }
-    alone = {each.name: each for each in measured if len(models.approximated(each.settings)) == 1 and each.model > 0.0}
-    distinct = {tuple(models.approximated(each.settings)): each for each in reversed(list(alone.values()))}
-    worst = sorted(distinct.values(), key=lambda each: -each.model)[: SHOWN - len(ends)]
-    between = {f"{each.name}, its model off by": models.difference(each.settings) for each in worst}
-    (first, picture), *last = off.items()
-    return {first: picture, **between, **dict(last)}
 
 
 def machine() -> str:

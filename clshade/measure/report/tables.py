@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
@@ -15,7 +14,7 @@ from ...pipeline.picture import changed_fields
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
 from ..results import Column, Results, Table
-from ..timing import Spread, median_interval
+from ..timing import Spread
 from .answer import Command, answer, criterion
 from .decomposition import Part
 from .measure import Measured
@@ -42,8 +41,6 @@ VARIANTS = (
     Column("half of them", "", attrgetter("frame_ms"), _half),
     Column("", "ms_low", attrgetter("frame_ms.low")),
     Column("", "ms_high", attrgetter("frame_ms.high")),
-    Column("", "ms_95_low", lambda measured: median_interval(measured.times)[0]),
-    Column("", "ms_95_high", lambda measured: median_interval(measured.times)[1]),
     Column("RMSE", "rmse", attrgetter("error")),
     Column("sampling", "sampling", attrgetter("sampling")),
     Column("model", "model", attrgetter("model"), lambda error: digits(error or None)),
@@ -52,23 +49,17 @@ VARIANTS = (
     Column("FLIP", "flip", attrgetter("approximation.flip")),
     Column("", "close", attrgetter("close")),
     Column("arithmetic", "arithmetic", attrgetter("arithmetic.error"), "{:.2g}".format),
-    Column("its RMS", "arithmetic_rms", attrgetter("arithmetic.rms"), "{:.2g}".format),
-    Column("bounds", "bounds", attrgetter("arithmetic.bounds"), "{:.2g}".format),
-    Column("allowed", "bounds_allowed", attrgetter("arithmetic.allowed"), "{:.4g}".format),
     Column("wrong", "", lambda measured: measured, _wrong),
     Column("", "wrong", attrgetter("arithmetic.wrong")),
     Column("", "pixels_checked", attrgetter("arithmetic.pixels")),
-    Column("build ms", "build_ms", attrgetter("build_ms"), "{:.0f}".format),
-    Column("upload ms", "upload_ms", attrgetter("upload_ms"), "{:.0f}".format),
 )
 NOTES = (
     "* marks the Pareto front: the variants that are more accurate than all faster ones, by more than the reference's own "
     "error; lower errors are more accurate",
     "RMSE to FLIP: approximation, against the reference; display white is 1; sampling: of that, what finer sampling of the "
     f"same model would cure; model: what it would not, against the best model with the same {SAMPLES} samples",
-    "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; its RMS; "
-    "the largest in bounds, and how many are allowed; pixels of wrong coverage, of so many looked at: all, or a stratified "
-    "sample, the smaller the more samples each pixel has, so that largest and RMS of two variants may be of other pixels",
+    "arithmetic: the largest |value - oracle| / light of pixels computed again in float64 with the same settings; wrong: "
+    "pixels of wrong coverage, of so many looked at: all, or a stratified sample",
 )
 NO_FLIP = (
     "FLIP: not measured, flip-evaluator is not installed (pip install flip-evaluator, or clshade's extra `report`)"
@@ -77,7 +68,6 @@ CAUSES = (
     Column("cause", "cause", attrgetter("cause"), str),
     Column("RMSE", "rmse", attrgetter("rmse")),
     Column("share", "share", attrgetter("share"), _percent),
-    Column("of the PNG's", "png_share", attrgetter("png_share"), _percent),
 )
 WHERE_FROM = (
     "Error of the image that `render` draws, by cause: RMSE of each alone; share of the total's mean square, negative where "
@@ -90,37 +80,31 @@ def results(study: Study) -> Results:
     best = study.front
     name = Column("variant", "", lambda measured: f"{measured.name}{' *' * (measured in best)}", str)
     notes = NOTES if has_flip() else (*NOTES, NO_FLIP)
-    parts: Sequence[Part] = study.causes.parts if study.causes else ()
-    facts = {
-        "scene": study.title,
-        "device": study.device,
-        "machine": study.machine,
-        "reference": study.reference.about(),
-    }
+    parts: Sequence[Part] = ()
+    remarks: list[str] = []
+    if (causes := study.causes) is not None:
+        parts = causes.parts
+        remarks = [f"total: RMSE {causes.total:.3g}, as a PNG {causes.png_total:.3g}", *causes.remarks()]
+    machine = {"scene": study.title, "device": study.device, "machine": study.machine}
     tables = [
         Table("Variants", (name, *VARIANTS), study.measured, notes=notes),
-        Table("Where the error comes from", CAUSES, parts, WHERE_FROM, study.causes.lines() if study.causes else ()),
+        Table("Where the error comes from", CAUSES, parts, WHERE_FROM, remarks),
     ]
-    return Results(f"Error against run time: {study.title}", facts, tables)
+    return Results(f"Error against run time: {study.title}", {**machine, "reference": study.reference.about()}, tables)
 
 
 def written(study: Study, command: Command, used: Measured | None) -> Results:
     """Return the results for files, the answer first. used: the variant chosen for the budget or tolerance."""
-    found, advice = results(study), answer(study)
-    first = {each.purpose: f"{each.found}: {command(each.used.settings)}" for each in advice}
+    found = results(study)
+    first = {each.purpose: f"{each.found}: {command(each.used.settings)}" for each in answer(study)}
     first["criterion"] = criterion(study)
     if used is not None:
         first["use"] = used_line(used, command)
     data = {
         "scene": study.scene.name,
-        "triangles": study.scene.face_count,
         "resolution": study.scene.camera.resolution,
-        "reference": study.reference.stats(),
+        "reference_error": study.reference.error,
         "settings": dict(study.given),
-        "answer": [
-            {"purpose": each.purpose, "variant": each.used.variant.name, "command": command(each.used.settings)}
-            for each in advice
-        ],
         "use": used and used.variant.name,
         "default": study.default and study.usual,
         "pareto_front": [each.variant.name for each in study.front],
@@ -131,11 +115,6 @@ def written(study: Study, command: Command, used: Measured | None) -> Results:
 def used_line(used: Measured, command: Command) -> str:
     """Return what is used, and the command that draws it."""
     return f"{used.name}: {used.cost:.3g} ms, RMSE {used.error:.3g}: {command(used.settings)}"
-
-
-def render_command(scene: Scene, settings: Settings) -> str:
-    """Return the command that draws a built-in scene with these settings."""
-    return shlex.join(["clshade", "render", scene.name, *render_options(scene, render_fields(settings, scene))])
 
 
 def render_options(scene: Scene, given: Mapping[str, Any]) -> list[str]:

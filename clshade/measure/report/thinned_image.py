@@ -54,10 +54,6 @@ class Estimate(NamedTuple):
     low: float
     high: float
 
-    def widened(self, known: float) -> Estimate:
-        """Return the estimate for an image from which the one compared with is `known` away: an RMSE is a distance."""
-        return Estimate(self.rmse, max(self.low - known, 0.0), self.high + known)
-
 
 @dataclass(frozen=True, eq=False)
 class Thinned:
@@ -77,10 +73,6 @@ class Thinned:
     chances: Floats
 
     @property
-    def whole(self) -> bool:
-        return len(self.windows) == 1
-
-    @property
     def count(self) -> int:
         """Pixels of the windows."""
         return sum(window.width * window.height for window in self.windows)
@@ -98,13 +90,9 @@ class Thinned:
         return Estimate(*(math.sqrt(square) for square in (draws.mean(), low, high)))
 
     def about(self) -> str:
-        if self.whole:
+        if len(self.windows) == 1:
             return "the whole image"
         return f"{self.count:,} of {self.pixels:,} pixels, in {len(self.windows)} windows"
-
-    def stats(self) -> dict[str, int]:
-        """Return the figures for JSON."""
-        return {"pixels": self.count, "of": self.pixels, "windows": len(self.windows)}
 
 
 def thinned(image: Array, faces: int) -> Thinned:

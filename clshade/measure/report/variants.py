@@ -14,7 +14,6 @@ from ...pipeline.picture import picture_fields
 from ...scene.model import Scene, Settings
 
 BASE = "standard"
-UNCHANGED = "unchanged"
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,16 +25,6 @@ class Variant:
     title: str
     changes: dict[str, Any]
 
-    @property
-    def shown_name(self) -> str:
-        """Its name where the base may be other than the preset `standard`."""
-        return self.name if self.changes else UNCHANGED
-
-    @property
-    def shown_title(self) -> str:
-        """Its title, likewise."""
-        return self.title if self.changes else UNCHANGED
-
     def settings(self, base: Settings) -> Settings:
         return replace(base, **self.changes)
 
@@ -45,10 +34,6 @@ class Variant:
 
 def _variant(name: str, title: str, **changes: Any) -> Variant:
     return Variant(name, title, changes)
-
-
-def _with(count: int, what: str) -> str:
-    return f"16 samples and {count} {what}{'s' * (count > 1)}"
 
 
 TEXTURES = ("texture_at", "texture_filter")  # fields without effect if there is no texture
@@ -68,8 +53,11 @@ VARIANTS = (
     _variant("vertex-texture", "textures at corners", texture_at="vertex"),
     _variant("trilinear", "mip maps", texture_filter="trilinear"),
     *(_variant(f"trilinear-{n}", f"{n} mip-mapped samples", samples=n, texture_filter="trilinear") for n in (4, 16)),
-    *(_variant(f"light-{n}", _with(n, "light point"), samples=16, light_samples=n) for n in LIGHT_POINTS),
-    *(_variant(f"occlusion-{n}", _with(n, "occlusion ray"), samples=16, ambient_occlusion=n) for n in OCCLUSION_RAYS),
+    *(_variant(f"light-{n}", f"16 samples, light points: {n}", samples=16, light_samples=n) for n in LIGHT_POINTS),
+    *(
+        _variant(f"occlusion-{n}", f"16 samples, occlusion rays: {n}", samples=16, ambient_occlusion=n)
+        for n in OCCLUSION_RAYS
+    ),
     _variant("painter", "painter's order", visibility="painter"),
     _variant("affine", "affine interpolation", interpolation="affine"),
     _variant("course", "preset course", **COURSE),
