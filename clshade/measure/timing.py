@@ -40,17 +40,6 @@ def in_turns(draws: Sequence[Callable[[int], T]], rounds: int, seconds: float) -
     return found
 
 
-def turns_of(frames: int, draw: Callable[[int], T]) -> Callable[[int], list[T]]:
-    """Return a draw for `in_turns` that draws so many frames in a row. If there are several, one more is drawn first and
-    dropped: after another program's frames it finds cold caches and sleeping threads."""
-
-    def turn(number: int) -> list[T]:
-        extra = int(frames > 1)
-        return [draw(number * (frames + extra) + k) for k in range(frames + extra)][extra:]
-
-    return turn
-
-
 def mean_interval(values: Sequence[float]) -> tuple[float, float]:
     """Return the 95 % interval of the mean, by bootstrap as in `ratio_interval`."""
     return _interval(np.mean(_resampled(values), axis=1))

@@ -114,7 +114,7 @@ def test_stability():
 
 def test_bench():
     assert_fits(bench.listing())
-    slow = {"triangles": 16_777_216, "resolution": (16384, 16384), "frame_ms": Spread(12345.6, 123456.7, 234567.8)}
+    slow = {"triangles": 16_777_216, "resolution": (16384, 16384), "ms": Spread(12345.6, 123456.7, 234567.8)}
     wide = {f"a-stage-{k}": 12345.678 for k in range(20)}
     error = ClshadeError("some words about what was wrong " * 5)
     found = results_of(timed(LONG, **slow, stages=wide), timed(), starts=STARTS, errors={"w": error})

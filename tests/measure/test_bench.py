@@ -15,11 +15,10 @@ from command_line import assert_refused, run
 from speeds import STARTS, WORKLOADS, results_of, timed
 
 from clshade.errors import ClshadeError, DeviceError
-from clshade.images import png
 from clshade.measure.bench import bench, device_peaks, starting, workloads
-from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, time_frames, warm_renderer
+from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, time_frames
 from clshade.measure.bench.workloads import Workload, knot, thing
-from clshade.pipeline.renderer import render
+from clshade.pipeline.renderer import Renderer, render
 
 # Workloads
 
@@ -41,21 +40,20 @@ def test_workloads_are_what_they_say():
     }
 
 
-def test_the_object_fills_a_third_of_the_image(opened):
-    assert render(thing(128), device=opened).alpha.mean() == pytest.approx(1 / 3, abs=0.01)
-
-
 # Counts
 
 
 def drawn(scene, device, frames=1, **options):
-    with warm_renderer(scene, device, options) as renderer:
-        return time_frames(renderer, frames)
+    with Renderer(scene, device=device, **options) as renderer:
+        return time_frames("it", renderer, frames)
 
 
-def test_bytes_and_flops(opened):
+def test_stages_bytes_and_flops(opened):
     """For two sizes the bytes differ by the images', 16 per pixel; for two scenes by their triangles'."""
-    small, large = (drawn(thing(size, level=2), opened) for size in (32, 64))
+    small, large = (drawn(thing(size, level=2), opened, 3) for size in (32, 64))
+    assert small.frames == 3
+    assert {"setup", "phong", "sort", "host"} <= set(small.stages)
+    assert not {"frame", "pack", "build"} & set(small.stages)
     assert large.bytes - small.bytes == 16 * (64**2 - 32**2)
     assert large.flops == large.covered * (PIXEL_FLOPS + 3 * LIGHT_FLOPS)
     frame = render(thing(64, level=2), device=opened)
@@ -67,17 +65,10 @@ def test_bytes_and_flops(opened):
     assert many.bytes - few.bytes >= (2000 - 200) * 12 + corners * 24
 
 
-def test_stages_and_host_make_up_the_frame(opened):
-    found = drawn(thing(48, level=2), opened, 3)
-    assert found.frames == 3
-    assert {"setup", "phong", "sort", "host"} <= set(found.stages)
-    assert not {"frame", "pack", "build"} & set(found.stages)
-
-
 def test_other_shaders_have_no_floor_of_operations(opened):
     found = drawn(thing(16, level=2), opened, shader="gouraud")
     assert found.flops is None
-    assert found.floor_ms(device_peaks.Peaks(1.0, 1e-9, 2e3)) == pytest.approx(found.bytes / 2.0)
+    assert found.floor_ms(device_peaks.Peaks(flops=1e-9, fill=2e3)) == pytest.approx(found.bytes / 2.0)
 
 
 @pytest.mark.sampled
@@ -124,28 +115,18 @@ def test_starting_up(opened):
 def test_the_tables_hold_what_was_measured(tmp_path):
     found = results_of(timed(), timed("v", same=False, flops=None), starts=STARTS, errors={"x": "too large"})
     lines = found.lines()
-    # 100 triangles and pixels in 2 ms; 1e6 bytes in 2 ms are half of the copy's 1e9 per second and take as long at the
-    # fill's 5e8; 1e7 operations half of 1e10; 2^20 and 1e6 bytes are 1.95 MiB.
-    expected = "10x10 100 100.0 % 2.00 1.8 to 2.2 5 0.05 0.05 0.5 50.0 % 5 50.0 % 2 1 1.95"
+    # 100 triangles and pixels in 2 ms; 1e6 bytes take as long at the fill's 5e8; 1e7 operations half of that at 1e10;
+    # 2^20 and 1e6 bytes are 1.95 MiB.
     first, second, *_ = (" ".join(line.split()[1:]) for line in lines if line.startswith("w  "))
-    assert f"{first} {second}" == expected
+    assert f"{first} {second}".startswith("10x10 100 100 2.00 1.8 2.2 5 0.05 0.05 0.5 5 2 1 1.95 12.00 2.00 5 6 2 9 ")
     assert any(line.startswith("empty") and "4.00" in line for line in lines)
     assert any("x: too large" in line for line in lines)
     assert sum("NO" in line for line in lines) == 1
     found.write(tmp_path / "b")
     rows = list(csv.DictReader((tmp_path / "b.csv").open()))
     assert [(row["name"], row["ratio"], row["same"]) for row in rows] == [("w", "6.0", "True"), ("v", "", "False")]
-    assert [rows[0][name] for name in ("copy_share", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
+    assert [rows[0][name] for name in ("gb_s", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]
     assert (rows[0]["gflops"], rows[1]["gflops"]) == ("5.0", "")
-    assert str(timed()) == "w: 2.00 ms; 6 times as fast as OpenGL"
-    assert str(timed(same=False)) == "w: 2.00 ms; OpenGL draws another picture"
-
-
-@pytest.mark.parametrize("alone", [True, False])
-def test_the_figure(tmp_path, alone):
-    several = [replace(each, compared=None) if alone else each for each in (timed(), timed("v", same=False))]
-    bench.plot(several, "a device", tmp_path / "a.png")
-    assert png.read(tmp_path / "a.png").std() > 20.0
 
 
 @pytest.fixture
@@ -165,11 +146,11 @@ def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, m
     command = ("bench", "own.obj", "teapot", "--device", opened.index, "--frames", "2")
     code, out, _ = run(capsys, *command, "--resolution", "48,32", "--look", "plain", "--samples", "4", "-o", "b")
     assert code == 0
-    assert {path.name for path in tmp_path.glob("b.*")} == {"b.csv", "b.json", "b.md", "b.png"}
+    assert {path.name for path in tmp_path.glob("b.*")} == {"b.csv", "b.json", "b.md"}
     figures = json.loads(Path("b.json").read_text(), parse_constant=no_constants)
-    assert [(each["name"], each["columns"], each["frames"]) for each in figures["frames"]] == [
-        ("own.obj", 48, 2),
-        ("teapot", 48, 2),
+    assert [(each["name"], each["image"], each["frames"]) for each in figures["frames"]] == [
+        ("own.obj", "48x32", 2),
+        ("teapot", "48x32", 2),
     ]
     assert figures["bytes_held"][1]["scene"] > figures["bytes_held"][0]["scene"] > 0
     assert figures["bytes_held"][0]["image"] == 48 * 32 * 16
@@ -189,14 +170,13 @@ def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypat
     with pytest.raises(DeviceError, match="the device allows 4096"):
         bench.run([Workload("large", "", lambda: thing(64, level=2))], None, frames=1)
 
-    def fail(_):
-        raise ClshadeError("no more processes")
+    def fail():
+        raise ClshadeError("no such scene")
 
     monkeypatch.setattr(bench, "open_device", lambda *_, **__: opened)
-    monkeypatch.setattr(bench, "start_up", fail)
-    assert not bench.run(WORKLOADS[2:3], None, frames=1, with_start=True)
+    assert not bench.run([Workload("bad", "", fail), WORKLOADS[2]], None, frames=1)
     out = capsys.readouterr().out
-    assert "failed   start-up: no more processes" in out
+    assert "failed   bad: no such scene" in out
     assert "quads" in out
 
 
@@ -206,8 +186,6 @@ REFUSED = [
     (("start-up", "teapot", "--no-weld"), ("--no-weld", "'start-up'")),
     (("--against", "lvmpipe"), ("--against", "'lvmpipe'", "'llvmpipe'")),
     (("--frames", "0"), ("--frames", "'0'")),
-    (("--frames", "x"), ("--frames", "'x'")),
-    (("--device", "nothing"), ("device", "'nothing'")),
     (("none.obj",), ("none.obj",)),
     (("-o", "file/x"), ("file", "not a folder")),
 ]

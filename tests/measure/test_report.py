@@ -80,11 +80,6 @@ def test_each_renderer_has_its_own_times():
     assert frame_times([], 4) == []
 
 
-def test_turns_of_several_frames_drop_the_first():
-    draws = [timing.turns_of(1, lambda number: number), timing.turns_of(3, lambda number: number)]
-    assert timing.in_turns(draws, 2, seconds=60.0) == [([0], [1, 2, 3]), ([1], [5, 6, 7])]
-
-
 def test_the_interval_of_a_ratio():
     """It contains the ratio, is a point without spread, and is as wide as the rounds differ."""
     assert timing.ratio_interval([6.0] * 5, [2.0] * 5) == (3.0, 3.0)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from clshade.measure.bench import device_peaks, tables
 from clshade.measure.bench.agreement import TOLERANCE, Agreement
-from clshade.measure.bench.frame_timing import FrameTiming
+from clshade.measure.bench.frame_timing import Compared, FrameTiming
 from clshade.measure.bench.starting import Start
-from clshade.measure.bench.tables import Compared, Timed
 from clshade.measure.bench.workloads import Workload, full_screen, knot, thing
 from clshade.measure.results import Results
 from clshade.measure.timing import Spread
@@ -21,22 +20,22 @@ WORKLOADS = tuple(Workload(name, f"small {name}", make) for name, make in SMALL.
 STARTS = [Start("warm", Spread(0.4, 0.5, 0.6), 5), Start("empty", Spread(3.0, 4.0, 5.0), 5)]
 
 
-def timed(name="w", ms=2.0, same=True, **changes):
+def timed(name="w", median=2.0, same=True, **changes):
+    agreement = Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
     fields = {
         "resolution": (10, 10),
         "triangles": 100,
         "covered": 100,
         "frames": 5,
-        "frame_ms": Spread(0.9 * ms, ms, 1.1 * ms),
-        "stages": {"host": 0.5 * ms, "phong": 0.5 * ms},
+        "ms": Spread(0.9 * median, median, 1.1 * median),
+        "stages": {"host": 0.5 * median, "phong": 0.5 * median},
         "held": {"scene": 900_000, "image": 100_000, "owners": 1 << 20},
         "flops": 10**7,
+        "compared": Compared("llvmpipe 1", median, 6 * median, 5, (2.0, 9.0), agreement),
     }
-    agreement = Agreement(0.5, 1e-5 if same else 0.5, TOLERANCE, 1.0)
-    compared = Compared("llvmpipe 1", Spread(ms, ms, ms), Spread(6 * ms, 6 * ms, 6 * ms), 5, (2.0, 9.0), agreement)
-    return Timed(name, FrameTiming(**{**fields, **changes}), compared)
+    return FrameTiming(name, **{**fields, **changes})
 
 
 def results_of(*several, starts=(), errors=None) -> Results:
-    """Return the results on a device that copies 1e9 bytes, fills 5e8 and computes 1e10 flops per second."""
-    return tables.results("a device", device_peaks.Peaks(1e9, 1e10, 5e8), several, starts, errors or {})
+    """Return the results on a device that fills 5e8 bytes and computes 1e10 flops per second."""
+    return tables.results("a device", device_peaks.Peaks(flops=1e10, fill=5e8), several, starts, errors or {})

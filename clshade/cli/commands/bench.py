@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=("llvmpipe", "opengl"),
         help="draw in turns with Mesa's software rasterizer, or with the machine's OpenGL (PyPI's moderngl)",
     )
-    group.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json, .md and .png")
+    group.add_argument("-o", "--out", type=output_name, metavar="PREFIX", help="write PREFIX.csv, .json and .md")
     device_option(parser)
 
 

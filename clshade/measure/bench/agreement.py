@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,11 +16,9 @@ TOLERANCE = 1e-3
 # which is at most the largest value.
 TEXTURED = TOLERANCE + 1.0 / 256.0
 LEAST = 0.999  # of the pixels not inside a triangle: because of rounding, a sliver may show in one image only
-BAND = 256  # rows compared at a time, to limit the memory for large images
 
 
-@dataclass(frozen=True)
-class Agreement:
+class Agreement(NamedTuple):
     """Agreement of a peer's image with ours.
 
     interior: fraction of the covered pixels whose 3x3 neighborhood shows one triangle. largest: largest difference of a
@@ -44,36 +42,24 @@ def agreement(ours: Array, ids: Array, theirs: Array, tolerance: float = TOLERAN
 
     If triangles are smaller than pixels, hardly any pixel is inside one; then the ranges are more significant.
     """
-    scale = max(float(np.abs(ours[row : row + BAND, :, :3]).max()) for row in range(0, len(ours), BAND)) or 1.0
-    covered = exact = within = 0
-    largest = 0.0
-    for row in range(0, len(ours), BAND):
-        above, rows = min(row, 1), min(BAND, len(ours) - row)
-        wide, own = slice(row - above, row + rows + 1), slice(above, above + rows)
-        inside, apart, near = (each[own] for each in _compared(ours[wide], ids[wide], theirs[wide], tolerance * scale))
-        covered += int(np.count_nonzero(ids[row : row + rows]))
-        exact += int(inside.sum())
-        within += int((near & ~inside).sum())
-        largest = max(largest, float(apart[inside].max(initial=0.0)))
-    others = ids.size - exact
-    return Agreement(exact / max(covered, 1), largest / scale, tolerance, within / others if others else 1.0)
-
-
-def _compared(ours: Array, ids: Array, theirs: Array, margin: float) -> tuple[Array, Array, Array]:
-    """Return for each pixel whether it is inside a triangle, the difference, and whether it is within the neighbors'
-    range."""
-    ours, theirs = (np.asarray(each[..., :3], np.float32) for each in (ours, theirs))
+    scale = max(float(np.abs(ours[..., k]).max()) for k in range(3)) or 1.0
+    margin = np.float32(tolerance * scale)
     inside = (ids > 0) & (_around(np.minimum, ids) == _around(np.maximum, ids))
-    apart = np.nan_to_num(np.abs(theirs - ours).max(axis=2), nan=np.inf)
-    low, high = _around(np.minimum, ours) - np.float32(margin), _around(np.maximum, ours) + np.float32(margin)
-    return inside, apart, ((theirs >= low) & (theirs <= high)).all(axis=2)
+    near = ~inside
+    largest = 0.0
+    for k in range(3):  # by channel, to limit the memory for large images
+        our, their = ours[..., k], theirs[..., k]
+        near &= (their >= _around(np.minimum, our) - margin) & (their <= _around(np.maximum, our) + margin)
+        apart = np.nan_to_num(np.abs(their - our)[inside], nan=np.inf)
+        largest = max(largest, float(apart.max(initial=0.0)))
+    exact = int(inside.sum())
+    others = np.count_nonzero(near) / (ids.size - exact) if exact < ids.size else 1.0
+    return Agreement(exact / max(int(np.count_nonzero(ids)), 1), largest / scale, tolerance, others)
 
 
 def _around(pick: np.ufunc, image: Array) -> Array:
-    """Return the minimum or maximum of each 3x3 neighborhood, clipped to the image."""
-    for axis in (0, 1):
-        ends = [(1, 1) if k == axis else (0, 0) for k in range(image.ndim)]
-        wide = np.pad(image, ends, mode="edge")
-        parts = [np.take(wide, range(k, k + image.shape[axis]), axis=axis) for k in range(3)]
-        image = pick(pick(parts[0], parts[1]), parts[2])
-    return image
+    """Return the minimum or maximum of each 3x3 neighborhood of (M, N) values, clipped to the image."""
+    wide = np.pad(image, 1, mode="edge")
+    wide = pick(pick(wide[:-2], wide[1:-1]), wide[2:])
+    middle: Array = pick(pick(wide[:, :-2], wide[:, 1:-1]), wide[:, 2:])
+    return middle

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera
 from ...scene.camera import Camera
-from ...scene.model import Scene
 from ..timing import Spread, in_turns, spread
+from .agreement import Agreement
 from .device_peaks import Peaks
 
 SECONDS = 20.0  # for the frames of one scene, alone or in turns with OpenGL's
@@ -31,26 +29,41 @@ PIXEL_FLOPS, LIGHT_FLOPS = 86, 71
 NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
 
 
+class Compared(NamedTuple):
+    """Frame times of OpenGL and ours in ms, drawn in turns. interval: 95 % interval of the ratio."""
+
+    title: str
+    ours: float
+    theirs: float
+    turns: int
+    interval: tuple[float, float]
+    agreement: Agreement
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times as fast as OpenGL; None if the images differ."""
+        return self.theirs / self.ours if self.agreement.same else None
+
+
 @dataclass(frozen=True)
 class FrameTiming:
     """Frame times of a scene.
 
-    covered: covered pixels. stages: name -> median ms; `host` is the rest of the frame. held: bytes on the device by what
-    they hold, as in `Frame.stats`. flops: of the Phong model at the covered pixels, see PIXEL_FLOPS; None of other shaders.
+    covered: covered pixels. ms: of a frame. stages: name -> median ms; `host` is the rest of the frame. held: bytes on the
+    device by what they hold, as in `Frame.stats`. flops: of the Phong model at the covered pixels, see PIXEL_FLOPS; None of
+    other shaders.
     """
 
+    name: str
     resolution: tuple[int, int]
     triangles: int
     covered: int
     frames: int
-    frame_ms: Spread
+    ms: Spread
     stages: dict[str, float]
     held: dict[str, int]
     flops: int | None
-
-    @property
-    def ms(self) -> float:
-        return self.frame_ms.median
+    compared: Compared | None = None
 
     @property
     def bytes(self) -> int:
@@ -67,45 +80,39 @@ def cameras(camera: Camera) -> list[Camera]:
     return [adjust_camera.adjusted(camera, azimuth=STEP * (k + 1)) for k in range(PATH)]
 
 
-@contextmanager
-def warm_renderer(scene: Scene, device: Device, options: Mapping[str, Any]) -> Iterator[Renderer]:
-    """Yield a renderer that has drawn a frame: runtimes may compile and allocate during the first."""
-    with Renderer(scene, device=device, **options) as renderer:
-        for _ in range(2):
-            renderer.render()
-        yield renderer
-
-
-def time_frames(renderer: Renderer, frames: int) -> FrameTiming:
+def time_frames(name: str, renderer: Renderer, frames: int) -> FrameTiming:
     """Time so many frames, fewer if they take more than SECONDS."""
     scene = renderer.scene
-    frame = renderer.render()
+    for _ in range(2):  # runtimes may compile and allocate during the first frame
+        frame = renderer.render()
     covered, held = int(np.count_nonzero(frame.alpha)), frame.stats["bytes"]
     del frame  # releases its memory for the next
     path = cameras(scene.camera)
 
-    def next_frame(number: int) -> tuple[float, dict[str, float]]:
+    def next_frame(number: int) -> dict[str, float]:
         start = time.perf_counter()
-        frame = renderer.render(path[number % PATH])
-        return (time.perf_counter() - start) * 1e3, frame.stats["times_ms"]
+        times: dict[str, float] = renderer.render(path[number % PATH]).stats["times_ms"]
+        return {**times, "frame": (time.perf_counter() - start) * 1e3}
 
-    turns = [one for (one,) in in_turns([next_frame], frames, SECONDS)]
+    times = [frame for (frame,) in in_turns([next_frame], frames, SECONDS)]
     is_phong = renderer.settings.shader == "phong"
     return FrameTiming(
+        name=name,
         resolution=scene.camera.resolution,
         triangles=scene.face_count,
         covered=covered,
-        frames=len(turns),
-        frame_ms=spread([ms for ms, _ in turns]),
-        stages=_stages([stages for _, stages in turns], [ms for ms, _ in turns]),
+        frames=len(times),
+        ms=spread([frame["frame"] for frame in times]),
+        stages=_stages(times),
         held=held,
         flops=covered * (PIXEL_FLOPS + LIGHT_FLOPS * len(scene.lights)) if is_phong else None,
     )
 
 
-def _stages(times: Sequence[dict[str, float]], frames: Sequence[float]) -> dict[str, float]:
+def _stages(times: Sequence[dict[str, float]]) -> dict[str, float]:
     """Return the medians of the stages' times, and of the rest of each frame."""
     names = [name for name in times[0] if name not in NOT_STAGES]
-    found = {name: float(np.median([each.get(name, 0.0) for each in times])) for name in names}
-    rest = [ms - sum(each.get(name, 0.0) for name in names) for each, ms in zip(times, frames, strict=True)]
-    return {**found, "host": float(np.median(rest))}
+    stages = [{name: frame.get(name, 0.0) for name in names} for frame in times]
+    rest = [frame["frame"] - sum(own.values()) for frame, own in zip(times, stages, strict=True)]
+    medians = {name: float(np.median([own[name] for own in stages])) for name in names}
+    return {**medians, "host": float(np.median(rest))}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arrays import Array, Floats, Integers
+from ...base.arrays import Array, Floats
 from ...errors import ClshadeError, InputError
 from ...pipeline.features import FEATURES
 from ...scene.camera import Camera
@@ -34,7 +34,6 @@ DRAWN = (
 )
 
 VERTEX = """
-#version 330
 uniform mat4 to_clip;
 in vec3 in_position, in_normal, in_color;
 out vec3 position, normal, color;
@@ -54,7 +53,6 @@ void main() {
 """
 
 FRAGMENT = """
-#version 330
 uniform vec3 eye, ambient, kd, ks;
 uniform float n;
 uniform vec3 light_position[LIGHTS], light_intensity[LIGHTS];
@@ -129,15 +127,12 @@ def mesh_arrays(mesh: Mesh) -> tuple[Array, Array]:
     if mesh.material.texture is not None and mesh.uvs is not None:
         tables.append(mesh.uvs)
         indices.append(mesh.faces if mesh.uv_faces is None else mesh.uv_faces)
-    faces: Integers = mesh.faces
-    own: Sequence[Any] = [slice(None)] * len(tables)
-    if any(index is not mesh.faces for index in indices):
-        unique, inverse = np.unique(
-            np.stack([index.reshape(-1) for index in indices], axis=1), axis=0, return_inverse=True
-        )
-        faces, own = inverse.reshape(-1, 3), list(unique.T)
-    vertices = np.hstack([table[index] for table, index in zip(tables, own, strict=True)])
-    return np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32)
+    if all(index is mesh.faces for index in indices):
+        return np.hstack(tables).astype(np.float32), mesh.faces.astype(np.int32)
+    corners = np.stack([index.reshape(-1) for index in indices], axis=1)
+    unique, faces = np.unique(corners, axis=0, return_inverse=True)
+    vertices = np.hstack([table[index] for table, index in zip(tables, unique.T, strict=True)])
+    return vertices.astype(np.float32), faces.reshape(-1, 3).astype(np.int32)
 
 
 def depths(mesh: Mesh, camera: Camera) -> Floats:
@@ -192,33 +187,34 @@ class OpenGL:
     def _part(self, mesh: Mesh) -> tuple[Any, Any, Any]:
         """Return a mesh's program, vertices and texture, which may be None."""
         context, (vertices, faces) = self._context, mesh_arrays(mesh)
-        is_textured = vertices.shape[1] == 11
-        program = self._program(mesh, is_textured)
+        texture = mesh.material.texture if vertices.shape[1] == 11 else None
+        program = self._program(mesh, texture is not None)
         form, names = "3f 3f 3f", ["in_position", "in_color", "in_normal"]
-        if is_textured:
-            form, names = f"{form} 2f", [*names, "in_uv"]
-        content = [(context.buffer(vertices.tobytes()), form, *names)]
-        texture = self._texture(mesh.material.texture) if is_textured else None
-        return program, context.vertex_array(program, content, context.buffer(faces.tobytes())), texture
+        if texture is not None:
+            form, names = "3f 3f 3f 2f", [*names, "in_uv"]
+        array = context.vertex_array(program, [(context.buffer(vertices), form, *names)], context.buffer(faces))
+        return program, array, None if texture is None else self._texture(texture)
 
     def _program(self, mesh: Mesh, textured: bool) -> Any:
         lights, material = plain_lights("bench", self._scene.lights), mesh.material
         macros = {"TEXTURED": int(textured), "LIGHTS": len(lights), "TWO_SIDED": int(material.two_sided)}
-        defined = "#version 330\n" + "".join(f"#define {name} {value}\n" for name, value in macros.items())
-        program = self._context.program(*(t.replace("#version 330\n", defined).lstrip() for t in (VERTEX, FRAGMENT)))
-        values = {"ambient": material.ka * self._scene.ambient, "kd": material.kd, "ks": material.ks}
+        head = "#version 330\n" + "".join(f"#define {name} {value}\n" for name, value in macros.items())
+        program = self._context.program(head + VERTEX, head + FRAGMENT)
+        values: dict[str, Any] = {
+            "ambient": material.ka * self._scene.ambient,
+            "kd": material.kd,
+            "ks": material.ks,
+            "n": material.n,
+        }
+        values["light_position"] = [light.position for light in lights]
+        values["light_intensity"] = [light.intensity for light in lights]
         for name, value in values.items():
-            program[name].value = tuple(map(float, value))
-        program["n"].value = material.n
-        for name in ("position", "intensity"):
-            table = np.array([getattr(light, name) for light in lights], np.float32)
-            program[f"light_{name}"].write(table.tobytes())
+            program[name].write(np.array(value, np.float32).tobytes())
         return program
 
-    def _texture(self, texture: Texture | None) -> Any:
+    def _texture(self, texture: Texture) -> Any:
         import moderngl
 
-        assert texture is not None
         rows, columns, channels = texture.image.shape
         made = self._context.texture((columns, rows), channels, texture.image.tobytes(), dtype="f4")
         made.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -230,8 +226,7 @@ class OpenGL:
         axes = camera_axes(camera)
         height, width = camera.plane
         near, far = self._range
-        lens = np.zeros((4, 4))
-        lens[0, 0], lens[1, 1] = 2.0 * camera.focal / width, 2.0 * camera.focal / height
+        lens = np.diag([2.0 * camera.focal / width, 2.0 * camera.focal / height, 0.0, 0.0])
         lens[2, 2:] = (far + near) / (far - near), -2.0 * far * near / (far - near)
         lens[3, 2] = 1.0
         pose = np.eye(4)
@@ -240,13 +235,13 @@ class OpenGL:
 
     def draw(self, camera: Camera) -> Array:
         """Render linear RGBA, (M, N, 4) float32, row 0 at the top; the next frame overwrites it."""
-        to_clip, eye = np.ascontiguousarray(self._to_clip(camera).T, np.float32).tobytes(), (*map(float, camera.eye),)
+        to_clip, eye = (np.float32(values).tobytes() for values in (self._to_clip(camera).T, camera.eye))
         self._target.use()
         self._context.enable_only(self._context.DEPTH_TEST)
         self._target.clear(*self._clear, depth=1.0)
         for program, vertices, texture in self._parts:
             program["to_clip"].write(to_clip)
-            program["eye"].value = eye
+            program["eye"].write(eye)
             if texture is not None:
                 texture.use()
             vertices.render()
