@@ -33,8 +33,9 @@ cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, whi
 # With all tests these take longest, one to several minutes each. They begin first, or else one of them may be left at the
 # end for one process alone.
 LONGEST = (
+    "measure/test_planted_mistakes.py",
     "fuzz/test_fuzz.py",
-    "measure/test_processors.py",
+    "pipeline/test_processors.py",
     "measure/test_conform.py",
     "pipeline/test_oclgrind.py",
     "pipeline/test_same_bits.py",
