@@ -18,7 +18,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, TimeoutError  # on Python 3.10 it is not the built-in one
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import replace
@@ -541,7 +541,7 @@ class Process:
         try:
             return self._pool.submit(function, *arguments).result(LIMIT)
         except TimeoutError:
-            for child in multiprocessing.active_children():  # of this renderer too
+            for child in list(self._pool._processes.values()):
                 child.kill()
             raise RuntimeError(f"no answer within {LIMIT:g} s") from None
         except BrokenProcessPool:
@@ -600,9 +600,13 @@ def measure(scene: clshade.Scene, names: Sequence[str], rounds: int, failed: dic
                 failed.setdefault(f"{name}: {error}", []).append(scene.name)
         start = time.perf_counter()
         for _ in range(rounds):
-            for name, (process, _, _) in opened.items():
-                process.call(draw)  # after another program's frames, the first finds cold caches
-                times[name].append(process.call(draw)[0])
+            for name, (process, _, _) in list(opened.items()):
+                try:
+                    process.call(draw)  # after another program's frames, the first finds cold caches
+                    times[name].append(process.call(draw)[0])
+                except RuntimeError as error:
+                    failed.setdefault(f"{name}: {error}", []).append(scene.name)
+                    del opened[name]
             if time.perf_counter() - start > SECONDS:
                 break
     for name, (process, picture, again) in opened.items():
@@ -650,6 +654,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, default=FRAMES, metavar="N", help=f"timed frames (default: {FRAMES})")
     parser.add_argument("--out", type=Path, default=Path(), metavar="FOLDER", help="of other_renderers.png")
     options = parser.parse_args(arguments)
+    if options.frames < 1:
+        parser.error("--frames: expected a whole number above 0")
     options.out.mkdir(parents=True, exist_ok=True)
     results: list[Result] = []
     failed: dict[str, list[str]] = {}

@@ -94,8 +94,8 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What a command measured: facts by name, and tables; those without records are left out, and the first goes into
-    the CSV. data: further values for JSON."""
+    """What a command measured: facts by name, and tables, of which people see those with records; the first of these goes
+    into the CSV. data: further values for JSON."""
 
     title: str
     facts: dict[str, Any]
@@ -118,7 +118,7 @@ class Results:
         return "\n".join([f"# {self.title}", "", *facts, *tables, ""])
 
     def json(self) -> str:
-        tables = {table.title.lower().replace(" ", "_"): table.plain() for table in self.shown_tables}
+        tables = {table.title.lower().replace(" ", "_"): table.plain() for table in self.tables}
         return json.dumps({**plain({**self.facts, **self.data}), **tables}, indent=2) + "\n"
 
     def html(self, *content: markup.Content, style: str = "") -> bytes:
@@ -130,7 +130,8 @@ class Results:
 
     def write(self, prefix: str | Path) -> list[Path]:
         """Write PREFIX.csv, .json and .md; return their paths. Raises OutputError."""
-        texts = self.tables[0].csv(), self.json(), self.markdown()
+        first = next(iter(self.shown_tables), self.tables[0])
+        texts = first.csv(), self.json(), self.markdown()
         paths = files(prefix)
         for path, text in zip(paths, texts, strict=True):
             atomic_files.write_bytes(path, text.encode())

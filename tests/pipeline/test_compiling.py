@@ -197,7 +197,7 @@ def test_a_warning_of_the_compiler_is_said_and_fails_a_test(
 
 
 def test_a_warning_about_nvidias_own_mark_is_none() -> None:
-    mark = "(): Warning: Function fill is a kernel, so overriding noinline attribute. The function may be inlined when called."
+    mark = "(): Warning: Function fill is a kernel, so overriding noinline attribute. It may be inlined."
     program = SimpleNamespace(get_build_info=lambda *_: f"{mark}\n<kernel>:3:1: warning: unused variable 'x'\n")
     found = programs._warnings(SimpleNamespace(device=None), program)
     assert found == ("<kernel>:3:1: warning: unused variable 'x'",)

@@ -23,20 +23,11 @@ def whole(text: str) -> int:
         raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
 
 
-def from_0(text: str) -> int:
-    """Parse an integer that is not negative."""
-    return _from(0, text)
-
-
 def from_1(text: str) -> int:
     """Parse an integer above 0."""
-    return _from(1, text)
-
-
-def _from(least: int, text: str) -> int:
     value = whole(text)
-    if value < least:
-        raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, found {text!r}")
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, found {text!r}")
     return value
 
 

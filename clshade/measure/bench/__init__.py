@@ -1,1 +1,1 @@
-"""Speed: workloads, frame times, workers, and other renderers of the same images."""
+"""Speed: frame times of scenes, stage by stage, start-up, and OpenGL's frames of the same image."""

@@ -56,8 +56,12 @@ def run(
     opened = open_device(device, profiling=True)
     if against is not None:
         open_context(against).release()
-    starts = start_up(opened.index) if with_start else []
     timed, errors = measure_all(opened, workloads, frames, against)
+    starts = []
+    try:
+        starts = start_up(opened.index) if with_start else []
+    except ClshadeError as error:
+        errors[NAME] = error
     if not (timed or starts):
         raise next(iter(errors.values()))
     results = tables.results(opened.title, peaks(opened), timed, starts, errors)
@@ -115,7 +119,8 @@ def compare(other: OpenGL, renderer: Renderer, frames: int) -> Compared:
     turns = in_turns(draws, max(FEWEST, -(-frames // TURN)), SECONDS)
     ours, theirs = zip(*turns, strict=True)
     medians = float(np.median(ours)), float(np.median(theirs))
-    return Compared(other.title, *medians, len(turns), ratio_interval(theirs, ours), same)
+    interval = ratio_interval(theirs, ours) if same.same else (None, None)
+    return Compared(other.title, *medians, len(turns), interval, same)
 
 
 def _agreement(other: OpenGL, renderer: Renderer) -> Agreement:

@@ -30,13 +30,14 @@ NOT_STAGES = ("pack", "open", "upload", "frame")  # of frame.stats["times_ms"]
 
 
 class Compared(NamedTuple):
-    """Frame times of OpenGL and ours in ms, drawn in turns. interval: 95 % interval of the ratio."""
+    """Frame times of OpenGL and ours in ms, drawn in turns. interval: 95 % interval of the ratio,
+    None where the pictures differ."""
 
     title: str
     ours: float
     theirs: float
     turns: int
-    interval: tuple[float, float]
+    interval: tuple[float | None, float | None]
     agreement: Agreement
 
     @property

@@ -169,17 +169,18 @@ class OpenGL:
         import moderngl
 
         self._context, self._scene = context, scene
+        visible = [mesh for mesh in scene.meshes if len(mesh.faces)]
         try:
             columns, rows = scene.camera.resolution
             self._image = np.zeros((rows, columns, 4), np.float32)
             color = context.renderbuffer((columns, rows), 4, dtype="f4")
             self._target = context.framebuffer([color], context.depth_renderbuffer((columns, rows)))
-            self._parts = [self._part(mesh) for mesh in scene.meshes if len(mesh.faces)]
+            self._parts = [self._part(mesh) for mesh in visible]
         except moderngl.Error as error:
             context.release()
             raise MissingOpenGL(f"OpenGL: {' '.join(str(error).split())}") from None
         self.title = f"{context.info['GL_RENDERER']}, OpenGL {context.info['GL_VERSION']}"
-        z = np.concatenate([np.ones(1), *(depths(mesh, scene.camera) for mesh in scene.meshes)])
+        z = np.concatenate([depths(mesh, scene.camera) for mesh in visible] or [np.ones(1)])
         self._range = float(z.min() / SLACK), float(z.max() * SLACK)
         background = np.zeros(3) if scene.background is None else scene.background
         self._clear = (*map(float, background), 0.0)

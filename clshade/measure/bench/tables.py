@@ -28,8 +28,8 @@ AGAINST_NOTES = (
     "inside: share of covered pixels whose neighbors show the same triangle; off by: largest difference there, of the "
     "largest value, and what is allowed; others: share of the other pixels whose color lies within the range of our 3x3 "
     "pixels around",
-    "turns: ours and theirs alternate, each five frames in a row, of which one more comes first and is not counted, for it "
-    "finds cold caches and sleeping threads; the ratio of medians over turns has its 95 % interval by bootstrap",
+    "turns: ours and theirs alternate, six frames each; the first, which finds cold caches and sleeping threads, is not "
+    "counted; the ratio of medians over turns has its 95 % interval by bootstrap",
 )
 
 
@@ -124,4 +124,4 @@ def results(
         Table("Bytes held", _split(timed, lambda each: each.held, _mebibytes), timed, about="MiB on the device"),
         Table("Start-up", STARTS, starts),
     )
-    return Results("Speed", facts, [table for table in tables if table.records], {"rates": peaks._asdict()})
+    return Results("Speed", facts, tables, {"rates": peaks._asdict()})

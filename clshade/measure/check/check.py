@@ -94,7 +94,7 @@ def summary(found: Comparison, seconds: float) -> Check:
     """Return the result of comparing pixels, in reading order if they are all; seconds: what that took."""
     frame, rows, columns, expected = found.frame, found.rows, found.columns, found.oracle
     strata = _strata(frame)[rows, columns]
-    worst = int(np.argmax(found.counted)) if len(rows) else 0
+    worst = int(np.argmax(found.counted))
     per_stratum = {}
     for number, name in enumerate(STRATA):
         mine = strata == number

@@ -187,7 +187,7 @@ def _errors(scene: Scene, device: Device) -> Table:
         Column("cause", "", str, str),
         *(Column(f"figure {number}", "", of.get, lambda text: text or "-") for number, of in rmse.items()),
     ]
-    # Those of Gouraud shading, with the texture map if there is one, are all.
+    # The figure with the most causes has those of all others: Gouraud shading, with the texture map if there is one.
     causes = max(([*of] for of in rmse.values()), key=len)
     notes = [f"figure {number}: {line}" for number, each in errors for line in each.remarks()]
     return Table("Errors by cause", header, causes, f"{ERRORS_ABOUT} Measured at {columns} x {rows} pixels.", notes)

@@ -109,6 +109,8 @@ def written(study: Study, command: Command, used: Measured | None) -> Results:
         "default": study.default and study.usual,
         "pareto_front": [each.variant.name for each in study.front],
     }
+    if study.causes is not None:
+        data |= {"total": study.causes.total, "png_total": study.causes.png_total}
     return replace(found, facts={**first, **found.facts}, data=data)
 
 

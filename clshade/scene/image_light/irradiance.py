@@ -15,8 +15,6 @@ from ...base.arrays import Floats
 from ..environment import Environment
 from .lat_long import column_edges, row_edges
 
-COEFFICIENTS = 9
-
 
 def moments(environment: Environment) -> tuple[Floats, Floats, Floats]:
     """Return the integrals over the sphere of L, L w and L w w^T: (3,), (3, 3) and (3, 3, 3), channels first.
