@@ -27,6 +27,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device")
     given = parser.parse_args()
+    if not (given.files or given.scenes):
+        parser.error("expected --scenes or --files")
     count = 0
     for number in given.files:
         for failure in file_failures([number], given.seed):
@@ -34,6 +36,7 @@ def main() -> int:
             count += 1
     device = open_device(given.device) if given.scenes else None
     for number in given.scenes:
+        print(f"scene {number}", end="\r", file=sys.stderr, flush=True)  # what a crash leaves
         for failure in scene_failures(device, [number], given.seed):
             print(failure, flush=True)
             count += 1

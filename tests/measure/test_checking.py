@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checked_scenes import CHECKED
-from command_line import run
-from devices import working_devices
+from command_line import needs_device, run
 from oracle_frames import frame_of
 
 import clshade
@@ -23,7 +22,6 @@ from clshade.scene.builtin import scenes
 from clshade.scene.model import Camera, Material, Mesh, Scene, Settings
 
 LAYERS = ("Z", "id")
-needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 
 
 def teapot_frame(preset: str = "standard", layers: tuple[str, ...] = LAYERS) -> Frame:

@@ -14,7 +14,7 @@ from ...base.spelling import hint
 from ...errors import InputError
 from ...pipeline.opencl.device import chosen_devices
 from ...pipeline.opencl.probe import DeviceInfo
-from ..results import Column, Results, Table, wrote
+from ..results import Column, Results, Table, check_files, files, wrote
 from .groups import GROUPS, parts_of
 from .isolated import Result, Task, run_part
 
@@ -86,6 +86,7 @@ def run(device: str | None = None, *, out: str | Path = "conform", only: Sequenc
     groups = chosen_groups(only)
     info = chosen_devices(device)[1][0]
     folder = text_tables.create_folder(out)
+    check_files(files(folder / "conform"))
     print(f"{info.platform}: {info.name}, driver {info.driver}", flush=True)
     found = judge(info, groups, folder)
     verdict = found.facts["verdict"]

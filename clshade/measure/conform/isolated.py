@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,6 +33,7 @@ MOST_ENDED = 3  # processes of a part that end early; then the rest is not tried
 LEAST_MEMORY, MOST_MEMORY = 3 << 30, 64 << 30  # bytes
 SHARE = 3  # of the free memory a process may take one part in so many: two run at a time
 _running: set[subprocess.Popen[bytes]] = set()
+_ended = threading.Event()  # this process is ending, and starts no other
 
 
 @dataclass
@@ -71,9 +73,9 @@ def run(task: Task, bench: Bench) -> None:
     """Run the tests of a task, write a script for each case that fails, and print each result as its test begins and ends,
     then facts of the device."""
     device, folder = bench.device, Path(task.folder)
-    for name, title, test in tests_of(task.group, task.part, device):
-        if name in task.done:
-            continue
+    left = [test for test in tests_of(task.group, task.part, device) if test[0] not in task.done]
+    _say({"left": len(left)})
+    for name, title, test in left:
         case = test if isinstance(test, Case) else None
         result, where = Result(task.group, name, title, UNFINISHED), f"{task.group}_{name}"
         if case:  # it may take the process along
@@ -122,24 +124,31 @@ def main() -> None:
 @at_end
 def _end_all() -> None:
     """End what runs: a process that this one starts inherits that interrupts are blocked."""
+    _ended.set()
     for process in list(_running):
         process.kill()
 
 
 def run_part(task: Task) -> tuple[list[Result], dict[str, Any]]:
     """Run a part of a group, in as many processes as the device takes along. Returns results, and facts of the device."""
-    results, facts = dict[str, Result](), dict[str, Any]()
+    results, facts, left = dict[str, Result](), dict[str, Any](), 1
     for _ in range(MOST_ENDED):
+        before = len(results)
         lines, problem = _process(replace(task, done=(*task.done, *results)))
         for line in lines:
             if "lanes" in line:
                 facts = line
+            elif "left" in line:
+                left = line["left"]
             else:
                 results[line["name"]] = Result(**line)
         current = next((result for result in results.values() if result.problem == UNFINISHED), None)
         if not current:
             break
         current.problem = problem
+        left -= len(results) - before
+        if not left:
+            return [*results.values()], facts
     else:
         problem = "not tried: processes end early"
     rest = Result(task.group, "rest", "the rest of the part", problem)
@@ -151,10 +160,15 @@ def _process(task: Task) -> tuple[list[dict[str, Any]], str]:
     with tempfile.TemporaryFile("w+") as output, tempfile.TemporaryFile("w+", errors="replace") as errors:
         process = subprocess.Popen(task.command(), stdin=subprocess.DEVNULL, stdout=output, stderr=errors)
         _running.add(process)
+        if _ended.is_set():
+            process.kill()
         code = process.wait()
         _running.discard(process)
         output.seek(0)
-        lines = [json.loads(line) for line in output]
+        lines = []
+        for line in output:
+            with contextlib.suppress(ValueError):  # cut short, by a full disk
+                lines.append(json.loads(line))
         errors.seek(0)
         said = [line for line in errors.read().splitlines() if line.strip()]
     if code == 0 and lines and "lanes" in lines[-1]:

@@ -92,9 +92,9 @@ def right_of(scene: Scene, settings: Settings) -> Right:
     return Right(drawing, linear_image(drawing))
 
 
-def explained_codes(right: Right, found: Explanation) -> Floats:
-    """Return the codes (M, N, 3) of the image that the mistakes of an explanation give."""
-    return np.rint(code_image(applied(_seen(right, right.codes), found.changes)))
+def explained_codes(right: Right, image: Floats, found: Explanation) -> Floats:
+    """Return the codes (M, N, 3) of the image that the mistakes of an explanation give, on the background of `image`."""
+    return np.rint(code_image(applied(_seen(right, image), found.changes)))
 
 
 def grade(path: str | Path, right: Right) -> Grade:

@@ -29,7 +29,7 @@ def draw(found: Grade, right: Right) -> Figure:
     if best := found.best:
         mistake = best.label if best.claimed else f"not explained; nearest: {best.label}"
         these = "this mistake" if len(best.changes) == 1 else "these mistakes"
-        rows.append((mistake, f"the right image with {these}", _group(explained_codes(right, best))))
+        rows.append((mistake, f"the right image with {these}", _group(explained_codes(right, found.image, best))))
     width, height = panel_size(found.image.shape, _PANEL)
     figure = figures.blank(3 * width + _BAR, len(rows) * (height + _TITLE), dpi=100)
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]

@@ -87,14 +87,16 @@ def visible_faces(compared: Comparison) -> Faces:
     world = corners.world[index]
     edges = np.roll(world, -1, axis=1) - world
     longest = length(edges).max(axis=1, initial=0.0)
-    height = length(cross(edges[:, 0], edges[:, 1])) / longest
+    with np.errstate(divide="ignore", invalid="ignore"):  # snapping gives collinear corners an area
+        height = length(cross(edges[:, 0], edges[:, 1])) / longest
+        aspect = longest / height
     size = np.ptp(world.reshape(-1, 3), axis=0).max() if len(index) else 0.0
     mesh = corners.mesh[index]
     texels = np.array([oracle_bounds.texture_side(each) for each in scene.meshes], np.int64)
     return Faces(
         face=index,
         extent=np.abs(world - scene.camera.eye).max(axis=(1, 2), initial=0.0),
-        aspect=longest / height,
+        aspect=aspect,
         size=np.full(len(index), size),
         rounding=_stored_rounding(scene, corners, index),
         reach=np.abs(corners.uvs[index]).max(axis=(1, 2), initial=0.0),

@@ -264,7 +264,8 @@ def results(rows: Sequence[Row], device: str) -> Results:
     )
     fits = (
         Column("axis", "axis", attrgetter("name"), str),
-        *(Column(way, f"power_{way}", partial(power, rows, way), _plus_or_minus) for way in ways),
+        *(Column(way, "", partial(power, rows, way), _plus_or_minus) for way in ways),
+        *(Column("", f"power_{way}", partial(_exponents, rows, way)) for way in ways),
         Column("theory", "theory", attrgetter("power"), str),
         Column("of plain", "theory_plain", attrgetter("plain_power"), str),
     )
@@ -276,6 +277,11 @@ def results(rows: Sequence[Row], device: str) -> Results:
 
 def _of_way(way: str, name: str, row: Row) -> float:
     return getattr(row, name)[way]  # type: ignore[no-any-return]
+
+
+def _exponents(rows: Sequence[Row], way: str, axis: Axis) -> dict[str, float] | None:
+    fit = power(rows, way, axis)
+    return None if fit is None else fit._asdict()
 
 
 def _plus_or_minus(fit: Power | None) -> str:

@@ -138,13 +138,13 @@ COLUMNS = (
 def summarize(found: Sequence[Result], facts: dict[str, str]) -> Results:
     """Return a table of the cases, which says why some failed."""
     reasons = [
-        f"{case.name}: expected of {case.title}: {case.expected}; {outcome.detail}"
+        "; ".join(filter(None, [f"{case.name}: expected of {case.title}: {case.expected}", outcome.detail]))
         for case, outcome in ((result.case, result.outcome) for result in found)
         if not outcome.passed
     ]
     count = len({result.case.name for result in found})
     passed = len(found) - len(reasons)
-    facts = facts | {"cases": f"{len(found)} runs of {count}: {passed} passed, {len(reasons)} failed"}
+    facts = facts | {"runs": f"{len(found)} of {count} cases: {passed} passed, {len(reasons)} failed"}
     if not importlib.util.find_spec("mpmath"):
         facts["highlights"] = NO_MPMATH
     return Results("Stiff and extreme cases", facts, [Table("Cases", COLUMNS, found, notes=reasons, left=3)])
@@ -158,7 +158,8 @@ def write_pictures(result: Result, folder: Path) -> list[Path]:
     if result.outcome.pictures is None:
         return []
     rendered, expected = map(np.asarray, result.outcome.pictures)
-    difference = rendered != expected if rendered.ndim == 2 else np.abs(rendered - expected.astype(np.float64))
+    with np.errstate(invalid="ignore"):  # where both are infinite
+        difference = rendered != expected if rendered.ndim == 2 else np.abs(rendered - expected.astype(np.float64))
     pictures = {"rendered": (rendered, expected), "expected": (expected, expected), "difference": (difference,) * 2}
     name = f"{result.case.name}-{result.device.replace(':', '-')}"
     paths = [folder / f"{name}-{kind}.png" for kind in pictures]

@@ -85,7 +85,7 @@ class Bench:
         self.device, self.triangles = device, triangles
 
     def draw(self, scene: Scene, **options: Any) -> Frame:
-        """Render one frame with all layers."""
+        """Render one frame with LAYERS."""
         with Renderer(scene, device=self.device, layers=LAYERS, **options) as renderer:
             return renderer.render()
 
@@ -130,7 +130,8 @@ class Case:
 
 def wrong_pixels(drawn: Array, expected: Array, detail: str = "") -> Outcome:
     """Compare two images, (M, N) or (M, N, 3), which must agree exactly."""
-    return Outcome(int((drawn != expected).sum()), detail=detail, pictures=(drawn, expected))
+    different = (drawn != expected).reshape(*drawn.shape[:2], -1).any(axis=-1)
+    return Outcome(int(different.sum()), detail=detail, pictures=(drawn, expected))
 
 
 def against_oracle(frame: Frame, detail: str = "") -> Outcome:

@@ -78,7 +78,7 @@ def exponents(bench: Bench) -> Outcomes:
 
 def grazing(bench: Bench) -> Outcomes:
     """Eye and light 1e-7 to 0.1 above a sheet's plane, opposite each other, turned at random. Pixels are as much lower than
-    wide, so that the sheet fills the image."""
+    wide, so that the sheet fills the image. Below 1e-5 every highlight is at its gate: only ids and ambient light count."""
     rng = np.random.default_rng(23)
     sheet = lit.patch(bend=0.0)
     for height in 10.0 ** np.arange(-7, 0):
