@@ -176,4 +176,6 @@ def _picture(values: Array, like: Array) -> Bytes:
         color = np.stack([(mixed >> np.uint64(8 * k)) & np.uint64(0xFF) for k in range(3)], axis=-1) | np.uint64(0x40)
         return np.where(values[..., None] > 0, color, 0).astype(np.uint8)
     largest = float(np.abs(like[np.isfinite(like)]).max(initial=0.0)) or 1.0
-    return tonemap(np.clip(np.nan_to_num(values / largest, nan=1.0), 0.0, 1.0).astype(np.float32), "srgb", 0.0)
+    return tonemap(
+        np.clip(np.nan_to_num(values.astype(np.float64) / largest, nan=1.0), 0.0, 1.0).astype(np.float32), "srgb", 0.0
+    )
