@@ -15,23 +15,34 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, TimeoutError  # on Python 3.10 it is not the built-in one
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
-from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import numpy as np
-from matplotlib.figure import Figure
+CHECKOUT = Path(__file__).resolve().parent.parent
+if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
+    sys.path.insert(0, str(CHECKOUT))
 
-import clshade
-from clshade.course import calculate_normals
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()  # the rest takes long to import
+
+from collections.abc import Callable, Iterator, Sequence  # noqa: E402
+from concurrent.futures import ProcessPoolExecutor, TimeoutError  # noqa: E402  # on Python 3.10 it is not the built-in one
+from concurrent.futures.process import BrokenProcessPool  # noqa: E402
+from contextlib import ExitStack  # noqa: E402
+from dataclasses import replace  # noqa: E402
+from functools import partial  # noqa: E402
+from importlib import metadata  # noqa: E402
+from typing import Any, NamedTuple  # noqa: E402
+
+import numpy as np  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+
+import clshade  # noqa: E402
+from clshade.course import calculate_normals  # noqa: E402
 
 KD = (0.9, 0.7, 0.5)
 RESOLUTION = (320, 240)
@@ -534,7 +545,8 @@ class Process:
     """A renderer that has opened its scene. Raises RuntimeError if it is missing, crashes or hangs, as `call` does."""
 
     def __init__(self, name: str, scene: clshade.Scene) -> None:
-        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+        ignored = (signal.SIGINT, signal.SIG_IGN)  # an interrupt ends the parent
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal, ignored)
         self.title = self.call(open_drawer, name, scene)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -674,4 +686,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.run(main)
