@@ -132,9 +132,11 @@ def test_clshade_agrees_with_the_exact_answer_to_its_grid(opened):
 @pytest.mark.long
 def test_renderers_draw_the_known_scene(tmp_path, monkeypatch, capsys):
     """Those that are installed, each in a process; what is missing is named."""
-    monkeypatch.setitem(script.SCENES, "fan", lambda resolution: KNOWN)
-    names = ["--renderers", "clshade", "float64", "llvmpipe", "embree"]
-    assert script.main(["--only", "fan", *names, "--frames", "1", "--out", str(tmp_path)]) == 0
+    (mesh,) = KNOWN.meshes
+    deep = mesh.verts * [[0.5], [1.0], [1.5]]  # covers these pixels at several depths
+    scene = script.plain("known", deep, mesh.faces, KNOWN.camera, LIGHT)
+    monkeypatch.setitem(script.SCENES, "fan", lambda resolution: scene)
+    assert script.main(["--only", "fan", "--frames", "1", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "| wrong pixels | clshade | float64 |" in printed
     wrong = next(line for line in printed.splitlines() if line.startswith("| known |"))
