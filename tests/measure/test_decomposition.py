@@ -147,7 +147,7 @@ def test_what_the_parts_do_not_say():
 
     def remarks(sampling: float) -> list[str]:
         parts = (Part(SAMPLING, sampling, 0.5), Part(ARITHMETIC, 4.0, 0.5))
-        return Decomposition(parts, 5.0, 6.0, 1.0).remarks()
+        return Decomposition(Settings.from_preset("standard"), parts, 5.0, 6.0, 1.0).remarks()
 
     assert remarks(3.0) == []
     assert remarks(1.5) == ["sampling: about as small as the reference's own error, 1"]

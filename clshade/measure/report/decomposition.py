@@ -36,12 +36,13 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Decomposition:
-    """The error of an image, by cause.
+    """The error of the image that `settings` draw, by cause.
 
     Each part is the difference of two consecutive images, from the converged one to this one and its PNG, so that their sum
     is the total error in every pixel. total, png_total: its RMSE. known: what RMSE the reference is good to.
     """
 
+    settings: Settings
     parts: tuple[Part, ...]
     total: float
     png_total: float
@@ -70,7 +71,7 @@ def decompose(
     square = float(np.mean(total * total)) or 1.0
     parts = [Part(cause, rms(off), float(np.mean(off * total)) / square) for cause, off in steps]
     parts.append(Part(output, rms(lost), None))
-    return Decomposition(tuple(parts), rms(total), rms(total + lost), converged.error)
+    return Decomposition(settings, tuple(parts), rms(total), rms(total + lost), converged.error)
 
 
 def _steps(
