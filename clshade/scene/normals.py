@@ -74,8 +74,7 @@ def crease_angle(owner: str, name: str, value: Any) -> float:
 def _crosses(verts: Array, faces: Array) -> Array:
     """Return (F, 3) cross products of the faces' edges, times a power of two that keeps them in range."""
     a, b, c = (verts[faces[:, corner]] * 0.5 for corner in range(3))
-    b -= a
-    c -= a
+    b, c = b - a, c - a
     scale = -max(_exponent(b), _exponent(c))
     return np.cross(np.ldexp(b, scale), np.ldexp(c, scale)) if len(faces) else np.zeros((0, 3))
 
@@ -91,8 +90,7 @@ def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Ar
     low, high = np.minimum(start, end), np.maximum(start, end)
     key = low.astype(np.int64) << 32 | high
     order = np.argsort(key, kind="stable")
-    key = key[order]
-    same = np.flatnonzero(key[1:] == key[:-1])
+    same = np.flatnonzero(np.diff(key[order]) == 0)
     one, two = order[same], order[same + 1]
     cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3])
     smooth = (cosine >= least - 1e-12) & (low[one] != high[one])
@@ -141,10 +139,12 @@ def against_normals(verts: Array, faces: Array, normals: Array, normal_faces: Ar
     """Return (F,) bool: the faces that are clockwise as seen along their normals.
 
     verts: (V, 3), faces: (F, 3) indices into them. normals, normal_faces: likewise. The cross product of a face is
-    compared with the sum of the normals at its corners; a face without area, or perpendicular to that sum, is not
+    compared with the sum of the finite normals at its corners; a face without area, or perpendicular to that sum, is not
     against it.
     """
     against = np.empty(len(faces), bool)
+    if not np.isfinite(normals).all():
+        normals = np.where(np.isfinite(normals), normals, normals.dtype.type(0.0))
     with np.errstate(over="ignore", invalid="ignore"):  # NaN compares as not against
         for block in row_blocks(len(faces)):
             a, b, c = (verts[corner] for corner in faces[block].T)

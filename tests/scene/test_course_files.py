@@ -12,7 +12,7 @@ from PIL import Image
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal, save_npy, transposed
 
 from clshade.errors import InputError
-from clshade.scene.formats import inert_pickle, safe_pickle
+from clshade.scene.formats import safe_pickle
 from clshade.scene.formats.course_npy import save_course
 from clshade.scene.formats.load import load
 from clshade.scene.model import Mesh, Texture
@@ -315,15 +315,6 @@ def test_integers_up_to_63_bits_and_a_sign(tmp_path):
         for content in (number, [number]):
             path = save_npy(tmp_path / "bad.npy", course_dict(verts=content))
             refusal(path, "bad.npy: verts: ", "an integer beyond 64 bits")
-
-
-def test_memo_indices_of_any_size_take_no_memory(tmp_path):
-    """A memo sized by its largest index would take 32 GiB here."""
-    value = b"X\x01\x00\x00\x00aK\x01s"
-    for index in (2, 1 << 16, (1 << 32) - 1):
-        place = index.to_bytes(4, "little")
-        assert inert_pickle.unpickle(b"\x80\x03}r" + place + b"j" + place + value + b".") == {"a": 1}
-        refusal(npy_of_pickle(tmp_path / "bad.npy", b"\x80\x03K\x01r" + place + b"."), "bad.npy: pickle: ")
 
 
 ARRAY = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85C\x01btR"

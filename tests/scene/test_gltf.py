@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 import math
 import struct
-import warnings
 
 import numpy as np
 import pytest
 from mesh_writers import CORNERS, INDICES, Gltf, png, textured, triangle
-from scene_files import refusal
+from scene_files import refusal, told
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene.contents import format_contents, scene_contents
@@ -20,14 +19,6 @@ from clshade.scene.framing import AMBIENT
 from clshade.scene.geometry import camera_axes
 
 RNG = np.random.default_rng(5)
-
-
-def told(path, **options):
-    """Load a file; return the scene and the warnings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        scene = load(path, **options)
-    return scene, [str(warning.message) for warning in caught]
 
 
 @pytest.mark.parametrize("form", ["glb", "data", "beside"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import math
 import os
-import pathlib
 import re
 import tracemalloc
 
@@ -14,7 +13,6 @@ import pytest
 from mesh_writers import Gltf, ply, stl
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 
-import clshade
 from clshade.errors import InputError
 from clshade.scene import framing, geometry
 from clshade.scene.formats.load import load
@@ -26,11 +24,6 @@ CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1
 @pytest.fixture
 def cube(tmp_path):
     return write(tmp_path / "cube.obj", CUBE)
-
-
-def test_it_is_public(cube):
-    assert clshade.load is load
-    assert len(clshade.load(pathlib.Path(cube)).meshes[0].faces) == 4
 
 
 def test_files_that_are_none(tmp_path):
@@ -68,6 +61,7 @@ SOME = {
     "up": "x",
     "time": 0.0,
     "animation": "a",
+    "vertex_colors": "linear",
 }
 
 
@@ -91,19 +85,10 @@ def test_paths_that_are_none(path):
         load(path)
 
 
-def test_errors_are_value_errors(tmp_path):
-    with pytest.raises(ValueError):
-        load(tmp_path / "none.obj")
-
-
 @pytest.mark.parametrize("resolution", [(0, 5), (5, 16385), (5,), 5, "ab", (1.5, 2), (math.nan, 2)])
 def test_refused_resolutions(tmp_path, cube, resolution):
     refusal(cube, "load: resolution", resolution=resolution)
     refusal(save_npy(tmp_path / "a.npy", course_dict()), "load: resolution", resolution=resolution)
-
-
-def test_focal_is_for_course_files(cube):
-    refusal(cube, "load: focal: ", focal=70)
 
 
 def test_lights_are_kept_in_the_order_asked_for(cube):

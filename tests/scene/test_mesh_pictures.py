@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from mesh_writers import Gltf, ply, png
 from PIL import Image
-from scene_files import write
+from scene_files import told, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
+from clshade.scene.framing import BACKGROUND
 
 # A texture of 4 x 4 different texels on a square from -1 to 1, seen from the front: 9 pixels per texel.
 PICTURE = (np.arange(48).reshape(4, 4, 3) * 5 + 10).astype(np.uint8)
@@ -90,10 +91,27 @@ def test_the_picture_is_upright_and_decoded(tmp_path, device, kind):
 
 @pytest.mark.long
 def test_vertex_colors_multiply_texels(tmp_path, device):
-    path = obj_square(tmp_path, UVS, "map_Kd p.png\n", colors=" 0.5 0.25 1")
-    np.testing.assert_allclose(texels(drawn(path, device)), LINEAR * [0.5, 0.25, 1], atol=NEAR)
-    path = gltf_square(tmp_path, colors=np.array([[0.5, 0.25, 1]] * 4, np.float32))
-    np.testing.assert_allclose(texels(drawn(path, device)), LINEAR * [0.5, 0.25, 1], atol=NEAR)
+    """Codes of sRGB in OBJ files, linear in glTF files, or as the option says; alpha blends with the background."""
+    codes = np.array([0.5, 0.25, 1])
+    paths = [obj_square(tmp_path, UVS, "map_Kd p.png\n", colors=" 0.5 0.25 1")]
+    paths.append(gltf_square(tmp_path, colors=np.array([codes] * 4, np.float32)))
+    for path, usual in zip(paths, ("srgb", "linear"), strict=True):
+        for option, meaning in ((None, usual), ("srgb", "srgb"), ("linear", "linear")):
+            expected = LINEAR * (codes if meaning == "linear" else srgb_to_linear(codes))
+            np.testing.assert_allclose(texels(drawn(path, device, vertex_colors=option)), expected, atol=NEAR)
+    path = obj_square(tmp_path, UVS, "map_Kd p.png\n", colors=" 1 1 1 0.25")
+    np.testing.assert_allclose(texels(drawn(path, device)), LINEAR * 0.25 + BACKGROUND * 0.75, atol=NEAR)
+
+
+@pytest.mark.parametrize("normal", [0.0, np.nan])
+def test_normals_that_are_none_are_computed(tmp_path, normal):
+    document = Gltf()
+    document.mesh({"POSITION": SQUARE, "NORMAL": np.full((4, 3), normal, np.float32)}, QUAD)
+    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    (mesh,) = scene.meshes
+    assert mesh.normals.tolist() == [[0, 0, 1]] * 4
+    where = f"{tmp_path}/a.glb: meshes[0].primitives[0].attributes.NORMAL"
+    assert messages == [f"{where}: 4 normals that are 0 or not finite were computed from the faces"]
 
 
 WRAPS = [(10497, lambda k: k % 4), (33071, lambda k: np.clip(k, 0, 3)), (33648, lambda k: np.minimum(k % 8, 7 - k % 8))]

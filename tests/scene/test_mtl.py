@@ -7,25 +7,21 @@ import warnings
 import numpy as np
 import pytest
 from PIL import Image
-from scene_files import TRIANGLE, refusal, write
+from scene_files import TEXTURED, TRIANGLE, refusal, told, write
 
 from clshade.errors import InputError
 from clshade.images.decode import decode_image, read_image
 from clshade.scene.formats.load import load
 from clshade.scene.framing import AMBIENT
 
-TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
 RNG = np.random.default_rng(9)
 
 
 def material_of(tmp_path, text: str):
     """Load a triangle with that material; return the mesh, the scene and the warnings."""
     write(tmp_path / "a.mtl", "newmtl m\n" + text)
-    path = write(tmp_path / "a.obj", TEXTURED)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        scene = load(path)
-    return scene.meshes[0], scene, [str(warning.message) for warning in caught]
+    scene, messages = told(write(tmp_path / "a.obj", TEXTURED))
+    return scene.meshes[0], scene, messages
 
 
 def test_a_library_named_between_faces_changes_no_material(tmp_path):
@@ -129,6 +125,17 @@ def test_full_transparency_alone_counts_as_opaque(tmp_path):
     assert message.endswith("a.obj: materials with Tr 1 and without d are read as opaque")
 
 
+@pytest.mark.parametrize("kd", ["Kd 0 0 0\nmap_Kd {}\n", "map_Kd {}\nKd 0.0\n"])
+def test_black_beside_a_map_counts_as_white(tmp_path, kd):
+    Image.new("RGB", (3, 2)).save(tmp_path / "a.png")
+    for name in ("a.png", "none.png"):
+        mesh, _, messages = material_of(tmp_path, kd.format(name))
+        assert (mesh.material.kd.tolist(), mesh.material.ka.tolist()) == ([1, 1, 1], [1, 1, 1])
+        assert messages[-1].endswith("a.obj: materials with Kd 0 0 0 and a map_Kd are read with Kd 1 1 1")
+    assert load(tmp_path / "a.obj", texture=np.ones((1, 1, 3))).meshes[0].material.kd.tolist() == [1, 1, 1]
+    assert material_of(tmp_path, "Kd 0 0 0\n")[0].material.kd.tolist() == [0, 0, 0]
+
+
 @pytest.mark.parametrize("text", ["d", "d half", "Tr nan", "d 0.5 0.5"])
 def test_an_opacity_that_is_no_number_is_refused(tmp_path, text):
     if text == "d":
@@ -152,7 +159,7 @@ def test_models_of_illumination(tmp_path):
 
 
 def test_an_exponent_of_0_is_no_highlight(tmp_path):
-    for text, ks in (("Ks 1 1 1\nNs 0\n", 0.0), ("Ns 0.0\nKs 1\n", 0.0), ("Ks 1\nNs 1\n", 1.0), ("Ks 1\n", 1.0)):
+    for text, ks in (("Ks 1\nNs -1.96\n", 0.0), ("Ks 1\nNs 0\n", 0.0), ("Ns 0.0\nKs 1\n", 0.0), ("Ks 1\nNs 1\n", 1.0)):
         assert material_of(tmp_path, text)[0].material.ks.tolist() == [ks] * 3, text
 
 
@@ -163,8 +170,11 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
     assert len(messages) == 1
     assert "a.obj: not rendered: transmission, emission" in messages[0]
     assert material_of(tmp_path, "d 1.0\nTr 0\nKe 0 0 0\nNi 1.5\nPs 0\nPc 0.0\naniso 0\n")[2] == []
-    _, scene, _ = material_of(tmp_path, "Pm 1\nPc 0.5\n")
-    assert scene.ignored == ("metallic-roughness", "sheen, clearcoat and anisotropy")
+    Image.new("RGB", (3, 2)).save(tmp_path / "a.png")
+    _, scene, _ = material_of(tmp_path, "Pm 1\nPc 0.5\nmap_Tr a.png\nmap_Kd a.png\n")
+    assert scene.ignored == ("metallic-roughness", "sheen, clearcoat and anisotropy", "map_tr")
+    bare, _ = told(write(tmp_path / "b.obj", "mtllib a.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n"))
+    assert bare.ignored[-1] == "textures of faces without texture coordinates"
 
 
 def test_creases_of_a_whole_file(tmp_path):
@@ -193,11 +203,3 @@ def test_alpha_is_kept_only_where_it_is_needed(tmp_path, channels):
         pixels[:, :, -1] = 255
         Image.fromarray(pixels).save(tmp_path / "a.png")
         assert decode_image((tmp_path / "a.png").read_bytes(), "a.png", srgb=False).shape == (4, 5, 3)
-
-
-def test_course_files_take_no_mesh_options(tmp_path):
-    from scene_files import course_dict, save_npy
-
-    path = save_npy(tmp_path / "a.npy", course_dict())
-    refusal(path, "load: crease: expected one only for .obj", crease=30)
-    assert load(path, two_sided=True).meshes[0].material.two_sided

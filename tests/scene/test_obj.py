@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import warnings
 from dataclasses import fields
 from operator import eq
 
 import numpy as np
 import pytest
 from PIL import Image
-from scene_files import TRIANGLE, refusal, write
+from scene_files import TEXTURED, TRIANGLE, refusal, told, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
@@ -18,16 +17,6 @@ from clshade.scene.formats import mtl, obj_parser, text_tokens
 from clshade.scene.formats.load import load
 from clshade.scene.formats.obj_parser import parse_obj
 from clshade.scene.triangulate import triangulated
-
-
-def told(path, **options):
-    """Load a file; return the scene and the warnings."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        scene = load(path, **options)
-    messages = [str(warning.message) for warning in caught]
-    assert all(message.isprintable() for message in messages)
-    return scene, messages
 
 
 def corners(text: str) -> list:
@@ -115,6 +104,7 @@ def test_forms_of_the_text(tmp_path, text):
     [
         ("v 0 0\n", 1, ["v: expected 3 numbers", "found 2"]),
         ("v 0 0 0 0 0\n", 1, ["v: ", "found 5"]),
+        ("v 0 0 0 0 0 0 0 0\n", 1, ["v: ", "or 7 with a color and alpha", "found 8"]),
         ("v\n", 1, ["v: ", "found 0"]),
         (TRIANGLE + "v 0 x 0\n", 4, ["v: expected numbers, found 'x'"]),
         ("\n\nv 0 0 1.#IND\n", 3, ["v: ", "1.#IND"]),
@@ -128,12 +118,9 @@ def test_forms_of_the_text(tmp_path, text):
         ("v nan 0 0\n", 1, ["v: expected finite"]),
         ("v 0 -inf 0\n", 1, ["v: expected finite"]),
         ("v 0 1e999 0\n", 1, ["v: expected finite"]),
-        ("vn 0 nan 0\n", 1, ["vn: expected finite"]),
         ("vn 0 1\n", 1, ["vn: expected 3 numbers"]),
         ("vt\n", 1, ["vt: expected 1 to 3 numbers, found 0"]),
         ("vt a\n", 1, ["vt: expected numbers, found 'a'"]),
-        (TRIANGLE + "f 1 2\n", 4, ["f: expected at least 3 corners, found 2"]),
-        (TRIANGLE + "f\n", 4, ["f: expected at least 3"]),
         (TRIANGLE + "f 1 2 3\nf 0 1 2\n", 5, ["f: expected indices from 1", "'0'"]),
         (TRIANGLE + "f 1 2 4\n", 4, ["f: expected v indices up to 3, found 4"]),
         (TRIANGLE + "f 1 2 -4\n", 4, ["f: expected v indices up to the 3 so far, found '-4'"]),
@@ -170,6 +157,7 @@ def test_refused_files(tmp_path):
     refusal(write(tmp_path / "bad.obj", "\n\n# nothing\n"), "bad.obj: f: ")
     refusal(write(tmp_path / "bad.obj", ""), "bad.obj: file: ", "empty")
     refusal(write(tmp_path / "bad.obj", "\0" * 5000), "bad.obj: line 1: keyword: ")
+    refusal(write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n"), "a.obj: vt: ", texture=np.ones((1, 1, 3)))
 
 
 def test_limits(tmp_path, monkeypatch):
@@ -244,7 +232,7 @@ def test_against_the_obvious_parser(monkeypatch, chunk):
 @pytest.mark.parametrize("chunk", [1, 30, 100, 400])
 def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
     """Colors of some vertices, names, libraries on their lines, smoothing, comments and continued lines."""
-    block = "# a\nmtllib {k}.mtl\nv 0 0 {k} 1 0 0.5\nv 1 0 0\nv 0 1 0 0 {k} 0\no {k}\nusemtl m{k} \\\n x\ns {k}\n"
+    block = "# a\nmtllib {k}.mtl\nv 0 0 {k} 1 0 0.5\nv 1 0 0\nv 0 1 0 0 {k} 0 .5\no {k}\nusemtl m{k} \\\n x\ns {k}\n"
     block += "f -3 -2 \\\n-1\ng g{k} # none\nvt 0 {k}\nf -1/1 -2/1 -3/-1 -1/-1\nl 1 2\ncurv {k}\n"
     data = "".join(block.replace("{k}", str(k)) for k in range(12)).encode()
     whole = parse_obj(data, "a.obj")
@@ -254,7 +242,8 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
         expected, found = getattr(whole, field.name), getattr(parts, field.name)
         same = np.array_equal if isinstance(expected, np.ndarray) else eq
         assert same(expected, found), field.name
-    assert whole.colors.tolist() == [row for k in range(12) for row in ([1, 0, 0.5], [1, 1, 1], [0, k, 0])]
+    assert whole.colored.tolist() == [3 * k + corner for k in range(12) for corner in (0, 2)]
+    assert whole.colors.tolist() == [row for k in range(12) for row in ([1, 0, 0.5, 1], [0, k, 0, 0.5])]
     assert whole.libraries == [(16 * k + 2, f"{k}.mtl") for k in range(12)]
     assert len(whole.runs) == 24
 
@@ -305,21 +294,36 @@ def test_faces_with_and_without_uvs_and_normals(tmp_path):
 
 def test_vertex_colors(tmp_path):
     text = "v 0 0 0 0.5 0.25 1\nv 1 0 0\nv 0 1 0 nan 0 0\nf 1 2 3\n"
-    scene, messages = told(write(tmp_path / "a.obj", text))
-    assert scene.meshes[0].colors.tolist() == [[0.5, 0.25, 1], [1, 1, 1], [1, 1, 1]]
-    assert len(messages) == 1
-    assert messages[0].endswith("a.obj: v: 1 colors that are not finite became white")
+    path = write(tmp_path / "a.obj", text)
+    scene, messages = told(path)
+    np.testing.assert_allclose(scene.meshes[0].colors, [[0.214041, 0.050876, 1], [1, 1, 1], [1, 1, 1]], atol=1e-6)
+    assert told(path, vertex_colors="linear")[0].meshes[0].colors[0].tolist() == [0.5, 0.25, 1]
+    assert [message.split("/")[-1] for message in messages] == ["a.obj: v: 1 colors that are not finite became white"]
+    scene, messages = told(write(tmp_path / "c.obj", text.replace("nan 0", "1e300 -1")))
+    assert (scene.meshes[0].colors[2].tolist(), messages) == ([np.finfo(np.float32).max, 0, 0], [])
     assert load(write(tmp_path / "b.obj", TRIANGLE + "f 1 2 3\n")).meshes[0].colors is None
+
+
+@pytest.mark.parametrize("normal", ["nan nan nan", "0 inf 0", "0 0 0"])
+def test_normals_that_are_none_are_computed(tmp_path, normal):
+    """The square is clockwise as seen along its other normals: all its faces turn, and the computed normal with them."""
+    square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+    text = f"{square}vn 0 0 -2\nvn {normal}\nf 1//1 2//1 3//2\nf 1//1 3//2 4//1\n"
+    scene, messages = told(write(tmp_path / "a.obj", text))
+    (mesh,) = scene.meshes
+    assert mesh.normals[mesh.normal_faces][:, :, 2].tolist() == [[-2, -1, -2], [-2, -2, -1]]
+    assert messages == [f"{tmp_path}/a.obj: vn: 1 normals that are 0 or not finite were computed from the faces"]
+    text = f"{square}vn 0 0 1\nvn {normal}\nf 1//1 2//1 3//1\n"
+    assert told(write(tmp_path / "b.obj", text))[1] == []  # no face uses it
 
 
 def test_uvs_of_any_kind(tmp_path):
     text = TRIANGLE + "vt nan inf\nvt 1e30 -1e30 5\nvt 0.5\nf 1/1 2/2 3/3\n"
-    uvs = load(write(tmp_path / "a.obj", text)).meshes[0].uvs
+    path = write(tmp_path / "a.obj", text)
+    uvs = load(path).meshes[0].uvs
     assert np.isnan(uvs[0, 0])
     assert uvs[:, 1].tolist() == [-np.inf, 1e30, 1.0]
-
-
-TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
+    assert told(path, texture=np.ones((1, 1, 3)))[1] == [f"{path}: texture coordinates that are not finite count as 0"]
 
 
 def test_material_values_and_texture(tmp_path):
@@ -385,7 +389,7 @@ def test_links_devices_and_folders(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "line", ["Kd 1 1", "Kd x", "Kd nan 0 0", "Ks spectral a.rfl 1", "Ns -1", "Ns 1 2", "Ka 1 1 1 1"]
+    "line", ["Kd 1 1", "Kd x", "Kd nan 0 0", "Ks spectral a.rfl 1", "Ns 2e9", "Ns 1 2", "Ka 1 1 1 1"]
 )
 def test_refused_materials(tmp_path, line):
     path = write(tmp_path / "a.obj", TEXTURED)
@@ -415,24 +419,20 @@ def test_repeated_libraries_and_too_many_images(tmp_path, monkeypatch):
     refusal(path, "a.obj: map_Kd: ", "at most 100 pixels")
 
 
-def test_a_texture_needs_uvs(tmp_path):
-    refusal(write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n"), "a.obj: vt: ", texture=np.ones((1, 1, 3)))
-
-
 def test_smoothing_and_what_is_not_rendered(tmp_path):
-    def told(text: str, **options):
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            scene = load(write(tmp_path / "a.obj", TRIANGLE + text), **options)
-        assert len(caught) == (1 if scene.ignored else 0)
+    def found(text: str, **options):
+        scene, messages = told(write(tmp_path / "a.obj", TRIANGLE + text), **options)
+        assert len(messages) == (1 if scene.ignored else 0)
         return scene.meshes[0].normals is not None, scene.ignored
 
     face = "f 1 2 3\n"
-    assert told(face) == (False, ())  # smooth: left to the mesh
-    assert told("s 1\n" + face) == (False, ())
-    assert told("s off\n" + face) == told("s 0\n" + face) == (True, ())  # flat
-    assert told("s 1\n" + face + "s off\n" + face) == (False, ("smoothing groups",))
-    assert told("s 1\n" + face + "s 2\n" + face, crease=30) == (True, ())
-    assert told("vn 0 0 1\ns 1\nf 1//1 2//1 3//1\ns off\nf 1//1 2//1 3//1\n") == (True, ())
-    lines = "l 1 2\nl 2 3\np 1\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3\n"
-    assert told(face + lines) == (False, ("lines", "points", "free-form curves and surfaces"))
+    assert found(face) == (False, ())  # smooth: left to the mesh
+    assert found("s 1\n" + face) == (False, ())
+    assert found("s off\n" + face) == found("s 0\n" + face) == (True, ())  # flat
+    assert found("s 1\n" + face + "s off\n" + face) == (False, ("smoothing groups",))
+    assert found("s 1\n" + face + "s 2\n" + face, crease=30) == (True, ())
+    assert found("vn 0 0 1\ns 1\nf 1//1 2//1 3//1\ns off\nf 1//1 2//1 3//1\n") == (True, ())
+    lines = "l 1 2\nl 2 3\np 1\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3\nvc 1 0 0\n#MRGB ffff0000\n"
+    others = ("free-form curves and surfaces", "colors by vc", "colors in comments (#MRGB)")
+    assert found(face + lines) == (False, ("lines", "points", *others))
+    assert found("f 1 2\n" + face + "f\nf 1 1") == (False, ("faces of fewer than 3 corners",))

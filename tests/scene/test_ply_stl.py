@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
+import re
 
 import numpy as np
 import pytest
 from mesh_writers import ply, stl, stl_text
 from PIL import Image
-from scene_files import refusal, write
+from scene_files import refusal, told, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
@@ -23,13 +23,6 @@ VERTS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5]]
 POINTS = [("3f", row) for row in VERTS]
 HEAD = f"comment x\nelement vertex 4\n{XYZ}"
 FACES = "element face {}\nproperty list uchar int vertex_indices\n"
-
-
-def told(path, **options):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        scene = load(path, **options)
-    return scene, [str(warning.message) for warning in caught]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -115,20 +108,67 @@ def test_colors_of_faces(tmp_path, form):
     rows = [*POINTS, ("=B3i3f", [3, 0, 1, 2, 1, 0, 0]), ("=B4i3f", [4, 0, 1, 3, 2, 0, 0.5, 0])]
     rows = [(kind.lstrip("="), values) for kind, values in rows]
     (mesh,) = load(write(tmp_path / "a.ply", ply(form, header, rows))).meshes
-    assert mesh.colors.tolist() == [[1, 0, 0]] * 3 + [[0, 0.5, 0]] * 6
+    np.testing.assert_allclose(mesh.colors, [[1, 0, 0]] * 3 + [[0, 0.214041, 0]] * 6, atol=1e-6)
     faces = [[0, 1, 2], [0, 1, 3], [0, 3, 2]]
     assert mesh.verts[mesh.faces].tolist() == [[VERTS[k] for k in face] for face in faces]
     smooth = geometry.vertex_normals(VERTS, faces)
     np.testing.assert_allclose(mesh.normals[mesh.normal_faces], smooth[faces], atol=1e-6)
 
 
-def test_line_ends_and_other_elements(tmp_path):
-    header = HEAD + "element edge 1\nproperty int vertex1\n" + FACES.format(1)
-    data = ply("ascii", header, [*POINTS, ("i", [0]), ("B3i", [3, 0, 1, 2])])
-    scene, messages = told(write(tmp_path / "a.ply", data.replace(b"\n", b"\r\n")))
-    assert scene.ignored == ("element edge",)
+def test_line_ends_and_what_is_not_rendered(tmp_path, monkeypatch):
+    monkeypatch.setattr(ply_parser, "_CHUNK", 5)
+    more = "property list uchar int flags\n"
+    header = "comment TextureFile a.png\n" + HEAD + "element edge 1\nproperty int vertex1\n" + FACES.format(1) + more
+    data = ply("ascii", header, [*POINTS, ("i", [0]), ("B3iB1i", [3, 0, 1, 2, 1, 7])])
+    data = data.replace(b"ply\n", b"ply \n", 1).replace(b"end_header", b"end_header ").replace(b"\n", b"\r\n")
+    scene, messages = told(write(tmp_path / "a.ply", data))
+    assert scene.ignored == ("textures of faces without texture coordinates", "list flags", "element edge")
     assert len(messages) == 1
     assert scene.face_count == 1
+
+
+NORMALS = "".join(f"property float n{axis}\n" for axis in "xyz")
+COLORS = [("uchar", 188), ("float", 188 / 255), ("int", 188), ("float", 188.0), ("ushort", 188 * 257)]
+
+
+@pytest.mark.parametrize(("kind", "code"), COLORS)
+@pytest.mark.parametrize("of", ["vertex", "face"])
+def test_colors_are_codes_of_any_type_and_blend(tmp_path, kind, code, of):
+    """The same in a PLY file of any type, and in an OBJ file: codes of sRGB, or linear on demand, and alpha."""
+    rgba = f"{code:.9g} 0 {code / 188 * 255:.9g} {code / 188 * 51:.9g}"
+    properties = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue", "alpha"))
+    faces, points = FACES.format(1), [f"{x} {y} {z}" for x, y, z in VERTS]
+    colored = "\n".join(f"{point} {rgba}" for point in points)
+    header, rows = HEAD + properties + faces, f"{colored}\n3 0 1 2\n"
+    if of == "face":
+        header, rows = HEAD + faces + properties, "\n".join([*points, f"3 0 1 2 {rgba}\n"])
+    paths = [write(tmp_path / "a.ply", f"ply\nformat ascii 1.0\n{header}end_header\n{rows}")]
+    if kind == "float":
+        paths.append(write(tmp_path / "a.obj", re.sub("^", "v ", colored, flags=re.MULTILINE) + "\nf 1 2 3\n"))
+    for path in paths:
+        scene, messages = told(path)
+        (mesh,) = scene.meshes
+        np.testing.assert_allclose(mesh.colors[0], [srgb_to_linear(np.array(188 / 255)), 0, 1], rtol=1e-6)
+        np.testing.assert_allclose(mesh.alphas, 0.2, rtol=1e-6)
+        assert mesh.blends
+        assert len(messages) == (2 if (kind, code) == ("float", 188.0) else 0)
+        linear = told(path, vertex_colors="linear")[0].meshes[0].colors[0]
+        np.testing.assert_allclose(linear, [188 / 255, 0, 1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("color", ["nan 0 0 1", "0 0 0 0"])
+def test_normals_and_colors_that_are_none(tmp_path, color):
+    color_names = "".join(f"property float {name}\n" for name in "rgba")
+    lines = "".join(f"{x} {y} {z} {normal} {color}\n" for (x, y, z), normal in zip(VERTS, 4 * ["0 0 nan"], strict=True))
+    header = f"ply\nformat ascii 1.0\nelement vertex 4\n{XYZ}{NORMALS}{color_names}{FACES.format(1)}end_header\n"
+    scene, messages = told(write(tmp_path / "a.ply", header + lines + "3 0 1 2\n"))
+    (mesh,) = scene.meshes
+    assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]
+    assert mesh.colors[0].tolist() == ([1, 1, 1] if "nan" in color else [0, 0, 0])
+    assert (mesh.alphas, mesh.blends) == (None, False)
+    first, second = (message.split(": ", 2)[1:] for message in messages)
+    assert first == ["element vertex", "4 colors that are not finite became white"] or "all 0, became 1" in first[1]
+    assert second == ["element vertex", "nx, ny, nz: 3 normals that are 0 or not finite were computed from the faces"]
 
 
 GOOD = ply("ascii", HEAD + FACES.format(1), [*POINTS, ("B3i", [3, 0, 1, 2])]).decode()
@@ -140,17 +180,24 @@ BINARY = ply("binary_little_endian", HEAD + FACES.format(1), [*POINTS, ("B3i", [
     [
         ("plx\n", ["magic: "]),
         ("ply\nformat ascii 1.0\n", ["header: expected end_header"]),
-        (GOOD.replace("ascii", "zip"), ["line 2: "]),
+        (GOOD.replace("ascii", "zip"), ["line 2: format: expected one of ascii, binary_", "found 'zip 1.0'"]),
+        (GOOD.replace("ascii 1.0", "ascii 2.0"), ["line 2: format: ", "the version 1.0", "found 'ascii 2.0'"]),
+        (GOOD.replace("comment x", "remark x"), ["line 3: expected format, element, ", "found 'remark'"]),
+        (GOOD.replace("comment x", "property float x"), ["line 3: property: expected an element before it"]),
+        (GOOD.replace("comment x", "element x"), ["line 3: element x: expected a name and a number of rows"]),
         (GOOD.replace("format ascii 1.0\n", ""), ["header: expected a line of format"]),
         (GOOD.replace("vertex 4", "vertex -4"), ["line 4: element vertex: "]),
         (GOOD.replace("vertex 4", "vertex 400000000000"), ["element vertex: expected 400000000000 rows"]),
         (GOOD.replace("vertex 4", "vertex " + "9" * 5000), ["line 4: "]),
         (GOOD.replace("face 1", "face 1000000"), ["element face: "]),
-        (GOOD.replace("face 1", "face 2"), ["element face: "]),
-        (GOOD.replace("float x", "half x"), ["line 5: "]),
-        (GOOD.replace("float y", "float x"), ["line 6: "]),
-        (GOOD.replace("float z", "float w"), ["element vertex: expected properties x, y and z"]),
-        (GOOD.replace("vertex_indices", "others"), ["element face: expected a list property"]),
+        (GOOD.replace("face 1", "face 2"), ["element face: row 1: vertex_indices: ", "found the end of the file"]),
+        (GOOD.replace("float x", "half x"), ["line 5: property: expected one of the types char ", "found 'half'"]),
+        (GOOD.replace("float x", "float x y"), ["line 5: property: expected a type and a name, ", "found 'float x y'"]),
+        (GOOD.replace("float y", "float x"), ["line 6: property: expected properties of different names", "found 'x'"]),
+        (GOOD.replace("uchar int", "uchar long"), ["line 9: property: expected one of the types", "found 'long'"]),
+        (GOOD.replace("uchar int", "float int"), ["line 9: property: expected a type of whole numbers"]),
+        (GOOD.replace("float z", "float w"), ["element vertex: expected properties x, y and z, found x, y, w"]),
+        (GOOD.replace("vertex_indices", "others"), ["element face: expected a list property", "found others"]),
         (GOOD.replace("element face", "element vertex"), ["elements of different names"]),
         (GOOD.replace("3 0 1 2", "3 0 1 -1"), ["element face: row 0: expected indices from 0 to 3, found -1"]),
         (GOOD.replace("3 0 1 2", "3 0 1 4"), ["element face: row 0", "found 4"]),
@@ -220,8 +267,9 @@ def test_stl_of_both_kinds(tmp_path, monkeypatch, chunk):
     for data in (
         stl(TRIANGLES),
         text,
-        text.upper(),
-        text.replace("\n", "\r\n"),
+        "\ufeff" + text.upper() + "\0\0",
+        text.replace("\n", "\r\n").replace("endloop", "end loop").removeprefix("solid a name of facets"),
+        text.replace("endloop", "end  loop").replace("endfacet", "end\tfacet").replace("endsolid", "end solid"),
         text + text.replace("solid a", "solid"),
     ):
         (mesh,) = load(write(tmp_path / "a.stl", data)).meshes
@@ -230,6 +278,24 @@ def test_stl_of_both_kinds(tmp_path, monkeypatch, chunk):
         assert mesh.normals is None  # unshared corners: flat
         assert mesh.material.two_sided
     assert len(mesh.verts) == 42
+
+
+BINARY_STL = stl(TRIANGLES)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (BINARY_STL + b"\r\n", "2 bytes after the last of 7 facets are left out"),
+        (BINARY_STL[:80] + bytes(4) + BINARY_STL[84:], "0 was read as 7, the facets in the file"),
+        (BINARY_STL[:80] + b"\xff" * 4 + BINARY_STL[84:], "4294967295 was read as 7, the facets in the file"),
+        (b"solid".ljust(80, b"\0") + BINARY_STL[80:] + b"\n", "1 bytes after the last of 7 facets are left out"),
+    ],
+)
+def test_counts_of_facets_that_do_not_fit_the_file(tmp_path, data, words):
+    scene, messages = told(write(tmp_path / "a.stl", data))
+    assert np.array_equal(scene.meshes[0].verts.reshape(-1, 3, 3), TRIANGLES)
+    assert messages == [f"{tmp_path}/a.stl: facet count: {words}"]
 
 
 def test_stl_options_and_attributes(tmp_path):
@@ -251,12 +317,13 @@ def test_stl_options_and_attributes(tmp_path):
 @pytest.mark.parametrize(
     ("data", "parts"),
     [
-        (stl(TRIANGLES)[:-1], ["facet count: expected 434 bytes for its 7 facets, found 433 bytes"]),
+        (stl(TRIANGLES)[:-1], ["facet count: expected 434 bytes for its 7 facets, or ", "found 433 bytes"]),
         (b"\xff" * 84, ["facet count: "]),
         (b"short", ["facet count: "]),
         (b"solid".ljust(34, b"\0"), ["facet count: "]),  # as long as a file of -1 facets would be
         (stl([]), ["facet count: "]),
         ("solid x\nendsolid x\n", ["facet count: "]),
+        (stl_text(TRIANGLES).encode("utf-16"), ["facets, or ASCII text that begins with solid"]),
         (stl(np.where(np.arange(63).reshape(7, 3, 3) == 30, np.nan, 1)), ["facet 3: vertex 1: expected finite", "nan"]),
         (stl_text(TRIANGLES).replace("endfacet", "end", 1), ["facet 0: expected endfacet, found 'end'"]),
         (stl_text(TRIANGLES).replace("vertex", "vertex x", 1), ["facet 0: vertex: expected numbers, found 'x'"]),
@@ -267,8 +334,3 @@ def test_stl_options_and_attributes(tmp_path):
 )
 def test_refused_stl(tmp_path, data, parts):
     refusal(write(tmp_path / "bad.stl", data), "bad.stl: ", *parts)
-
-
-def test_ascii_in_chunks(tmp_path, monkeypatch):
-    monkeypatch.setattr(ply_parser, "_CHUNK", 5)
-    assert load(write(tmp_path / "a.ply", GOOD)).meshes[0].faces.tolist() == [[0, 1, 2]]

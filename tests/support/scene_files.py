@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import pickle
 import struct
+import warnings
 import zlib
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.scene.formats.load import load
+from clshade.scene.model import Scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
 
 
 def course_dict(**changes: Any) -> dict[str, Any]:
@@ -73,6 +76,16 @@ def write(path, text: str | bytes) -> str:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     return str(path)
+
+
+def told(path, **options: Any) -> tuple[Scene, list[str]]:
+    """Load a file; return the scene and the warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = load(path, **options)
+    messages = [str(warning.message) for warning in caught]
+    assert all(message.isprintable() for message in messages)
+    return scene, messages
 
 
 def refusal(path, *parts: str, **options: Any) -> str:

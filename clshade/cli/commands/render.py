@@ -103,8 +103,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    # Importing the modules needed after rendering takes as long as rendering itself, so it runs in parallel.
-    warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,), daemon=True)
+    # What is needed after rendering is imported in parallel; not by a daemon, for an exit within a C++ module aborts.
+    warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,))
     warming.start()
     check_view_options(arguments)
     check_stereo(arguments, "views", "sheet")

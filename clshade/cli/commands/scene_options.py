@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ...scene.settings import Look
 
 # Arguments of clshade.scene.formats.load.load; besides `fit`, see `--camera`.
-LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "weld", "up", "two_sided", "time", "animation")
+LOAD_OPTIONS = ("texture", "focal", "crease", "flat", "weld", "up", "two_sided", "time", "animation", "vertex_colors")
 LIGHTS = "lights: which there are, and what they reach"  # title of the group of options
 SAMPLES_HELP = "4, or 1 for scenes of the course, in Python 1"  # `picture_settings`, in words
 # Without a look, these mean the scene as it is: they speak of light, or want data on the scene alone.
@@ -82,6 +82,7 @@ def scene_options(
 
 def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGroup, size: str = SIZE) -> None:
     """Add the options that change scenes: to the group, and to one of lights."""
+    from ...scene.formats.options import VERTEX_COLORS
     from ...scene.framing import UPS
     from ...scene.settings import LOOKS
 
@@ -108,6 +109,7 @@ def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGrou
         action=argparse.BooleanOptionalAction,
         help="light both sides of surfaces (default: as the file asks, on where its format cannot)",
     )
+    group.add_argument("--vertex-colors", choices=VERTEX_COLORS, help="their encoding (default: srgb, in glTF linear)")
     group.add_argument(
         "--time",
         type=float,

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.arrays import Array, Floats
 from ...base.input_files import file_error
+from ...images.decode import srgb_to_linear
 from ..model import MAX_FACES, Mesh
 from ..normals import crease_normals
 from ..triangulate import single_fan, strips
@@ -17,7 +18,7 @@ from .gltf_json import Item
 from .gltf_materials import Materials, Surface, transformed, with_coordinates
 from .gltf_nodes import MAX_NODES, Placed, Placement
 from .gltf_skins import Influences, influences_of, joint_matrices, skinned
-from .options import Options
+from .options import Options, mended_normals
 
 MAX_SCALARS = 64  # of a primitive
 
@@ -153,6 +154,7 @@ class MeshBuilder:
             if values is None:
                 return None
             values = values if used is None else values[used]
+            values = self._mended(shape, values) if name == "NORMAL" else values
             return self._morphed(name, values, shape, targets) if targets else values
 
         normals, colors = rows("NORMAL", 3), rows("COLOR_0", 3, 4)
@@ -161,6 +163,9 @@ class MeshBuilder:
             self.ignored.append("textures of meshes without their texture coordinates")
         if colors is not None and not surface.alpha_counts:
             colors = colors[:, :3]
+        if colors is not None and self.options.vertex_colors == "srgb":
+            linear = srgb_to_linear(np.maximum(colors[:, :3], 0.0))
+            colors = np.hstack([linear.astype(np.float32), colors[:, 3:]])
         material = self.options.lit(with_coordinates(surface.material, uvs))
         any_uvs = next((each for each in uvs if each is not None), None)
         all_uvs = [] if any_uvs is None else [np.zeros_like(any_uvs) if each is None else each for each in uvs]
@@ -191,6 +196,17 @@ class MeshBuilder:
             more_uvs=all_uvs[1:],
         )
         return mesh, placement
+
+    def _mended(self, shape: _Shape, normals: Array) -> Array:
+        """Return normals (V, 3), computed from the faces where those of the file are 0 or not finite."""
+        verts, count = self._attribute(shape.attributes, "POSITION", 3), len(normals)
+        assert verts is not None
+        verts = verts if shape.used is None else verts[shape.used]
+        where = f"{shape.item.owner}: {shape.attributes.where}.NORMAL"
+        normals, corners = mended_normals(verts, shape.faces, normals, shape.faces, where)
+        if corners is not shape.faces:
+            normals[shape.faces] = normals[corners]
+        return normals[:count]
 
     def _morphed(self, name: str, values: Array, shape: _Shape, targets: list[tuple[float, Item]]) -> Array:
         """Return an attribute with the displacements of morph targets, computed in float64 and rounded to float32."""
@@ -231,8 +247,8 @@ class MeshBuilder:
                 yield name[1:], values[:, 0]
 
     def _attribute(self, attributes: Item, name: str, *widths: int, count: int | None = None) -> Array | None:
-        """Return (V, width) float32 values of an attribute, finite except for texture coordinates and the application's
-        own; None if missing."""
+        """Return (V, width) float32 values of an attribute, finite except for normals, texture coordinates and the
+        application's own; None if missing."""
         index = attributes.reference(name, "accessors")
         if index is None:
             return None
@@ -240,7 +256,7 @@ class MeshBuilder:
         if values.shape[1] not in widths or (count is not None and len(values) != count):
             expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
             raise attributes.error(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
-        any_value = name.startswith(("TEXCOORD", "_"))
+        any_value = name.startswith(("TEXCOORD", "NORMAL", "_"))
         if (index, any_value) not in self._checked:
             values = values.astype(np.float32, copy=False)
             if not any_value and not np.isfinite(values).all():

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from numbers import Integral
-from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from ..lights import LIGHTS
 from ..model import Scene, Texture
 from ..normals import crease_angle
 from .course_npy import save_course
-from .options import Options
+from .options import VERTEX_COLORS, Options, VertexColors
 from .play import FPS, Played, play
 from .table import BY_EXTENSION, EXTENSIONS, Format, extensions_with
 from .texture import as_texture
@@ -50,6 +50,7 @@ def load(
     fit: bool = False,
     time: float | None = None,
     animation: str | int | None = None,
+    vertex_colors: VertexColors | None = None,
 ) -> Scene:
     """Load a scene from a file.
 
@@ -102,6 +103,9 @@ def load(
         Name of the animation, or its number from 0, see `Scene.animations`; "all": all at once, as
         some exporters write one for each node; of several for one property the last counts. Without
         `time`: its beginning. Default: the first.
+    vertex_colors : {"srgb", "linear"}, optional
+        Whether colors at vertices are codes of sRGB, to be decoded, or linear, in an OBJ, PLY or
+        glTF file. Default: linear in glTF, as its specification says, else srgb.
 
     Returns
     -------
@@ -148,6 +152,7 @@ def load(
             fit=fit,
             time=time,
             animation=animation,
+            vertex_colors=vertex_colors,
         )
         scene = form.read(path, options)
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
@@ -166,6 +171,7 @@ def load_animation(
     up: Up | None = None,
     two_sided: bool | None = None,
     fit: bool = False,
+    vertex_colors: VertexColors | None = None,
 ) -> Played:
     """Load a glTF file as the frames of one of its animations.
 
@@ -179,7 +185,7 @@ def load_animation(
         Number of frames, 1 to 1,000,000. Default: as many as `fps` takes, at least 1.
     fps : float, default 30
         Frames per second of the animation's time, rounded so that they divide its length.
-    texture, resolution, crease, flat, up, two_sided, fit
+    texture, resolution, crease, flat, up, two_sided, fit, vertex_colors
         As for `load`.
 
     Returns
@@ -216,55 +222,49 @@ def load_animation(
             two_sided=two_sided,
             fit=fit,
             animation=animation,
+            vertex_colors=vertex_colors,
         )
         return play(path, options, count=count, fps=fps)
 
 
-def _options(
-    who: str,
-    form: Format,
-    *,
-    texture: Any,
-    focal: Any = None,
-    resolution: Any,
-    crease: Any,
-    flat: Any,
-    weld: Any = None,
-    up: Any,
-    two_sided: Any,
-    fit: Any,
-    time: Any = None,
-    animation: Any,
-) -> Options:
-    """Return the options for a file of this format that users give `who`, see `load`. Raises InputError, naming `who`,
-    for one that is refused."""
-    given = {"texture": texture, "focal": focal, "crease": crease, "flat": flag(who, "flat", flat) or None, "up": up}
-    given["weld"] = None if weld is None else flag(who, "weld", weld)
-    for name, value in {**given, "time": time, "animation": animation}.items():
-        if value is not None and name not in form.takes:
+def _options(who: str, form: Format, **values: Any) -> Options:
+    """Return the options for a file of this format from arguments of `load` that users give `who`. Raises InputError, naming
+    `who`, for one that is refused."""
+    values["flat"] = flag(who, "flat", values["flat"]) or None
+    given = {name: value for name, value in values.items() if value is not None}
+    checks: dict[str, Callable[..., Any]] = {
+        "resolution": lambda who, name, value: checked_resolution(who, value),
+        "crease": crease_angle,
+        "flat": flag,
+        "weld": flag,
+        "focal": partial(number, above=0.0),
+        "up": partial(choice, allowed=UPS),
+        "two_sided": flag,
+        "fit": flag,
+        "time": partial(number, least=0.0),
+        "animation": _animation,
+        "vertex_colors": partial(choice, allowed=VERTEX_COLORS),
+        "texture": lambda who, name, value: as_texture(value, srgb=form.lookup == "standard", lookup=form.lookup),
+    }
+    for name, value in given.items():
+        if name not in (*form.takes, "resolution", "two_sided", "fit"):
             *most, last = extensions_with(name)
             others = f"{', '.join(most)} and {last}" if most else last
             raise value_error(who, name, f"one only for {others} files", value)
-    if flat:
-        if crease is not None:
+    options = {name: checks[name](who, name, value) for name, value in given.items()}
+    if options.pop("flat", False):
+        if "crease" in options:
             raise InputError(f"{who}: crease: expected either crease or flat, which is a crease of 0, found both")
-        crease = 0.0
-    if isinstance(animation, bool) or not isinstance(animation, (str, Integral, NoneType)):
-        raise value_error(who, "animation", "a name or a whole number", animation)
-    if up is not None:
-        choice(who, "up", up, UPS)
-    return Options(
-        resolution=None if resolution is None else checked_resolution(who, resolution),
-        crease=None if crease is None else crease_angle(who, "crease", crease),
-        weld=bool(weld),
-        focal=None if focal is None else number(who, "focal", focal, above=0.0),
-        up=up or form.up,
-        two_sided=(None if form.has_sides else True) if two_sided is None else flag(who, "two_sided", two_sided),
-        fit=flag(who, "fit", fit),
-        time=None if time is None else number(who, "time", time, least=0.0),
-        animation=int(animation) if isinstance(animation, Integral) else animation,
-        texture=None if texture is None else as_texture(texture, srgb=form.lookup == "standard", lookup=form.lookup),
-    )
+        options["crease"] = 0.0
+    usual = {"up": form.up, "vertex_colors": form.vertex_colors, "two_sided": None if form.has_sides else True}
+    return Options(**usual | options)
+
+
+def _animation(who: str, name: str, value: Any) -> str | int:
+    """Return the name of an animation, or its number as an int."""
+    if isinstance(value, bool) or not isinstance(value, (str, Integral)):
+        raise value_error(who, name, "a name or a whole number", value)
+    return int(value) if isinstance(value, Integral) else value
 
 
 def _extension(path: Path) -> str:

@@ -11,7 +11,7 @@ import math
 import os
 import re
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,13 @@ from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
 from ...images.decode import decode_image
 from ..framing import AMBIENT
 from ..model import Material, Texture, Wrap
+from .options import DEFAULT_MATERIAL
 from .text_tokens import numbers
 
 MAX_BYTES = 1 << 24  # of a library
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
-_COLORS = {"ka": "ka", "kd": "kd", "ks": "ks"}
 # Defaults of a material in an MTL file: no highlight.
-DEFAULTS = {"kd": 0.8, "ks": 0.0, "n": 20.0}
+DEFAULTS = {"kd": [0.8] * 3, "ks": 0.0, "n": 20.0}
 # Keywords -> features that are not rendered.
 _IGNORED = {
     **dict.fromkeys(("bump", "map_bump", "norm", "map_kn"), "normal maps"),
@@ -63,11 +63,13 @@ class _Map:
 
 @dataclass
 class _Found:
-    """The statements of a library on one material. image, mask: its map_Kd and map_d. transparency: its Tr."""
+    """The statements of a library on one material. image, mask: its map_Kd and map_d. mapped: whether it has a map_Kd, be
+    the image there or not. transparency: its Tr."""
 
     values: dict[str, Any] = field(default_factory=lambda: dict(DEFAULTS))
     image: _Map | None = None
     mask: _Map | None = None
+    mapped: bool = False
     transparency: float | None = None
     model: int = 2
     ignored: list[str] = field(default_factory=list)
@@ -76,20 +78,20 @@ class _Found:
 class Library:
     """The materials of the libraries named by the mtllib lines of an OBJ file. Images are decoded on first use.
 
-    path: of the OBJ file. references: (line number, text after mtllib). No file outside the OBJ file's folder is
-    opened. A missing file is skipped with a warning.
+    path: of the OBJ file. references: (line number, text after mtllib). own: a texture in place of the files'. No file
+    outside the OBJ file's folder is opened. A missing file is skipped with a warning.
 
     Raises InputError for a reference that leads out of the folder, for malformed numbers, and for images of more than
     MAX_PIXELS pixels in all.
     """
 
-    def __init__(self, path: str, references: list[tuple[int, str]]) -> None:
+    def __init__(self, path: str, references: list[tuple[int, str]], own: Texture | None) -> None:
         self.root, self.owner = os.path.dirname(path) or ".", shown(path)
-        self.found: dict[str, _Found] = {}
+        self.own, self.found = own, dict[str, _Found]()
         self.images: dict[str, Array] = {}
         self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture, bool]] = {}
         self.ignored: list[str] = []
-        self.warned_of_opaque = False
+        self.warned: set[str] = set()
         seen = set()
         for line, text in references:
             if text in seen:
@@ -120,10 +122,15 @@ class Library:
 
     def _statement(self, material: _Found, keyword: str, rest: str, library: str, where: str) -> None:
         owner = shown(library)
-        if keyword in _COLORS:
-            material.values[_COLORS[keyword]] = _color(rest, owner, where)
+        if keyword in ("ka", "kd", "ks"):
+            material.values[keyword] = _color(rest, owner, where)
         elif keyword == "ns":
-            material.values["n"] = _exponent(rest, owner, where)
+            (value,) = _floats(rest, owner, where, (1,), "a number up to 1e9")
+            if value > 1e9:
+                raise file_error(owner, where, "a number up to 1e9", f"{value:g}")
+            if value < 0.0:  # Blender 2.7 wrote -1.960784
+                self._warn("Ns below 0 is read as 0")
+            material.values["n"] = max(value, 0.0)
         elif keyword == "d":
             material.values["opacity"] = _opacity(rest, owner, where)
         elif keyword == "tr":
@@ -134,11 +141,13 @@ class Library:
             if material.model > 2:
                 material.ignored.append("reflection and refraction (illum)")
         elif keyword == "map_kd":
-            material.image = self._map(rest, library, where, material)
+            material.mapped, material.image = True, self._map(rest, library, where, material)
         elif keyword == "map_d":
             material.mask = self._map(rest, library, where, material)
         elif keyword in _IGNORED and not _is_default(keyword, rest):
             material.ignored.append(_IGNORED[keyword])
+        elif keyword.startswith("map_") and keyword not in _IGNORED:
+            material.ignored.append(keyword[:32])
 
     def _map(self, text: str, library: str, where: str, material: _Found) -> _Map | None:
         """Return a map's image and those of its options that are rendered; None, with a warning, without an image."""
@@ -149,15 +158,21 @@ class Library:
             return None
         return _Map(path, **options)
 
-    def material(self, name: str, textured: bool) -> tuple[Material, Array | None] | None:
-        """Return the material of that name, and (2, 2) scale and offset of its texture coordinates or None.
-
-        None if no library has it. textured: whether to load its image.
-        """
-        found = self.found.get(name)
+    def material(self, name: str | None, textured: bool) -> tuple[Material, Array | None]:
+        """Return the material of that name, the default one if no library has it, and (2, 2) scale and offset of its texture
+        coordinates or None. textured: whether faces have texture coordinates."""
+        found, own = self.found.get(name or ""), self.own if textured else None
         if found is None:
-            return None
+            if name is not None:
+                line = f"{self.owner}: usemtl: no library defines the material {quoted(name)}"
+                warnings.warn(line, stacklevel=2)
+            return replace(DEFAULT_MATERIAL, texture=own), None
         self.ignored += found.ignored
+        if found.mapped and not any(
+            found.values["kd"]
+        ):  # exporters write it and mean the map, by which others multiply it
+            found.values["kd"] = [1.0, 1.0, 1.0]
+            self._warn("materials with Kd 0 0 0 and a map_Kd are read with Kd 1 1 1")
         values = {"ka": found.values["kd"], "opacity": self._opacity_of(found), **found.values}
         values["blend"] = values["opacity"] < 1.0
         # (R.V)^0 is no highlight but a white half of the surface with a hard edge. Exporters that know none write Ks 1 and
@@ -167,15 +182,17 @@ class Library:
         if found.model == 0:
             values.update(color=values["kd"], ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
         source = found.image or found.mask
-        if not textured or source is None:
-            return Material(**values, name=name), None
+        if source is None or not textured or own is not None:
+            if source is not None and not textured:
+                self.ignored.append("textures of faces without texture coordinates")
+            return Material(**values, texture=own, name=name or ""), None
         with within(self.owner):
             key = (found.image, found.mask)
             if key not in self.textures:
                 self.textures[key] = self._texture(found)
             texture, masked = self.textures[key]
         moved = np.array([source.scale, source.offset])
-        material = Material(**{**values, "blend": values["blend"] or masked}, texture=texture, name=name)
+        material = Material(**{**values, "blend": values["blend"] or masked}, texture=texture, name=name or "")
         return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
 
     def _opacity_of(self, found: _Found) -> float:
@@ -183,10 +200,15 @@ class Library:
         read it so, where tinyobjloader, Assimp and three.js find the object invisible."""
         if found.transparency != 1.0:
             return 1.0 - (found.transparency or 0.0)
-        if "opacity" not in found.values and not self.warned_of_opaque:
-            self.warned_of_opaque = True
-            warnings.warn(f"{self.owner}: materials with Tr 1 and without d are read as opaque", stacklevel=2)
+        if "opacity" not in found.values:
+            self._warn("materials with Tr 1 and without d are read as opaque")
         return 1.0
+
+    def _warn(self, remark: str) -> None:
+        """Warn of how materials are read, once."""
+        if remark not in self.warned:
+            self.warned.add(remark)
+            warnings.warn(f"{self.owner}: {remark}", stacklevel=2)
 
     def _texture(self, found: _Found) -> tuple[Texture, bool]:
         """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d."""
@@ -276,10 +298,3 @@ def _opacity(text: str, owner: str, where: str) -> float:
     """Return the number of a d or Tr, clamped to [0, 1]; d's option -halo, opaque where seen from the front, is left out."""
     (value,) = _floats(text.removeprefix("-halo"), owner, where, (1,), "a number")
     return min(max(value, 0.0), 1.0)
-
-
-def _exponent(text: str, owner: str, where: str) -> float:
-    (value,) = _floats(text, owner, where, (1,), "a number from 0 to 1e9")
-    if not 0.0 <= value <= 1e9:
-        raise file_error(owner, where, "a number from 0 to 1e9", f"{value:g}")
-    return value

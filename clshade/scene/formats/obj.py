@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -11,13 +10,13 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import file_error, quoted, read_file
+from ...base.input_files import file_error, read_file
 from .. import framing, geometry
-from ..model import Material, Mesh, Scene, Texture
+from ..model import Material, Mesh, Scene
 from ..normals import against_normals, crease_normals, seamless_normals
 from .mtl import Library
 from .obj_parser import FaceRun, ObjText, parse_obj
-from .options import DEFAULT_MATERIAL, Options, warn_ignored
+from .options import Options, linear_colors, mended_normals, warn_ignored
 
 MAX_BYTES = 1 << 31  # of a mesh file
 
@@ -26,7 +25,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     """Read a Wavefront OBJ file: its faces in the file's order, with a camera and lights by `framing.framed`.
 
     A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
-    are float64. Vertex colors are taken as linear; one that is NaN or infinite becomes white, with a warning. Faces
+    are float64. Vertex colors are decoded by `options.linear_colors`; those with alpha below 1 blend. Faces
     without normals get those computed from all faces of the file, so that no seam shows between meshes; options.weld joins
     vertices at one position (`normals.seamless_normals`); edges above options.crease are sharp, and all are if the file's
     only smoothing group is `s off`. Faces that are clockwise as seen along the file's normals are reversed. A missing
@@ -44,20 +43,27 @@ def read_obj(path: Path, options: Options) -> Scene:
             options = replace(options, crease=0.0)
         elif len(text.smoothing) > 1:
             text.ignored.append("smoothing groups")
-    _turn_to_normals(text)
-    library = Library(os.fspath(path), text.libraries)
-    text.colors = _finite_colors(text.colors, owner)
+    _turn_to_normals(text, owner)
+    _decode_colors(text, options, owner)
+    library = Library(os.fspath(path), text.libraries, options.texture)
     meshes = _meshes(text, library, options, name, owner)
     return warn_ignored(
         framing.framed(meshes, name, options.resolution, up=options.up), owner, text.ignored + library.ignored
     )
 
 
-def _turn_to_normals(text: ObjText) -> None:
-    """Reverse the faces that are clockwise as seen along the file's normals, which define the front."""
+def _turn_to_normals(text: ObjText, owner: str) -> None:
+    """Reverse the faces that are clockwise as seen along the file's normals, which define the front; compute normals that
+    are 0 or not finite."""
     given = np.flatnonzero(text.indices[:, 0, 2] >= 0)
-    against = given[against_normals(text.verts, text.indices[given, :, 0], text.normals, text.indices[given, :, 2])]
-    text.indices[against] = text.indices[against][:, [0, 2, 1]]
+    faces, normal_faces = text.indices[given, :, 0], text.indices[given, :, 2]
+    against = given[against_normals(text.verts, faces, text.normals, normal_faces)]
+    if len(against):
+        text.indices[against] = text.indices[against][:, [0, 2, 1]]
+        faces, normal_faces = text.indices[given, :, 0], text.indices[given, :, 2]
+    text.normals, mended = mended_normals(text.verts, faces, text.normals, normal_faces, f"{owner}: vn")
+    if mended is not normal_faces:
+        text.indices[given, :, 2] = mended
 
 
 def _flipped(uvs: Array) -> Array:
@@ -65,14 +71,14 @@ def _flipped(uvs: Array) -> Array:
     return np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
 
 
-def _finite_colors(colors: Array | None, owner: str) -> Array | None:
-    if colors is None:
-        return None
-    bad = ~np.isfinite(colors).all(axis=1)
-    if bad.any():
-        warnings.warn(f"{owner}: v: {bad.sum()} colors that are not finite became white", stacklevel=2)
-        colors[bad] = 1.0
-    return colors
+def _decode_colors(text: ObjText, options: Options, owner: str) -> None:
+    """Replace the colors by linear ones (V, 3), and set alphas (V,), of all vertices: 1 where there is none; None if no
+    vertex has a color, or alpha below 1."""
+    rgba = np.ones((len(text.verts), 4))
+    if text.colors is not None and len(text.colors):
+        rgba[text.colored] = linear_colors(text.colors, options, f"{owner}: v")
+    text.colors = np.ascontiguousarray(rgba[:, :3]) if len(text.colored) else None
+    text.alphas = rgba[:, 3].copy() if (rgba[:, 3] < 1.0).any() else None
 
 
 def _meshes(text: ObjText, library: Library, options: Options, name: str, owner: str) -> tuple[Mesh, ...]:
@@ -87,8 +93,8 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         indices = text.indices[run.first : end]
         key = (run.material, bool(indices[0, 0, 1] >= 0))
         if key not in materials:
-            material, moved = _material(library, *key, options.texture, owner)
-            materials[key] = options.lit(material), moved
+            material, moved = library.material(*key)
+            materials[key] = options.lit(replace(material, blend=material.blend or text.alphas is not None)), moved
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:
@@ -137,7 +143,7 @@ def _arrays(
     uvs: (T, 2), used in place of the file's. computed: see _normals.
     """
     faces, *others = (text.indices[chosen, :, column] for column in range(3))
-    at_verts = {"verts": text.verts, "colors": text.colors, "normals": None}
+    at_verts = {"verts": text.verts, "colors": text.colors, "alphas": text.alphas, "normals": None}
     sources = [("uv", uvs, others[0]), ("normal", text.normals, others[1])]
     if others[1][0, 0] < 0 and computed is not None:
         if computed[1] is None:
@@ -161,18 +167,3 @@ def _used(indices: Array) -> tuple[Array, Array]:
     """Return the values that occur in (F, 3) indices, ascending, and the indices into these."""
     used, inverse = np.unique(indices, return_inverse=True)
     return used, inverse.reshape(indices.shape)
-
-
-def _material(
-    library: Library, name: str | None, textured: bool, texture: Texture | None, owner: str
-) -> tuple[Material, Array | None]:
-    """Return a material, and scale and offset (rows) of its texture coordinates u and v, or None."""
-    found = None
-    if name is not None:
-        found = library.material(name, textured and texture is None)
-        if found is None:
-            warnings.warn(f"{owner}: usemtl: no library defines the material {quoted(name)}", stacklevel=2)
-    material, moved = found or (DEFAULT_MATERIAL, None)
-    if textured and texture is not None:
-        return replace(material, texture=texture, alpha_cutoff=None), None
-    return material, moved

@@ -21,7 +21,7 @@ from ..triangulate import CUT_AS_FANS, triangulated
 from .text_tokens import KEYWORDS, VN, VT, F, Lines, V, arguments, chunks, cleaned, is_blank, numbers, tokenized
 
 _COUNTS = {
-    V: ((3, 4, 6), "3 numbers, 4 with w or 6 with a color"),
+    V: ((3, 4, 6, 7), "3 numbers, 4 with w, 6 with a color or 7 with a color and alpha"),
     VT: ((1, 2, 3), "1 to 3 numbers"),
     VN: ((3,), "3 numbers"),
 }
@@ -30,6 +30,7 @@ _MAX_INDEX = (1 << 31) - 2
 _IGNORED = {
     b"l": "lines",
     b"p": "points",
+    b"vc": "colors by vc",
     **dict.fromkeys((b"curv", b"curv2", b"surf"), "free-form curves and surfaces"),
 }
 
@@ -47,8 +48,9 @@ class FaceRun(NamedTuple):
 class ObjText:
     """The content of an OBJ file.
 
-    verts: (V, 3) float64. colors: (V, 3) float64, ones for a vertex without, may be NaN or infinite; or None.
-    uvs: (T, 2) float64, v = 0 at the bottom, may be NaN or infinite. normals: (K, 3) float64, finite.
+    verts: (V, 3) float64, finite. colored: (C,) the vertices with a color. colors: (C, 4) float64 as written, alpha 1
+        where there is none; replaced by the reader, which also sets alphas. uvs: (T, 2) float64, v = 0 at the bottom.
+    normals: (K, 3) float64.
     indices: (F, 3, 3) int32 from 0: face, corner, and which of verts, uvs and normals; -1 at all corners of a face
         without uvs or normals.
     runs: in order of their first face. libraries: of each mtllib, (line number, text after the keyword).
@@ -56,6 +58,7 @@ class ObjText:
     """
 
     verts: Array
+    colored: Array
     colors: Array | None
     uvs: Array
     normals: Array
@@ -64,6 +67,7 @@ class ObjText:
     libraries: list[tuple[int, str]]
     smoothing: set[str]
     ignored: list[str]
+    alphas: Array | None = None
 
 
 @dataclass
@@ -80,7 +84,8 @@ class _Reader:
     counts: dict[int, int] = field(default_factory=lambda: {V: 0, VT: 0, VN: 0})
     face_count: int = 0
     values: dict[int, list[Array]] = field(default_factory=lambda: {V: [], VT: [], VN: []})
-    colors: list[tuple[Array, Array]] = field(default_factory=list)
+    colored: list[Array] = field(default_factory=list)
+    colors: list[Array] = field(default_factory=list)
     corners: list[Array] = field(default_factory=list)
     corner_counts: list[Array] = field(default_factory=list)
     places: list[Array] = field(default_factory=list)
@@ -102,13 +107,13 @@ class _Reader:
 def parse_obj(data: bytes, owner: str) -> ObjText:
     """Parse the bytes of an OBJ file. owner: the file's name, for messages.
 
-    Read: v (also with w, which is ignored, or a color), vt, vn, f (any number of corners, see
+    Read: v (also with w, which is ignored, or a color with or without alpha), vt, vn, f (any number of corners, see
     `triangulate.triangulated`; relative indices), o, g, s, usemtl, mtllib, comments, continued lines, a byte order
     mark, line ends of any kind. Other statements are skipped. Vertices, uvs and normals that no face uses are kept.
 
     Raises InputError with the line number for: a line that is not an OBJ statement, wrong counts, text in place of a
-    number, v or vn that is NaN or infinite, indices 0 or out of range, a face with less than three corners or with vt
-    or vn at some corners only; and for a file without faces or with more than MAX_FACES triangles.
+    number, v that is NaN or infinite, indices 0 or out of range, a face with vt or vn at some corners only; and for a file
+    without faces or with more than MAX_FACES triangles.
     """
     if data.startswith(b"\xef\xbb\xbf"):
         data = b"   " + data[3:]
@@ -119,6 +124,8 @@ def parse_obj(data: bytes, owner: str) -> ObjText:
         lines = tokenized(cleaned(chunk))
         _read_names(reader, lines, _read_faces(reader, lines))
         _read_numbers(reader, lines)
+    if b"\n#MRGB" in data:
+        reader.ignored.append("colors in comments (#MRGB)")
     if not reader.face_count:
         raise file_error(owner, "f", "at least one face", "none")
     return _joined(reader)
@@ -173,14 +180,17 @@ def _read_numbers(reader: _Reader, lines: Lines) -> None:
         rows = values[start[mine, None] + np.minimum(np.arange(width), count[mine, None] - 1)]
         if kind == VT:
             rows[count[mine] == 1, 1] = 0.0
-        elif not np.isfinite(rows).all():
-            bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-            token = int(lines.first[chosen[mine[bad]]])
-            raise reader.line_error(lines, token, KEYWORDS[kind], "finite numbers", str(rows[bad].tolist()))
         if kind == V:
-            colored = mine[count[mine] == 6]
-            which = reader.counts[V] + np.flatnonzero(count[mine] == 6)
-            reader.colors.append((which, values[start[colored, None] + np.arange(3, 6)]))
+            if not np.isfinite(rows).all():
+                bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
+                token = int(lines.first[chosen[mine[bad]]])
+                raise reader.line_error(lines, token, "v", "finite numbers", str(rows[bad].tolist()))
+            colored = np.flatnonzero(count[mine] >= 6)
+            numbers_of = start[mine[colored], None] + np.minimum(np.arange(3, 7), count[mine[colored], None] - 1)
+            colors = values[numbers_of]
+            colors[count[mine[colored]] == 6, 3] = 1.0
+            reader.colored.append(reader.counts[V] + colored)
+            reader.colors.append(colors)
         reader.values[kind].append(rows)
         reader.counts[kind] += len(rows)
 
@@ -202,10 +212,10 @@ def _read_faces(reader: _Reader, lines: Lines) -> Array:
     """Read the f lines of a chunk. Returns (face lines + 1,) the index in the file of each one's first triangle."""
     chosen = np.flatnonzero(lines.kind == F)
     count = lines.count[chosen]
+    first_triangle = reader.face_count + np.concatenate([[0], np.cumsum(np.maximum(count - 2, 0))])
     if len(chosen) and count.min() < 3:
-        bad = int(np.argmax(count < 3))
-        raise reader.line_error(lines, int(lines.first[chosen[bad]]), "f", "at least 3 corners", str(count[bad]))
-    first_triangle = reader.face_count + np.concatenate([[0], np.cumsum(count - 2)])
+        reader.ignored.append("faces of fewer than 3 corners")
+        chosen, count = chosen[count >= 3], count[count >= 3]
     if first_triangle[-1] > MAX_FACES:
         raise file_error(reader.owner, "f", f"at most {MAX_FACES} triangles", "more")
     if len(chosen):
@@ -287,10 +297,6 @@ def _joined(reader: _Reader) -> ObjText:
     if cuts.left:
         reader.ignored.append(CUT_AS_FANS)
     indices = cuts.triangles(corners)
-    colors = None
-    if any(len(which) for which, _ in reader.colors):
-        colors = np.ones((len(verts), 3))
-        for which, given in reader.colors:
-            colors[which] = given
+    colors = np.concatenate(reader.colored), np.concatenate(reader.colors)
     runs = [run for run in reader.runs if run.first < len(indices)]
-    return ObjText(verts, colors, uvs, normals, indices, runs, reader.libraries, reader.smoothing, reader.ignored)
+    return ObjText(verts, *colors, uvs, normals, indices, runs, reader.libraries, reader.smoothing, reader.ignored)

@@ -1,16 +1,24 @@
-"""Options of `load`, as the readers take them."""
+"""Options of `load`, as the readers take them, and what all readers do."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
+import numpy as np
+
+from ...base.arrays import Array
+from ...images.decode import srgb_to_linear
 from ..adjust_camera import refitted
 from ..framing import Up
+from ..geometry import vertex_normals
 from ..model import Material, Scene, Texture, with_materials
 
+VertexColors: TypeAlias = Literal["srgb", "linear"]
+
+VERTEX_COLORS: tuple[VertexColors, ...] = get_args(VertexColors)
 DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # for faces without a material in the file
 
 
@@ -21,7 +29,7 @@ class Options:
     texture: a Texture in place of the file's. focal: of a course file, or None. resolution: (N, M) or None. crease:
     degrees, 0 to 180, or None for the format's default. weld: see `load`. up: one of framing.UPS. two_sided: True, False,
     or None for what the file asks for. fit: whether to ignore the file's camera. time: seconds, or None for the file at
-    rest. animation: its name or number, or None for the first.
+    rest. animation: its name or number, or None for the first. vertex_colors: one of VERTEX_COLORS.
     """
 
     texture: Texture | None = None
@@ -34,6 +42,7 @@ class Options:
     fit: bool = False
     time: float | None = None
     animation: str | int | None = None
+    vertex_colors: VertexColors = "srgb"
 
     def lit(self, material: Material) -> Material:
         """Return the material with the requested sides drawn and lit."""
@@ -49,8 +58,60 @@ class Options:
         return refitted(scene) if self.fit else scene
 
 
+def linear_colors(values: Array, options: Options, owner: str) -> Array:
+    """Return linear colors (K, 4) float64 with alpha for those of a file, (K, 4), as options.vertex_colors says.
+
+    With a warning that begins with `owner`, a color that is not finite becomes white, whole numbers up to 255 are divided
+    by 255, and alphas that are all 0, which would hide everything, become 1.
+    """
+    values, remarks = values.astype(np.float64), []
+    lost = ~np.isfinite(values).all(axis=1)
+    if lost.any():
+        remarks.append(f"{lost.sum()} colors that are not finite became white")
+    for part in (values[:, :3], values[:, 3:]):
+        part[lost] = 0.0
+        if 1.0 < part.max(initial=0.0) <= 255.0 and (part == np.floor(part)).all():
+            remarks.append(f"{'alphas' if part.shape[1] == 1 else 'colors'} up to {part.max():g} were divided by 255")
+            part /= 255.0
+        part[lost] = 1.0
+    if not values[:, 3].any():
+        remarks.append("alphas, which are all 0, became 1")
+        values[:, 3] = 1.0
+    np.clip(values[:, 3], 0.0, 1.0, out=values[:, 3])
+    for remark in remarks:
+        warnings.warn(f"{owner}: {remark}", stacklevel=2)
+    most = np.finfo(np.float32).max
+    if options.vertex_colors == "srgb":
+        with np.errstate(over="ignore"):
+            values[:, :3] = srgb_to_linear(np.maximum(values[:, :3], 0.0))
+    return np.clip(values, -most, most, out=values)
+
+
+def mended_normals(verts: Array, faces: Array, normals: Array, normal_faces: Array, owner: str) -> tuple[Array, Array]:
+    """Return normals (K, 3) and normal_faces (F, 3) of a file, with normals computed from the faces in place of those in
+    use that are 0 or not finite; a warning that begins with `owner` counts them."""
+    lost: Array = np.asarray(~(np.isfinite(normals).all(axis=1) & normals.any(axis=1)))
+    if not lost.any():
+        return normals, normal_faces
+    normals = np.where(lost[:, None], normals.dtype.type(0.0), normals)
+    corners = lost[normal_faces]
+    if not corners.any():
+        return normals, normal_faces
+    count = len(np.unique(normal_faces[corners]))
+    warnings.warn(f"{owner}: {count} normals that are 0 or not finite were computed from the faces", stacklevel=2)
+    vertices, which = np.unique(faces[corners], return_inverse=True)
+    computed = vertex_normals(verts, faces)[vertices].astype(normals.dtype)
+    normal_faces = normal_faces.copy()
+    normal_faces[corners] = len(normals) + which.reshape(-1)
+    return np.concatenate([normals, computed]), normal_faces
+
+
 def warn_ignored(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:
-    """Return the scene with the features that are not rendered in `Scene.ignored`, each once, and warn of them once."""
+    """Return the scene with the features that are not rendered in `Scene.ignored`, each once, and warn of them once, and of
+    texture coordinates that are not finite."""
+    textured = (mesh.uvs for mesh in scene.meshes if mesh.uvs is not None and mesh.material.texture is not None)
+    if not all(np.isfinite(uvs).all() for uvs in textured):
+        warnings.warn(f"{owner}: texture coordinates that are not finite count as 0", stacklevel=2)
     names: Any = tuple(dict.fromkeys((*scene.ignored, *ignored)))
     if not names:
         return scene

@@ -17,12 +17,11 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file
-from ...images.decode import srgb_to_linear
 from .. import framing, geometry
 from ..model import MAX_FACES, Mesh, Scene, Texture
 from ..normals import against_normals, crease_normals, seamless_normals
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
-from .options import DEFAULT_MATERIAL, Options, warn_ignored
+from .options import DEFAULT_MATERIAL, Options, linear_colors, mended_normals, warn_ignored
 from .ply_parser import Element, read_ply_rows
 from .texture import as_texture
 
@@ -30,8 +29,11 @@ MAX_BYTES = 1 << 31
 MAX_SCALARS = 64  # of vertices, and of faces
 _INDICES = ("vertex_indices", "vertex_index")
 _UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
-_COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
-_ALPHAS = ("alpha", "a", "diffuse_alpha")
+_COLORS = (
+    ("red", "green", "blue", "alpha"),
+    ("r", "g", "b", "a"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"),
+)
 _TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
 
 
@@ -40,11 +42,12 @@ def read_ply(path: Path, options: Options) -> Scene:
 
     Polygons are cut by `triangulate.triangulated`. Rendered: positions (as float32, or float64 where the file has
     double or text), normals, colors of vertices or of faces, texture coordinates of vertices or of the corners of faces
-    (v = 0 is the bottom), and the image that a comment `TextureFile` names, in the file's folder. Integer colors are
-    value/255 (65535) and decoded from sRGB, float colors are linear. Faces with a color each get vertices of their own.
-    Without normals the surface is smooth, across seams with options.weld, except for edges above options.crease; faces
-    that are clockwise as seen along the file's normals are reversed. All other properties of vertices and
-    faces that are numbers become Mesh.scalars; where a face's has the name of a vertex's, it is `face_` and that name.
+    (v = 0 is the bottom), and the image that a comment `TextureFile` names, in the file's folder. Colors, of integers
+    value/255 (65535), are decoded by `options.linear_colors`; those with alpha below 1 blend. Faces with a color each get
+    vertices of their own. Normals that are 0 or not finite are computed. Without normals the surface is smooth, across
+    seams with options.weld, except for edges above options.crease; faces that are clockwise as seen along the file's
+    normals are reversed. All other properties of vertices and faces that are numbers become Mesh.scalars; where a face's
+    has the name of a vertex's, it is `face_` and that name.
     Other elements are listed in Scene.ignored.
 
     Raises InputError, one line naming the element, property and row, see clshade.scene.formats.load.load.
@@ -56,22 +59,25 @@ def read_ply(path: Path, options: Options) -> Scene:
         raise file_error(owner, "element vertex", "at least one vertex", "none")
     verts = _columns(vertex, ("x", "y", "z"), owner)
     if verts is None:
-        raise file_error(owner, "element vertex", "properties x, y and z", "others")
+        raise file_error(owner, "element vertex", "properties x, y and z", ", ".join(vertex.columns) or "none")
     ignored: list[str] = []
     faces, polygon, cuts = _faces(elements, verts, ignored, owner)
-    arrays: dict[str, Any] = {"verts": verts, "faces": faces, "normals": _columns(vertex, ("nx", "ny", "nz"), owner)}
+    arrays: dict[str, Any] = {
+        "verts": verts,
+        "faces": faces,
+        "normals": _columns(vertex, ("nx", "ny", "nz"), owner, finite=False),
+    }
     by_file = arrays["normals"] is not None
     arrays["scalars"] = _scalars(vertex, ignored)
     _shade(arrays, options)
-    _color(arrays, elements, polygon, ignored, owner)
-    texture = _texture(arrays, elements, comments, options, path, faces, cuts)
+    _color(arrays, elements, polygon, options, ignored, owner)
+    texture = _texture(arrays, elements, comments, options, path, faces, cuts, ignored)
     _add_face_scalars(arrays, elements.get("face"), polygon, ignored)
     if by_file:
-        _turn_to_normals(arrays)
-    material = options.lit(DEFAULT_MATERIAL)
+        _turn_to_normals(arrays, f"{owner}: element vertex: nx, ny, nz")
+    blend = arrays["colors"] is not None and bool((arrays["colors"][:, 3] < 1.0).any())
+    material = replace(options.lit(DEFAULT_MATERIAL), texture=texture, blend=blend)
     name = os.path.splitext(os.path.basename(owner))[0]
-    if texture is not None:
-        material = replace(material, texture=texture)
     mesh = Mesh(**arrays, material=material, name=name)
     ignored += [f"element {key[:32]}" for key in elements if key not in ("vertex", "face", "tristrips")]
     scene = framing.framed((mesh,), name, options.resolution, up=options.up)
@@ -148,7 +154,7 @@ def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array,
         if isinstance(found, tuple):
             return found
     expected = f"a list property {' or '.join(names)}"
-    raise file_error(owner, f"element {element.name}", expected, "none")
+    raise file_error(owner, f"element {element.name}", expected, ", ".join(element.columns) or "none")
 
 
 def _shade(arrays: dict[str, Any], options: Options) -> None:
@@ -162,36 +168,49 @@ def _shade(arrays: dict[str, Any], options: Options) -> None:
         arrays.update(normals=normals, normal_faces=normal_faces)
 
 
-def _turn_to_normals(arrays: dict[str, Any]) -> None:
-    """Reverse the faces that are clockwise as seen along the file's normals, which define the front."""
-    normal_faces = arrays.get("normal_faces")
+def _turn_to_normals(arrays: dict[str, Any], where: str) -> None:
+    """Reverse the faces that are clockwise as seen along the file's normals, which define the front; compute normals that
+    are 0 or not finite."""
+    normals, normal_faces = arrays["normals"], arrays.get("normal_faces")
     normal_faces = arrays["faces"] if normal_faces is None else normal_faces
-    against = against_normals(arrays["verts"], arrays["faces"], arrays["normals"], normal_faces)
+    against = against_normals(arrays["verts"], arrays["faces"], normals, normal_faces)
     for name in ("faces", "normal_faces", "uv_faces"):
         if against.any() and arrays.get(name) is not None:
             arrays[name] = np.where(against[:, None], arrays[name][:, [0, 2, 1]], arrays[name])
+    normal_faces = arrays["faces"] if arrays.get("normal_faces") is None else arrays["normal_faces"]
+    arrays["normals"], mended = mended_normals(arrays["verts"], arrays["faces"], normals, normal_faces, where)
+    if mended is not normal_faces:
+        arrays["normal_faces"] = mended
 
 
-def _linear(element: Element, owner: str) -> Array | None:
-    """Return (rows, 3) linear colors of an element, or None if it has none."""
+def _linear(element: Element, options: Options, owner: str) -> Array | None:
+    """Return (rows, 4) linear colors and alphas of an element, or None if it has none."""
+    kinds = {item.name: np.dtype(item.kind) for item in element.properties}
     for names in _COLORS:
-        values = _columns(element, names, owner)
-        if values is not None:
-            kinds = {item.kind for item in element.properties if item.name in names}
-            if all(kind[0] in "iu" for kind in kinds):
-                most = np.iinfo(kinds.pop()).max if len(kinds) == 1 else 255
-                values = srgb_to_linear(np.clip(values / most, 0.0, 1.0))
-            return values.astype(np.float32)
+        if not _has(element, names[:3]):
+            continue
+        values = np.ones((element.rows, 4))
+        for number, name in enumerate(names if _has(element, names[3:]) else names[:3]):
+            values[:, number] = element.columns[name]
+            if kinds[name].kind in "iu":
+                most = np.iinfo(kinds[name]).max if kinds[name].itemsize < 4 else 255
+                values[:, number] = np.clip(values[:, number] / most, 0.0, 1.0)
+        return linear_colors(values, options, f"{owner}: element {element.name}").astype(np.float32)
     return None
 
 
 def _color(
-    arrays: dict[str, Any], elements: dict[str, Element], polygon: Array, ignored: list[str], owner: str
+    arrays: dict[str, Any],
+    elements: dict[str, Element],
+    polygon: Array,
+    options: Options,
+    ignored: list[str],
+    owner: str,
 ) -> None:
     """Set the colors of the vertices or, if they have none, of the faces, whose corners then get their own vertices."""
-    arrays["colors"] = _linear(elements["vertex"], owner)
+    arrays["colors"] = _linear(elements["vertex"], options, owner)
     face = elements.get("face")
-    colors = None if face is None or not face.rows else _linear(face, owner)
+    colors = None if face is None or not face.rows else _linear(face, options, owner)
     if colors is None:
         return
     if arrays["colors"] is not None:
@@ -213,8 +232,9 @@ def _scalars(element: Element, ignored: list[str]) -> dict[str, Array]:
     is_vertex = element.name == "vertex"
     known = [("x", "y", "z"), ("nx", "ny", "nz"), *_UVS] if is_vertex else []
     taken = {name for names in known if _has(element, names) for name in names}
-    colors = next((names for names in _COLORS if _has(element, names)), ())
-    taken.update(colors, _ALPHAS if colors else ())
+    taken.update(next((names for names in _COLORS if _has(element, names[:3])), ()))
+    lists = (name for name, column in element.columns.items() if isinstance(column, tuple))
+    ignored.extend(f"list {name[:32]}" for name in lists if is_vertex or name not in (*_INDICES, "texcoord"))
     found = [name for name, column in element.columns.items() if name not in taken and not isinstance(column, tuple)]
     if len(found) > MAX_SCALARS:
         ignored.append(f"properties of element {element.name} beyond {MAX_SCALARS}")
@@ -252,6 +272,7 @@ def _texture(
     path: Path,
     faces: Array,
     cuts: Cuts | None,
+    ignored: list[str],
 ) -> Texture | None:
     """Return the texture, and set its coordinates in `arrays`; None if the file has no coordinates or no image.
 
@@ -259,7 +280,9 @@ def _texture(
     """
     owner = shown(path)
     uvs, uv_faces = _uvs(elements, cuts, owner)
+    names = [match.group(1).strip() for match in map(_TEXTURE.fullmatch, comments) if match]
     if uvs is None:
+        ignored.extend(["textures of faces without texture coordinates"] if names else [])
         if options.texture is not None:
             raise file_error(owner, "element vertex", "texture coordinates (s t, u v ...) for the texture", "none")
         return None
@@ -269,9 +292,9 @@ def _texture(
     arrays.update(uvs=uvs, uv_faces=uv_faces)
     if options.texture is not None:
         return options.texture
-    names = [match.group(1).strip() for match in map(_TEXTURE.fullmatch, comments) if match]
     if not names:
         return None
+    ignored.extend(["textures beyond the first"] if len(names) > 1 else [])
     root = os.path.dirname(os.fspath(path)) or "."
     found = beside(root, root, names[0], owner, "comment TextureFile")
     if found is None:

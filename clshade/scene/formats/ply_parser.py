@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from array import array
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,6 +21,7 @@ _TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_LINE_END = re.compile(rb"[ \t]*(?:\r\n|\n|\r|\Z)")
 _CHUNK = 1 << 20  # bytes of ascii text taken at once
 
 
@@ -67,22 +69,16 @@ def read_ply_rows(data: bytes, owner: str) -> tuple[dict[str, Element], list[str
 
 
 def _header(data: bytes, owner: str) -> Header:
-    if data[:3] != b"ply" or data[3:4] not in (b"\n", b"\r"):
+    if not re.match(rb"ply\s", data):
         raise file_error(owner, "magic", "a first line of ply", quoted(data[:8]))
     end = data.find(b"end_header", 0, MAX_HEADER)
-    if end < 0:
+    after = _LINE_END.match(data, end + len(b"end_header"))
+    if end < 0 or after is None:
         raise file_error(owner, "header", f"end_header in the first {MAX_HEADER} bytes", "none")
-    stop = end + 10
-    if data[stop : stop + 2] == b"\r\n":
-        stop += 2
-    elif data[stop : stop + 1] in (b"\n", b"\r"):
-        stop += 1
-    elif len(data) > stop:
-        raise file_error(owner, "header", "a line of end_header", quoted(data[end : end + 20]))
     lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    header = Header("?", [], [], stop, len(lines))
+    header = Header("?", [], [], after.end(), len(lines))
     for number, line in enumerate(lines[1:-1], 2):
-        _header_line(header, line, owner, f"line {number}")
+        _header_line(header, line.split(), owner, f"line {number}")
     if header.order == "?":
         raise file_error(owner, "header", "a line of format", "none")
     for element in header.elements:
@@ -95,35 +91,44 @@ def _header(data: bytes, owner: str) -> Header:
     return header
 
 
-def _header_line(header: Header, line: str, owner: str, where: str) -> None:
-    words = line.split()
-    if not words:
-        return
-    if words[0] in ("comment", "obj_info"):
-        header.comments.append(line.strip().partition(" ")[2])
-    elif words[0] == "format" and len(words) == 3 and words[1] in _FORMATS and words[2] == "1.0":
-        header.order = _FORMATS[words[1]]
-    elif words[0] == "element" and len(words) == 3:
-        count = words[2] if words[2].isascii() and words[2].isdigit() and len(words[2]) < 19 else "-1"
-        if int(count) < 0:
-            raise file_error(owner, f"{where}: element {words[1][:32]}", "a number of rows from 0", quoted(words[2]))
-        header.elements.append(Element(words[1], int(count)))
-    elif words[0] == "property" and header.elements and _property(header.elements[-1], words[1:]):
-        return
+def _header_line(header: Header, words: list[str], owner: str, where: str) -> None:
+    keyword, *rest = words or ["comment"]
+    if keyword in ("comment", "obj_info"):
+        header.comments.append(" ".join(rest))
+    elif keyword == "format":
+        if len(rest) != 2 or rest[0] not in _FORMATS or rest[1] != "1.0":
+            expected = f"one of {', '.join(_FORMATS)}, and the version 1.0"
+            raise file_error(owner, f"{where}: format", expected, quoted(" ".join(rest)))
+        header.order = _FORMATS[rest[0]]
+    elif keyword == "element":
+        if len(rest) != 2 or not re.fullmatch(r"[0-9]{1,18}", rest[1]):
+            found = quoted(" ".join(rest[1:]))
+            raise file_error(
+                owner, f"{where}: element {' '.join(rest[:1])[:32]}", "a name and a number of rows from 0", found
+            )
+        header.elements.append(Element(rest[0], int(rest[1])))
+    elif keyword == "property":
+        if not header.elements:
+            raise file_error(owner, f"{where}: property", "an element before it", "none")
+        _property(header.elements[-1], rest, owner, f"{where}: property")
     else:
-        raise file_error(owner, where, "a line of a PLY header (format, element, property ...)", quoted(line))
+        expected = "format, element, property, comment, obj_info or end_header"
+        raise file_error(owner, where, expected, quoted(keyword))
 
 
-def _property(element: Element, words: list[str]) -> bool:
-    """Add a property; return whether its words define one, with a new name."""
-    single = len(words) == 2 and words[0] in _TYPES
-    listed = len(words) == 4 and words[0] == "list" and words[1] in _TYPES and words[2] in _TYPES
-    listed = listed and _TYPES[words[1]][0] in "iu"
-    if not (single or listed) or any(words[-1] == known.name for known in element.properties):
-        return False
-    kinds = [_TYPES[word] for word in (words[:-1] if single else words[1:-1])]
-    element.properties.append(Property(words[-1], kinds[-1], "" if single else kinds[0]))
-    return True
+def _property(element: Element, words: list[str], owner: str, where: str) -> None:
+    listed = words[:1] == ["list"]
+    if len(words) != (4 if listed else 2):
+        raise file_error(owner, where, "a type and a name, or list, two types and a name", quoted(" ".join(words)))
+    *types, name = words[1:] if listed else words
+    for word in types:
+        if word not in _TYPES:
+            raise file_error(owner, where, f"one of the types {' '.join(_TYPES)}", quoted(word))
+    if listed and _TYPES[types[0]][0] == "f":
+        raise file_error(owner, where, "a type of whole numbers for the length of a list", quoted(types[0]))
+    if any(name == item.name for item in element.properties):
+        raise file_error(owner, where, f"properties of different names in element {element.name}", quoted(name))
+    element.properties.append(Property(name, _TYPES[types[-1]], _TYPES[types[0]] if listed else ""))
 
 
 def _rows_left(element: Element, units: int, least: int, owner: str, unit: str) -> None:
@@ -270,21 +275,18 @@ def _ascii_rows(values: Array, place: int, element: Element, owner: str) -> int:
         for number, is_list in enumerate(listed):
             length = 1.0
             if is_list:
-                length = words[place] if place < len(words) else -1.0
+                length = words[place] if place < len(words) else len(words) + 1.0
                 place += 1
             if not (length >= 0.0 and length.is_integer() and place + length <= len(words)):
                 where = f"element {element.name}: row {row}: {element.properties[number].name}"
-                raise file_error(owner, where, "a length and as many values", f"{length:g}, or the end of the file")
+                found = "the end of the file" if length >= 0.0 and length.is_integer() else f"{length:g}"
+                raise file_error(owner, where, "a length and as many values", found)
             starts[number].append(place)
             counts[number].append(int(length))
             place += int(length)
     for number, item in enumerate(element.properties):
         start, length_of = np.array(starts[number]), np.array(counts[number])
-        chosen = _gathered_values(values[first:], start, length_of)
+        before = np.cumsum(length_of) - length_of
+        chosen = values[first:][np.repeat(start - before, length_of) + np.arange(int(length_of.sum()))]
         element.columns[item.name] = (chosen, length_of) if item.count else chosen
     return first + place
-
-
-def _gathered_values(values: Array, start: Array, length: Array) -> Array:
-    before = np.cumsum(length) - length
-    return values[np.repeat(start - before, length) + np.arange(int(length.sum()))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 
 import numpy as np
 
@@ -22,6 +23,7 @@ _CHUNK = 1 << 20  # bytes of text taken at once
 _WORDS = (b"facet", b"normal", None, None, None, b"outer", b"loop") + (b"vertex", None, None, None) * 3
 _FACET = (*_WORDS, b"endloop", b"endfacet")
 _NAMES = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b.*$", re.MULTILINE)
+_ENDS = re.compile(rb"\bend[ \t]+(?=(?:loop|facet)\b)")
 
 
 def read_stl(path: Path, options: Options) -> Scene:
@@ -31,29 +33,44 @@ def read_stl(path: Path, options: Options) -> Scene:
     to that angle are smooth. The file's normals, which many programs write wrong, are ignored.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
-    ascii, if it is text. Raises InputError, one line that names the file and the facet, see
-    clshade.scene.formats.load.load.
+    ascii, if it is text; else it is binary. A count of 0 or 2^32 - 1, which stands for an unknown one, is that of the whole
+    facets in the file; bytes after the last facet are left out; both with a warning. Raises InputError, one line that names
+    the file and the facet, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     if options.texture is not None:
         raise file_error(owner, "texture", "no texture, for an STL file has no texture coordinates", "one")
     data = read_file(path, MAX_BYTES)
     ignored = []
-    count = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else -1
-    if count >= 0 and len(data) == _HEAD + _RECORD * count:
-        if runs(data, _HEAD + 48, count, _RECORD, np.dtype("<u2"), 1).any():
+    size, count = len(data) - _HEAD, int.from_bytes(data[80:_HEAD], "little")
+    is_text = data[:512].removeprefix(b"\xef\xbb\xbf").lstrip().lower().startswith((b"solid", b"facet"))
+    if size != _RECORD * count and is_text and b"\0" not in data.rstrip(b"\0"):
+        verts = _ascii(data.removeprefix(b"\xef\xbb\xbf").rstrip(b"\0"), owner)
+    elif size < 0:
+        raise file_error(owner, "facet count", f"at least {_HEAD} bytes, or solid", f"{len(data)} bytes")
+    else:
+        count = _counted(count, size, owner)
+        if runs(data, _HEAD + 48, count, _RECORD, np.dtype("<u2"), 1).any() or b"COLOR=" in data[:80]:
             ignored.append("colors or attributes of facets")
         verts = runs(data, _HEAD + 12, count, _RECORD, np.dtype("<f4"), 9).reshape(-1, 3)
-    elif data[:512].lstrip().lower().startswith(b"solid") and b"\0" not in data:
-        verts = _ascii(data, owner)
-    else:
-        expected = (
-            f"{_HEAD + _RECORD * count} bytes for its {count} facets" if count >= 0 else "at least 84 bytes, or solid"
-        )
-        raise file_error(owner, "facet count", expected, f"{len(data)} bytes")
     mesh = _mesh(verts, owner, options)
     scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up)
     return warn_ignored(scene, owner, ignored)
+
+
+def _counted(count: int, size: int, owner: str) -> int:
+    """Return the number of facets of a binary file. count: as it says. size: bytes after the head."""
+    held = size // _RECORD
+    if count in (0, 0xFFFFFFFF) and held:
+        warnings.warn(f"{owner}: facet count: {count} was read as {held}, the facets in the file", stacklevel=2)
+        count = held
+    if count > held:
+        expected = f"{_HEAD + _RECORD * count} bytes for its {count} facets, or ASCII text that begins with solid"
+        raise file_error(owner, "facet count", expected, f"{_HEAD + size} bytes")
+    if size > _RECORD * count:
+        rest = size - _RECORD * count
+        warnings.warn(f"{owner}: facet count: {rest} bytes after the last of {count} facets are left out", stacklevel=2)
+    return count
 
 
 def _mesh(verts: Array, owner: str, options: Options) -> Mesh:
@@ -95,13 +112,14 @@ def _ascii(data: bytes, owner: str) -> Array:
 
 def _facet_end(data: bytes, start: int) -> int:
     """Return the position after the next `endfacet`, in lower or upper case; the end of the data if there is none."""
-    found = re.compile(rb"endfacet", re.IGNORECASE).search(data, start)
+    found = re.compile(rb"end[ \t]*facet", re.IGNORECASE).search(data, start)
     return found.end() if found else len(data)
 
 
 def _facets(text: bytes, owner: str, before: int) -> Array:
     """Return (3F, 3) float32 corners of whole facets. before: facets in the file before these."""
-    words = _NAMES.sub(b"", text.lower()).split()
+    text = _NAMES.sub(b"", text.lower())
+    words = (_ENDS.sub(b"end", text) if b"end " in text or b"end\t" in text else text).split()
     length = len(_FACET)
     for place, word in enumerate(_FACET):
         if word is not None and words[place::length].count(word) != -(-len(words) // length):

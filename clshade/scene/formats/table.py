@@ -2,82 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from ...base.atomic_files import Path
     from ..framing import Up
     from ..model import Lookup, Scene
-    from .options import Options
+    from .options import Options, VertexColors
+
+_MODULES = {  # of the functions read_course and so on
+    "course": "clshade.scene.formats.course_npy",
+    "obj": "clshade.scene.formats.obj",
+    "gltf": "clshade.scene.formats.gltf",
+    "ply": "clshade.scene.formats.ply",
+    "stl": "clshade.scene.formats.stl",
+    "scene": "clshade.scene.formats.scene_json",
+}
 
 
 class Format(NamedTuple):
     """A file format of scenes.
 
-    what: its files, in the help. takes: arguments of `load` that not all formats take. up: the axis that usually points
-    up. has_sides: whether files say which sides of surfaces are lit; both are in others: on a closed surface that changes
-    no pixel, and on one that is open or inside out no side stays dark. lookup: of a texture in place of the file's.
+    what: its files, in the help. name: of its reader, in _MODULES. takes: arguments of `load` that not all formats take.
+    up: the axis that usually points up. vertex_colors: what they usually are. has_sides: whether files say which sides of
+    surfaces are lit; both are in others: on a closed surface that changes no pixel, and on one that is open or inside out
+    no side stays dark. lookup: of a texture in place of the file's.
     """
 
     extensions: tuple[str, ...]
     what: str
-    read: Callable[[Path, Options], Scene]
+    name: str
     takes: tuple[str, ...] = ("texture", "crease", "flat", "up")
     up: Up = "y"
+    vertex_colors: VertexColors = "srgb"
     has_sides: bool = False
     lookup: Lookup = "standard"
 
-
-def _course(path: Path, options: Options) -> Scene:
-    from .course_npy import read_course
-
-    return read_course(path, options)
+    def read(self, path: Path, options: Options) -> Scene:
+        scene: Scene = getattr(import_module(_MODULES[self.name]), f"read_{self.name}")(path, options)
+        return scene
 
 
-def _obj(path: Path, options: Options) -> Scene:
-    from .obj import read_obj
-
-    return read_obj(path, options)
-
-
-def _gltf(path: Path, options: Options) -> Scene:
-    from .gltf import read_gltf
-
-    return read_gltf(path, options)
-
-
-def _ply(path: Path, options: Options) -> Scene:
-    from .ply import read_ply
-
-    return read_ply(path, options)
-
-
-def _stl(path: Path, options: Options) -> Scene:
-    from .stl import read_stl
-
-    return read_stl(path, options)
-
-
-def _json(path: Path, options: Options) -> Scene:
-    from .scene_json import read_scene
-
-    return read_scene(path, options)
-
-
+_SURFACES = ("texture", "crease", "flat", "up")
 FORMATS = (
-    Format((".npy",), "course scene", _course, takes=("texture", "focal"), has_sides=True, lookup="course"),
-    Format((".obj",), "meshes", _obj, takes=("texture", "crease", "flat", "weld", "up")),
+    Format((".npy",), "course scene", "course", takes=("texture", "focal"), has_sides=True, lookup="course"),
+    Format((".obj",), "meshes", "obj", takes=(*_SURFACES, "weld", "vertex_colors")),
     Format(
         (".gltf", ".glb"),
         "meshes",
-        _gltf,
-        takes=("texture", "crease", "flat", "up", "time", "animation"),
+        "gltf",
+        takes=(*_SURFACES, "time", "animation", "vertex_colors"),
+        vertex_colors="linear",
         has_sides=True,
     ),
-    Format((".ply",), "meshes", _ply, takes=("texture", "crease", "flat", "weld", "up")),
-    Format((".stl",), "meshes", _stl, up="z"),
-    Format((".json",), "saved scene", _json, takes=(), has_sides=True),
+    Format((".ply",), "meshes", "ply", takes=(*_SURFACES, "weld", "vertex_colors")),
+    Format((".stl",), "meshes", "stl", up="z"),
+    Format((".json",), "saved scene", "scene", takes=(), has_sides=True),
 )
 BY_EXTENSION = {extension: each for each in FORMATS for extension in each.extensions}
 EXTENSIONS = tuple(BY_EXTENSION)
