@@ -1,4 +1,4 @@
-"""Array types for signatures, and dataclass fields that are converted. Shapes are given in docstrings."""
+"""Array types for signatures, dataclass fields that are converted, and connected components. Docstrings give shapes."""
 
 from __future__ import annotations
 
@@ -41,3 +41,21 @@ def kept(default: Any) -> Any:
 
 
 Vector: TypeAlias = Converted[ArrayLike, Floats]  # from one number or three
+
+
+def connected_components(count: int, first: Array, second: Array) -> Array:
+    """Return (count,) int32: for each node the lowest one connected with it by the links first[i], second[i]."""
+    labels = np.arange(count, dtype=np.int32)
+    while len(first):
+        one, two = labels[first], labels[second]
+        apart = one != two
+        if not apart.any():
+            break
+        first, second, one, two = first[apart], second[apart], one[apart], two[apart]
+        np.minimum.at(labels, np.maximum(one, two), np.minimum(one, two))
+        while True:
+            further = labels[labels]
+            if np.array_equal(further, labels):
+                break
+            labels = further
+    return labels

@@ -16,6 +16,14 @@ from .atomic_files import Path, shown
 
 LONGEST_FOUND = 160  # characters of what a message says was found, or of where
 
+# Stores of links: Hugging Face's cache, git-annex, DVC. All name a file by a hash of its content, so that nobody can make a
+# link to one without knowing what it holds.
+_IN_STORE = re.compile(
+    r"(?:(.*/(?:models|datasets|spaces)--[^/]+/blobs)/(?:[0-9a-f]{40}|[0-9a-f]{64})"
+    r"|(.*/\.git/(?:.*/)?annex/objects)/[^/]+/[^/]+/([A-Z0-9_]+-s\d+--[0-9a-f]{32,}[^/]*)/\3"
+    r"|(.*/(?:files/md5|\.dvc/cache))/[0-9a-f]{2}/[0-9a-f]{30})"
+)
+
 
 def file_error(owner: str, field: str, expected: str, found: str) -> InputError:
     """Build an InputError of one line, `owner: field: expected ..., found ...`, with unprintable characters escaped, and
@@ -109,29 +117,40 @@ def first_bytes(path: Path, count: int) -> bytes:
         raise file_error(shown(path), "file", "a readable file", str(error.strerror or error)) from None
 
 
-def beside(root: str, folder: str, reference: str, owner: str, field: str) -> str | None:
+def beside(scene: Path, reference: str, owner: str, field: str, folder: str | None = None) -> str | None:
     r"""Return the path of a file that a scene file refers to, or None if there is no such file.
 
-    root: folder of the scene file: nothing outside it is opened. folder: of the referring file, inside root.
-    reference: relative path with / or \ between its parts. owner, field: the referring file and line, for messages.
+    scene: path of the scene file. Nothing outside its folder is opened; but if it is itself a link into a store, so may be
+    the files beside it. reference: relative path with / or \ between its parts. owner, field: the referring file and line,
+    for messages. folder: of the referring file, inside that of the scene; default: the scene's.
 
-    Raises InputError for an absolute path, a path with `..`, a link that leads out of root, and a folder or device.
+    Raises InputError for an absolute path, a path with `..`, a link that leads elsewhere, and a folder or device.
     """
+    root = os.path.dirname(os.fspath(scene)) or "."
     parts = reference.replace("\\", "/")
     inside = "a file in the scene's folder"
     if not parts.replace("\t", " ").isprintable() or not parts:
         raise file_error(owner, field, inside, quoted(reference))
     if parts.startswith("/") or re.match(r"[A-Za-z]:", parts) or ".." in parts.split("/"):
         raise file_error(owner, field, f"{inside} (no absolute path, no ..)", quoted(reference))
-    path = os.path.join(folder, *parts.split("/"))
+    path = os.path.join(folder or root, *parts.split("/"))
     real, top = os.path.realpath(path), os.path.realpath(root)
     if os.path.commonpath([real, top]) != top:
-        raise file_error(owner, field, inside, f"{quoted(reference)}, a link out of it")
+        store = _store(scene)
+        if store is None or _store(path) != store:
+            found = f"{quoted(reference)}, a link out of it (`cp -rL FOLDER COPY` copies what links lead to)"
+            raise file_error(owner, field, inside, found)
     if not os.path.exists(path):
         return None
     if not os.path.isfile(path):
         raise file_error(owner, field, "a regular file", f"{quoted(reference)}, which is none")
     return path
+
+
+def _store(path: Path) -> str | None:
+    """Return the store that a link leads into, None if it leads elsewhere."""
+    match = _IN_STORE.fullmatch(os.path.realpath(path).replace(os.sep, "/"))
+    return match and (match[1] or match[2] or match[4])
 
 
 def runs(data: bytes, start: int, count: int, stride: int, kind: np.dtype, width: int) -> Array:

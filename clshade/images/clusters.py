@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array
-from ..base.components import connected_components
+from ..base.arrays import Array, connected_components
 from ..base.json_values import plain
 
 MOST = 8  # regions that are listed

@@ -6,6 +6,7 @@ import io
 import re
 import sys
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -61,14 +62,17 @@ def read_image(path: Path, *, srgb: bool) -> Array:
     return image[:, :, :3]
 
 
-def decode_image(data: bytes | memoryview, owner: str, *, srgb: bool) -> Array:
+def decode_image(
+    data: bytes | memoryview, owner: str, *, srgb: bool, count: Callable[[int], None] = lambda pixels: None
+) -> Array:
     """Decode an image file to (h, w, 3) float32, or (h, w, 4) if it has alpha that is not 1 everywhere.
 
-    Row 0 is the top. srgb: see read_image; alpha is never decoded. owner: the name for messages.
+    Row 0 is the top. srgb: see read_image; alpha is never decoded. owner: the name for messages. count: is told the number
+    of pixels before they are decoded, and may raise an InputError.
     Raises InputError if it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
     try:
-        pixels, most = _decoded(data, owner)
+        pixels, most = _decoded(data, owner, count)
     except (InputError, ImportError):
         raise
     except Exception as error:  # decoders raise exceptions of many types on damaged files
@@ -101,19 +105,22 @@ def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tup
     return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
 
 
-def _decoded(data: bytes | memoryview, owner: str) -> tuple[Array, int]:
+def _decoded(data: bytes | memoryview, owner: str, count: Callable[[int], None]) -> tuple[Array, int]:
     """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
     if bytes(data[:1]) == b"P":
         data = bytes(data)
         head = pnm.header(data, owner)
         if head is not None:
             _check_size(head.width, head.height, owner, MAX_PIXELS)
+            count(head.width * head.height)
             return pnm.codes(data, head, owner), head.most
     layout = tiff.layout(data)
     if layout is not None and layout.is_foreign:
         _check_size(layout.width, layout.height, owner, MAX_PIXELS)
+        count(layout.width * layout.height)
         return tiff.codes(data, layout, owner), 65535
     image = _opened(data, owner, MAX_PIXELS)
+    count(image.width * image.height)
     codes, most = _codes(image, data, owner)
     if layout is not None and layout.photometric == 0 and layout.bits > 8:  # 0 is white
         codes = most - codes

@@ -39,17 +39,12 @@ def codes(depth: Array, scale: float = SCALE, asked: tuple[str, str] = ("depth_p
     found = steps[seen]
     if found.size and found.max() > MOST:
         farthest = float(depth[seen].max())
-        least = _rounded_up(farthest / MOST)
+        least = float(f"{farthest / MOST * 1.05:.1e}")  # two digits, which round by 5 % at most
         raise value_error(*asked, f"{least:g} or more, as {MOST} steps have to reach depths of {farthest:.6g}", scale)
     if found.size and found.min() < 1:
         nearest = float(depth[seen].min())
         raise value_error(*asked, f"steps of which depths of {nearest:.6g} have one at least", scale)
     return steps.astype(np.uint16)
-
-
-def _rounded_up(value: float) -> float:
-    """Return a number of two digits that is at least `value` and little more. Above 0."""
-    return float(f"{value * 1.05:.1e}")  # rounds by 5 % at most
 
 
 def encode(file: BinaryIO, depth: Array, scale: float = SCALE, asked: tuple[str, str] = ("depth_png", "scale")) -> None:

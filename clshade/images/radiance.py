@@ -1,69 +1,80 @@
 """Radiance HDR images (.hdr, .pic): RGBE pixels, run-length encoded. No library that clshade needs reads them.
 
 The format is that of Ward, Real Pixels, Graphics Gems II, and of Radiance's reference manual: text lines, an empty line,
-a line with the size, and rows of pixels of three mantissas and a common exponent. A channel is m * 2^(e - 136), and 0
-where e is 0. A row of 8 to 32767 pixels is run-length encoded if it begins with 2, 2 and its length in two bytes.
+a line with the size, and scanlines of pixels of three mantissas and a common exponent. A channel is m * 2^(e - 136), and
+0 where e is 0. A scanline of 8 to 32767 pixels is run-length encoded if it begins with 2, 2 and its length in two bytes.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 
-from ..base.arrays import Array, Bytes, Floats32
+from ..base.arrays import Array, Bytes, Floats, Floats32
 from ..base.input_files import file_error, quoted
 
-SIGNATURES = (b"#?RADIANCE", b"#?RGBE")
+SIGNATURE = b"#?"  # and the name of the program that wrote it: RADIANCE, RGBE ...
 _MAX_HEADER = 1 << 16  # bytes
-_SIZE = re.compile(rb"([-+])Y +(\d{1,6}) +([-+])X +(\d{1,6})\n")
+_END = re.compile(rb"\r?\n\r?\n([-+])([XY])[ \t]+(\d{1,6})[ \t]+([-+])(?!\2)[XY][ \t]+(\d{1,6})[ \t]*\r?\n")
+_COUNTS = {b"EXPOSURE": 1, b"COLORCORR": 3}  # numbers that each of these lines multiplies the image by
 
 
 def decode(data: bytes, owner: str, *, most_side: int, most_pixels: int) -> Floats32:
-    """Decode a file to (h, w, 3) linear RGB, row 0 at the top; values in EXPOSURE lines are divided out.
+    """Decode a file to (h, w, 3) linear RGB, row 0 at the top; values in EXPOSURE and COLORCORR lines are divided out.
 
-    Raises InputError, one line that names `owner`, for another format, a damaged file, or too large an image.
+    Raises InputError, one line that names `owner`, for another format, a damaged file, or too large an image. Warns of
+    lines that it ignores.
     """
-    rows, columns, exposure, place, turned = _header(data, owner)
-    if not (rows and columns) or max(rows, columns) > most_side or rows * columns > most_pixels:
+    size = _size(data, owner)
+    scanlines, columns = int(size[3]), int(size[5])
+    if not (scanlines and columns) or max(scanlines, columns) > most_side or scanlines * columns > most_pixels:
         expected = f"pixels, at most {most_side} a side and {most_pixels} in all"
-        raise file_error(owner, "image", expected, f"{columns} x {rows}")
-    if (len(data) - place) * 64 < rows * columns:  # a run of at most 127 values takes 2 bytes
-        raise file_error(owner, "image", f"{columns} x {rows} pixels", f"{len(data) - place} bytes")
-    codes = _pixels(data, place, rows, columns, owner)
-    scale = np.ldexp(1.0 / exposure, np.arange(256) - 136)  # by the exponent's code
+        raise file_error(owner, "image", expected, f"{scanlines} scanlines of {columns}")
+    place = size.end()
+    if (len(data) - place) * 64 < scanlines * columns:  # a run of at most 127 values takes 2 bytes
+        raise file_error(owner, "image", f"{scanlines} scanlines of {columns} pixels", f"{len(data) - place} bytes")
+    scale = np.ldexp(1.0 / _multiplied(data[: size.start()], owner), np.arange(256)[:, None] - 136)  # by the exponent
     scale[0] = 0.0
+    codes = _pixels(data, place, scanlines, columns, owner)
     most = float(np.finfo(np.float32).max)
-    image = np.empty((rows, columns, 3), np.float32)
+    image = np.empty((scanlines, columns, 3), np.float32)
     for row, line in zip(image, codes, strict=True):  # one at a time: float64 takes eight times the memory of codes
-        row[:] = np.minimum(line[:, :3] * scale[line[:, 3], None], most)
-    return image[:: -1 if turned[0] else 1, :: -1 if turned[1] else 1]
+        row[:] = np.minimum(line[:, :3] * scale[line[:, 3]], most)
+    turned = {size[2]: size[1], b"Y" if size[2] == b"X" else b"X": size[4]}
+    image = image if size[2] == b"Y" else image.swapaxes(0, 1)
+    return image[:: -1 if turned[b"Y"] == b"+" else 1, :: -1 if turned[b"X"] == b"-" else 1]
 
 
-def _header(data: bytes, owner: str) -> tuple[int, int, float, int, tuple[bool, bool]]:
-    """Return rows, columns, exposure, where the pixels begin, and whether rows and columns run the other way."""
-    if not data.startswith(SIGNATURES):
+def _size(data: bytes, owner: str) -> re.Match[bytes]:
+    """Return the match of the header's end: the signs, axes and lengths of the scanlines and of their pixels."""
+    if not data.startswith(SIGNATURE):
         raise file_error(owner, "file", "a Radiance HDR image", quoted(data[:16]))
-    end = data.find(b"\n\n", 0, _MAX_HEADER)
-    if end < 0:
-        raise file_error(owner, "header", "an empty line at its end", "none")
-    exposure = 1.0
-    for line in data[:end].split(b"\n"):
-        name, _, value = line.partition(b"=")
-        if name == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
-            raise file_error(owner, "FORMAT", "32-bit_rle_rgbe", quoted(value.strip()))
-        if name == b"EXPOSURE":
-            try:
-                exposure *= float(value)
-            except ValueError:
-                exposure = 0.0
-            if not 1e-30 < exposure < 1e30:
-                raise file_error(owner, "EXPOSURE", "a number from 1e-30 to 1e30", quoted(value.strip()))
-    size = _SIZE.match(data, end + 2)
+    size = _END.search(data, 0, _MAX_HEADER)
     if size is None:
-        raise file_error(owner, "size", "a line such as -Y 512 +X 1024", quoted(data[end + 2 : end + 34]))
-    turned = size[1] == b"+", size[3] == b"-"
-    return int(size[2]), int(size[4]), exposure, size.end(), turned
+        expected = "an empty line and one such as -Y 512 +X 1024 at its end"
+        raise file_error(owner, "header", expected, quoted(data[:_MAX_HEADER].partition(b"\n\n")[2][:32]) or "none")
+    return size
+
+
+def _multiplied(header: bytes, owner: str) -> Floats:
+    """Return what a header says that red, green and blue have been multiplied by, (3,), positive and finite."""
+    product = np.ones(3)
+    for line in header.splitlines():
+        name, _, value = (part.strip() for part in line.partition(b"="))
+        if name == b"FORMAT" and value != b"32-bit_rle_rgbe":
+            raise file_error(owner, "FORMAT", "32-bit_rle_rgbe", quoted(value))
+        if name in _COUNTS:
+            try:
+                factors = np.array([float(word) for word in value.split()])
+            except ValueError:
+                factors = np.zeros(0)
+            if len(factors) == _COUNTS[name] and ((product * factors > 1e-30) & (product * factors < 1e30)).all():
+                product = product * factors
+            else:  # FreeImage and others write EXPOSURE=0 for an unknown one
+                warnings.warn(f"{owner}: {name.decode()}: {quoted(value)} is ignored: it is no exposure", stacklevel=2)
+    return product
 
 
 def _pixels(data: bytes, place: int, rows: int, columns: int, owner: str) -> Bytes:

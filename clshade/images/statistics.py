@@ -167,20 +167,14 @@ def format_statistics(found: Statistics) -> str:
 
 def format_header(header: Mapping[str, Any]) -> str:
     """Format the attributes of a file, one per line."""
-    return "\n".join(
-        [
-            "header:" if header else "header: empty",
-            *(f"  {in_line(name)}: {in_line(value)}" for name, value in header.items()),
-        ]
-    )
+    lines = [f"  {in_line(name)}: {in_line(value)}" for name, value in header.items()]
+    return "\n".join(["header:" if header else "header: empty", *lines])
 
 
 def format_pixels(picture: Picture, places: Sequence[tuple[int, int]]) -> str:
     """Format all channels at columns x and rows y, one line per pixel. Raises InputError outside the image."""
-    lines = []
-    for x, y in places:
-        lines.append(f"pixel {x},{y} (column, row from the top): {named_values(named_pixel(picture, x, y))}")
-    return "\n".join(lines)
+    where = "(column, row from the top)"
+    return "\n".join(f"pixel {x},{y} {where}: {named_values(named_pixel(picture, x, y))}" for x, y in places)
 
 
 def pixel_stats(picture: Picture, places: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:

@@ -97,8 +97,11 @@ def codes(data: bytes | memoryview, found: Layout, owner: str) -> Array:
     pixels = np.moveaxis(pixels, 0, -1) if found.planar else pixels
     if found.photometric == 0:
         pixels = np.concatenate([65535 - pixels[:, :, :1], pixels[:, :, 1:]], axis=2)
-    if _ASSOCIATED in found.extra:
-        pixels = _divided(pixels)
+    if _ASSOCIATED in found.extra:  # colors are divided by alpha; 0 where that is
+        alpha = pixels[:, :, -1:].astype(np.uint32)
+        straight = (pixels[:, :, :-1].astype(np.uint32) * 65535 + alpha // 2) // np.maximum(alpha, 1)
+        straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
+        pixels = np.concatenate([straight, pixels[:, :, -1:]], axis=2)
     return _upright(pixels, found.orientation)
 
 
@@ -130,14 +133,6 @@ def _check_compression(page: Any, data: bytes | memoryview, owner: str) -> None:
         part = zlib.decompressobj().decompress(data[start : start + count], most + 1)
         if len(part) > most:
             raise file_error(owner, "image", f"at most {most} bytes in a strip or tile", "more")
-
-
-def _divided(pixels: Array) -> Array:
-    """Divide colors by alpha, the last channel; 0 where alpha is."""
-    alpha = pixels[:, :, -1:].astype(np.uint32)
-    straight = (pixels[:, :, :-1].astype(np.uint32) * 65535 + alpha // 2) // np.maximum(alpha, 1)
-    straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
-    return np.concatenate([straight, pixels[:, :, -1:]], axis=2)
 
 
 def _upright(pixels: Array, orientation: int) -> Array:

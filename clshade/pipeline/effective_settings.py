@@ -61,10 +61,8 @@ def _with_distance(scene: Scene, settings: Settings) -> Settings:
     """Return the settings with a distance of ambient occlusion, if they ask for any."""
     if not settings.ambient_occlusion or settings.ao_distance is not None:
         return settings
-    distance = 2.0 * AO_DISTANCE * half_diagonal(*bounding_box(scene))
-    return replace(
-        settings, ao_distance=min(distance, sys.float_info.max) or 1.0
-    )  # whatever, of a scene without a size
+    distance = min(2.0 * AO_DISTANCE * half_diagonal(*bounding_box(scene)), sys.float_info.max)
+    return replace(settings, ao_distance=distance or 1.0)  # whatever, of a scene without a size
 
 
 def _shown(scene: Scene, settings: Settings) -> Scene:

@@ -50,11 +50,6 @@ def replaces_colors(mesh: Mesh) -> bool:
     return texture_applies(mesh) and mesh.material.texture.lookup == "course"  # type: ignore[union-attr]
 
 
-def has_levels(texture: Texture) -> bool:
-    """Return whether mip-map levels of a texture can be used: not with the course's lookup, nor with a single texel."""
-    return texture.lookup == "standard" and max(texture.image.shape[:2]) > 1
-
-
 def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
     """Return what the scene's file or the settings ask for but no render shows, a few words each."""
     plain = settings.texture_filter == "trilinear" and any(replaces_colors(mesh) for mesh in scene.meshes)
@@ -414,7 +409,10 @@ FEATURES = (
             d.no_lookup
             or _first(
                 (d.settings.texture_filter == "bilinear", "texture_filter bilinear"),
-                (not any(map(has_levels, d.looked_up)), "textures of one texel or with the course's lookup"),
+                (
+                    not any(t.lookup == "standard" and max(t.image.shape[:2]) > 1 for t in d.looked_up),
+                    "textures of one texel or with the course's lookup",
+                ),
             )
         ),
     ),

@@ -189,10 +189,9 @@ def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bo
 
 def _see_through(scene: Scene, settings: Settings) -> Bools:
     """Return the faces through which layers look, (F,)."""
-    rows = [
-        (mesh.blends and mesh.material.opacity < settings.layer_alpha, len(mesh.faces)) for mesh, _ in _placed(scene)
-    ]
-    return np.repeat(np.array([clear for clear, _ in rows], bool), [count for _, count in rows])
+    meshes = [mesh for mesh, _ in _placed(scene)]
+    clear = [mesh.blends and mesh.material.opacity < settings.layer_alpha for mesh in meshes]
+    return np.repeat(np.array(clear, bool), [len(mesh.faces) for mesh in meshes])
 
 
 def _placed(scene: Scene) -> list[tuple[Mesh, Array]]:

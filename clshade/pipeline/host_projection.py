@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array, Floats
+from ..base.arrays import Array
 from . import struct_layout
 
 _HALF_ULP = 1.5 * 2.0**52  # adding and subtracting it rounds to the nearest integer
@@ -45,10 +45,3 @@ def project(positions: Array, view: Array, orthographic: bool, vertices: Array, 
     vertices["w"][seen], vertices["w_low"][seen] = high, (w - high).astype(np.float32)
     relative[:, :3] = np.clip(d * view["scale"], -struct_layout.MOST_LENGTH, struct_layout.MOST_LENGTH)
     relative[:, 3] = 0.0
-
-
-def mean_depths(vertices: Array, faces: Array) -> Floats:
-    """Return the painter's depths of faces (F, 3): float64 means of their corners' depths."""
-    z = vertices["depth"][faces]
-    depths: Floats = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
-    return depths

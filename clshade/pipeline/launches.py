@@ -265,7 +265,8 @@ class Stages:
         local = 1 if self.device.is_cpu else 64
         means = None
         if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
-            means = Buffer(self.device, host_projection.mean_depths(vertices.projected.array, faces.array))
+            z = vertices.projected.array["depth"][faces.array]
+            means = Buffer(self.device, ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)
         inputs = (faces, vertices.projected, *sides, means, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, counters, made.index_bits)
         event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)

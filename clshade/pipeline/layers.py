@@ -99,27 +99,20 @@ class Layers:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and
         the scalar in place."""
         if "P" in drawn:
-            _put_in_the_world(drawn["P"], owners, space.camera.eye, space.scale, arrays["P"])
+            points, world = drawn["P"], arrays["P"]  # eye-relative, times the scale: far away float32 would lose digits
+            rows = max(1, _BAND // points.shape[1])
+            for start in range(0, len(points), rows):  # in bands that fit the caches
+                band = slice(start, start + rows)
+                np.divide(points[band], space.scale, out=world[band], dtype=np.float64)
+                world[band] += space.camera.eye
+                np.copyto(world[band], 0.0, where=(owners[band] < 0)[..., None])
         if "scalar" in drawn:
-            _put_into_numbers(drawn["scalar"], self._scalar_exponent)
-
-
-def _put_in_the_world(points: Array, owners: Array, eye: Array, scale: float, world: Array) -> None:
-    """Convert eye-relative points (M, N, 3), times `scale`, to world space, float64 (M, N, 3): far from the origin
-    float32 would lose their accuracy. 0 where no triangle owns the pixel. `world` may be `points`."""
-    rows = max(1, _BAND // points.shape[1])
-    for start in range(0, len(points), rows):  # in bands that fit the caches
-        band = slice(start, start + rows)
-        np.divide(points[band], scale, out=world[band], dtype=np.float64)
-        world[band] += eye
-        np.copyto(world[band], 0.0, where=(owners[band] < 0)[..., None])
-
-
-def _put_into_numbers(scalars: Array, exponent: int) -> None:
-    """Turn what the kernel wrote into the scalars themselves, in place: times 2^exponent, NaN where there are none."""
-    none = scalars >= NAN_POSITION
-    if exponent:
-        most = np.finfo(scalars.dtype).max
-        with np.errstate(over="ignore", under="ignore"):
-            np.clip(np.ldexp(scalars.astype(np.float64), exponent), -most, most, out=scalars, casting="same_kind")
-    scalars[none] = np.nan
+            scalars, exponent = drawn["scalar"], self._scalar_exponent
+            none = scalars >= NAN_POSITION  # what the kernel writes where there is no scalar
+            if exponent:
+                most = np.finfo(scalars.dtype).max
+                with np.errstate(over="ignore", under="ignore"):
+                    np.clip(
+                        np.ldexp(scalars.astype(np.float64), exponent), -most, most, out=scalars, casting="same_kind"
+                    )
+            scalars[none] = np.nan

@@ -39,7 +39,10 @@ class LightTable:
         placed = [(k, light) for k, light in enumerate(shining) if isinstance(light, PlacedLight)]
         for k, light in placed:
             if light.has_size:
-                _write_points(rows[k], light, points)
+                rows[k]["points"], rows[k]["sphere"] = points, light.sides is None
+                if light.sides is None:
+                    rows[k]["axis"] = light_points.AXIS
+                light_points.write_pattern(rows[k], points)
         self._placed = np.array([k for k, _ in placed], np.int64)
         self._positions = np.array([light.position for _, light in placed]).reshape(-1, 3)
         self._sides = np.array([light_points.sides_of(light) for _, light in placed]).reshape(-1, 2, 3)
@@ -81,13 +84,6 @@ class LightTable:
             inverse = np.ldexp(self._inverse_ranges, -exponents)
         self.table["intensity"][index] = to_real(intensities, self._real)
         self.table["inverse_range"][index] = to_real(np.minimum(inverse, _MOST_INVERSE), self._real)
-
-
-def _write_points(row: np.void, light: PlacedLight, points: int) -> None:
-    row["points"], row["sphere"] = points, light.sides is None
-    if light.sides is None:
-        row["axis"] = light_points.AXIS
-    light_points.write_pattern(row, points)
 
 
 def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:

@@ -52,7 +52,9 @@ class Lines:
         lines["marked"] = self._edges.counts[index] > 2
         ranks = None
         if painter:
-            rank = _painter_ranks(projected["depth"][self._faces])
+            z = projected["depth"][self._faces]
+            mean, rank = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0, np.empty(len(z), np.int32)
+            rank[np.lexsort((-np.arange(len(z)), mean))] = np.arange(len(z))  # nearest first
             ranks = Buffer(device, rank)
             lines["w"] = -self._first_ranks(rank)[index, None]
         pieces, sides, view = triangles.pieces, self._source.sides, frame.tables.view
@@ -92,7 +94,7 @@ class Lines:
             if "silhouette" in self._asked.kinds:
                 found = found | outlines(edges, front)
             if culls:
-                found = found & edges.any_of(((front > 0) | ~self._front_only)[edges.faces])
+                found = found & (edges.sums(((front > 0) | ~self._front_only)[edges.faces]) > 0)
         return np.flatnonzero(found)
 
     def _first_ranks(self, rank: Array) -> Array:
@@ -107,11 +109,3 @@ class Lines:
             self._listed = Buffer.empty(device, lines + lines // 2, np.uint32)
         if len(self._hiders.array) < hiders:
             self._hiders = Buffer.empty(device, hiders + hiders // 2, self._stages.structs.Hider)
-
-
-def _painter_ranks(z: Array) -> Array:
-    """Return the places (F,) int32 of faces with corner depths z (F, 3) in painter's order, nearest first."""
-    mean = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0
-    ranks = np.empty(len(mean), np.int32)
-    ranks[np.lexsort((-np.arange(len(mean)), mean))] = np.arange(len(mean))
-    return ranks

@@ -28,10 +28,6 @@ class MeshEdges:
     def __len__(self) -> int:
         return len(self.ends)
 
-    def any_of(self, values: Array) -> Bools:
-        """Return (E,) bool: where `values` (K,) holds for any face of an edge."""
-        return self.sums(values) > 0
-
     def sums(self, values: Array) -> Integers:
         """Return (E,): the sums of `values` (K,) over the faces of each edge."""
         total = np.concatenate([[0], np.cumsum(values, dtype=np.int64)])

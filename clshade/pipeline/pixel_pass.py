@@ -37,14 +37,10 @@ class PixelPass:
             events["pbr"] = stages.pbr(inputs, tile, frame.tiles)
         else:
             if order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
-                light = self._light_of(3 * len(inputs.triangles.array))
+                corners, light = 3 * len(inputs.triangles.array), self._corner_light
+                if light is None or len(light.array) < corners:
+                    light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
                 inputs = inputs._replace(corner_light=light)
                 events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
             events["gouraud"] = stages.gouraud(inputs, tile, frame.tiles)
         frame.inputs = inputs
-
-    def _light_of(self, corners: int) -> Buffer:
-        """Return memory for the light of so many corners."""
-        if self._corner_light is None or len(self._corner_light.array) < corners:
-            self._corner_light = Buffer.empty(self._stages.device, (corners, 4), self._stages.structs.real)
-        return self._corner_light

@@ -62,7 +62,10 @@ class ResidentScene:
         self.nbytes = source_bytes + sum(each.array.nbytes for each in self.inputs.values() if each is not None)
         self.casters: Hierarchy | None = None
         if features["CASTERS"] or (of_layers is not None and of_layers["CASTERS"]):
-            self.casters = self._casters_of(packed)
+            positions = packed.positions.astype(np.float64)
+            veils = scene_buffers.faces_with(packed, "blends", "alpha_tested") if casts_alpha(self.scene) else None
+            self.casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
+            self.lights.shadow_factors = shadow_factors(self.scene.lights, self.casters.frame)
             self.nbytes += self.casters.nbytes
             self.inputs.update(self._shadow_inputs(self.casters))
 
@@ -87,14 +90,6 @@ class ResidentScene:
         arguments = (self.stages, packed.instances, positions, self.faces, sides, pixels)
         instances = Instances(*arguments, painter=painter)
         return instances, positions.array.nbytes + instances.resident_bytes
-
-    def _casters_of(self, packed: Packed) -> Hierarchy:
-        """Return what casts shadows."""
-        positions = packed.positions.astype(np.float64)
-        veils = scene_buffers.faces_with(packed, "blends", "alpha_tested") if casts_alpha(self.scene) else None
-        casters = Hierarchy(self.device, positions, packed.faces, lanes=self.stages.lanes, veils=veils)
-        self.lights.shadow_factors = shadow_factors(self.scene.lights, casters.frame)
-        return casters
 
     def _shadow_inputs(self, casters: Hierarchy) -> dict[str, Buffer]:
         every = casters.casters.array

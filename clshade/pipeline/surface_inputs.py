@@ -89,18 +89,15 @@ def macros() -> str:
     every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
 
     def without(*names: str) -> str:
-        return _macros({name: member for name, member in every.items() if name not in names})
+        declared = {name: member for name, member in every.items() if name not in names}
+        return (
+            f"#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
+            f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(declared)}}}\n"
+            f"#define SURFACE_MEMBERS ulong needs; {' '.join(f'{member};' for member in declared.values())}\n"
+        )
 
     return (
         f"#if CASTERS\n{without(*INSTANCES_ALONE)}"
         f"#elif INSTANCES\n{without(*CASTERS_ALONE)}"
         f"#else\n{without(*INSTANCES_ALONE, *CASTERS_ALONE)}#endif\n"
-    )
-
-
-def _macros(declared: dict[str, str]) -> str:
-    return (
-        f"#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
-        f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(declared)}}}\n"
-        f"#define SURFACE_MEMBERS ulong needs; {' '.join(f'{member};' for member in declared.values())}\n"
     )

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Faces, Floats
-from ..base.components import connected_components
+from ..base.arrays import Array, Faces, Floats, connected_components
 from ..base.validation import number
 from .geometry import _exponent, _normalized, row_blocks, vertex_normals
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.arrays import Array
-from ..base.components import connected_components
+from ..base.arrays import Array, connected_components
 from .geometry import _cross, _edge_exponent, _edges, row_blocks
 from .model import Mesh, Scene
 from .normals import welded

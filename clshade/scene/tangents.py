@@ -11,8 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Faces, Floats
-from ..base.components import connected_components
+from ..base.arrays import Array, Bools, Faces, Floats, connected_components
 from .geometry import vertex_normals
 from .model import Mesh
 from .normals import welded

@@ -180,7 +180,7 @@ def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
     code, _, err = run(capsys, "render", path)
     assert code == 0
     assert err == [
-        f"clshade: warning: {path}: line 1: mtllib: there is no file 'none.mtl'",
+        f"clshade: warning: {path}: line 1: mtllib: there is no file 'none.mtl': drawn without it",
         f"clshade: warning: {path}: usemtl: no library defines the material 'm'",
     ]
     monkeypatch.setattr(render, "run", lambda arguments: warnings.warn("two\nlines", stacklevel=1))

@@ -261,9 +261,8 @@ def test_strange_numbers_and_nesting_in_gltf(tmp_path, text, part):
 def test_decoders_name_no_objects(tmp_path, capsys):
     """Pillow and OpenEXR read from streams, whose addresses they would print."""
     write(tmp_path / "bad.png", b"no image")
-    write(tmp_path / "a.mtl", "newmtl a\nmap_Kd bad.png\n")
-    mesh = write(tmp_path / "a.obj", "mtllib a.mtl\nusemtl a\n" + TRIANGLE + "vt 0 0\nf 1/1 2/1 3/1\n")
-    text = refusal(mesh, "bad.png", "found something else")
+    mesh = write(tmp_path / "a.obj", TRIANGLE + "vt 0 0\nf 1/1 2/1 3/1\n")
+    text = refusal(mesh, "bad.png", "found something else", texture=tmp_path / "bad.png")
     assert " object at 0x" not in text
     error = ValueError("cannot read <_io.BytesIO object at 0x7f0a1b2c3d4e>:\n no <a> 'x'")
     assert reason_of(error) == "cannot read: no <a> 'x'"

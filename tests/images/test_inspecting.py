@@ -203,7 +203,8 @@ def test_bad_files_of_others(data_folder, capsys):
             warnings.simplefilter("ignore")
             expected = 0 if path.name == "self_tex_1x1.png" or loads(path) else 2
             assert main(["inspect", str(path)]) == expected, path
-        assert not expected or len(capsys.readouterr().err.splitlines()) == 1, path
+        error = capsys.readouterr().err
+        assert not expected or len(error.splitlines()) == 1, path
 
 
 def loads(path):

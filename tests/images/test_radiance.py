@@ -45,10 +45,33 @@ def test_a_first_pixel_of_two_twos_is_not_taken_for_a_run():
     np.testing.assert_array_equal(decoded(HEAD + b"-Y 1 +X 8\n" + pixels.tobytes()), pixels[..., :3])
 
 
-def test_exposure_is_divided_out_and_rows_and_columns_may_run_the_other_way():
-    data = b"#?RGBE\nEXPOSURE=2\nEXPOSURE=2\n\n+Y 2 -X 2\n" + bytes(range(1, 17))[:12] + bytes([0, 0, 8, 136])
-    image = decoded(data)
-    assert image[0, 0, 2] == 2.0  # the last pixel of the file, at a quarter of its value
+def test_exposures_and_color_corrections_are_divided_out():
+    data = b"#?RGBE\nEXPOSURE=2\nEXPOSURE= 2\nCOLORCORR= 1 2 4\n\n-Y 1 +X 1\n" + bytes([16, 16, 16, 136])
+    np.testing.assert_array_equal(decoded(data), [[[4.0, 2.0, 1.0]]])
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "1e-40", "1e300", "", "auto", "1 1"])
+@pytest.mark.parametrize("name", ["EXPOSURE", "COLORCORR"])
+def test_what_is_no_exposure_is_ignored_with_a_warning(name, value):
+    value = f"{value} 1 1" if name == "COLORCORR" else value
+    data = f"#?RADIANCE\n{name}=2{' 2 2' * (name == 'COLORCORR')}\n{name}={value}\n\n-Y 1 +X 1\n".encode()
+    with pytest.warns(UserWarning, match=f"^x.hdr: {name}: '{value.strip()}' is ignored") as caught:
+        image = decoded(data + bytes([16, 16, 16, 136]))
+    assert (len(caught), image.tolist()) == (1, [[[8.0, 8.0, 8.0]]])
+
+
+@pytest.mark.parametrize("end", ["\n", " \r\n"])
+@pytest.mark.parametrize("order", ["-Y +X", "-Y -X", "+Y +X", "+Y -X", "+X -Y", "+X +Y", "-X -Y", "-X +Y"])
+def test_pixels_come_in_any_of_eight_orders(order, end):
+    """The image [[1, 2, 3], [4, 5, 6]], written as Radiance's manual describes: the first axis is that of scanlines."""
+    stored = np.array([[1, 2, 3], [4, 5, 6]])
+    stored = stored[:: 1 if "-Y" in order else -1, :: 1 if "+X" in order else -1]
+    stored = stored if order[1] == "Y" else stored.T
+    size = f"{order[:2]} {len(stored)}\t{order[3:]} {stored.shape[1]}"
+    codes = np.stack([stored, 0 * stored, 0 * stored, 0 * stored + 136], axis=2).astype(np.uint8)
+    lines = ["#?any program", "# a comment", ""]
+    data = "".join(line + end.strip(" ") for line in lines).encode() + (size + end).encode() + codes.tobytes()
+    assert decoded(data)[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 def test_another_programs_files(tmp_path):
@@ -67,12 +90,11 @@ def test_another_programs_files(tmp_path):
 @pytest.mark.parametrize(
     ("data", "field"),
     [
-        (b"#?NOT", "file"),
+        (b"P6 1 1", "file"),
         (b"#?RADIANCE\n" + b"a" * 100, "header"),
         (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\nabcd", "FORMAT"),
-        (b"#?RGBE\nEXPOSURE=0\n\n-Y 1 +X 1\nabcd", "EXPOSURE"),
-        (b"#?RGBE\nEXPOSURE=nan\n\n-Y 1 +X 1\nabcd", "EXPOSURE"),
-        (HEAD + b"+X 1 -Y 1\nabcd", "size"),
+        (HEAD + b"-X 1 +X 1\nabcd", "header"),
+        (HEAD + b"512 x 512\nabcd", "header"),
         (HEAD + b"-Y 0 +X 1\nabcd", "image"),
         (HEAD + b"-Y 40000 +X 1\n" + b"abcd" * 40000, "image"),
         (HEAD + b"-Y 9999 +X 9999\nabcd", "image"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -178,6 +179,86 @@ def test_broken_containers(tmp_path):
     ):
         (tmp_path / "a.glb").write_bytes(data)
         refusal(tmp_path / "a.glb", "a.glb: ", part)
+
+
+COMPRESSED = "extensions: expected geometry that needs no extension (export it without compression), found "
+
+
+@pytest.mark.parametrize("required", [False, True])
+@pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_any_other"])
+def test_geometry_in_an_extension_of_a_primitive(tmp_path, name, required):
+    document = triangle(extensions={name: {"bufferView": 0, "attributes": {"POSITION": 0}}})
+    document.json["extensionsUsed"] = [name]
+    if required and "draco" in name:
+        document.json["extensionsRequired"] = [name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore" if "other" in name else "error")
+        assert load(document.glb(tmp_path / "a.glb")).meshes[0].verts.tolist() == CORNERS.tolist()  # stored beside it
+        del document.json["accessors"][1]["bufferView"]
+        refusal(document.glb(tmp_path / "a.glb"), f"meshes[0].primitives[0].{COMPRESSED}'{name}'")
+    del document.json["accessors"][0]["bufferView"]
+    refusal(document.glb(tmp_path / "a.glb"), f"meshes[0].primitives[0].{COMPRESSED}'{name}'")
+
+
+@pytest.mark.parametrize("name", ["EXT_meshopt_compression", "KHR_meshopt_compression"])
+def test_compressed_buffer_views(tmp_path, name):
+    document = triangle()
+    document.gltf(tmp_path / "a.gltf", "fallback.bin")
+    for view in document.json["bufferViews"]:
+        view["extensions"] = {name: {"buffer": 0, "mode": "ATTRIBUTES"}}
+    document.json["extensionsUsed"] = [name]
+    (tmp_path / "a.gltf").write_text(json.dumps(document.json))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load(tmp_path / "a.gltf").meshes[0].verts.tolist() == CORNERS.tolist()
+    (tmp_path / "fallback.bin").unlink()
+    refusal(tmp_path / "a.gltf", f"bufferViews[0].{COMPRESSED}'{name}'")
+    document.json["buffers"][0] = {"byteLength": 44, "extensions": {name: {"fallback": True}}}
+    (tmp_path / "a.gltf").write_text(json.dumps(document.json))
+    refusal(tmp_path / "a.gltf", f"bufferViews[0].{COMPRESSED}'{name}'")
+
+
+def test_a_file_without_triangles_names_what_else_it_holds(tmp_path):
+    document = Gltf()
+    document.mesh({"POSITION": CORNERS}, None, mode=0)
+    document.json["extensionsUsed"] = ["KHR_gaussian_splatting"]
+    found = "found none besides KHR_gaussian_splatting, points and lines"
+    refusal(document.glb(tmp_path / "a.glb"), f"meshes: expected at least one triangle in the scene, {found}")
+
+
+def test_required_extensions_of_textures_cost_no_picture(tmp_path):
+    document = triangle(material=0)
+    document.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}})
+    document.add("textures", {"extensions": {"KHR_texture_basisu": {"source": 0}}})
+    document.json["extensionsUsed"] = document.json["extensionsRequired"] = ["KHR_texture_basisu"]
+    with pytest.warns(UserWarning, match="not rendered: KHR_texture_basisu"):
+        assert load(document.glb(tmp_path / "a.glb")).meshes[0].material.texture is None
+
+
+@pytest.mark.parametrize("padding", [b"\0", b"\0\0\0", b" \0", b"\n"])
+def test_padding_of_json(tmp_path, padding):
+    document = triangle()
+    document.glb(tmp_path / "a.glb")
+    text = json.dumps(document.json).encode()
+    (tmp_path / "a.glb").write_bytes(pack_glb(text + padding, document.data))
+    assert load(tmp_path / "a.glb").face_count == 1
+    (tmp_path / "a.glb").write_bytes(pack_glb(b"\0" + text + padding, document.data))
+    refusal(tmp_path / "a.glb", "JSON: ")
+
+
+@pytest.mark.parametrize("padded", [False, True])
+@pytest.mark.parametrize("between", [b"", struct.pack("<I4s", 4, b"XTRA") + b"1234"])
+def test_chunks_whose_length_leaves_out_the_padding_or_with_others_between(tmp_path, padded, between):
+    document = triangle()
+    document.glb(tmp_path / "a.glb")
+    text = json.dumps(document.json).encode()
+    text += b" " * (1 - len(text) % 4)  # not a multiple of 4
+    body = (
+        struct.pack("<I4s", len(text), b"JSON") + text + b" " * (-len(text) % 4 if padded or between else 0) + between
+    )
+    body += struct.pack("<I4s", len(document.data), b"BIN\0") + document.data
+    (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
+    assert load(tmp_path / "a.glb").meshes[0].verts.tolist() == CORNERS.tolist()
 
 
 def test_too_many_triangles_are_refused_before_they_are_made(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import fields
 from operator import eq
 
@@ -13,7 +12,7 @@ from scene_files import TEXTURED, TRIANGLE, refusal, told, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
-from clshade.scene.formats import mtl, obj_parser, text_tokens
+from clshade.scene.formats import obj_parser, text_tokens
 from clshade.scene.formats.load import load
 from clshade.scene.formats.obj_parser import parse_obj
 from clshade.scene.triangulate import triangulated
@@ -349,43 +348,6 @@ def test_what_is_missing_is_told(tmp_path):
     assert len(messages) == 2
     assert "a.obj: line 1: mtllib: there is no file 'a.mtl'" in messages[0]
     assert "usemtl: no library defines the material 'm'" in messages[1]
-    write(tmp_path / "a.mtl", "newmtl m\nmap_Kd none.png\n")
-    scene, messages = told(tmp_path / "a.obj")
-    assert len(messages) == 1
-    assert "a.mtl: line 2: map_Kd: there is no file 'none.png'" in messages[0]
-    assert scene.meshes[0].material.texture is None
-
-
-@pytest.mark.parametrize("name", ["/etc/passwd", "../a.png", "sub/../../a.png", "C:\\a.png", "c:a.png", "\\\\host\\a"])
-def test_references_out_of_the_folder(tmp_path, name):
-    folder = tmp_path / "scene"
-    Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
-    refusal(write(folder / "b.obj", TEXTURED.replace("a.mtl", name)), "b.obj: line 1: mtllib: ", "scene's folder")
-    path = write(folder / "a.obj", TEXTURED)
-    write(folder / "a.mtl", f"newmtl m\nmap_Kd {name}\n")
-    refusal(path, "a.obj: ", "a.mtl: line 2: map_Kd: expected a file in the scene's folder")
-
-
-def test_links_devices_and_folders(tmp_path):
-    folder = tmp_path / "scene"
-    path = write(folder / "a.obj", TEXTURED)
-    write(folder / "a.mtl", "newmtl m\nmap_Kd image.png\n")
-    Image.new("RGB", (2, 2)).save(tmp_path / "image.png")
-    os.symlink("../image.png", folder / "image.png")
-    refusal(path, "map_Kd: ", "a link out of it")
-    os.unlink(folder / "image.png")
-    os.symlink("/dev/zero", folder / "image.png")
-    refusal(path, "map_Kd: ", "a link out of it")
-    os.unlink(folder / "image.png")
-    os.mkfifo(folder / "image.png")
-    refusal(path, "map_Kd: expected a regular file")
-    os.unlink(folder / "image.png")
-    os.mkdir(folder / "image.png")
-    refusal(path, "map_Kd: expected a regular file")
-    os.rmdir(folder / "image.png")
-    Image.new("RGB", (2, 3)).save(folder / "other.png")
-    os.symlink("other.png", folder / "image.png")
-    assert load(path).meshes[0].material.texture.image.shape == (3, 2, 3)
 
 
 @pytest.mark.parametrize(
@@ -402,11 +364,10 @@ def test_an_image_that_is_not_used_is_not_decoded(tmp_path):
     write(tmp_path / "a.mtl", "newmtl other\nmap_Kd bad.png\nnewmtl m\nKd 1 1 1\n")
     assert load(write(tmp_path / "a.obj", TEXTURED)).meshes[0].material.texture is None
     write(tmp_path / "a.mtl", "newmtl m\nmap_Kd bad.png\n")
-    refusal(tmp_path / "a.obj", "a.obj: ", "bad.png: image: ")
     assert load(tmp_path / "a.obj", texture=np.ones((1, 1, 3))).meshes[0].material.texture is not None
 
 
-def test_repeated_libraries_and_too_many_images(tmp_path, monkeypatch):
+def test_repeated_libraries_and_images(tmp_path):
     _, messages = told(write(tmp_path / "b.obj", "mtllib none.mtl\n" * 50 + TRIANGLE + "f 1 2 3\n"))
     assert len(messages) == 1
     Image.new("RGB", (8, 8)).save(tmp_path / "one.png")
@@ -415,8 +376,6 @@ def test_repeated_libraries_and_too_many_images(tmp_path, monkeypatch):
     path = write(tmp_path / "a.obj", TEXTURED + "usemtl n\nf 1/1 2/2 3/3\nusemtl o\nf 1/1 2/2 3/3\n")
     meshes = load(path).meshes
     assert meshes[0].material.texture is meshes[2].material.texture
-    monkeypatch.setattr(mtl, "MAX_PIXELS", 100)
-    refusal(path, "a.obj: map_Kd: ", "at most 100 pixels")
 
 
 def test_smoothing_and_what_is_not_rendered(tmp_path):

@@ -40,7 +40,10 @@ def scene_of(
         camera = _camera(source, resolution)
     else:
         found = [_mesh(source)]
-    meshes = tuple(_creased(mesh, degrees) for mesh in found if len(mesh.faces))
+    meshes = tuple(mesh for mesh in found if len(mesh.faces))
+    if degrees is not None:
+        creased = (crease_normals(mesh.verts, mesh.faces, degrees) for mesh in meshes)
+        meshes = tuple(replace(m, normals=n, normal_faces=f) for m, (n, f) in zip(meshes, creased, strict=True))
     if not meshes:
         raise value_error(_OWNER, "source", "at least one triangle", source)
     if sum(len(mesh.faces) * len(np.asarray(mesh.instances)) for mesh in meshes) > MAX_FACES:
@@ -184,13 +187,6 @@ def _with_face_colors(mesh: Mesh, colors: Array) -> Mesh:
     changes = _colored(np.repeat(colors, 3, axis=0), mesh.material)
     changes["scalars"] = {name: values[corners] for name, values in mesh.scalars.items()}
     return replace(mesh, verts=verts, faces=faces, normals=normals, normal_faces=mesh.faces, **changes)
-
-
-def _creased(mesh: Mesh, degrees: float | None) -> Mesh:
-    if degrees is None:
-        return mesh
-    normals, normal_faces = crease_normals(mesh.verts, mesh.faces, degrees)
-    return replace(mesh, normals=normals, normal_faces=normal_faces)
 
 
 def _material(given: Any) -> Material:

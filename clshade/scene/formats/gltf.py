@@ -37,20 +37,17 @@ RENDERED = (
     "KHR_texture_transform",
     "EXT_texture_webp",
 )
-_SILENT = ("KHR_xmp_json_ld", "KHR_xmp")
+# What these hold is drawn from the data beside it, or refused where that is missing.
+_COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+_SILENT = ("KHR_xmp_json_ld", "KHR_xmp", *_COMPRESSED)
+_IMAGES = ("KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds")  # without which the rest is drawn
 
 
 def read_gltf(path: Path, options: Options) -> Scene:
     """Read a glTF file, a scene of preset pbr. Every triangle primitive of a mesh becomes a Mesh with all its placements.
 
-    Rendered: node transforms, skins and morph targets, at rest or at options.time of options.animation; base color
-    (factor, texture, vertex colors, which are linear), metallic and roughness factors (for Phong's model see
-    gltf_materials.phong), with shader pbr also metallic-roughness maps, normal maps, occlusion, emission,
-    KHR_materials_ior and _specular; KHR_materials_unlit, alpha masks, double-sidedness (two-sided materials are lit on
-    both sides), wrap modes and filters, KHR_texture_transform, strips, fans and sparse accessors, the first camera, lights
-    (see gltf_lights.lights_of). Attributes of the application's own with one number per vertex, `_NAME`, become
-    Mesh.scalars, NAME. Faces without normals are flat, as glTF specifies, unless options.crease is given.
-    Other features of the file are listed in Scene.ignored and in one warning.
+    At rest, or at options.time of options.animation. README.md lists what is rendered; other features of the file are in
+    Scene.ignored and in one warning. Faces without normals are flat, as glTF specifies, unless options.crease is given.
 
     Raises InputError, one line that names the file and the field, see clshade.scene.formats.load.load.
     """
@@ -96,7 +93,8 @@ class GltfFile:
         nodes = self.nodes(pose)
         meshes = self._builder.meshes(nodes)
         if not meshes:
-            raise file_error(self.owner, "meshes", "at least one triangle in the scene", "none")
+            found = f"none besides {', '.join(dict.fromkeys(self.ignored))}" if self.ignored else "none"
+            raise file_error(self.owner, "meshes", "at least one triangle in the scene", found)
         if self.options.texture is not None and all(mesh.uvs is None for mesh in meshes):
             raise file_error(self.owner, "TEXCOORD_0", "texture coordinates for the texture", "none")
         return meshes, nodes
@@ -136,7 +134,7 @@ class GltfFile:
 
 
 def _check_asset(document: Item) -> list[str]:
-    """Return the extensions and contents of the file that are not rendered.
+    """Return the extensions of the file that are not rendered.
 
     Raises InputError for another version, and for an extension that is required and unknown.
     """
@@ -145,7 +143,7 @@ def _check_asset(document: Item) -> list[str]:
     if version.split(".")[0] != "2":
         raise document.error("asset.version", "2.0", quoted(version) if version else "none")
     for name in _names(document, "extensionsRequired"):
-        if name not in RENDERED and name not in _SILENT:
+        if name not in (*RENDERED, *_SILENT, *_IMAGES):
             raise document.error("extensionsRequired", "known ones (" + ", ".join(RENDERED) + ")", quoted(name))
     used = _names(document, "extensionsUsed")
     return [name for name in used if name not in RENDERED and name not in _SILENT]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import contextlib
 import hashlib
 import json
 import os
 import re
 import struct
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 
@@ -25,6 +24,7 @@ MAX_ROWS = 1 << 26  # of an accessor
 MAX_EMPTY = 1 << 24  # rows of an accessor without data, which means zeros
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
+_MOST_CHUNKS = 64  # that are looked at
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
@@ -40,8 +40,10 @@ def open_gltf(path: Path) -> tuple[Item, Buffers]:
         raise file_error(owner, "magic", "b'glTF' at the start of a GLB file", repr(data[:4]))
     else:
         text = memoryview(data)
-    document = parse(bytes(text), owner)
-    return document, Buffers(document, os.path.dirname(os.fspath(path)) or ".", binary)
+    document = parse(
+        bytes(text).rstrip(b"\0 "), owner
+    )  # exporters pad with NULs too, not with blanks alone as specified
+    return document, Buffers(document, path, binary)
 
 
 def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
@@ -55,47 +57,43 @@ def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
         raise file_error(owner, "GLB length", f"at most the {len(data)} bytes of the file", str(length))
     view, offset = memoryview(data), 12
     found: list[tuple[int, memoryview]] = []
-    while offset + 8 <= length and len(found) < 2:
+    while offset + 8 <= length and len(found) < _MOST_CHUNKS and (not found or found[-1][0] != _BIN):
         size, kind = struct.unpack_from("<II", data, offset)
         if size > length - offset - 8:
             expected = f"at most the {length - offset - 8} bytes left"
             raise file_error(owner, f"GLB chunk {len(found)} length", expected, str(size))
         found.append((kind, view[offset + 8 : offset + 8 + size]))
         offset += 8 + size
+        if data[offset + 4 : offset + 8] != b"BIN\0":
+            offset += -offset % 4  # exporters leave the padding out of the length
     if not found or found[0][0] != _JSON:
         raise file_error(owner, "GLB chunk 0 type", "JSON", "another" if found else "no chunk")
-    return found[0][1], found[1][1] if len(found) > 1 and found[1][0] == _BIN else None
+    return found[0][1], found[-1][1] if found[-1][0] == _BIN else None
+
+
+def data_of(item: Item, uri: str) -> memoryview:
+    """Return the bytes of a data URI."""
+    head, comma, body = uri.partition(",")
+    data = unquote_to_bytes(body)
+    try:
+        if not comma:
+            raise ValueError
+        return memoryview(base64.b64decode(b"".join(data.split()), validate=True) if head.endswith(";base64") else data)
+    except ValueError:
+        raise item.error("uri", "a data URI", quoted(uri)) from None
 
 
 class Buffers:
     """Buffers, buffer views and accessors of a glTF document by index; each is read on first use.
 
-    document: its JSON. root: its folder, outside of which nothing is opened. binary: the binary chunk of a GLB file.
+    document: its JSON. path: of the file. binary: the binary chunk of a GLB file.
     """
 
-    def __init__(self, document: Item, root: str, binary: memoryview | None) -> None:
-        self.document, self.root, self.binary = document, root, binary
+    def __init__(self, document: Item, path: Path, binary: memoryview | None) -> None:
+        self.document, self.path, self.binary = document, path, binary
         self._buffers: dict[int, memoryview] = {}
         self._files: dict[str, memoryview] = {}
         self._arrays: dict[tuple[int, bool], Array] = {}
-
-    def resource(self, item: Item, text: str) -> memoryview | str | None:
-        """Resolve a URI: the bytes of a data URI, the path of a file in the folder, or None if there is no such file.
-
-        Raises InputError for any other kind of URI, and a path that leads out of the folder.
-        """
-        if text.startswith("data:"):
-            head, comma, body = text.partition(",")
-            try:
-                if not comma or not head.endswith(";base64"):
-                    raise ValueError
-                return memoryview(base64.b64decode(body, validate=True))
-            except (binascii.Error, ValueError):
-                raise item.error("uri", "a data URI of base64", quoted(text)) from None
-        if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", text):
-            raise item.error("uri", "a file in the scene's folder, or data (nothing is fetched)", quoted(text))
-        where = f"{item.where}.uri"
-        return beside(self.root, self.root, unquote(text), item.owner, where)
 
     def buffer(self, index: int) -> memoryview:
         if index in self._buffers:
@@ -123,14 +121,17 @@ class Buffers:
 
     def _loaded(self, item: Item) -> memoryview:
         text = item.text("uri")
-        found = self.resource(item, text)
-        if found is None:
+        if text.startswith("data:"):
+            return data_of(item, text)
+        if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", text):
+            raise item.error("uri", "a file in the scene's folder, or data (nothing is fetched)", quoted(text))
+        where = item.owner, f"{item.where}.uri"
+        path = beside(self.path, unquote(text), *where) or beside(self.path, text, *where)
+        if path is None:
             raise item.error("uri", "a file in the scene's folder", f"no file {quoted(text)}")
-        if isinstance(found, str):
-            if found not in self._files:
-                self._files[found] = memoryview(read_file(found, MAX_BYTES))
-            return self._files[found]
-        return found
+        if path not in self._files:
+            self._files[path] = memoryview(read_file(path, MAX_BYTES))
+        return self._files[path]
 
     def view(self, index: int) -> tuple[memoryview, int]:
         """Return the bytes of a buffer view, and its stride or 0."""
@@ -138,12 +139,23 @@ class Buffers:
         buffer = item.reference("buffer", "buffers")
         if buffer is None:
             raise item.error("buffer", "an index", "none")
-        data = self.buffer(buffer)
+        try:
+            data = self.buffer(buffer)
+        except InputError:  # the fallback of compressed data, which may be left out
+            item.refuse_extensions()
+            raise
         offset, length = item.integer("byteOffset", 0), item.integer("byteLength", least=1)
         if offset + length > len(data):
             expected = f"byteOffset + byteLength of at most the {len(data)} bytes of buffers[{buffer}]"
             raise item.error("byteLength", expected, str(offset + length))
         return data[offset : offset + length], item.integer("byteStride", 0)
+
+    def check_data(self, user: Item, index: int | None) -> None:
+        """Raise InputError if an extension of an accessor or of its user holds the data that the accessor does not."""
+        item = None if index is None else self.document.entry("accessors", index)
+        if item is not None and not {"bufferView", "sparse"} & item.value.keys():
+            user.refuse_extensions()
+            item.refuse_extensions()
 
     def array(self, index: int, *, normalized: bool = True) -> Array:
         """Return (count, width) numbers of an accessor, as they are stored, in native byte order; read-only.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -106,12 +106,9 @@ def unit(quaternion: Floats) -> Floats:
 def names_of(document: Item) -> tuple[str, ...]:
     """Return the names of the file's animations, "" where they have none or are broken: `read_animation` refuses those."""
     entries = document.value.get("animations")
-    return tuple(map(_name_of, entries)) if isinstance(entries, list) else ()
-
-
-def _name_of(entry: Any) -> str:
-    name = entry.get("name") if isinstance(entry, dict) else None
-    return name.encode("utf-8", "replace").decode("utf-8") if isinstance(name, str) else ""
+    entries = entries if isinstance(entries, list) else []
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    return tuple(n.encode("utf-8", "replace").decode("utf-8") if isinstance(n, str) else "" for n in names)
 
 
 def read_animation(document: Item, buffers: Buffers, wanted: str | int | None, ignored: list[str]) -> Animation:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import file_error
+from ...base.input_files import file_error, quoted
 from ...base.strict_json import found_text, parse_text
 from ...errors import InputError
 
@@ -79,6 +79,13 @@ class Item:
     def extension(self, name: str) -> Item | None:
         extensions = self.item("extensions")
         return None if extensions is None else extensions.item(name)
+
+    def refuse_extensions(self) -> None:
+        """Raise InputError if this object, whose data is not in the file, has extensions, which then hold it."""
+        extensions = self.item("extensions")
+        if extensions is not None and extensions.value:
+            expected = "geometry that needs no extension (export it without compression)"
+            raise self.error("extensions", expected, quoted(", ".join(extensions.value)))
 
     def reference(self, key: str, kind: str) -> int | None:
         """Return the index, in range, that a field holds into the file's list `kind`; None if the field is missing."""

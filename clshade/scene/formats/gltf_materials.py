@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-import os
 import warnings
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
+from urllib.parse import unquote
 
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.atomic_files import shown
-from ...base.input_files import file_error, quoted, read_file
-from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
-from ...images.decode import decode_image
+from ...base.input_files import quoted, read_file
+from ...images.decode import MAX_BYTES
 from ..framing import AMBIENT
 from ..metallic_roughness import MAPS, MOST_SCALE
 from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
-from .gltf_accessors import Buffers
+from .gltf_accessors import Buffers, data_of
 from .gltf_json import Item
-from .mtl import MAX_PIXELS
+from .texture import Images
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _MOST_EMISSION = float(np.finfo(np.float32).max)
@@ -77,15 +75,14 @@ class Materials:
     """The materials of a glTF file by index. Images are decoded on first use.
 
     own: a texture in place of the file's. ignored: collects a few words for each feature that is not rendered.
-    Raises InputError for broken fields and images, references out of the folder, and more than MAX_PIXELS pixels.
+    Raises InputError for broken fields.
     """
 
     def __init__(self, document: Item, buffers: Buffers, own: Texture | None, ignored: list[str]) -> None:
         self.document, self.buffers, self.own, self.ignored = document, buffers, own, ignored
         self._surfaces: dict[int | None, Surface] = {}
-        self._images: dict[tuple[int, bool], Array | None] = {}
+        self._images = Images(buffers.path)
         self._textures: dict[tuple[int, bool, bool, int], Texture | None] = {}
-        self._pixels = 0
 
     def surface(self, index: int | None) -> Surface:
         """Return the material with that index; None is glTF's default material."""
@@ -102,7 +99,11 @@ class Materials:
         blend, cutoff = self._alpha_mode(item)
         alpha_counts = blend or cutoff is not None
         sets: list[Coordinates] = []
-        texture = self._color_texture(reflection.item("baseColorTexture"), alpha_counts, sets)
+        info, texture = reflection.item("baseColorTexture"), self.own
+        if self.own is not None:
+            sets.append((0 if info is None else info.integer("texCoord", 0), None))
+        elif info is not None:
+            texture = self._texture(info, True, sets, alpha_counts)
         base = float(np.mean(color))
         if texture is not None:
             with np.errstate(over="ignore"):
@@ -172,15 +173,9 @@ class Materials:
         cutoff = item.number("alphaCutoff", 0.5) if mode == "MASK" else None
         return mode == "BLEND", cutoff if cutoff is not None and cutoff > 0.0 else None
 
-    def _color_texture(self, item: Item | None, alpha: bool, sets: list[Coordinates]) -> Texture | None:
-        """Return the texture of the base color, whose coordinates are the first set. alpha: whether to keep that channel."""
-        if self.own is not None:
-            sets.append((0 if item is None else item.integer("texCoord", 0), None))
-            return self.own
-        return None if item is None else self._texture(item, True, sets, alpha)
-
     def _texture(self, item: Item, srgb: bool, sets: list[Coordinates], alpha: bool = False) -> Texture | None:
-        """Return a texture; its coordinates are added to `sets`. srgb: whether its colors are; else numbers."""
+        """Return a texture; its coordinates are added to `sets`. srgb: whether its colors are; else numbers. alpha: whether
+        to keep that channel."""
         index = item.reference("index", "textures")
         if index is None:
             raise item.error("index", "an index", "none")
@@ -199,15 +194,12 @@ class Materials:
         webp = entry.extension("EXT_texture_webp")
         source = (webp or entry).reference("source", "images")
         image = None if source is None else self._image(source, srgb)
-        if image is None:
+        if source is None or image is None:
             return None
         wraps, filter = self._sampler(entry)
-        name = self._name(entry, source)
+        name = entry.text("name") or self.document.entry("images", source).text("name")
         rgb = image if alpha else image[:, :, :3]
         return Texture(rgb, wrap=wraps, name=name, filter=filter, coordinates=coordinates)
-
-    def _name(self, entry: Item, source: int | None) -> str:
-        return entry.text("name") or ("" if source is None else self.document.entry("images", source).text("name"))
 
     def _sampler(self, entry: Item) -> tuple[tuple[Wrap, Wrap], Filter]:
         """Return wrap modes and filter. The filter is that of magnification: how textures are made smaller is a setting."""
@@ -223,32 +215,25 @@ class Materials:
         return (found[0], found[1]), "nearest" if sampler.integer("magFilter", _LINEAR) == _NEAREST else "linear"
 
     def _image(self, index: int, srgb: bool) -> Array | None:
-        """Return (h, w, 3 or 4) float32, row 0 at the top, colors linear; None, with a warning, if there is no such file."""
-        if (index, srgb) not in self._images:
-            image = self._decoded(self.document.entry("images", index), srgb)
-            self._pixels += 0 if image is None else image.shape[0] * image.shape[1]
-            if self._pixels > MAX_PIXELS:
-                expected = f"images of at most {MAX_PIXELS} pixels in all"
-                raise file_error(self.document.owner, "images", expected, "more")
-            self._images[index, srgb] = image
-        return self._images[index, srgb]
+        """Return (h, w, 3 or 4) float32, row 0 at the top, colors linear; None, with a warning, if it cannot be had."""
+        item = self.document.entry("images", index)
 
-    def _decoded(self, item: Item, srgb: bool) -> Array | None:
-        owner = f"{item.owner}: {item.where}"
-        view = item.reference("bufferView", "bufferViews")
-        if view is not None:
-            return decode_image(self.buffers.view(view)[0], owner, srgb=srgb)
-        text = item.text("uri")
-        if not text:
-            raise item.error("uri", "a file, data or a bufferView", "none")
-        found = self.buffers.resource(item, text)
-        if found is None:
-            warnings.warn(f"{owner}.uri: there is no file {quoted(text)}", stacklevel=2)
-            return None
-        if isinstance(found, str):
-            owner = f"{item.owner}: {shown(os.path.basename(found))}"
-            return decode_image(read_file(found, MAX_IMAGE_BYTES), owner, srgb=srgb)
-        return decode_image(found, owner, srgb=srgb)
+        def read() -> bytes | memoryview | None:
+            view = item.reference("bufferView", "bufferViews")
+            if view is not None:
+                return self.buffers.view(view)[0]
+            text = item.text("uri")
+            if not text:
+                raise item.error("uri", "a file, data or a bufferView", "none")
+            if text.startswith("data:"):
+                return data_of(item, text)
+            where = item.owner, f"{item.where}.uri"
+            path = self._images.find(unquote(text), *where, optional="%" in text)
+            if path is None and "%" in text:  # exporters forget to encode it
+                path = self._images.find(text, *where)
+            return None if path is None else read_file(path, MAX_BYTES)
+
+        return self._images.decoded(f"{item.owner}: {item.where}", read, srgb=srgb)
 
 
 def _held(item: Item, key: str, given: Any, least: float, most: float) -> Any:

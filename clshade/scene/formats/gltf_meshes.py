@@ -113,6 +113,8 @@ class MeshBuilder:
         if item.integer("mode", 4) in (0, 1, 2, 3):
             self.ignored.append("points and lines")
             return None
+        for index in (attributes.reference("POSITION", "accessors"), item.reference("indices", "accessors")):
+            self.buffers.check_data(item, index)
         verts = self._attribute(attributes, "POSITION", 3)
         surface = self.materials.surface(item.reference("material", "materials"))
         if verts is None:

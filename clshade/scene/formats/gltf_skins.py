@@ -126,7 +126,9 @@ def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floa
             linear = blended[:, :, :3]
             for name, values in found.items():
                 if name == "NORMAL":
-                    values[part] = _unit(_products(_cofactors(_scaled(linear, (1, 2))), values[part]))
+                    rows = np.moveaxis(_scaled(linear, (1, 2)), 1, 0)
+                    cofactors = np.stack([np.cross(rows[k - 2], rows[k - 1]) for k in range(3)], axis=1)
+                    values[part] = _unit(_products(cofactors, values[part]))
                     continue
                 moved = _products(linear, values[part, :3])
                 values[part, :3] = moved + blended[:, :, 3] if name == "POSITION" else moved
@@ -154,8 +156,3 @@ def _unit(vectors: Floats) -> Floats:
     lengths = np.sqrt(x * x + y * y + z * z)
     found: Floats = vectors / np.where(lengths == 0.0, 1.0, lengths)[:, None]
     return found
-
-
-def _cofactors(matrices: Floats) -> Floats:
-    rows = [np.cross(matrices[:, (row + 1) % 3], matrices[:, (row + 2) % 3]) for row in range(3)]
-    return np.stack(rows, axis=1)

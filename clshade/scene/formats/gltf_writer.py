@@ -14,10 +14,9 @@ from ...base.input_files import file_error
 from ...base.validation import path as checked_path
 from ..fitting import bounding_sphere
 from ..model import Scene
-from .glb import Glb
+from .glb import Glb, add_camera, add_lights, add_placement
 from .gltf_writer_materials import MaterialWriter
 from .gltf_writer_meshes import MeshWriter, named
-from .gltf_writer_nodes import add_camera, add_lights, add_placement
 
 ENDING = ".glb"
 _OWNER = "to_glb"

@@ -18,16 +18,14 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import shown
-from ...base.input_files import beside, file_error, quoted, read_file, within
-from ...images.decode import MAX_BYTES as MAX_IMAGE_BYTES
-from ...images.decode import decode_image
+from ...base.input_files import file_error, quoted, read_file, within
 from ..framing import AMBIENT
 from ..model import Material, Texture, Wrap
 from .options import DEFAULT_MATERIAL
 from .text_tokens import numbers
+from .texture import Images
 
 MAX_BYTES = 1 << 24  # of a library
-MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
 # Defaults of a material in an MTL file: no highlight.
 DEFAULTS = {"kd": [0.8] * 3, "ks": 0.0, "n": 20.0}
 # Keywords -> features that are not rendered.
@@ -78,18 +76,14 @@ class _Found:
 class Library:
     """The materials of the libraries named by the mtllib lines of an OBJ file. Images are decoded on first use.
 
-    path: of the OBJ file. references: (line number, text after mtllib). own: a texture in place of the files'. No file
-    outside the OBJ file's folder is opened. A missing file is skipped with a warning.
-
-    Raises InputError for a reference that leads out of the folder, for malformed numbers, and for images of more than
-    MAX_PIXELS pixels in all.
+    path: of the OBJ file. references: (line number, text after mtllib). own: a texture in place of the files'. Files are
+    found and left out as by `Images`. Raises InputError for malformed numbers.
     """
 
     def __init__(self, path: str, references: list[tuple[int, str]], own: Texture | None) -> None:
-        self.root, self.owner = os.path.dirname(path) or ".", shown(path)
+        self.images, self.owner = Images(path), shown(path)
         self.own, self.found = own, dict[str, _Found]()
-        self.images: dict[str, Array] = {}
-        self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture, bool]] = {}
+        self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture | None, bool]] = {}
         self.ignored: list[str] = []
         self.warned: set[str] = set()
         seen = set()
@@ -98,13 +92,10 @@ class Library:
                 continue
             seen.add(text)
             where = f"line {line}: mtllib"
-            whole = beside(self.root, self.root, text, self.owner, where)
-            names = [text] if whole is not None else text.split()
-            for name in names:
-                library = beside(self.root, self.root, name, self.owner, where)
-                if library is None:
-                    warnings.warn(f"{self.owner}: {where}: there is no file {quoted(name)}", stacklevel=2)
-                    continue
+            whole = self.images.find(text, self.owner, where, optional=len(text.split()) > 1)
+            names = text.split() if whole is None and len(text.split()) > 1 else []
+            found = [whole, *(self.images.find(name, self.owner, where) for name in names)]
+            for library in filter(None, found):
                 with within(self.owner):
                     self._read(library)
 
@@ -152,11 +143,8 @@ class Library:
     def _map(self, text: str, library: str, where: str, material: _Found) -> _Map | None:
         """Return a map's image and those of its options that are rendered; None, with a warning, without an image."""
         name, options = _split_options(text, material.ignored, shown(library), where)
-        path = beside(self.root, os.path.dirname(library) or ".", name, shown(library), where)
-        if path is None:
-            warnings.warn(f"{shown(library)}: {where}: there is no file {quoted(name)}", stacklevel=2)
-            return None
-        return _Map(path, **options)
+        path = self.images.find(name, shown(library), where, os.path.dirname(library))
+        return None if path is None else _Map(path, **options)
 
     def material(self, name: str | None, textured: bool) -> tuple[Material, Array | None]:
         """Return the material of that name, the default one if no library has it, and (2, 2) scale and offset of its texture
@@ -168,9 +156,7 @@ class Library:
                 warnings.warn(line, stacklevel=2)
             return replace(DEFAULT_MATERIAL, texture=own), None
         self.ignored += found.ignored
-        if found.mapped and not any(
-            found.values["kd"]
-        ):  # exporters write it and mean the map, by which others multiply it
+        if found.mapped and not any(found.values["kd"]):  # exporters mean the map alone, by which others multiply it
             found.values["kd"] = [1.0, 1.0, 1.0]
             self._warn("materials with Kd 0 0 0 and a map_Kd are read with Kd 1 1 1")
         values = {"ka": found.values["kd"], "opacity": self._opacity_of(found), **found.values}
@@ -186,11 +172,10 @@ class Library:
             if source is not None and not textured:
                 self.ignored.append("textures of faces without texture coordinates")
             return Material(**values, texture=own, name=name or ""), None
-        with within(self.owner):
-            key = (found.image, found.mask)
-            if key not in self.textures:
-                self.textures[key] = self._texture(found)
-            texture, masked = self.textures[key]
+        key = (found.image, found.mask)
+        if key not in self.textures:
+            self.textures[key] = self._texture(found)
+        texture, masked = self.textures[key]
         moved = np.array([source.scale, source.offset])
         material = Material(**{**values, "blend": values["blend"] or masked}, texture=texture, name=name or "")
         return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
@@ -210,11 +195,11 @@ class Library:
             self.warned.add(remark)
             warnings.warn(f"{self.owner}: {remark}", stacklevel=2)
 
-    def _texture(self, found: _Found) -> tuple[Texture, bool]:
-        """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d."""
+    def _texture(self, found: _Found) -> tuple[Texture | None, bool]:
+        """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d; None if neither can be read."""
         source = found.image or found.mask
         wrap: Wrap = "clamp" if source is not None and source.clamp else "repeat"
-        image = None if found.image is None else self._decoded(found.image.path, True)
+        image = None if found.image is None else self.images.at(found.image.path, srgb=True)
         mask = None if found.mask is None else self._alpha(found.mask.path)
         name = "" if source is None else os.path.basename(source.path)
         if image is not None and mask is not None and image.shape[:2] != mask.shape:
@@ -224,23 +209,17 @@ class Library:
             if image.shape[2] == 4 and found.image is not None:
                 warnings.warn(f"{shown(found.image.path)}: image: its alpha channel is left out", stacklevel=2)
             return Texture(image[:, :, :3], wrap=wrap, name=name), False
-        assert mask is not None
+        if mask is None:
+            return None, False
         colors = np.ones((*mask.shape, 3), np.float32) if image is None else image[:, :, :3]
         return Texture(np.concatenate([colors, mask[:, :, None]], axis=2), wrap=wrap, name=name), True
 
-    def _alpha(self, path: str) -> Array:
+    def _alpha(self, path: str) -> Array | None:
         """Return (h, w) of a map_d: its alpha channel, or its mean color if it has none."""
-        image = self._decoded(path, False)
+        image = self.images.at(path, srgb=False)
+        if image is None:
+            return None
         return image[:, :, 3] if image.shape[2] == 4 else image.mean(axis=2)
-
-    def _decoded(self, path: str, srgb: bool) -> Array:
-        key = f"{path}\0{srgb}"
-        if key not in self.images:
-            self.images[key] = decode_image(read_file(path, MAX_IMAGE_BYTES), shown(path), srgb=srgb)
-            pixels = sum(known.shape[0] * known.shape[1] for known in self.images.values())
-            if pixels > MAX_PIXELS:
-                raise file_error(self.owner, "map_Kd", f"images of at most {MAX_PIXELS} pixels in all", "more")
-        return self.images[key]
 
 
 def _is_default(keyword: str, rest: str) -> bool:

@@ -16,14 +16,14 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import beside, file_error, quoted, read_file
+from ...base.input_files import file_error, read_file
 from .. import framing, geometry
 from ..model import MAX_FACES, Mesh, Scene, Texture
 from ..normals import against_normals, crease_normals, seamless_normals
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
 from .options import DEFAULT_MATERIAL, Options, linear_colors, mended_normals, warn_ignored
 from .ply_parser import Element, read_ply_rows
-from .texture import as_texture
+from .texture import Images
 
 MAX_BYTES = 1 << 31
 MAX_SCALARS = 64  # of vertices, and of faces
@@ -294,13 +294,11 @@ def _texture(
         return options.texture
     if not names:
         return None
-    ignored.extend(["textures beyond the first"] if len(names) > 1 else [])
-    root = os.path.dirname(os.fspath(path)) or "."
-    found = beside(root, root, names[0], owner, "comment TextureFile")
-    if found is None:
-        warnings.warn(f"{owner}: comment TextureFile: there is no file {quoted(names[0])}", stacklevel=2)
-        return None
-    return as_texture(found, srgb=True)
+    if len(names) > 1:
+        warnings.warn(f"{owner}: comment TextureFile: images after the first are not rendered", stacklevel=2)
+    images = Images(path)
+    found = images.find(names[0], owner, "comment TextureFile")
+    return None if found is None else images.texture(found)
 
 
 def _uvs(elements: dict[str, Element], cuts: Cuts | None, owner: str) -> tuple[Array | None, Array | None]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import MISSING, fields
 from typing import Any
@@ -61,7 +60,7 @@ def _scene_of(text: bytes, path: Path) -> Scene:
     version = document.get("version")
     if isinstance(version, bool) or version != VERSION:
         raise file_error(owner, "version", str(VERSION), found_text(version))
-    reader = _Reader(owner, os.path.dirname(os.fspath(path)) or ".")
+    reader = _Reader(owner, path)
     reader.check_keys(document, _KEYS, "", required=("scene",))
     return reader.scene(document)
 
@@ -69,8 +68,8 @@ def _scene_of(text: bytes, path: Path) -> Scene:
 class _Reader:
     """Makes the objects of one file. `where` is a place in it, such as scene.meshes[0].verts."""
 
-    def __init__(self, owner: str, folder: str) -> None:
-        self.owner, self.folder = owner, folder
+    def __init__(self, owner: str, path: Path) -> None:
+        self.owner, self.path = owner, path
         self._tables: dict[str, list[Any]] = {name: [] for name in _TABLES}
         self._data = b""
         self._arrays: dict[tuple[str, tuple[int, ...], int], Array] = {}
@@ -112,7 +111,7 @@ class _Reader:
             if not isinstance(text, str):
                 raise self.error(f"arrays.{key}", "a text", found_text(text))
         size = self._whole(facts["bytes"], "arrays.bytes", MAX_BINARY_BYTES)
-        path = beside(self.folder, self.folder, reference, self.owner, "arrays.file")
+        path = beside(self.path, reference, self.owner, "arrays.file")
         if path is None:
             raise self.error("arrays.file", "an existing file", f"no file {quoted(reference)}")
         if size_of(path) != size:

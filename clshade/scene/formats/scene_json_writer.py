@@ -73,10 +73,10 @@ def checked_name(path: Path, asked: tuple[str, str] = ("Scene.to_json", "path"))
     name = checked_path(*asked, path)
     if os.path.splitext(name)[1].lower() != ENDING:
         raise file_error(*asked, f"a name ending in {ENDING}", shown(path))
-    folder, own = os.path.split(name)
+    own = os.path.basename(name)
     if "\\" in own:  # readers take it for a slash
         raise file_error(*asked, "a file in the scene's folder (no backslash)", quoted(own))
-    beside(folder or ".", folder or ".", f"{own}.bin", *asked)  # as that of its arrays
+    beside(name, f"{own}.bin", *asked)  # as that of its arrays
     return name
 
 
