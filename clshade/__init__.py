@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from .base import display, exchange
+from .base import exchange
 from .base.version import VERSION
 
 TYPE_CHECKING = False  # importing `typing` takes longer than the rest of this module
@@ -138,7 +138,10 @@ def _json_writer() -> Any:
     return write_scene
 
 
-display.install(_notebook)
 exchange.install(
-    to_glb=_glb_writer, to_json=_json_writer, from_trimesh=_trimesh_converter, default_camera=_camera_chooser
+    notebook=_notebook,
+    to_glb=_glb_writer,
+    to_json=_json_writer,
+    from_trimesh=_trimesh_converter,
+    default_camera=_camera_chooser,
 )

@@ -62,7 +62,7 @@ def _resolved(path: Path) -> str:
         if "\0" in os.fspath(path):
             raise ValueError("embedded null character")
         return os.path.realpath(path)
-    except ValueError as error:  # a null, or a character that the file system's encoding lacks
+    except (OSError, ValueError) as error:  # no current folder; a null, or a character that the encoding lacks
         raise write_error(path, str(error)) from None
 
 

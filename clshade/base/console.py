@@ -11,12 +11,11 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any, TextIO
 
-from . import compiling
-
 QUIET, NORMAL, VERBOSE = range(3)
 SLOW = 1.0  # seconds of work that pass without a word
 
 _level = NORMAL
+_lock, _compilers = threading.Lock(), 0
 
 
 @contextlib.contextmanager
@@ -54,6 +53,23 @@ def progress(text: str) -> None:
 
 
 @contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Count a compiler as at work for this process within the block."""
+    global _compilers
+    with _lock:
+        _compilers += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _compilers -= 1
+
+
+def is_compiling() -> bool:
+    return _compilers > 0
+
+
+@contextlib.contextmanager
 def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None]:
     """Print a line about the block if it is slow. after_compiling: counted from when no compiler is at
     work, which says so itself."""
@@ -64,7 +80,7 @@ def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None
         while waited < 10:
             if ended.wait(SLOW / 10):
                 return
-            waited = 0 if after_compiling and compiling.is_at_work() else waited + 1
+            waited = 0 if after_compiling and is_compiling() else waited + 1
         progress(text)
 
     threading.Thread(target=tell, daemon=True).start()

@@ -1,5 +1,5 @@
-"""Access to the converters of scenes, and to the choice of a camera, for the scene's model, which may not import them: the
-package root installs them here."""
+"""Access to what the scene's model and the frame may not import, such as converters of scenes: the package root installs it
+here."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-_converters: dict[str, Callable[[], Any]] = {}
+_installed: dict[str, Callable[[], Any]] = {}
 
 
-def install(**converters: Callable[[], Any]) -> None:
-    """Set functions, by name, that import and return a converter when it is first needed."""
-    _converters.update(converters)
+def install(**imports: Callable[[], Any]) -> None:
+    """Set functions, by name, that import and return something when it is first needed."""
+    _installed.update(imports)
 
 
-def converter(name: str) -> Any:
-    """Return the converter of this name."""
-    return _converters[name]()
+def get(name: str) -> Any:
+    """Return what was installed under this name."""
+    return _installed[name]()

@@ -14,31 +14,17 @@ from .atomic_files import Path
 def folder_locked(folder: Path) -> Iterator[bool]:
     """Lock a folder for the block, among processes and threads that lock it too, and wait for those. Yield whether it is
     locked: Windows and some file systems cannot."""
-    descriptor = _lock_folder(folder)
-    try:
-        yield descriptor is not None
-    finally:
-        if descriptor is not None:
-            os.close(descriptor)
+    with contextlib.ExitStack() as stack:
+        is_locked = False
+        if sys.platform != "win32":
+            import fcntl
 
-
-def _lock_folder(folder: Path) -> int | None:
-    if sys.platform == "win32":
-        return None
-    import fcntl
-
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-    except BaseException as error:  # also Ctrl-C while it waits
-        os.close(descriptor)
-        if isinstance(error, OSError):
-            return None
-        raise
-    return descriptor
+            with contextlib.suppress(OSError):
+                descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+                stack.callback(os.close, descriptor)
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                is_locked = True
+        yield is_locked
 
 
 def lock_file(path: Path) -> int | None:

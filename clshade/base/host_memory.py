@@ -74,15 +74,19 @@ def _left_of(group: Path, most: str, taken: str, cached: str) -> float:
 
 def _of_process(root: Path) -> float:
     try:
-        import resource
-
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if limit == resource.RLIM_INFINITY:
-            return math.inf
-        pages = int((root / "proc/self/statm").read_text().split()[0])
-        return limit - pages * resource.getpagesize()
-    except (ImportError, OSError):
+        return limit("RLIMIT_AS") - int((root / "proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
         return math.inf
+
+
+def limit(name: str) -> float:
+    """Return a limit of this process, bytes; infinity if there is none. name: of `resource`, such as RLIMIT_FSIZE."""
+    try:
+        import resource
+    except ImportError:  # on Windows, which knows no such limits
+        return math.inf
+    found = resource.getrlimit(getattr(resource, name))[0]
+    return math.inf if found == resource.RLIM_INFINITY else found
 
 
 def physical() -> int | None:

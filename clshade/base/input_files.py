@@ -94,27 +94,22 @@ def read_file(path: Path, most: int) -> bytes:
     Raises InputError, one line, for a missing or unreadable file, a folder, a device or pipe (which is never opened),
     an empty file and one that is too large.
     """
-    owner = shown(path)
     size = size_of(path)
     if size > most:
-        raise file_error(owner, "file", f"at most {most} bytes", f"{size} bytes")
-    try:
-        with open(path, "rb") as file:
-            return file.read(size)
-    except OSError as error:
-        raise file_error(owner, "file", "a readable file", str(error.strerror or error)) from None
-    except MemoryError:
-        raise file_error(owner, "file", "a file that fits into memory", f"{size} bytes") from None
+        raise file_error(shown(path), "file", f"at most {most} bytes", f"{size} bytes")
+    return first_bytes(path, size)
 
 
 def first_bytes(path: Path, count: int) -> bytes:
     """Return the first bytes of a regular, non-empty file, by which formats are recognized. Raises as `read_file`."""
-    size_of(path)
+    size = size_of(path)
     try:
         with open(path, "rb") as file:
             return file.read(count)
     except OSError as error:
         raise file_error(shown(path), "file", "a readable file", str(error.strerror or error)) from None
+    except MemoryError:
+        raise file_error(shown(path), "file", "a file that fits into memory", f"{size} bytes") from None
 
 
 def beside(scene: Path, reference: str, owner: str, field: str, folder: str | None = None) -> str | None:
@@ -133,6 +128,10 @@ def beside(scene: Path, reference: str, owner: str, field: str, folder: str | No
         raise file_error(owner, field, inside, quoted(reference))
     if parts.startswith("/") or re.match(r"[A-Za-z]:", parts) or ".." in parts.split("/"):
         raise file_error(owner, field, f"{inside} (no absolute path, no ..)", quoted(reference))
+    try:
+        os.fsencode(parts)
+    except UnicodeEncodeError:  # in an ASCII locale: names of files are UTF-8 nearly everywhere
+        parts = os.fsdecode(parts.encode())
     path = os.path.join(folder or root, *parts.split("/"))
     real, top = os.path.realpath(path), os.path.realpath(root)
     if os.path.commonpath([real, top]) != top:

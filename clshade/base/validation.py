@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
 from .arrays import Array, Faces, Floats, Reals
 from .spelling import hint
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 _VECTOR_SHAPES = ((3,), (1, 3), (3, 1))
 
@@ -41,11 +45,10 @@ def known(owner: str, given: Iterable[str], allowed: Iterable[str], **others: An
     """Raise InputError for the first keyword not allowed, suggesting the closest. others: for `spelling.hint`."""
     allowed = tuple(allowed)
     for name in given:
-        if name not in allowed:
-            expected = "one of " + ", ".join(allowed)
-            raise InputError(
-                f"{owner}: {name}: expected {expected}, found no such field{hint(name, allowed, **others)}"
-            )
+        if not isinstance(name, str) or name not in allowed:
+            near = hint(name, allowed, **others)
+            shown = name if isinstance(name, str) else _describe(name)
+            raise InputError(f"{owner}: {shown}: expected one of {', '.join(allowed)}, found no such field{near}")
 
 
 def text(owner: str, name: str, value: Any) -> str:
@@ -68,12 +71,60 @@ def flag(owner: str, name: str, value: Any) -> bool:
     return bool(value)
 
 
+def keywords(owner: str, name: str, value: Any, allowed: Iterable[str]) -> dict[str, Any]:
+    """Return a mapping whose names are all allowed as a dict of its own; an empty one for None."""
+    if value is not None and not isinstance(value, Mapping):
+        raise value_error(owner, name, "a dict", value)
+    known(f"{owner}: {name}", value or (), allowed)
+    return {**(value or {})}
+
+
+def count_or_all(owner: str, name: str, value: Any, of: int) -> int:
+    """Return a whole number from 1 on, at most `of`, which "all" means."""
+    if isinstance(value, str) and value == "all":
+        return of
+    return min(integer(owner, name, value, 1, 2**63, 'a whole number from 1 on, or "all"'), of)
+
+
+def arguments(**checks: type | Callable[[str, str, Any], Any]) -> Callable[[Function], Function]:
+    """Decorate a public function whose arguments are checked before it runs: each is of a class, or becomes what a check
+    of this module makes of it. One that is its default is left as it is."""
+
+    def decorate(function: Function) -> Function:
+        signature, owner = inspect.signature(function), function.__qualname__.removesuffix(".__init__")
+
+        @functools.wraps(function)
+        def checked(*given: Any, **named: Any) -> Any:
+            bound = signature.bind(*given, **named)
+            for name, check in checks.items():
+                value = bound.arguments.get(name, default := signature.parameters[name].default)
+                if value is default:
+                    continue
+                if not isinstance(check, type):
+                    bound.arguments[name] = check(owner, name, value)
+                elif not isinstance(value, check):
+                    raise value_error(owner, name, f"a {check.__name__}", value)
+            return function(*bound.args, **bound.kwargs)
+
+        return checked  # type: ignore[return-value]
+
+    return decorate
+
+
 def sequence(value: Any) -> tuple[Any, ...] | None:
     """Return the items of an iterable as a tuple, or None for anything else."""
     try:
         return tuple(value)
     except TypeError:
         return None
+
+
+def items(owner: str, name: str, value: Any) -> tuple[Any, ...]:
+    """Return the items of an iterable other than a text as a tuple."""
+    found = None if isinstance(value, str) else sequence(value)
+    if found is None:
+        raise value_error(owner, name, "a sequence", value)
+    return found
 
 
 def floats(owner: str, name: str, value: Any, expected: str) -> Array:
@@ -123,6 +174,14 @@ def limits_of(above: float = -math.inf, least: float = -math.inf, most: float = 
     return (f" above {above:g}" if above > -math.inf else "") + (f" of at least {least:g}" if least > -math.inf else "")
 
 
+def one_of(owner: str, name: str, value: Any, numbers: tuple[int, ...]) -> int:
+    """Return one of a few whole numbers."""
+    result = integer(owner, name, value, min(numbers), max(numbers))
+    if result not in numbers:
+        raise value_error(owner, name, " or ".join(map(str, numbers)), value)
+    return result
+
+
 def number(
     owner: str,
     name: str,
@@ -154,8 +213,8 @@ def instance(owner: str, name: str, value: Any, kind: type) -> Any:
     return value
 
 
-def integer(owner: str, name: str, value: Any, least: int, most: int) -> int:
-    expected = f"a whole number from {least} to {most}"
+def integer(owner: str, name: str, value: Any, least: int, most: int, expected: str = "") -> int:
+    expected = expected or f"a whole number from {least} to {most}"
     array = floats(owner, name, value, expected)
     if array.ndim or array.dtype.kind == "b" or not math.isfinite(array.item()):
         raise value_error(owner, name, expected, value)

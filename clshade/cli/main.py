@@ -151,6 +151,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     try:
+        os.getcwd()
+    except OSError as error:  # it has been removed: then no relative path, compiler or import works
+        console.error(f"the current folder: {error.strerror}: go to one that exists")
+        return REFUSED
+    try:
         given = with_values(arguments)
         parsed = _parser(given).parse_args(given)
     except SystemExit as stop:

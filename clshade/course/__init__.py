@@ -40,6 +40,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import validation
 from ..base.arrays import Array, Floats, Reals
 from ..base.validation import choice, coefficient, value_error, vector
 from ..pipeline.opencl.device import Device, shared_device
@@ -496,6 +497,7 @@ def _turned(rgba: Reals) -> Floats:
     return image
 
 
+@validation.arguments(scene=Scene, textured=validation.flag)
 def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
     """Return the arguments of `render_object`, or of `render_object_map`, that draw a scene.
 

@@ -11,8 +11,11 @@ from ..base.atomic_files import Path, shown, write_bytes
 from ..base.input_files import file_error, quoted, read_file
 from ..base.spelling import hint
 from ..base.strict_json import found_text, parse_text
+from ..base.validation import arguments, items, value_error
+from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..scene import pinhole
+from ..scene.adjust_camera import posed
 from ..scene.camera import Camera, checked_resolution
 from .frames import MOST
 
@@ -39,6 +42,7 @@ _SHAPES = {"K": ((3, 3),), "pose": ((4, 4), (3, 4))}
 _FORMS = {"K": "three rows of three numbers", "pose": "four or three rows of four numbers"}
 
 
+@arguments(path=checked_path, base=Camera)
 def read_cameras(path: Path, base: Camera, resolution: tuple[int, int] | None = None) -> tuple[Camera, ...]:
     """Read cameras from a JSON file.
 
@@ -138,12 +142,12 @@ def _camera(given: Any, base: Camera, resolution: tuple[int, int] | None, owner:
         elif key not in ("orthographic", "convention") and not _are_numbers(value):
             raise file_error(owner, f"{who}: {key}", "numbers", found_text(value))
     try:
-        return _made(given, base, resolution)
+        return _made(given, base, resolution, f"{owner}: {who}")
     except InputError as error:
         raise InputError(f"{owner}: {who}: {str(error).removeprefix('Camera: ')}") from None
 
 
-def _made(given: dict[str, Any], base: Camera, resolution: tuple[int, int] | None) -> Camera:
+def _made(given: dict[str, Any], base: Camera, resolution: tuple[int, int] | None, owner: str) -> Camera:
     """Return the camera of an object whose fields have the right types. Raises InputError, with Camera in front."""
     own = given.get("resolution")
     if "K" in given:
@@ -159,7 +163,7 @@ def _made(given: dict[str, Any], base: Camera, resolution: tuple[int, int] | Non
         center = given.get("pixel_center", 0.5)
         plane, principal = pinhole.lens_of("Camera", given["K"], base.resolution, center, "K")
         values |= {"focal": 1.0, "plane": plane, "principal": principal, "orthographic": False}
-    camera = replace(base, **values)
+    camera = posed(base, owner, **values)
     if "fov" in given:
         seen = Camera.from_fov(camera.eye, camera.lookat, camera.up, given["fov"], camera.resolution)
         camera = replace(seen, principal=camera.principal)
@@ -192,6 +196,7 @@ def _is_matrix(value: Any, shapes: tuple[tuple[int, int], ...]) -> bool:
     )
 
 
+@arguments(path=checked_path, cameras=items)
 def write_cameras(
     path: Path,
     cameras: Iterable[Camera],
@@ -222,6 +227,8 @@ def write_cameras(
 
 
 def _described(camera: Camera, pixel_center: float, convention: pinhole.Convention) -> dict[str, Any]:
+    if not isinstance(camera, Camera):
+        raise value_error("write_cameras", "cameras", "cameras", camera)
     if camera.orthographic:
         values = {name: getattr(camera, name) for name in _OWN}
         return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}

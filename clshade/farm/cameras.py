@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from numbers import Integral
+from typing import Any
 
+from ..base.validation import arguments, items, number, value_error
 from ..scene.adjust_camera import adjusted
 from ..scene.camera import Camera
 from .frames import Frames
 
 
+@arguments(camera=Camera, numbers=items, turn=Frames, degrees=number)
 def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> Mapping[int, Camera]:
     """Return cameras on a circle about `up` through the point the camera looks at.
 
@@ -32,29 +37,32 @@ def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float =
     mapping of int to Camera
         Cameras by frame number, created when looked up: a million would take minutes.
     """
-    return _Orbit(camera, dict.fromkeys(numbers), turn, degrees)
+    if not all(isinstance(number, Integral) for number in numbers):
+        raise value_error("orbit", "numbers", "whole numbers", numbers)
+    return _Made(dict.fromkeys(numbers), partial(_on_circle, camera, turn, degrees))
 
 
 @dataclass(frozen=True, eq=False)
-class _Orbit(Mapping[int, Camera]):
-    """The mapping that `orbit` returns. numbers: the keys, in order."""
+class _Made(Mapping[int, Camera]):
+    """Cameras by frame number, created when looked up. numbers: those that there are, in order."""
 
-    camera: Camera
-    numbers: Mapping[int, None]
-    turn: Frames
-    degrees: float
+    numbers: Mapping[int, Any]
+    make: Callable[[int], Camera]
 
     def __getitem__(self, number: int) -> Camera:
         if number not in self.numbers:
             raise KeyError(number)
-        angle = math.fmod(self.degrees * (number - self.turn.first) / self.turn.span, 360.0)
-        return adjusted(self.camera, azimuth=angle)
+        return self.make(number)
 
     def __iter__(self) -> Iterator[int]:
         return iter(self.numbers)
 
     def __len__(self) -> int:
         return len(self.numbers)
+
+
+def _on_circle(camera: Camera, turn: Frames, degrees: float, number: int) -> Camera:
+    return adjusted(camera, azimuth=math.fmod(degrees * (number - turn.first) / turn.span, 360.0))
 
 
 def stereo_cameras(
@@ -74,27 +82,11 @@ def stereo_cameras(
     left, right : mapping of int to Camera
         Cameras by frame number, created when looked up.
     """
-    left, right = (_Eye(cameras, baseline, convergence, side) for side in (0, 1))
+    left, right = (_Made(cameras, partial(_eye_of, cameras, baseline, convergence, side)) for side in (0, 1))
     return left, right
 
 
-@dataclass(frozen=True, eq=False)
-class _Eye(Mapping[int, Camera]):
-    """One of the mappings that `stereo_cameras` returns. side: 0 for left, 1 for right."""
-
-    cameras: Mapping[int, Camera]
-    baseline: float
-    convergence: float | None
-    side: int
-
-    def __getitem__(self, number: int) -> Camera:
-        return self.cameras[number].stereo(self.baseline, self.convergence)[self.side]
-
-    def __contains__(self, number: object) -> bool:
-        return number in self.cameras
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self.cameras)
-
-    def __len__(self) -> int:
-        return len(self.cameras)
+def _eye_of(
+    cameras: Mapping[int, Camera], baseline: float, convergence: float | None, side: int, number: int
+) -> Camera:
+    return cameras[number].stereo(baseline, convergence)[side]

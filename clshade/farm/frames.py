@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..base.input_files import quoted
+from ..base.validation import arguments
+from ..base.validation import text as checked_text
 from ..errors import InputError
 from ..pipeline.frame_files import ENDINGS, FILES, KINDS, FileKind, output_paths
 
@@ -38,6 +40,7 @@ class Frames:
         return self.last - self.first + 1
 
 
+@arguments(text=checked_text, option=checked_text)
 def parse_frames(text: str, option: str = "--frames") -> Frames:
     """Parse frame numbers as users write them.
 

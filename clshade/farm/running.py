@@ -10,12 +10,13 @@ from array import array
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..base.atomic_files import folder_made, shown
-from ..base.validation import choice, flag, integer, known, number, value_error
+from ..base.validation import arguments, choice, flag, integer, items, keywords, number, text, value_error
 from ..errors import InputError
 from ..images.colorbar import bar_width
 from ..images.cryptomatte import MatteKind
@@ -115,6 +116,18 @@ class Run:
         return f", {' and '.join(others)} beside each" if others else ""
 
 
+@arguments(
+    workers=partial(integer, least=1, most=MOST_WORKERS),
+    timeout=partial(number, above=0.0),
+    frame_timeout=partial(number, above=0.0),
+    overwrite=flag,
+    progress=flag,
+    saving=partial(keywords, allowed=SAVING),
+    scheduler=text,
+    flow=flag,
+    visible=partial(choice, allowed=("csv", "json")),
+    mattes=items,
+)
 def draw_frames(
     scene: Scene,
     cameras: Mapping[int, Camera],
@@ -208,22 +221,22 @@ def draw_frames(
     >>> cameras = farm.orbit(scene.camera, frames.numbers, frames)
     >>> run = farm.draw_frames(scene, cameras, "out.##.exr", samples=4)
     """
-    _check_arguments(cameras, poses, workers, scheduler, timeout, frame_timeout)
-    known("draw_frames: saving", saving or (), SAVING)
+    check_numbered(cameras, poses)  # each camera is checked when its frame is drawn
+    if frame_timeout is not None and workers == 1 and scheduler is None:
+        expected = "two --workers or more, or a --scheduler, to draw the frames of one that hangs"
+        raise InputError(f"--frame-timeout: needs {expected}")
     pattern = parse_pattern(output, len(cameras))
     chosen: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
     files = chosen["files"] = tuple(chosen_paths(output, chosen.get("files")))
-    if flag("draw_frames", "flow", flow):
+    if flow:
         if not {"exr", "npz"} & set(files):
             raise InputError("draw_frames: flow: needs exr or npz among the files, which hold it")
         settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
     numbers = sorted(cameras) if flow else []
     if mattes:
-        check_mattes(mattes, files, chosen.get("compression", "zip"))
-    if visible is not None:
-        choice("draw_frames", "visible", visible, ("csv", "json"))
+        check_mattes(mattes, files)
     left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
@@ -276,23 +289,8 @@ def _beside(
     )
 
 
-def _check_arguments(
-    cameras: Mapping[int, Camera],
-    poses: Mapping[int, Pose] | None,
-    workers: int,
-    scheduler: str | None,
-    timeout: float,
-    frame_timeout: float | None,
-) -> None:
-    """Raise InputError for arguments that `draw_frames` refuses; each camera is checked when its frame is drawn."""
-    integer("draw_frames", "workers", workers, 1, MOST_WORKERS)
-    number("draw_frames", "timeout", timeout, above=0.0)
-    if frame_timeout is not None:
-        number("draw_frames", "frame_timeout", frame_timeout, above=0.0)
-        if workers == 1 and scheduler is None:
-            raise InputError(
-                "--frame-timeout: needs two --workers or more, or a --scheduler, to draw the frames of one that hangs"
-            )
+def check_numbered(cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None) -> None:
+    """Raise InputError for anything but cameras, and poses or none, by numbers of frames."""
     numbered = isinstance(cameras, Mapping) and all(isinstance(number, Integral) for number in cameras)
     if not numbered or not cameras:
         raise value_error("draw_frames", "cameras", "a camera or more by number of the frame, as {1: camera}", cameras)

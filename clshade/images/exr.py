@@ -30,13 +30,14 @@ from .layers import LAYER_TABLE
 Part: TypeAlias = tuple[Mapping[str, ArrayLike], Mapping[str, Any]]  # channels and metadata
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of pixels, inclusive, y down from the top
 
-# Lossy compressions -> (the type whose values they change, the last letters of the channels, what they do).
+IMAGE = frozenset({"R", "G", "B", "A", "Y", "RY", "BY"})  # channels that a lossy compression may change
+# Lossy compressions -> (the type whose values they change, the channels of the image, what they do).
 LOSSY = {
-    "pxr24": (np.float32, "", "rounds float32 to 24 bits"),
-    "b44": (np.float16, "", "rounds half, 4x4 pixels together"),
-    "b44a": (np.float16, "", "rounds half, 4x4 pixels together"),
-    "dwaa": (np.floating, "RGB", "leaves out what is hardly seen"),
-    "dwab": (np.floating, "RGB", "leaves out what is hardly seen"),
+    "pxr24": (np.float32, IMAGE, "rounds float32 to 24 bits"),
+    "b44": (np.float16, IMAGE, "rounds half, 4x4 pixels together"),
+    "b44a": (np.float16, IMAGE, "rounds half, 4x4 pixels together"),
+    "dwaa": (np.floating, IMAGE - {"A"}, "leaves out what is hardly seen"),
+    "dwab": (np.floating, IMAGE - {"A"}, "leaves out what is hardly seen"),
 }
 Compression: TypeAlias = Literal["none", "rle", "zips", "zip", "piz", "zstd", "pxr24", "b44", "b44a", "dwaa", "dwab"]
 COMPRESSIONS: tuple[Compression, ...] = get_args(Compression)  # lossless, then LOSSY
@@ -50,7 +51,8 @@ FULL_PRECISION = (*(name for name, row in LAYER_TABLE.items() if row.keeps_digit
 FAR: dict[str, float] = {name: row.background for name, row in LAYER_TABLE.items() if row.background != 0.0}
 
 _MAX_HEADER = 1 << 16  # bytes that are searched for the display window
-FIRST = "rgba"  # name of the first of several parts
+# Names of the first of several parts, and of the part of the other channels where the compression is lossy.
+FIRST, LAYERS = "rgba", "layers"
 
 _MAX_BYTES = 1 << 34  # size of the largest file that is read
 WRITTEN = {"software": "clshade", "colorInteropID": "lin_rec709_scene"}  # attributes of every file, by default
@@ -116,11 +118,8 @@ def drawn_window(channels: Mapping[str, Array]) -> Window:
     Returns
     -------
     (int, int, int, int)
-        (x0, y0, x1, y1), inclusive, y down from the top; the first pixel if everything is 0.
-
-    Notes
-    -----
-    -0.0 counts as drawn, because readers give +0 outside the data window.
+        (x0, y0, x1, y1), inclusive, y down from the top; the first pixel if everything is 0. -0.0
+        counts as drawn, because readers give +0 outside the data window.
     """
     drawn_rows, drawn_columns = np.zeros(1, bool), np.zeros(1, bool)
     for plane in channels.values():
@@ -212,52 +211,43 @@ class _Sink:
         self.file = file
         self.error: BaseException | None = None
 
-    def _guarded(self, operation: Any, *arguments: Any) -> Any:
-        try:
-            return operation(*arguments)
-        except BaseException as error:
-            self.error = self.error or error
-            raise
+    def __getattr__(self, name: str) -> Any:
+        operation = getattr(self.file, name)
 
-    def write(self, data: bytes) -> int:
-        written: int = self._guarded(self.file.write, data)
-        return written
+        def guarded(*arguments: Any) -> Any:
+            try:
+                return operation(*arguments)
+            except BaseException as error:
+                self.error = self.error or error
+                raise
 
-    def seek(self, position: int, whence: int = 0) -> int:
-        reached: int = self._guarded(self.file.seek, position, whence)
-        return reached
-
-    def tell(self) -> int:
-        place: int = self._guarded(self.file.tell)
-        return place
+        return guarded
 
 
 def _compress(
-    file: BinaryIO, parts: Sequence[tuple[str, dict[str, Any], dict[str, Array]]], compression: str, tiled: bool = False
+    file: BinaryIO, parts: Sequence[tuple[str, str, dict[str, Any], dict[str, Array]]], tiled: bool = False
 ) -> None:
-    """Write parts: name, header and channels of each; the name of a single one is left out. tiled: as one tile each."""
+    """Write parts: name, compression, header and channels of each; the name of a single one is left out. tiled: as one
+    tile each."""
     import OpenEXR
 
-    method = "NO" if compression == "none" else compression.upper()
-    form: dict[str, Any] = {"compression": getattr(OpenEXR, f"{method}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+    form: dict[str, Any] = {"type": OpenEXR.scanlineimage}
     if tiled:
-        form |= {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
-        rows, columns = next(iter(parts[0][2].values())).shape
+        form = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+        rows, columns = next(iter(parts[0][3].values())).shape
         form["tiles"].xSize, form["tiles"].ySize = columns, rows
     sink = _Sink(file)
     with _LOCK:
         # OpenEXR's threads exist only here: a child forked later would wait for them forever.
         before = OpenEXR.global_thread_count()
-        OpenEXR.set_global_thread_count(before if compression == "none" else min(os.cpu_count() or 1, 8))
+        OpenEXR.set_global_thread_count(before if parts[0][1] == "none" else min(os.cpu_count() or 1, 8))
         try:
-            if len(parts) == 1:
-                ((_, header, channels),) = parts
-                exr = OpenEXR.File({**header, **form}, channels)
-            else:
-                exr = OpenEXR.File(
-                    [OpenEXR.Part({**header, **form}, channels, name) for name, header, channels in parts]
-                )
-            with exr:
+            made = []
+            for name, compression, header, channels in parts:
+                method = getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION")
+                own = {**header, **form, "compression": method}
+                made.append(OpenEXR.Part(own, channels, name if len(parts) > 1 else ""))
+            with OpenEXR.File(made) as exr:
                 exr.write(sink)
         except MemoryError:
             raise
@@ -279,7 +269,7 @@ def write(
     metadata: Mapping[str, Any] | None = None,
     window: Window | Literal["drawn", "covered"] | None = None,
 ) -> list[str]:
-    """Write a single-part scanline EXR file, atomically; the same arguments give the same bytes.
+    """Write a scanline EXR file of a single part, atomically; the same arguments give the same bytes.
 
     Parameters
     ----------
@@ -293,7 +283,8 @@ def write(
     compression : str, default "zip"
         Lossless: none, rle, zips, zip, piz, zstd; zstd needs a reader with OpenEXR 3.5 or newer.
         Lossy: pxr24 rounds float32 to 24 bits; b44 and b44a round half and leave float32 as it is;
-        dwaa and dwab round colors.
+        dwaa and dwab round colors. These are for R, G, B, A (or Y, RY, BY) alone: the other channels
+        are stored by zip, without loss, in a part of their own, ``layers``.
     half : bool, default False
         Store floats as half, except the layers Z, P and scalar.
     metadata : mapping, optional
@@ -344,7 +335,7 @@ def encode(
         As for `write`.
     parts : mapping of str to (mapping, mapping), optional
         Further parts by name: channels of the same size and metadata of each, without `window`,
-        never as half. The compression may not be lossy then. The first part is named ``rgba``; its
+        never as half, by zip if the compression is lossy. The first part is named ``rgba``; its
         pixelAspectRatio is that of all.
     tiled : bool, default False
         Store the data window as a single tile, in place of scanlines.
@@ -352,14 +343,7 @@ def encode(
     Returns
     -------
     list of str
-        Warnings, as for `write`.
-
-    Raises
-    ------
-    InputError
-        Channels, metadata, compression, window or parts are not allowed.
-    OSError
-        The file cannot be written.
+        Warnings, as for `write`, which also says what is refused.
     """
     choice("exr", "compression", compression, COMPRESSIONS)
     planes = flatten(channels)
@@ -371,23 +355,28 @@ def encode(
         header |= {exr_limits.OUTSIDE[name]: value for name, value in FAR.items() if name in planes}
     warnings: list[str] = []
     stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
+    lossless, written = compression, [(FIRST, compression, header, stored)]
     if compression in LOSSY:
-        kind, letters, what = LOSSY[compression]
-        rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and (not letters or n[-1] in letters)]
+        lossless = "zip"
+        kind, changed, what = LOSSY[compression]
+        rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and n in changed]
         warnings += [f"{', '.join(rounded)}: {compression} {what}"] if rounded else []
-    further = []
-    if parts and compression in LOSSY:
-        raise InputError(f"exr: compression: expected a lossless one with further parts, found {compression}")
+        layers = {name: stored.pop(name) for name in [*stored] if name not in IMAGE}
+        written += [(LAYERS, lossless, header, layers)] if layers else []
+        if not stored or (tiled and layers):
+            where = "in tiles" if tiled else "without R, G, B or A"
+            raise InputError(f"exr: compression: expected a lossless one for layers {where}, found {compression}")
     for name, (own, own_metadata) in (parts or {}).items():
-        if not isinstance(name, str) or not name.isprintable() or name in ("", FIRST):
-            raise InputError(f"exr: parts: expected names of at least one letter, other than {FIRST}, found {name!r}")
+        if not isinstance(name, str) or not name.isprintable() or name in ("", FIRST, LAYERS):
+            expected = f"names of at least one letter, other than {FIRST} and {LAYERS}"
+            raise InputError(f"exr: parts: expected {expected}, found {name!r}")
         own_planes = flatten(own)
         if next(iter(own_planes.values())).shape != (rows, columns):
             raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
         found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in own_planes.items()}
         shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
-        further.append((name, _header({**own_metadata, **shared}, whole, whole), found))
-    _compress(file, [(FIRST, header, stored), *further], compression, tiled)
+        written.append((name, lossless, _header({**own_metadata, **shared}, whole, whole), found))
+    _compress(file, written, tiled)
     return warnings
 
 

@@ -6,13 +6,13 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..base.validation import known, value_error
+from ..base.validation import choice, known, value_error
 from ..errors import InputError
 from ..scene.builtin.studio import without_stand_ins
 from ..scene.edges import PAPER
 from ..scene.geometry import bounding_box, half_diagonal
 from ..scene.model import Scene, Settings
-from ..scene.settings import Layer, Preset, SettingsFields
+from ..scene.settings import PRESETS, Layer, Preset, SettingsFields
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -44,7 +44,7 @@ def effective_settings(
     known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
     if resolution is not None:
         scene = replace(scene, camera=scene.camera.with_resolution(resolution))
-    if preset is not None and {preset, scene.preset} == {"standard", "pbr"}:
+    if preset is not None and {choice("Settings", "preset", preset, PRESETS), scene.preset} == {"standard", "pbr"}:
         scene = replace(scene, preset=preset)  # which names the tone map
     if settings is None:
         chosen = Settings.from_preset(scene.preset if preset is None else preset, **fields)

@@ -9,7 +9,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.material import POWERED, TERMS
@@ -602,11 +601,7 @@ def derive(
     instanced: whether the scene's instances are drawn from one copy of each mesh.
     forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
     image stays the same, bit for bit. All of them together give a kernel for every scene.
-    Raises InputError for another name.
     """
-    unknown = sorted(set(forced) - set(OPTIONAL))
-    if unknown:
-        raise InputError(f"forced: expected names among {', '.join(OPTIONAL)}, found {unknown[0]}")
     shining = any(light.intensity.any() for light in scene.lights) or shows_environment(scene, settings)
     materials = list(materials_of(scene).values())
     how = double_positions, scalars_at_corners, instanced, forced

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..base.arrays import Array, Bools, Faces, Floats
-from ..base.validation import value_error
+from ..base.validation import arguments, value_error
 from ..scene.camera import Camera
 from ..scene.geometry import bounding_box, camera_axes
 from ..scene.model import Mesh, Scene, Settings
@@ -28,6 +28,7 @@ View: TypeAlias = Camera | Scene | Frame
 _BAND = 1 << 18  # pixels at a time
 
 
+@arguments(frame=Frame)
 def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     """Return the optical flow from a frame to another image: where the points that its pixels show are there.
 
@@ -51,8 +52,6 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     ------
     InputError
         If the frame has no layer id, or the other scene has other faces.
-    DeviceError
-        If no OpenCL device works.
 
     Notes
     -----
@@ -76,8 +75,6 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     >>> clshade.flow(frame, moved).vectors.shape
     (48, 64, 2)
     """
-    if not isinstance(frame, Frame):
-        raise value_error("flow", "frame", "a Frame", frame)
     if "id" not in frame:
         raise value_error("flow", "frame", 'a frame with the layer id (layers=("id",))', ", ".join(frame) or "none")
     scene, settings = _scene_of(frame, to), to.settings if isinstance(to, Frame) else frame.settings

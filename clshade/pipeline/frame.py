@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
 
 import numpy as np
 
-from ..base import display
+from ..base import exchange
 from ..base.arrays import Array, Bytes, Floats, Reals, UInt32s
 from ..base.spelling import hint
-from ..base.validation import known, value_error
+from ..base.validation import flag, known, value_error
 from ..errors import InputError
 from ..images.depth_png import SCALE
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS, LAYERS, NumberLayer, PointLayer, RealLayer, lists_layers
@@ -186,7 +186,7 @@ class Frame:
             there is one.
         """
         metadata = frame_files.header(self.scene, self.settings, self._layers)
-        if not deterministic:
+        if not flag("Frame.metadata", "deterministic", deterministic):
             metadata["renderTimeSeconds"] = self.stats["times_ms"]["frame"] / 1000.0
         return metadata if self.check is None else {**metadata, **self.check.metadata()}
 
@@ -232,7 +232,7 @@ class Frame:
         InputError
             If the operator or the exposure is refused.
         """
-        operator = tonemap or default_tonemap(self.scene)
+        operator = default_tonemap(self.scene) if tonemap is None else tonemap
         if self.scene.background is None:
             from ..images.transparency import tonemap_rgba
 
@@ -248,7 +248,7 @@ class Frame:
 
     def _repr_png_(self) -> bytes:
         """Return the tone-mapped image for notebooks; large images are reduced."""
-        image: bytes = display.notebook().encoded(self.to_png8())
+        image: bytes = exchange.get("notebook").encoded(self.to_png8())
         return image
 
     def show(self, tonemap: Operator | None = None, exposure: float = 0.0) -> None:
@@ -264,7 +264,7 @@ class Frame:
         OutputError
             If no program that shows images is found.
         """
-        display.notebook().show_frame(self, tonemap, exposure)
+        exchange.get("notebook").show_frame(self, tonemap, exposure)
 
     def view(
         self, path: str | os.PathLike[str] | None = None, tonemap: Operator | None = None, exposure: float = 0.0
@@ -292,7 +292,7 @@ class Frame:
         OutputError
             If the file cannot be written.
         """
-        return display.notebook().view_frame(self, path, tonemap, exposure)
+        return exchange.get("notebook").view_frame(self, path, tonemap, exposure)
 
     def plot_layers(self) -> Any:
         """Plot the image, its coverage and all layers. Notebooks display the figure.
@@ -303,7 +303,7 @@ class Frame:
             Each layer is shown by its kind: ids in distinct colors, normals as (n + 1)/2, depths
             and positions scaled to their range, infinity in gray.
         """
-        return display.notebook().plot_layers(self)
+        return exchange.get("notebook").plot_layers(self)
 
     def save(self, path: str | os.PathLike[str], **options: Unpack[SavingOptions]) -> list[str]:
         """Write ``path.exr`` and ``path.png``, or other files, all complete or none.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from ..base import atomic_files
 from ..base.arrays import Array, Bytes
 from ..base.json_values import plain
-from ..base.validation import choice, flag, value_error
+from ..base.validation import choice, flag, sequence, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..images.depth_png import SCALE, checked_scale
@@ -99,8 +99,8 @@ def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind] | None 
     """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for files other
     than KINDS, or none."""
     stem = _stem(path, ASKED)
-    chosen = default_files(path) if files is None else files
-    if isinstance(chosen, str) or not isinstance(chosen, Iterable) or not chosen:
+    chosen = default_files(path) if files is None else sequence(files)
+    if not chosen or isinstance(files, str):
         raise value_error("Frame.save", "files", f"some of {', '.join(KINDS)}, such as ('png',)", files)
     for kind in chosen:
         choice("Frame.save", "files", kind, KINDS)
@@ -152,7 +152,7 @@ def check_output(
         flag("Frame.save", name, value)
     if colorbar and settings is not None and settings.scalars is None:
         raise InputError("Frame.save: colorbar: needs scalars, whose color map it shows")
-    checked(tonemap or "srgb", exposure)
+    checked("srgb" if tonemap is None else tonemap, exposure)
     choice("exr", "compression", compression, exr.COMPRESSIONS)
     checked_scale("Frame.save", "depth_scale", depth_scale)
     _stem(path, asked)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.arrays import Floats
-from ..base.validation import choice, value_error
+from ..base.validation import arguments, choice, flag
 from ..scene.builtin.studio import studio
 from ..scene.camera import Camera
 from ..scene.fitting import sphere_of_box
@@ -25,6 +25,7 @@ _TEXELS, _RAYS = 128, 64  # of its image
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # of neighboring texels, along both axes
 
 
+@arguments(scene=Scene, ground=flag)
 def with_look(
     scene: Scene,
     look: Look,
@@ -75,8 +76,6 @@ def with_look(
     in scenes tried, from one of 1024 rays. It is computed once, so that frames cost no more.
     """
     choice("with_look", "look", look, LOOKS)
-    if not isinstance(scene, Scene):
-        raise value_error("with_look", "scene", "a Scene", scene)
     if look == "plain":
         return scene
     if look == "course":

@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.validation import integer, known, sequence, value_error
+from ..base.validation import arguments, choice, integer, sequence, value_error
 from ..images.cryptomatte import MATTES, MOST_RANKS, RANKS, Matte, MatteKind, hashes, matte
-from ..images.exr import LOSSY
 from ..scene.model import Scene, Settings
 from ..scene.settings import Layer
 from . import sample_pattern
 from .effective_settings import numbers_alone
+from .frame import Frame
 from .layer_buffers import number_names
 from .renderer import Renderer
 
 if TYPE_CHECKING:
-    from .frame import Frame
     from .opencl.device import Device
 
 
@@ -32,6 +31,7 @@ _LAYERS: dict[MatteKind, tuple[Layer, str]] = {
 }
 
 
+@arguments(frame=Frame)
 def cryptomatte(
     frame: Frame, kinds: Sequence[MatteKind] = MATTES, *, ranks: int = RANKS, device: Device | str | None = None
 ) -> dict[MatteKind, Matte]:
@@ -61,8 +61,6 @@ def cryptomatte(
     ------
     InputError
         If an argument is refused, or mmh3 is not installed.
-    DeviceError
-        If no OpenCL device works.
 
     Notes
     -----
@@ -89,19 +87,18 @@ def _checked_kinds(kinds: Sequence[MatteKind]) -> tuple[MatteKind, ...]:
     asked = None if isinstance(kinds, str) else sequence(kinds)
     if not asked:
         raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
-    known("cryptomatte", asked, MATTES)
+    for kind in asked:
+        choice("cryptomatte", "kinds", kind, MATTES)
     hashes(())  # before anything is drawn: raises without mmh3
     return tuple(asked)
 
 
-def check_mattes(kinds: Sequence[MatteKind], files: Container[str], compression: str) -> None:
+def check_mattes(kinds: Sequence[MatteKind], files: Container[str]) -> None:
     """Raise InputError, before anything is drawn, for what `Frame.save` could not write with `frame.mattes` of these
     kinds."""
     _checked_kinds(kinds)
     if "exr" not in files:
         raise value_error("cryptomatte", "files", "exr among them, which holds it", files)
-    if compression in LOSSY:
-        raise value_error("cryptomatte", "compression", "a lossless one", compression)
 
 
 def _at_samples(

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ..base import compiling, console
+from ..base import console
 from ..base.atomic_files import write_bytes
 from ..errors import ClshadeError, DeviceError
 from . import layer_outputs, surface_inputs
@@ -132,7 +132,7 @@ def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
         timer.daemon = True
         timer.start()
     try:
-        with slot.using(), contextlib.nullcontext() if stored else compiling.at_work():
+        with slot.using(), contextlib.nullcontext() if stored else console.compiling():
             yield use
     finally:
         if timer is not None:
@@ -227,7 +227,11 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
 
 def _build_error(device: Device, error: Exception) -> DeviceError:
     lines = [line for line in str(error).splitlines() if "error" in line.lower()]
-    return DeviceError(f"{device.name}: the kernels did not build: {(lines or ['no message'])[0]}")
+    if not lines:
+        cache = os.environ.get("POCL_CACHE_DIR", "")
+        reason = environment.fault(Path(cache)) if device.keeps_programs else ""
+        lines = [f"POCL_CACHE_DIR, {cache}: {reason}" if reason else "no message from its compiler"]
+    return DeviceError(f"{device.name}: the kernels did not build: {lines[0]}")
 
 
 def compiler_options(device: Device) -> list[str]:

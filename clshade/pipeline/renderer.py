@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.arrays import Array, Integers
-from ..base.validation import set_fields, value_error
+from ..base.validation import arguments, items, known, one_of, set_fields
 from ..errors import ClshadeError, DeviceError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
@@ -25,7 +25,7 @@ from .buffer_pool import Pool
 from .buffers import finish
 from .camera_space import CameraSpace
 from .effective_settings import effective_settings
-from .features import at_lanes, ignored
+from .features import OPTIONAL, at_lanes, ignored
 from .frame import Frame
 from .frame_queue import STREAMED_PIXELS, FrameQueue
 from .frame_state import SceneFrame
@@ -120,6 +120,7 @@ class Renderer:
     ...     frame = renderer.render()
     """
 
+    @arguments(forced=items, lanes=partial(one_of, numbers=(1, 4, 8, 16)))
     def __init__(
         self,
         scene: Scene,
@@ -134,13 +135,12 @@ class Renderer:
         start, waited = running_time(), programs.waited()
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
+        known("Renderer: forced", forced, OPTIONAL)
         if not draws_from_one_copy(self.scene, self.settings, forced):
             scene_memory.check_host(self.scene)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = running_time()
 
-        if not isinstance(device, (Device, str, type(None))):
-            raise value_error("render", "device", "a Device, a name such as pocl or 0:0, or None", device)
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, trial=partial(_trial, self.scene, self.settings, forced))
         self.device = device

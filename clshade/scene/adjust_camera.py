@@ -9,14 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from ..base import console
 from ..base.arrays import Array, Floats
-from ..base.validation import number, value_error, vector
+from ..base.validation import number, vector
 from .camera import Camera, height_seen
 from .fitting import fitted
-from .framing import default_camera, up_of
+from .framing import UPS, default_camera, up_of
 from .geometry import camera_axes
 from .ground import objects_of
 from .model import Mesh, Scene
+
+# Where the eye is straight above or below, by the cosine of its elevation, `up` is tilted so much towards the image's:
+# it stays the axis of the scene that is up, about which turntables turn.
+_POLE, _TILT = 1e-9, 1e-6
 
 
 def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
@@ -43,8 +48,8 @@ def adjusted(
     """Return the camera with some of its parameters changed, in this order.
 
     position, focal_point, up: 3-vectors, world space, in place of eye, lookat and up.
-    azimuth, elevation: degrees by which the eye rotates around the focal point: to its right about `up`, and upwards
-        (elevation stays short of the poles: the sum with the camera's own must lie between -90 and 90).
+    azimuth, elevation: degrees by which the eye rotates around the focal point: to its right about `up`, and upwards, also
+        over the pole, beyond which the image is upside down.
     view_angle: vertical field of view, degrees from 1e-6 to less than 180; pixels become square.
     fit: meshes that the eye is then moved to show, in the same direction: see `fitting.fitted`, also for turning.
     orthographic: parallel projection of what the perspective camera sees at the focal point's distance.
@@ -53,17 +58,16 @@ def adjusted(
     who = "camera"
     lookat = camera.lookat if focal_point is None else vector(who, "focal point", focal_point)
     eye = camera.eye if position is None else vector(who, "position", position)
-    camera = replace(camera, eye=eye, lookat=lookat, up=camera.up if up is None else vector(who, "up", up))
+    camera = posed(camera, who, eye=eye, lookat=lookat, **({} if up is None else {"up": vector(who, "up", up)}))
     azimuth, elevation = number(who, "azimuth", azimuth), number(who, "elevation", elevation)
     offset = camera.eye - camera.lookat
     if azimuth or elevation:
         up_axis = camera.up / np.linalg.norm(camera.up)
-        own = math.degrees(math.asin(max(-1.0, min(1.0, float(offset @ up_axis) / float(np.linalg.norm(offset))))))
-        if not -90.0 < own + elevation < 90.0:
-            raise value_error(who, "elevation", f"degrees between {-90 - own:.4g} and {90 - own:.4g}", elevation)
-        right = camera_axes(camera)[0]
-        offset = _rotated(_rotated(offset, right, -elevation), up_axis, azimuth)
-        camera = replace(camera, eye=camera.lookat + offset)
+        right, upward, _ = camera_axes(camera)
+        offset, upward = (_rotated(_rotated(axis, right, -elevation), up_axis, azimuth) for axis in (offset, upward))
+        beside = float(upward @ up_axis)  # the cosine of the elevation, below 0 beyond a pole
+        up = camera.up if beside > 0.0 else -camera.up
+        camera = replace(camera, eye=camera.lookat + offset, up=up_axis + _TILT * upward if abs(beside) < _POLE else up)
     if view_angle is not None:
         columns, rows = camera.resolution
         height = height_seen(who, "view angle", view_angle)
@@ -74,6 +78,23 @@ def adjusted(
         scale = float(np.linalg.norm(camera.eye - camera.lookat)) / camera.focal
         camera = replace(camera, orthographic=True, plane=(camera.plane[0] * scale, camera.plane[1] * scale))
     return camera
+
+
+def posed(camera: Camera, who: str, **changes: Any) -> Camera:
+    """Return the camera with other fields. If it looks along its `up`, and the changes have none, `up` is tilted as little
+    as is seen in the image alone, where then the same is up as in the views `top` and `bottom`; a line says so."""
+    eye, lookat = (vector("Camera", name, changes.get(name, getattr(camera, name))) for name in ("eye", "lookat"))
+    with np.errstate(over="ignore"):
+        forward = lookat - eye
+    length, up = np.abs(forward).max(), camera.up / np.linalg.norm(camera.up)
+    if "up" not in changes and 0.0 < length < math.inf:
+        forward /= length
+        if np.linalg.norm(np.cross(forward, up)) <= 1e-12:
+            upward = np.array(UPS[up_of(camera)][2], np.float64) * np.sign(forward @ up)
+            changes["up"] = up + _TILT * upward
+            listed = ["{:g},{:g},{:g}".format(*(axis + 0.0)) for axis in (camera.up, upward)]
+            console.note(f"{who}: it looks along {listed[0]}, its up vector: {listed[1]} is up in the image")
+    return replace(camera, **changes)
 
 
 def camera_of(scene: Scene, changes: Mapping[str, Any], *, fit: bool = False, turning: bool = False) -> Camera:

@@ -13,7 +13,7 @@ from ..base.arrays import Floats
 from ..base.validation import choice, flag, floats, integer, number, sequence, set_fields, value_error, vector
 from ..errors import InputError
 from . import pinhole
-from .axes import axes_of
+from .pinhole import axes_of
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
 
@@ -115,7 +115,7 @@ class Camera:
         with np.errstate(over="ignore"):
             forward = lookat - eye
         if not np.isfinite(forward).all() or not forward.any():
-            raise value_error(who, "lookat", "a point other than eye", self.lookat)
+            raise value_error(who, "lookat", "a point other than eye", lookat.tolist())
         if not up.any():
             raise value_error(who, "up", "a vector other than zero", self.up)
         unit_forward, unit_up = (v / np.abs(v).max() for v in (forward, up))
@@ -159,11 +159,6 @@ class Camera:
         -------
         Camera
             With focal 1 and the principal point in the middle of the image.
-
-        Raises
-        ------
-        InputError
-            An argument is out of its range.
         """
         height = height_seen("Camera.from_fov", "fov", fov)
         columns, count_rows = checked_resolution("Camera.from_fov", resolution)
@@ -249,10 +244,9 @@ class Camera:
         lenses = floats(who, "matrices", matrices, "an array of shape (3, 3) or (P, 3, 3)")
         if given.ndim != 3:
             raise value_error(who, "poses", "an array of shape (P, 4, 4) or (P, 3, 4)", given)
-        one = lenses.ndim == 2
-        if not one and len(np.atleast_1d(lenses)) != len(given):
-            found = len(np.atleast_1d(lenses))
-            raise InputError(f"{who}: matrices: expected one, or {len(given)} for as many poses, found {found}")
+        one = lenses.ndim < 3
+        if not one and len(lenses) != len(given):
+            raise InputError(f"{who}: matrices: expected one, or {len(given)} for as many poses, found {len(lenses)}")
         return tuple(
             cls._of_matrix(
                 who,
@@ -329,11 +323,6 @@ class Camera:
         -------
         ndarray of float64, (4, 4)
             The pose.
-
-        Raises
-        ------
-        InputError
-            The convention is refused.
         """
         choice("Camera.pose", "convention", convention, pinhole.CONVENTIONS)
         axes = axes_of(self.eye.tolist(), self.lookat.tolist(), self.up.tolist())
@@ -391,15 +380,6 @@ class Camera:
         ----------
         resolution : (int, int)
             (N, M), columns and rows of the image, 1 to 16384 pixels each.
-
-        Returns
-        -------
-        Camera
-
-        Raises
-        ------
-        InputError
-            The resolution is out of its range.
         """
         columns, count_rows = checked_resolution("Camera", resolution)
         height = self.plane[0]

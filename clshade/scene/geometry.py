@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from ..base.arrays import Array, Floats
 from ..base.validation import vector
 from ..errors import InputError
-from .axes import axes_of
 from .camera import Camera
 from .model import Mesh, Scene
+from .pinhole import axes_of
 
 _CANCELED = 2.0**-40  # times the faces' sizes: a smaller sum has no direction left
 

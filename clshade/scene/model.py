@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base import display, exchange
+from ..base import exchange
 from ..base.arrays import Converted, Faces, Floats, Reals, Vector, kept
 from ..base.atomic_files import Path
 from ..base.validation import (
@@ -454,7 +454,7 @@ class Scene:
         if self.face_count > MAX_FACES:
             raise value_error("Scene", "meshes", f"at most {MAX_FACES} triangles with instances", self.face_count)
         if self.camera is None:
-            set_fields(self, camera=exchange.converter("default_camera")(self.meshes), fitted=True)
+            set_fields(self, camera=exchange.get("default_camera")(self.meshes), fitted=True)
         elif not isinstance(self.camera, Camera):
             raise value_error("Scene", "camera", "a Camera or None", self.camera)
         set_fields(
@@ -538,7 +538,7 @@ class Scene:
         >>> clshade.Scene.from_trimesh(trimesh.creation.box(), crease=30)
         <Scene unnamed: 12 triangles, 1 mesh, 3 lights, 800x600, preset standard>
         """
-        scene: Scene = exchange.converter("from_trimesh")(source, resolution=resolution, crease=crease, up=up)
+        scene: Scene = exchange.get("from_trimesh")(source, resolution=resolution, crease=crease, up=up)
         return scene
 
     def to_glb(self, path: Path) -> None:
@@ -588,7 +588,7 @@ class Scene:
         >>> import clshade
         >>> clshade.builtin("teapot").to_glb("teapot.glb")
         """
-        exchange.converter("to_glb")(self, path)
+        exchange.get("to_glb")(self, path)
 
     def to_json(self, path: Path) -> None:
         """Write the scene to a file that `clshade.load` reads.
@@ -620,7 +620,7 @@ class Scene:
         >>> clshade.load("quads.json")
         <Scene quads: 4 triangles, 1 mesh, 2 lights, 1920x1080, preset standard>
         """
-        exchange.converter("to_json")(self, path)
+        exchange.get("to_json")(self, path)
 
     def __repr__(self) -> str:
         columns, rows = self.camera.resolution
@@ -630,7 +630,7 @@ class Scene:
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Return the text and a small image, for notebooks."""
-        bundle: dict[str, Any] = display.notebook().scene_bundle(self)
+        bundle: dict[str, Any] = exchange.get("notebook").scene_bundle(self)
         return bundle
 
 

@@ -17,17 +17,18 @@ import numpy as np
 from ..base import console
 from ..base.arrays import Array, Bytes, Floats
 from ..base.atomic_files import check, replacing, shown
+from ..base.validation import arguments, flag, integer, keywords
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..farm.frames import parse_pattern
 from ..farm.progress import LINES
-from ..farm.running import Run, draw_frames
+from ..farm.running import Run, check_numbered, draw_frames
 from ..images import exr, png
 from ..images.colorbar import bar_width
 from ..images.tonemap import Operator, display_values
 from ..images.transparency import BLACK, over
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame_files import FileKind, SavingOptions
+from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
 from ..scene.camera import Camera
 from ..scene.model import Scene, default_tonemap
 from ..scene.pose import Pose
@@ -109,6 +110,12 @@ class Film:
         ]
 
 
+@arguments(
+    path=checked_path,
+    bits=partial(integer, least=-(2**31), most=2**31),
+    keep_frames=flag,
+    saving=partial(keywords, allowed=SAVING),
+)
 def draw_film(
     scene: Scene,
     cameras: Mapping[int, Camera],
@@ -160,11 +167,6 @@ def draw_film(
     **settings
         Keywords of `clshade.render`.
 
-    Returns
-    -------
-    Film
-        Counts, times and what the film is.
-
     Raises
     ------
     InputError
@@ -173,7 +175,8 @@ def draw_film(
         See `clshade.farm.draw_frames`. The film that was there stays, and so do frames that were
         drawn: the next call with the same arguments goes on from them.
     """
-    name = checked_path("draw_film", "path", path)
+    name = os.fspath(path)
+    check_numbered(cameras, poses)
     kind = format_of(name)
     rate = checked_rate(kind, fps)
     bits = checked_depth(kind, bits)
@@ -248,7 +251,7 @@ def _resolution(cameras: Mapping[int, Camera], least: int, most: int, *, colorba
     What is no camera is left to `draw_frames`, which refuses it.
     """
     found: tuple[int, int] | None = None
-    for number, camera in cameras.items() if isinstance(cameras, Mapping) else ():
+    for number, camera in cameras.items():
         resolution = getattr(camera, "resolution", (0, 0))
         if found is not None and resolution != found:
             sizes = "{}x{}, found {}x{}".format(*found, *resolution)

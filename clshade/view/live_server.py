@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
-from ..base import compiling
+from ..base import console
 from ..base.extras import how_to_install
 from ..errors import ClshadeError, InputError
 from .live_scene import LiveScene
@@ -190,7 +190,7 @@ class LiveServer:
                 state = "loading"
             elif self._works:
                 # Between two kernels the compiler is not at work.
-                state = "compiling" if compiling.is_at_work() or self._state == "compiling" else "drawing"
+                state = "compiling" if console.is_compiling() or self._state == "compiling" else "drawing"
             if state != self._state:
                 self._state, self._since = state, time.monotonic()
                 await self.tell_all(self.state())

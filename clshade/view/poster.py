@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
@@ -13,13 +14,13 @@ import numpy as np
 from ..base import console
 from ..base.arrays import Bytes
 from ..base.atomic_files import naming, replacing_all, shown
-from ..base.validation import integer, known, value_error
+from ..base.validation import arguments, flag, integer, keywords, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..farm.frames import parse_pattern
 from ..farm.local import MOST_WORKERS
 from ..farm.running import Run, draw_frames
-from ..images import exr_tiles, png
+from ..images import exr, exr_tiles, png
 from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
 from ..pipeline.drawing_record import Storage, record_of, sealed
@@ -110,6 +111,7 @@ class _Tiles(Mapping[int, Camera]):
         return self.across * self.down
 
 
+@arguments(path=checked_path, keep_tiles=flag, saving=partial(keywords, allowed=SAVING), overwrite=flag, progress=flag)
 def draw_poster(
     scene: Scene,
     path: str | os.PathLike[str],
@@ -152,11 +154,6 @@ def draw_poster(
     **settings
         Keywords of `clshade.render`; ``resolution=(N, M)``, columns and rows, may be up to 131072 each.
 
-    Returns
-    -------
-    Poster
-        Counts, times and file names.
-
     Raises
     ------
     InputError
@@ -180,8 +177,7 @@ def draw_poster(
     >>> poster.run.drawn, poster.paths
     (12, ('poster.exr', 'poster.png'))
     """
-    name = checked_path("draw_poster", "path", path)
-    known("draw_poster: saving", saving or (), SAVING)
+    name = os.fspath(path)
     options: SavingOptions = {**saving} if saving else {}
     paths = frame_files.chosen_paths(name, options.get("files"))
     files = tuple(paths)
@@ -200,8 +196,11 @@ def draw_poster(
     whole = replace(scene, camera=tiles.whole)
     # All that is refused is refused before tiles of an earlier run are removed.
     frame_files.check_output(name, settled, **options)
+    if settled.layers and options.get("compression") in exr.LOSSY:
+        raise value_error("draw_poster", "compression", "a lossless one with layers", options["compression"])
     integer("draw_poster", "workers", workers, 1, MOST_WORKERS)
-    if "exr" in files and _tile_bytes(settled, tile) >= 1 << 31:
+    channels = len("RGBA") + sum(len(LAYER_TABLE[layer].components) or 1 for layer in settled.layers)
+    if "exr" in files and 4 * channels * tile * tile >= 1 << 31:  # a chunk's size is an int32
         raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
     keep_tiles = keep_tiles or folder.kept
@@ -239,12 +238,6 @@ def draw_poster(
         join_seconds=seconds,
         tiles=folder.path if keep_tiles else None,
     )
-
-
-def _tile_bytes(settings: Settings, tile: int) -> int:
-    """Return how large a tile of the EXR is at most, before compression: a chunk's size is an int32."""
-    channels = len("RGBA") + sum(len(LAYER_TABLE[name].components) or 1 for name in settings.layers)
-    return 4 * channels * tile * tile
 
 
 class _Joining:

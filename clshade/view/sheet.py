@@ -14,7 +14,7 @@ import numpy as np
 from ..base import atomic_files
 from ..base.arrays import Bytes
 from ..base.json_values import plain
-from ..base.validation import flag, sequence, value_error
+from ..base.validation import arguments, flag, sequence, value_error
 from ..images import contact_sheet, drawing_marks, lettering, png
 from ..images.statistics import image_statistics
 from ..images.transparency import WHITE, over
@@ -22,6 +22,7 @@ from ..pipeline.frame_files import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
 from ..scene.ground import objects_of
+from ..scene.model import Scene
 from ..scene.settings import FrameOptions
 from ..scene.surface_facts import surface_facts
 from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from ..pipeline.frame import Frame
     from ..pipeline.opencl.device import Device
     from ..scene.camera import Camera
-    from ..scene.model import Scene
 
 DEFAULT_VIEWS = ("front", "right", "top", "iso")
 MOST_PIXELS = 1 << 28  # of a sheet, as of a PNG that is read
@@ -93,6 +93,7 @@ def sheet_paths(path: str | Path, asked: tuple[str, str] = ("Sheet.save", "path"
     return picture, picture.with_suffix(".json")
 
 
+@arguments(scene=Scene, fixed_lights=flag)
 def draw_sheet(
     scene: Scene,
     views: Sequence[str] = DEFAULT_VIEWS,
@@ -132,7 +133,6 @@ def draw_sheet(
     DeviceError
         If no OpenCL device works.
     """
-    flag("draw_sheet", "fixed_lights", fixed_lights)
     names = () if isinstance(views, str) else sequence(views)
     if not names:
         raise value_error("draw_sheet", "views", "a sequence of names", views)

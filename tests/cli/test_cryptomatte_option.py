@@ -69,7 +69,6 @@ def test_others_find_the_parts(folder, capsys):
     [
         (("--cryptomatte", "objects"), ("--cryptomatte", "object, material, instance", "'objects'")),
         (("--cryptomatte", "--formats", "png"), ("files", "exr among them", "png")),
-        (("--cryptomatte", "--compression", "dwaa"), ("compression", "a lossless one", "dwaa")),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_it_is_drawn(folder, capsys, command, arguments, parts):

@@ -7,6 +7,8 @@ import io
 import json
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 from clshade.base import console
 from clshade.base.input_files import reason_of
 from clshade.cli.main import main
-from clshade.images import exr
+from clshade.images import exr, png
 
 NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31m\r\t\x07", b"new\nline"]
 SIZE = ("--resolution", "16,12")
@@ -34,6 +36,35 @@ def name(request, tmp_path, monkeypatch):
         return found
     except (OSError, ValueError):
         pytest.skip("a name that this file system does not take")
+
+
+def ascii_locale(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command line in a process whose locale cannot express names beyond ASCII."""
+    alone = {"PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
+    code = "import sys; from clshade.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, cwd=folder, env={**os.environ, **alone}, capture_output=True, text=True, timeout=60)
+
+
+def test_references_to_names_that_the_locale_cannot_express(tmp_path):
+    """They are UTF-8 on the disk, as they are in the file."""
+    png.write(tmp_path / "café.png", np.full((2, 2, 3), 200, np.uint8))
+    (tmp_path / "é.mtl").write_text("newmtl red\nKd 1 1 1\nmap_Kd café.png\n", "utf-8")
+    (tmp_path / "a.obj").write_text(f"mtllib é.mtl\nusemtl red\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", "utf-8")
+    done = ascii_locale(tmp_path, "inspect", "a.obj")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "2x2" in done.stdout
+
+
+def test_a_current_folder_that_was_removed(tmp_path):
+    code = "import os, sys; os.rmdir(os.getcwd()); from clshade.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    for arguments in (("devices",), ("inspect", "a.exr"), ("render", "-o", "x")):
+        folder = tmp_path / "gone"
+        folder.mkdir()
+        command = [sys.executable, "-c", code, *arguments]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2
+        assert done.stderr == "clshade: the current folder: No such file or directory: go to one that exists\n"
 
 
 class Terminal(io.TextIOWrapper):

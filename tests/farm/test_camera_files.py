@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from clshade.errors import InputError, OutputError
 from clshade.farm import orbit, parse_frames, read_cameras, stereo_cameras, write_cameras
 from clshade.scene.camera import Camera
+from clshade.scene.geometry import camera_axes
 
 K = [[220.5, 0.0, 70.25], [0.0, 240.75, 41.5], [0.0, 0.0, 1.0]]
 POSE = [[0.0, 0.0, 1.0, 1.5], [0.0, 1.0, 0.0, -2.0], [-1.0, 0.0, 0.0, 0.25], [0.0, 0.0, 0.0, 1.0]]
@@ -181,3 +183,12 @@ def test_lists_nested_deeply_and_infinity(tmp_path, name):
         with pytest.raises(InputError) as caught:
             read_cameras(tmp_path / "bad.json", BASE)
         assert f"/bad.json: camera 1: {name}: expected " in str(caught.value)
+
+
+def test_a_camera_straight_above_needs_no_up(tmp_path, capsys):
+    (found,) = read(tmp_path, [{"eye": [0, 9, 0], "lookat": [0, 0, 0]}], replace(BASE, up=(0, 1, 0)))
+    assert np.allclose(camera_axes(found), [[1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-9)
+    said = (
+        f"clshade: {tmp_path}/cameras.json: camera 1: it looks along 0,1,0, its up vector: 0,0,-1 is up in the image\n"
+    )
+    assert capsys.readouterr().err == said

@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import subprocess
-import sys
-import sysconfig
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -80,29 +77,6 @@ def expected_plane(frame: Frame, channel: str) -> np.ndarray:
     return plane if plane.dtype == np.uint32 else plane.astype(np.float32)
 
 
-@pytest.mark.long
-def test_openexr_reads_the_layers(frame, window, tmp_path):
-    import OpenEXR
-
-    assert frame.save(tmp_path / "a", crop=True) == []
-    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
-        channels, header = file.channels(), file.header()
-        assert {name: channel.type().name for name, channel in channels.items()} == {
-            name: {"f32": "FLOAT", "u32": "UINT"}[kind] for name, kind in CHANNELS.items()
-        }
-        x0, y0, x1, y1 = window
-        assert [corner.tolist() for corner in header["dataWindow"]] == [[x0, y0], [x1, y1]]
-        assert [corner.tolist() for corner in header["displayWindow"]] == [[0, 0], [63, 47]]
-        for name, channel in channels.items():
-            cut = expected_plane(frame, name)[y0 : y1 + 1, x0 : x1 + 1]
-            assert channel.pixels.tobytes() == np.ascontiguousarray(cut).tobytes(), name
-        assert header["software"] == "clshade"
-        assert header["colorInteropID"] == "lin_rec709_scene"
-        for name, matrix in zip(("worldToCamera", "worldToNDC"), camera_matrices(CAMERA), strict=True):
-            assert np.array_equal(header[name], matrix.astype(np.float32))
-        assert header["Zbackground"] == np.inf
-
-
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("crop", [False, True])
 def test_openimageio_reads_the_layers(frame, window, tmp_path, half, crop):
@@ -128,22 +102,6 @@ def test_openimageio_reads_the_layers(frame, window, tmp_path, half, crop):
         expected = expected.astype(np.float16).astype(np.float32) if half and name in HALVES else expected
         assert np.array_equal(pixels, expected), name
     file.close()
-
-
-def test_oiiotool_tells_of_the_layers(frame, window, tmp_path):
-    pytest.importorskip("OpenImageIO")
-    tool = Path(sysconfig.get_path("scripts")) / ("oiiotool.exe" if sys.platform == "win32" else "oiiotool")
-    frame.save(tmp_path / "a", crop=True)
-    done = subprocess.run(
-        [str(tool), "--info", "-v", str(tmp_path / "a.exr")], capture_output=True, text=True, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    text = done.stdout
-    assert f"{window[2] - window[0] + 1} x {window[3] - window[1] + 1}, {len(CHANNELS)} channel" in " ".join(
-        text.split()
-    )
-    for part in (*CHANNELS, "full/display size: 64 x 48", "lin_rec709_scene", f"pixel data origin: x={window[0]}"):
-        assert part in text, part
 
 
 @pytest.mark.parametrize("half", [False, True])

@@ -96,7 +96,7 @@ def test_an_empty_scene(device):
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        ({"kinds": ["materials"]}, "cryptomatte: materials: expected one of object, material, instance"),
+        ({"kinds": ["materials"]}, "cryptomatte: kinds: expected one of object, material, instance"),
         ({"kinds": "object"}, "cryptomatte: kinds: expected one or more of object, material, instance, found 'object'"),
         ({"kinds": []}, "cryptomatte: kinds: expected one or more of"),
         ({"kinds": 3}, "cryptomatte: kinds: expected one or more of"),

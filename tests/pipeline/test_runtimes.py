@@ -63,7 +63,8 @@ def test_a_temporary_folder_that_others_can_read_is_made_private(tmp_path: Path)
     for _ in range(2):
         done = python(CLAIM, "/proc/nowhere", TMPDIR=str(tmp_path))
         assert done.stdout.split()[0] == str(folder / "clshade" / "slot-0")
-        assert done.stderr == ""
+        said = f"compiled kernels are kept in {folder} (/proc/nowhere: No such file or directory): set XDG_CACHE_HOME"
+        assert said in done.stderr
         assert folder.stat().st_mode & 0o777 == 0o700
     assert list(tmp_path.iterdir()) == [folder]
 
@@ -157,8 +158,19 @@ except DeviceError as error: print(error)
 
 def test_what_the_user_set_is_kept(tmp_path: Path) -> None:
     code = CLAIM + "; print(os.environ['OCL_ICD_VENDORS'])"
-    done = python(code, tmp_path, POCL_CACHE_DIR="/users/own", OCL_ICD_VENDORS="/users/vendors")
-    assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", "/users/own", "/users/vendors"], done.stderr
+    done = python(code, tmp_path, POCL_CACHE_DIR=f"{tmp_path}/own", OCL_ICD_VENDORS="/users/vendors")
+    assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", f"{tmp_path}/own", "/users/vendors"], done.stderr
+
+
+def test_a_folder_of_the_users_that_cannot_be_written_is_named_and_left(tmp_path: Path) -> None:
+    """PoCL would build nothing, without a word."""
+    (tmp_path / "file").touch()
+    for own, reason in (("/proc/x", "No such file or directory"), (f"{tmp_path}/file", "not a folder")):
+        done = python(CLAIM, tmp_path, POCL_CACHE_DIR=own)
+        kept = f"{tmp_path}/clshade/slot-0/pocl"
+        assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", kept], done.stderr
+        said = f"warning: POCL_CACHE_DIR, {own}: {reason}; compiled kernels are kept in {kept}: set it to a folder"
+        assert said in done.stderr
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the system cannot say which processors may be used")

@@ -191,7 +191,7 @@ def test_what_cannot_be_read(sealed, monkeypatch):
     assert take(sealed).emptied.endswith(" cannot be read (Permission denied)")
 
 
-def test_it_is_said_in_a_line(sealed, capsys, monkeypatch):
+def test_it_is_said_in_a_line(sealed, tmp_path, capsys, monkeypatch):
     flip(sealed / "pocl/AB/phong.so")
     for name in ("POCL_CACHE_DIR", "CLSHADE_SET_POCL_CACHE_DIR"):  # which `_adopt` sets
         monkeypatch.setenv(name, "")
@@ -200,10 +200,10 @@ def test_it_is_said_in_a_line(sealed, capsys, monkeypatch):
     said = f"clshade: warning: the kernel cache {sealed} is thrown away and compiled anew: phong.so is damaged\n"
     assert capsys.readouterr().err == said
     again = take_again(sealed)
-    monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "own"))
     monkeypatch.setenv("CLSHADE_SET_POCL_CACHE_DIR", "")
     environment._adopt(again)
-    assert "compiled anew, but for POCL_CACHE_DIR, /users/own: a run that began" in capsys.readouterr().err
+    assert f"compiled anew, but for POCL_CACHE_DIR, {tmp_path}/own: a run that began" in capsys.readouterr().err
 
 
 def take_again(folder: Path) -> Slot:

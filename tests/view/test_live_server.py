@@ -25,7 +25,7 @@ from scene_files import write
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not installed")
 
-from clshade.base import compiling  # noqa: E402
+from clshade.base import console  # noqa: E402
 from clshade.base.extras import how_to_install  # noqa: E402
 from clshade.cli.commands import live_view  # noqa: E402
 from clshade.errors import InputError  # noqa: E402
@@ -167,7 +167,7 @@ def test_the_page_is_there_before_the_scene_and_says_what_it_waits_for(monkeypat
     begun, compiled, draw = threading.Event(), threading.Event(), Session.draw
 
     def slow(*arguments: Any) -> Any:
-        with compiling.at_work():
+        with console.compiling():
             assert compiled.wait(SECONDS)
         return draw(*arguments)
 

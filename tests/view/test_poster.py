@@ -171,6 +171,7 @@ REFUSED = [
     ({"saving": {"exposre": 1.0}}, "exposre"),
     ({"saving": {"compression": "rar"}}, "compression"),
     ({"saving": {"half": 1}}, "half"),
+    ({"saving": {"compression": "dwaa"}, "layers": ("N",)}, "compression: expected a lossless one with layers"),
     ({"tile": 8192, "layers": "all"}, r"less than 2\^31 bytes"),
     ({"resolution": ()}, "resolution"),
 ]

@@ -15,28 +15,27 @@ from ...errors import InputError
 from ...measure.defaults import PIXELS
 
 
-def whole(text: str) -> int:
-    """Parse an integer."""
-    try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
+def _parsed(kind: type, form: str) -> Any:
+    """Return an option type: a number of this kind."""
+
+    def parse(text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected {form}, found {text!r}") from None
+
+    return parse
+
+
+whole, real = _parsed(int, "a whole number"), _parsed(float, "a number")
 
 
 def from_1(text: str) -> int:
     """Parse an integer above 0."""
-    value = whole(text)
+    value: int = whole(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number from 1 on, found {text!r}")
     return value
-
-
-def real(text: str) -> float:
-    """Parse a number."""
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
 
 
 def numbers(kind: type, count: int | None, form: str, separators: str = ",") -> Any:

@@ -188,7 +188,7 @@ def _draw(
     if arguments.cryptomatte:
         from ...pipeline.mattes import check_mattes, cryptomatte
 
-        check_mattes(arguments.cryptomatte, saving["files"] or (), arguments.compression)
+        check_mattes(arguments.cryptomatte, saving["files"] or ())
     columns, rows = options["resolution"] or scene.camera.resolution
     with console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
         frame = renderer.render(scene, **options)

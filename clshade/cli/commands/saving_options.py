@@ -42,7 +42,10 @@ def saving_options(group: argparse._ArgumentGroup) -> list[str]:
     group.add_argument("--exposure", type=float, default=0.0, metavar="STOPS", help="of the PNG (default: 0)")
     group.add_argument("--half", action="store_true", help="16-bit floats in the EXR")
     group.add_argument(
-        "--compression", default="zip", metavar="NAME", help=f"of the EXR: {', '.join(COMPRESSIONS)} (default: zip)"
+        "--compression",
+        default="zip",
+        metavar="NAME",
+        help=f"of the EXR: {', '.join(COMPRESSIONS)} (default: zip); lossy ones leave layers as they are, in a second part",
     )
     group.add_argument(
         "--crop", action="store_true", help="keep of the EXR what is not background, if that is black or none"

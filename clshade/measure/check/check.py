@@ -8,13 +8,14 @@ is checked.
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools
-from ...base.validation import value_error
+from ...base.validation import arguments, count_or_all, integer
 from ...oracle import OracleFrame
 from ...oracle.layers import instance_numbers
 from ...pipeline.frame import Frame
@@ -29,6 +30,7 @@ SHARES = (16, 4, 5, 3, 3, 1)  # proportions of the sample; what exceeds a stratu
 BRIGHTEST = 0.05  # fraction of the covered pixels, without silhouettes, that counts as highlights
 
 
+@arguments(frame=Frame, seed=partial(integer, least=0, most=2**64 - 1))
 def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0) -> Check:
     """Measure the error of a rendered image against the float64 oracle.
 
@@ -54,7 +56,7 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
     Raises
     ------
     InputError
-        If `frame` is not a Frame, or `pixels` is neither a positive integer nor "all".
+        If an argument is refused.
 
     Notes
     -----
@@ -72,13 +74,7 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
     True
     """
     start = time.perf_counter()
-    if not isinstance(frame, Frame):
-        raise value_error("check", "frame", "a Frame", frame)
-    count = frame.alpha.size
-    if pixels != "all":
-        if isinstance(pixels, bool) or not isinstance(pixels, (int, np.integer)) or pixels < 1:
-            raise value_error("check", "pixels", 'a whole number from 1 on, or "all"', pixels)
-        count = min(int(pixels), count)
+    count = count_or_all("check", "pixels", pixels, frame.alpha.size)
     found = compare(frame, sample(frame, count, seed))
     frame.check = summary(found, time.perf_counter() - start)
     return frame.check

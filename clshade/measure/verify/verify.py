@@ -13,7 +13,7 @@ from ... import oracle
 from ...base.arrays import Array, Bools
 from ...base.atomic_files import shown as shown_path
 from ...base.input_files import file_error
-from ...base.validation import integer, value_error
+from ...base.validation import count_or_all, integer, value_error
 from ...base.version import VERSION
 from ...errors import InputError
 from ...images import png
@@ -111,7 +111,7 @@ def verified(
     record = image.record
     rows, columns = image.channels["RGBA"].shape[:2]
     of = rows * columns
-    count = of if pixels == "all" else min(integer("verify", "pixels", pixels, 1, 2**63), of)
+    count = count_or_all("verify", "pixels", pixels, of)
     unforeseen = int.from_bytes(os.urandom(_ENTROPY), "big")
     seed = unforeseen if seed is None else integer("verify", "seed", seed, 0, 2**64 - 1)
     scene, different = closest(candidates, record)

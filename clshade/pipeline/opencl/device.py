@@ -10,15 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...base import compiling, console
-from ...errors import DeviceError
+from ...base import console
+from ...errors import DeviceError, InputError
 from . import environment
 from .probe import (
     GET_INTEL,
     RUNTIMES,
     DeviceInfo,
     Probe,
-    Verdict,
     can_probe,
     device_fault,
     install_advice,
@@ -137,17 +136,12 @@ def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
     return sorted(chosen, key=_rank)
 
 
-def _handle_of(index: str, name: str) -> tuple[DeviceInfo, Any]:
-    """Return the device that another process found under this index. Raises RuntimeError if it is not there now."""
+def open_untested(index: str, name: str, lanes: int = 0) -> Device:
+    """Open a device that another process found under this index, as one that tests it does. lanes: 0 for its own number."""
     for info, handle in found_devices(name):
         if info.index == index and info.name == name:
-            return info, handle
+            return _connect(info, handle, False, lanes)
     raise RuntimeError(f"{name!r} is not found at {index}")
-
-
-def open_untested(index: str, name: str, lanes: int = 0) -> Device:
-    """Open a device, as the process that tests it does. lanes: 0 for its own number."""
-    return _connect(*_handle_of(index, name), False, lanes)
 
 
 # Opening
@@ -187,7 +181,7 @@ def open_device(
     handles, chosen = chosen_devices(name)
     problems = {}
     verdicts = {info: recall(info) for info in chosen}
-    for info in sorted(chosen, key=lambda info: _known_as_broken(verdicts[info])):
+    for info in sorted(chosen, key=lambda info: (verdict := verdicts[info]) is not None and not verdict.works):
         verdict = verdicts[info]
         try:
             if (verdict is not None and verdict.works) or not can_probe():
@@ -197,10 +191,6 @@ def open_device(
             problems[info] = str(error)
     others = f" ({len(problems) - 1} more broken: see `python -m clshade devices`)" if len(problems) > 1 else ""
     raise DeviceError(problems[chosen[0]] + others)
-
-
-def _known_as_broken(verdict: Verdict | None) -> bool:
-    return verdict is not None and not verdict.works
 
 
 _shared: dict[tuple[int, str, bool], Device] = {}
@@ -221,6 +211,9 @@ def shared_device(
     name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
 ) -> Device:
     """Open a device as `open_device` does, but once per process, so that programs built for it are found again."""
+    if not isinstance(name, str | None):
+        expected = "a Device, a name such as pocl or 0:0, or None"
+        raise InputError(f"render: device: expected {expected}, found {one_line(repr(name))}")
     asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     key = (os.getpid(), asked, profiling)
     with _opening:
@@ -237,7 +230,7 @@ class _Broken(DeviceError):
 
 def _try_out(info: DeviceInfo, handle: Any, profiling: bool, trial: Callable[[], bytes] | None) -> Device:
     """Open the device after a test; where its own number of lanes does not work, with fewer."""
-    with console.told_when_slow(f"trying out {info.platform}: {info.name} ..."), compiling.at_work():
+    with console.told_when_slow(f"trying out {info.platform}: {info.name} ..."), console.compiling():
         found = tried_out(info, trial() if trial is not None else b"")
     if not found.works:
         raise _Broken(found.problem)

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...base import console
+from ...base.host_memory import limit
 from ...errors import DeviceError
 from . import cache_slots, pocl_target
 from .cache_slots import Slot, unusable
@@ -26,7 +27,8 @@ from .cache_slots import Slot, unusable
 # Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
 # Intel's.
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS")
-ROOM = 64 << 20  # bytes: PoCL silently ends the process if it cannot write what it compiles
+# Bytes of a disk and of a file: PoCL silently ends the process, or builds nothing, if it cannot write what it compiles.
+ROOM, FILE = 64 << 20, 4 << 20
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 
 
@@ -50,27 +52,27 @@ def _set(name: str, value: str) -> None:
 # Location of the caches
 
 
-def _default_cache_home() -> Path:
-    """Return the folder that pyopencl and PoCL would use: the platform's cache folder of this user."""
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir())
-
-
-def _fault(home: Path) -> str:
-    """Return why caches cannot be kept there; "" if they can."""
+def fault(folder: Path) -> str:
+    """Return why compiled kernels cannot be kept in the folder, which is made if need be; "" if they can."""
     try:
-        if not home.is_absolute():
-            return "not an absolute path"
-        (home / "clshade").mkdir(parents=True, exist_ok=True, mode=0o700)
-        trial = home / "clshade" / f"trial-{os.getpid()}-{threading.get_native_id()}"
-        trial.touch()
-        trial.unlink()
-        free = shutil.disk_usage(home / "clshade").free
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        trial = folder / f"trial-{os.getpid()}-{threading.get_native_id()}"
+        try:
+            trial.write_bytes(bytes(4096))
+        finally:
+            trial.unlink(missing_ok=True)
+        free = shutil.disk_usage(folder).free
         if free < ROOM:
             return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
-        return ""
-    except (OSError, RuntimeError) as error:
+        most = limit("RLIMIT_FSIZE")
+        return (
+            f"files of at most {most / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
+            if most < FILE
+            else ""
+        )
+    except FileExistsError:
+        return "not a folder"
+    except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
 
 
@@ -89,19 +91,19 @@ def _temporary_cache_home(instead: str) -> Path:
         folder = parent / f"clshade-{user}"
         kept = hasattr(os, "getuid") and _is_private(folder)
         if not kept:
-            found = f"{instead}; {folder}: not private"
+            instead += f"; {folder}: not private"
             folder = cache_slots.private_folder(parent, f"clshade-{user}-")
-        fault = _fault(folder)
-        if not fault:
-            if not kept:
-                remedy = "set XDG_CACHE_HOME to a folder that can be written"
-                console.warning(f"compiled kernels are not kept ({found}): {remedy}")
+        reason = fault(folder / "clshade")
+        if not reason:
+            remedy = "set XDG_CACHE_HOME to a folder that can be written"
+            where = f"kept in {folder}" if kept else "not kept"
+            console.warning(f"compiled kernels are {where} ({instead}): {remedy}")
             return folder
-        fault = f"{folder}: {fault}"
+        reason = f"{folder}: {reason}"
     except OSError as error:
-        fault = f"the temporary folder: {error.strerror or error}"
-    found = f"{instead}; {fault}"
-    raise DeviceError(f"no folder for caches can be written ({found}): set XDG_CACHE_HOME to a folder that can")
+        reason = f"the temporary folder: {error.strerror or error}"
+    remedy = "set XDG_CACHE_HOME to a folder that can"
+    raise DeviceError(f"no folder for caches can be written ({instead}; {reason}): {remedy}")
 
 
 def _is_private(folder: Path) -> bool:
@@ -123,10 +125,16 @@ def cache_home() -> Path:
     global _home
     with _guard:
         if _home is None:
-            home = _default_cache_home()
-            fault = _fault(home)
-            if fault:
-                home = _temporary_cache_home(f"{home}: {fault}")
+            import platformdirs
+
+            try:
+                home = Path(platformdirs.user_cache_dir())
+                reason = fault(home / "clshade") if home.is_absolute() else "not an absolute path"
+                reason = f"{home}: {reason}" if reason else ""
+            except (RuntimeError, OSError):  # no HOME, and a user whom the system does not know, as in a container
+                reason = "no HOME"
+            if reason:
+                home = _temporary_cache_home(reason)
                 os.environ["XDG_CACHE_HOME"] = str(home)
             _home = home
         return _home
@@ -143,6 +151,10 @@ def cache_root() -> Path:
 def _adopt(slot: Slot) -> Slot:
     global _slot
     _slot = slot
+    reason = fault(Path(os.environ["POCL_CACHE_DIR"])) if is_users("POCL_CACHE_DIR") else ""
+    if reason:
+        instead = f"compiled kernels are kept in {slot.pocl}: set it to a folder that can be written, or unset it"
+        console.warning(f"POCL_CACHE_DIR, {os.environ.pop('POCL_CACHE_DIR')}: {reason}; {instead}")
     if not is_users("POCL_CACHE_DIR"):
         _set("POCL_CACHE_DIR", str(slot.pocl))
     if slot.emptied:
@@ -195,7 +207,8 @@ if hasattr(os, "register_at_fork"):
 def intel_library() -> Path | None:
     """Return Intel's CPU runtime as pip or conda install it (`intel-opencl-rt`), or None."""
     prefixes = dict.fromkeys((sys.prefix, sys.base_prefix, site.getuserbase(), "/usr/local"))
-    return next((p for p in (Path(prefix, "lib", "libintelocl.so") for prefix in prefixes) if p.is_file()), None)
+    paths = (Path(prefix, "lib", "libintelocl.so") for prefix in prefixes if os.path.isabs(prefix or ""))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def _registered(folders: Sequence[Path]) -> dict[str, str]:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.arrays import Floats
+from ...base.validation import vector
 from ..environment import Environment, nearest_axis
 from ..material import is_unlit
 from ..model import Scene, with_materials
@@ -55,7 +56,7 @@ def studio(up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Environment:
     Environment
         The same call gives the same object, so that what shading needs of it is computed once.
     """
-    return _studio(tuple(up))
+    return _studio(tuple(vector("studio", "up", up).tolist()))
 
 
 @functools.cache

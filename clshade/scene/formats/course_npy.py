@@ -12,7 +12,8 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown, write_bytes
 from ...base.input_files import file_error, read_file
-from ...base.validation import coefficient, number, value_error
+from ...base.validation import arguments, coefficient, number, value_error
+from ...base.validation import path as checked_path
 from ..camera import Camera
 from ..lights import plain_lights
 from ..model import Material, Mesh, PointLight, Scene, Texture
@@ -101,6 +102,7 @@ def _lights(fields: _Fields) -> tuple[PointLight, ...]:
     return tuple(PointLight(*light) for light in zip(*given, strict=True))
 
 
+@arguments(scene=Scene, path=checked_path)
 def save_course(scene: Scene, path: Path) -> None:
     """Write a course scene to a course .npy file, atomically.
 

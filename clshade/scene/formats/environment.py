@@ -10,6 +10,8 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, first_bytes, read_file
+from ...base.validation import arguments
+from ...base.validation import path as checked_path
 from ...images import radiance
 from ...images.image_file import SIGNATURES, read_picture
 from ..environment import MAX_RADIANCE, MAX_SIDE, Environment, bad_radiance
@@ -18,6 +20,7 @@ MAX_BYTES = 1 << 30  # of a Radiance file
 MAX_PIXELS = 1 << 27  # 16384 x 8192
 
 
+@arguments(path=checked_path)
 def load_environment(path: Path, **fields: Any) -> Environment:
     """Load an environment from an image in latitude and longitude, of any size.
 
@@ -50,11 +53,11 @@ def load_environment(path: Path, **fields: Any) -> Environment:
     rows, columns, _ = image.shape
     if abs(columns - 2 * rows) > 1:
         warnings.warn(
-            f"{owner}: image: expected one twice as wide as high, found {columns} x {rows}: stretched", stacklevel=2
+            f"{owner}: image: expected one twice as wide as high, found {columns} x {rows}: stretched", stacklevel=3
         )
     bad = bad_radiance(image)
     if bad:
-        warnings.warn(f"{owner}: image: {bad}: replaced by the nearest radiance", stacklevel=2)
+        warnings.warn(f"{owner}: image: {bad}: replaced by the nearest radiance", stacklevel=3)
         image = np.where(image > 0.0, image, 0.0)  # NaN is not above 0
         within = image <= MAX_RADIANCE
         most = float(image[within].max(initial=0.0))
