@@ -6,7 +6,7 @@ import inspect
 import math
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
@@ -104,15 +104,18 @@ def declared(kind: type[DataclassInstance]) -> dict[str, Declared]:
 def check_fields(instance: DataclassInstance) -> None:
     """Replace each declared field by what its check makes of it, unless it is None as by default. Raises InputError."""
     owner, values = type(instance).__name__, vars(instance)
-    for name, check, may_be_none in _checks(type(instance)):
-        if not may_be_none or values[name] is not None:
-            values[name] = check(owner, name, values[name])
+    for name, check, default, checked_default in _checks(type(instance)):
+        value = values[name]
+        values[name] = checked_default if value is default else check(owner, name, value)
 
 
 @cache
-def _checks(kind: type[DataclassInstance]) -> list[tuple[str, Check, bool]]:
+def _checks(kind: type[DataclassInstance]) -> list[tuple[str, Check, Any, Any]]:
+    """Return name, check and default of each declared field, and what the check makes of the default, once for all."""
+    declared = [(each.name, each.metadata["check"], each.default) for each in fields(kind) if "check" in each.metadata]
     return [
-        (each.name, each.metadata["check"], each.default is None) for each in fields(kind) if "check" in each.metadata
+        (name, check, default, default if default in (None, MISSING) else check(kind.__name__, name, default))
+        for name, check, default in declared
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from ..errors import OutputError
@@ -34,12 +34,12 @@ def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
     names = columns[:left]
     if sum(map(_widest, names)) + len(_GAP) * (left - 1) > room:
         names = [[cut(text, room // left - len(_GAP)) for text in column] for column in names]
-    names = [[text.ljust(_widest(column)) for text in column] for column in names]
-    values = [[text.rjust(_widest(column)) for text in column] for column in values]
+    names = [_padded(column, str.ljust) for column in names]
+    values = [_padded(column, str.rjust) for column in values]
     lines: list[str] = []
     while values or not lines:
         block = list(names)
-        while values and sum(map(_widest, block)) + _widest(values[0]) + len(_GAP) * len(block) <= WIDTH:
+        while values and sum(len(column[0]) + len(_GAP) for column in block) + len(values[0][0]) <= WIDTH:
             block.append(values.pop(0))
         lines += [_GAP.join(row).rstrip() for row in zip(*block, strict=True)]
     return lines
@@ -47,6 +47,11 @@ def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
 
 def _widest(column: Sequence[str]) -> int:
     return max(map(len, column))
+
+
+def _padded(column: Sequence[str], pad: Callable[[str, int], str]) -> list[str]:
+    width = _widest(column)
+    return [pad(text, width) for text in column]
 
 
 def cut(text: str, most: int) -> str:

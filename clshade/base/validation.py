@@ -129,7 +129,7 @@ def items(owner: str, name: str, value: Any) -> tuple[Any, ...]:
 
 def floats(owner: str, name: str, value: Any, expected: str) -> Array:
     try:
-        array = np.asarray(value)
+        array = value if type(value) is np.ndarray else np.asarray(value)
         if array.dtype.kind not in "fiub":
             raise TypeError
     except (TypeError, ValueError):
@@ -144,7 +144,7 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Floats:
     if array.shape not in _VECTOR_SHAPES:
         raise value_error(owner, name, expected, value)
     array = array.astype(np.float64).reshape(3)
-    if finite and not np.isfinite(array).all():
+    if finite and not all(map(math.isfinite, array.tolist())):
         raise value_error(owner, name, expected, array.tolist())
     array.flags.writeable = False
     return array
@@ -193,6 +193,8 @@ def number(
     expected: str = "",
 ) -> float:
     """Return a finite real number above `above`, from `least` to `most`, as a float; refuses arrays and bools."""
+    if type(value) is float and above < value and least <= value <= most and math.isfinite(value):
+        return value  # at once: materials by the thousand have ten numbers
     expected = expected or f"a {'finite ' if most == math.inf else ''}number{limits_of(above, least, most)}"
     array = floats(owner, name, value, expected)
     if array.ndim or array.dtype.kind == "b":

@@ -89,7 +89,7 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
     dict
         `images`, with the PNG beside each EXR if there is one of the same size, `categories`, the
         objects by name, or ``object 1`` and so on, and `annotations`, which also hold the number and
-        name of the instance, `instance_id` and `name`. All ids count from 1.
+        name of the instance, else its object's, `instance_id` and `name`. All ids count from 1.
 
     Raises
     ------
@@ -118,7 +118,11 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
                 "image_id": number,
                 "category_id": categories.setdefault(category, len(categories) + 1),
             }
-            own = {"iscrowd": 0, "instance_id": instance, "name": names.get(instance, "")}
+            own = {
+                "iscrowd": 0,
+                "instance_id": instance,
+                "name": names.get(instance) or object_names.get(object_of[instance], ""),
+            }
             annotations.append({**facts, **mask, **own})
     if not images:
         raise InputError("coco: files: expected at least one image, found none")

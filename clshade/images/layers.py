@@ -97,7 +97,7 @@ LAYER_TABLE: dict[Layer, LayerRow] = {
         words=("uvs", "st", "texcoord", "texcoords", "texture_coordinates"),
     ),
     "object_id": LayerRow(
-        "the mesh, from 1; instances alike",
+        "the object, from 1: a mesh, or all parts of one; instances alike",
         kind="uint32",
         names="objectNames",
         words=("object", "objects", "mesh", "mesh_id", "segmentation"),
@@ -128,7 +128,7 @@ LAYER_TABLE: dict[Layer, LayerRow] = {
         words=("ao", "occlusion", "ambient_occlusion"),
     ),
     "instance_id": LayerRow(
-        "the placement of a mesh, from 1: mesh by mesh, in the order of `Mesh.instances`",
+        "the placement of an object, from 1: object by object, in the order of `Mesh.instances`",
         kind="uint32",
         names="instanceNames",
         words=("instance", "instances", "placement", "placement_id"),

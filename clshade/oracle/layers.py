@@ -43,7 +43,7 @@ class OracleLayers:
     P: (M, N, 3) visible position in world space, interpolated in perspective, as Z is, whatever the setting.
     albedo: (M, N, 3) the factor of the light: vertex color times material color times texel.
     uv: (M, N, 2) the mesh's texture coordinates, not wrapped.
-    object_id, material_id: (M, N) uint32, the number of the mesh, from 1, and of its material: equal materials have one
+    object_id, material_id: (M, N) uint32, the number of the object, from 1, and of its material: equal materials have one
         number, counted from 1 in the order of the meshes.
     instance_id: (M, N) uint32, the number of the placement, from 1, mesh by mesh.
     barycentrics: (M, N, 3) barycentric coordinates, in the order of the face's corners in the mesh.
@@ -112,13 +112,25 @@ def mirrored_faces(scene: Scene) -> Bools:
     return np.concatenate(found)
 
 
+def objects(scene: Scene) -> UInt32s:
+    """Return (meshes, 2) uint32: the number of each mesh's object, and that of its first instance, both from 1."""
+    found = np.zeros((len(scene.meshes), 2), np.uint32)
+    parts: dict[str | int, list[int]] = {}
+    for number, mesh in enumerate(scene.meshes):
+        parts.setdefault(mesh.part_of or number, []).append(number)
+    first = 1
+    for number, members in enumerate(parts.values(), 1):
+        found[members] = number, first
+        first += max(len(np.asarray(scene.meshes[each].instances)) for each in members)
+    return found
+
+
 def instance_numbers(scene: Scene) -> UInt32s:
     """Return (F,) uint32: the number of the face's placement, from 1."""
-    found, number = [np.zeros(0, np.uint32)], 0
-    for mesh in scene.meshes:
-        count = len(np.asarray(mesh.instances))
-        found.append(np.repeat(np.arange(number + 1, number + 1 + count, dtype=np.uint32), len(mesh.faces)))
-        number += count
+    found = [np.zeros(0, np.uint32)]
+    for first, mesh in zip(objects(scene)[:, 1].tolist(), scene.meshes, strict=True):
+        own = np.arange(first, first + len(np.asarray(mesh.instances)), dtype=np.uint32)
+        found.append(np.repeat(own, len(mesh.faces)))
     return np.concatenate(found)
 
 
@@ -203,7 +215,7 @@ def _batch(
         P=eye + blend(in_space, relative),
         albedo=unlit.rgb,
         uv=interpolated(weights, corners.uvs[face]),
-        object_id=(mesh + 1).astype(np.uint32),
+        object_id=objects(scene)[mesh, 0],
         material_id=material_numbers(own)[mesh],
         barycentrics=in_order,
         scalar=4.0 * interpolated(weights, 0.25 * scalars[..., None])[:, 0],  # no difference overflows

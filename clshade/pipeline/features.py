@@ -40,7 +40,8 @@ def materials_of(scene: Scene) -> dict[MaterialKey, Material]:
         if len(mesh.faces) and key not in table:
             own = usable(mesh)
             cutoff = own.alpha_cutoff if mesh.tests_alpha else None
-            table[key] = replace(own, blend=mesh.blends, alpha_cutoff=cutoff)
+            is_plain = (own.blend, own.alpha_cutoff) == (mesh.blends, cutoff)
+            table[key] = own if is_plain else replace(own, blend=mesh.blends, alpha_cutoff=cutoff)
     return table or {(0, False, False, False, frozenset()): Material()}
 
 

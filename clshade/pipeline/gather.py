@@ -6,18 +6,27 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats, Reals
+from ..base.arrays import Array, Bools, Floats, Integers, Reals
 from ..scene.geometry import row_blocks, vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_table import typical_intensities
 from .maps import map_of, textures_of
-from .placements import about_one, mirroring, placed_normals, placed_points, placed_tangents
+from .placements import (
+    about_one,
+    mirroring,
+    normals_by_mesh,
+    placed_normals,
+    placed_points,
+    placed_tangents,
+    points_by_mesh,
+)
 from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, material_table, split, to_real
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
@@ -57,51 +66,105 @@ def _four(vectors: Array, real: Real) -> Array:
     return wide
 
 
-def without_unused(mesh: Mesh) -> tuple[Array, Array, Array | None]:
+def without_unused(verts: Array, faces: Array) -> tuple[Array, Array, Array | None]:
     """Return vertices, faces and the vertices kept, or None if all are: unreferenced vertices are not uploaded."""
-    used = np.zeros(len(mesh.verts), bool)
-    used[mesh.faces] = True
+    used = np.zeros(len(verts), bool)
+    used[faces] = True
     if used.all():
-        return mesh.verts, mesh.faces, None
+        return verts, faces, None
     kept = np.flatnonzero(used)
     renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return mesh.verts[kept], renumbered[mesh.faces], kept
+    return verts[kept], renumbered[faces], kept
 
 
 def own_normals(copies: Copies, scene: Scene) -> tuple[Array, Array, bool]:
-    """Return the normals of a mesh in object space, (K, 3), their indices (F, 3), and whether they are computed, and so
+    """Return the normals of meshes in object space, (K, 3), their indices (F, 3), and whether they are computed, and so
     unit vectors or 0."""
     mesh = copies.mesh
     if mesh.normals is None or scene.preset == "course":
         return vertex_normals(copies.verts, copies.faces), copies.faces, True
     if mesh.normal_faces is not None:
-        return mesh.normals, mesh.normal_faces, False
-    return copies.own(mesh.normals[: len(mesh.verts)]), copies.faces, False
+        return _concatenated(copies.meshes, "normals"), _joined_indices(copies.meshes, "normal_faces", "normals"), False
+    return copies.of_vertices("normals"), copies.faces, False
+
+
+_BATCH = 1 << 12  # vertices of a mesh that is gathered together with others
+
+
+def _kind(mesh: Mesh, maps: bool) -> tuple[Any, ...] | None:
+    """Return what consecutive meshes that are gathered together have in common; None for a mesh that is gathered alone."""
+    if len(mesh.verts) > _BATCH or len(np.asarray(mesh.instances)) != 1 or mesh.scalars:
+        return None
+    if maps and map_of(mesh, "normal_texture") is not None:
+        return None
+    optional = (mesh.colors, mesh.normals, mesh.normal_faces, mesh.uvs, mesh.uv_faces, mesh.alphas)
+    textured = mesh.uvs is not None and bool(textures_of(mesh, maps=maps))
+    return mesh.verts.dtype, *(each is None for each in optional), len(mesh.more_uvs), textured, replaces_colors(mesh)
 
 
 @dataclass(frozen=True)
 class Copies:
-    """The copies of a mesh that are gathered, K of them.
+    """The K copies of a mesh that are gathered, or of K consecutive meshes one of each.
 
-    number: of the mesh in its scene. matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors. verts:
-    (V, 3) without the vertices in no face; kept: which those are of the mesh's own, None for all. faces: (F, 3).
+    numbers: of the meshes in their scene. matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors.
+    verts: (V, 3) of all meshes, without the vertices in no face; kept: which those are of the meshes' own, None for all.
+    sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
     """
 
-    number: int
-    mesh: Mesh
+    numbers: Sequence[int]
+    meshes: Sequence[Mesh]
     matrices: Floats
     mirrored: Bools
     verts: Array
     faces: Array
     kept: Array | None
+    sizes: Integers
+
+    @classmethod
+    def of(cls, numbers: Sequence[int], meshes: Sequence[Mesh]) -> Copies:
+        matrices = (
+            np.concatenate([np.asarray(mesh.instances) for mesh in meshes])
+            if meshes[1:]
+            else np.asarray(meshes[0].instances)
+        )
+        verts, faces = _concatenated(meshes, "verts"), _joined_indices(meshes, "faces", "verts")
+        verts, faces, kept = without_unused(verts, faces)
+        sizes = np.array([(len(mesh.verts), len(mesh.faces)) for mesh in meshes]).T
+        if kept is not None:
+            sizes[0] = np.diff(np.searchsorted(kept, np.cumsum(sizes[0])), prepend=0)
+        return cls(numbers, meshes, matrices, mirroring(matrices), verts, faces, kept, sizes)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The first mesh, which has the same fields as all."""
+        return self.meshes[0]
+
+    @property
+    def number(self) -> int:
+        return self.numbers[0]
 
     @property
     def count(self) -> int:
-        return len(self.matrices)
+        """Copies of each mesh."""
+        return len(self.matrices) // len(self.meshes)
 
     def one(self, mirrored: bool) -> Copies:
         """Return the mesh itself, or with the winding of one that a placement mirrors."""
         return replace(self, matrices=np.eye(4)[None], mirrored=np.array([mirrored]))
+
+    def points(self) -> Array:
+        """Return the placed vertices, (K V, 3)."""
+        if self.meshes[1:]:
+            return points_by_mesh(self.verts, self.matrices, self.sizes[0])
+        return placed_points(self.verts, self.matrices)
+
+    def directions(self, normals: Array, real: Real, *, is_unit: bool) -> Array:
+        """Return the placed normals: of those of meshes with indices of their own, or of the vertices."""
+        if not self.meshes[1:]:
+            return placed_normals(normals, self.matrices, self.mirrored, real, is_unit=is_unit)
+        own = not is_unit and self.mesh.normal_faces is not None
+        counts = np.array([len(mesh.normals) for mesh in self.meshes]) if own else self.sizes[0]  # type: ignore[arg-type]
+        return normals_by_mesh(normals, self.matrices, self.mirrored, counts, real, is_unit=is_unit)
 
     def repeated(self, rows: Array) -> Array:
         """Return rows once for each copy."""
@@ -112,6 +175,9 @@ class Copies:
         exchanged where a placement mirrors. The winding of its faces is then reversed, so that front stays front."""
         if not self.mirrored.any():
             return rows[None] if self.count == 1 else np.repeat(rows[None], self.count, axis=0)
+        if self.meshes[1:]:
+            mirrored = np.repeat(self.mirrored, self.sizes[1]).reshape(-1, *[1] * (rows.ndim - 1))
+            return np.where(mirrored, rows[:, [0, 2, 1]], rows)[None]
         return np.stack([rows, rows[:, [0, 2, 1]]])[self.mirrored.astype(np.intp)]
 
     def indices(self, index: Array, rows: int, first: int) -> Array:
@@ -122,9 +188,44 @@ class Copies:
         starts = first + rows * np.arange(self.count, dtype=np.int64)
         return (self.turned(index) + starts[:, None, None]).astype(np.int32).reshape(-1, 3)
 
-    def own(self, rows: Array) -> Array:
-        """Return the rows of the vertices in use, of a table of all of the mesh's."""
+    def of_vertices(self, name: str) -> Array:
+        """Return the rows of the vertices in use, of a field of all meshes that may have more rows."""
+        rows = _concatenated(self.meshes, name, of_vertices=True)
         return rows if self.kept is None else rows[self.kept]
+
+    def uv_sets(self) -> list[Array]:
+        """Return the sets of texture coordinates: of the vertices in use, or all where faces have indices of their own."""
+        every: list[tuple[Any, ...]] = [(mesh.uvs, *mesh.more_uvs) for mesh in self.meshes]
+        if self.mesh.uv_faces is None:
+            every = [
+                tuple(rows[: len(mesh.verts)] for rows in own) for mesh, own in zip(self.meshes, every, strict=True)
+            ]
+        sets = [rows[0] if len(rows) == 1 else np.concatenate(rows) for rows in zip(*every, strict=True)]
+        return [self.own(rows) for rows in sets] if self.mesh.uv_faces is None else sets
+
+    def own(self, rows: Array) -> Array:
+        """Return the rows of the vertices in use, of a table of all of the meshes'."""
+        return rows if self.kept is None else rows[self.kept]
+
+    def per_face(self, values: Sequence[Any], kind: Any) -> Array:
+        """Return for each face of each copy the value of its mesh."""
+        own = np.array([values[number] for number in self.numbers], kind)
+        return np.repeat(own, self.sizes[1] * self.count)
+
+
+def _concatenated(meshes: Sequence[Mesh], name: str, *, of_vertices: bool = False) -> Array:
+    rows = [getattr(mesh, name)[: len(mesh.verts)] if of_vertices else getattr(mesh, name) for mesh in meshes]
+    return rows[0] if len(rows) == 1 else np.concatenate(rows)
+
+
+def _joined_indices(meshes: Sequence[Mesh], name: str, rows: str) -> Array:
+    if len(meshes) == 1:
+        return getattr(meshes[0], name)  # type: ignore[no-any-return]
+    counts = [len(getattr(mesh, rows)) for mesh in meshes]
+    starts = (np.cumsum(counts) - counts).astype(np.int32)
+    found: Array = np.concatenate([getattr(mesh, name) for mesh in meshes])
+    found += np.repeat(starts, [len(mesh.faces) for mesh in meshes])[:, None]
+    return found
 
 
 class _Indices:
@@ -167,9 +268,10 @@ class Gatherer:
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
         self.placed: list[Copies] = []
-        for number, mesh in meshes:
-            matrices = np.asarray(mesh.instances)
-            self.placed.append(Copies(number, mesh, matrices, mirroring(matrices), *without_unused(mesh)))
+        alone = one_copy or scalars is not None
+        for kind, alike in groupby(meshes, key=lambda pair: None if alone else _kind(pair[1], maps)):
+            for some in [list(alike)] if kind is not None else ([pair] for pair in alike):
+                self.placed.append(Copies.of(*zip(*some, strict=True)))
         self.copies = self.placed
         if one_copy:
             self.copies = [each.one(side) for each in self.placed for side in np.unique(each.mirrored)]
@@ -179,7 +281,7 @@ class Gatherer:
             return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
         points, faces = [], _Indices()
         for each in self.copies:
-            points.append(placed_points(each.verts, each.matrices))
+            points.append(each.points())
             faces.add(each, each.faces, len(each.verts))
         fits = all(map(_fits_float32, points))
         return joined(points, np.float32 if fits else np.float64), faces.joined()
@@ -197,12 +299,11 @@ class Gatherer:
                 rows[:, 3] = is_unit
                 parts.append(rows)
                 continue
-            own = placed_normals(normals, each.matrices, each.mirrored, precision, is_unit=is_unit)
+            own = each.directions(normals, precision, is_unit=is_unit)
             rows = _four(own, self._structs.real)
             if bends:
                 own_faces = each.indices(faces, len(normals), 0)
-                points = placed_points(each.verts, each.matrices)
-                rows[:, 3] = _bends(own, own_faces, points, each.indices(each.faces, len(each.verts), 0))
+                rows[:, 3] = _bends(own, own_faces, each.points(), each.indices(each.faces, len(each.verts), 0))
             parts.append(rows)
         return joined(parts), index.joined() if indexed else None
 
@@ -232,10 +333,14 @@ class Gatherer:
         for each in self.copies:
             mesh, faces = each.mesh, each.faces
             white = mesh.colors is None or replaces_colors(mesh)
-            own = np.broadcast_to(1.0, (len(each.verts), 3)) if white else each.own(np.asarray(mesh.colors))
+            own = np.broadcast_to(1.0, (len(each.verts), 3)) if white else each.of_vertices("colors")
+            factors = np.array([mesh.material.color for mesh in each.meshes])
+            factors = factors if len(factors) == 1 else np.repeat(factors, each.sizes[0], axis=0)
             rows = np.full((len(own), 4), WHITE_POSITION, self._structs.real)
             for block in row_blocks(len(own)):
-                rows[block, :3] = to_real(own[block] * mesh.material.color, self._structs.real)
+                rows[block, :3] = to_real(
+                    own[block] * (factors if len(factors) == 1 else factors[block]), self._structs.real
+                )
             positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
             if positions is not None and positions.ndim == 1:
                 rows[:, 3] = each.own(positions)
@@ -252,7 +357,7 @@ class Gatherer:
         """Return the alphas of the vertices, (V,)."""
         parts = []
         for each in self.copies:
-            own = np.ones(len(each.verts)) if each.mesh.alphas is None else each.own(each.mesh.alphas)
+            own = np.ones(len(each.verts)) if each.mesh.alphas is None else each.of_vertices("alphas")
             parts.append(each.repeated(to_real(own, self._structs.real)))
         return joined(parts)
 
@@ -282,12 +387,10 @@ class Gatherer:
             if mesh.uvs is None or not (untextured or textures_of(mesh, maps=self.maps)):
                 own: list[Reals] = [np.zeros((len(each.verts), 2))] * sets
             else:
-                own = [*(mesh.uvs, *mesh.more_uvs)[:sets]]
-                own += [np.zeros_like(mesh.uvs)] * (sets - len(own))
+                own = each.uv_sets()[:sets]
+                own += [np.zeros_like(own[0])] * (sets - len(own))
                 if mesh.uv_faces is not None:
-                    own_faces = mesh.uv_faces
-                else:
-                    own = [each.own(rows[: len(mesh.verts)]) for rows in own]
+                    own_faces = _joined_indices(each.meshes, "uv_faces", "uvs")
             for part, rows in zip(parts, own, strict=True):
                 part.append(each.repeated(split(rows, self._structs.real)))
             index.add(each, own_faces, len(own[0]))
@@ -295,16 +398,23 @@ class Gatherer:
 
     def mirrored(self) -> Array:
         """Return for each face whether its placement mirrors, (F,) int32."""
-        return joined([np.repeat(each.mirrored, len(each.faces)) for each in self.copies], np.int32)
+        return joined(
+            [np.repeat(each.mirrored, each.sizes[1] if each.meshes[1:] else len(each.faces)) for each in self.copies],
+            np.int32,
+        )
 
     def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
         """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""
-        return joined([np.full(each.count * len(each.faces), values[each.number], kind) for each in self.copies], kind)
+        return joined([each.per_face(values, kind) for each in self.copies], kind)
 
     def per_copy(self, first: Sequence[int]) -> Array:
         """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
         return joined(
-            [np.repeat(first[each.number] + np.arange(each.count), len(each.faces)) for each in self.copies], np.uint32
+            [
+                each.per_face(first, np.uint32) + np.repeat(np.arange(each.count), len(each.faces))
+                for each in self.copies
+            ],
+            np.uint32,
         )
 
     def face_materials(self) -> Array:
@@ -315,7 +425,8 @@ class Gatherer:
         """Return `shading_tables.light_unit`. radius: of the scene."""
         intensities = typical_intensities(self.scene.lights, radius)
         brightest = 0.0
-        for mesh in (each.mesh for each in self.copies):
+        meshes = (mesh for each in self.copies for mesh in each.meshes)
+        for mesh in {(id(mesh.material), id(mesh.colors)): mesh for mesh in meshes}.values():
             color = mesh.material.color.max() * (1.0 if mesh.colors is None else mesh.colors.max(initial=0.0))
             texel = 1.0 if mesh.material.texture is None else mesh.material.texture.image.max()
             brightest = max(brightest, float(color) * max(float(texel), 1.0))

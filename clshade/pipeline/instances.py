@@ -15,12 +15,12 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.model import MAX_FACES, Scene, Settings
+from ..scene.objects import first_instances
 from .buffers import Buffer, VertexBuffers
 from .camera_space import CameraSpace
 from .frame_state import SceneFrame
 from .gather import Copies, Gatherer
 from .launches import Placing, Sides, Stages
-from .layer_buffers import first_instances
 from .placements import placed_along, placed_each, plain
 from .struct_layout import Structs
 from .triangle_source import Faces, Triangles, TriangleSource

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.arrays import Array
-from ..base.validation import value_error
 from ..images.layers import LAYER_TABLE, Layer
 from ..scene.model import Material, Scene, Settings, Texture
+from ..scene.objects import first_instances, object_names, object_numbers
 from .features import Features, uses_normal_indices
 from .gather import Gatherer
 from .layer_outputs import LAYER_BITS, MIRRORED
@@ -70,25 +70,18 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
     return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
 
 
-def first_instances(scene: Scene) -> list[int]:
-    """Return the number of each mesh's first instance; instances are counted from 1, mesh by mesh. Raises InputError for
-    more than a uint32 counts."""
-    ends: list[int] = np.cumsum([1, *(len(np.asarray(mesh.instances)) for mesh in scene.meshes)]).tolist()
-    if ends[-1] > 1 << 32:
-        limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
-        raise value_error("render", "scene", limit, ends[-1] - 1)
-    return ends[:-1]
-
-
 def number_names(scene: Scene, layer: Layer) -> Iterator[tuple[int, str]]:
     """Yield the numbers of object_id, material_id or instance_id with their names, "" for none."""
     if layer == "object_id":
-        yield from enumerate((mesh.name for mesh in scene.meshes), 1)
+        yield from enumerate(object_names(scene), 1)
     elif layer == "material_id":
         yield from zip(material_numbers(scene), (mesh.material.name for mesh in scene.meshes), strict=True)
     elif layer == "instance_id":
+        found: dict[int, str] = {}
         for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
-            yield from enumerate(mesh.instance_names or len(np.asarray(mesh.instances)) * ("",), first)
+            for number, name in enumerate(mesh.instance_names or len(np.asarray(mesh.instances)) * ("",), first):
+                found[number] = found.get(number) or name
+        yield from found.items()
 
 
 def layer_features(light: Features, asked: int) -> Features | None:
@@ -123,7 +116,7 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
         found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
     numbers: dict[str, Array] = {}
     if "object_id" in asked:
-        numbers["object_id"] = gatherer.per_face(range(1, len(scene.meshes) + 1), np.uint32)
+        numbers["object_id"] = gatherer.per_face(object_numbers(scene), np.uint32)
     if "material_id" in asked:
         numbers["material_id"] = gatherer.per_face(material_numbers(scene), np.uint32)
     if "instance_id" in asked and not light["INSTANCES"]:

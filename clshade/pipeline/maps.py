@@ -22,6 +22,8 @@ def map_of(mesh: Mesh, name: str) -> Texture | None:
 
 def maps_of(mesh: Mesh) -> dict[str, Texture]:
     """Return the maps of a mesh by name."""
+    if mesh.material.pbr is None or mesh.uvs is None:
+        return {}
     found = {name: map_of(mesh, name) for name in MAPS}
     return {name: texture for name, texture in found.items() if texture is not None}
 

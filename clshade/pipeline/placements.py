@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats
+from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.geometry import row_blocks
 from .shading_tables import Real
 
@@ -55,12 +55,12 @@ def _blocks(count: int, rows: int) -> Iterator[slice]:
 
 
 def _products(vectors: Floats, matrices: Floats) -> Floats:
-    """Return the products of matrices (K, 3, 3) and vectors (V, 3): (K, V, 3)."""
+    """Return the products of matrices (..., 3, 3) and vectors (V, 3), which broadcast: (..., V, 3)."""
     x, y, z = vectors.T
-    found = np.empty((len(matrices), len(vectors), 3))
+    found = np.empty((*np.broadcast_shapes(matrices.shape[:-2], x.shape), 3))
     for i in range(3):
-        row = matrices[:, i, :, None]
-        found[:, :, i] = (row[:, 0] * x + row[:, 1] * y) + row[:, 2] * z
+        row = matrices[..., i, :]
+        found[..., i] = (row[..., 0] * x + row[..., 1] * y) + row[..., 2] * z
     return found
 
 
@@ -73,7 +73,7 @@ def placed_points(points: Array, matrices: Floats) -> Array:
     found = np.empty((len(matrices), len(points), 3))
     with np.errstate(over="ignore", invalid="ignore"):
         for block in _blocks(len(matrices), len(points)):
-            found[block] = _products(wide, matrices[block, :3, :3]) + matrices[block, None, :3, 3]
+            found[block] = _products(wide, matrices[block, None, :3, :3]) + matrices[block, None, :3, 3]
     found[identities] = wide
     return found.reshape(-1, 3)
 
@@ -150,8 +150,42 @@ def placed_normals(
     if len(moved):
         scaled, cofactors = about_one(normals), _cofactors(matrices[moved], mirrored[moved])
         for block in _blocks(len(moved), len(normals)):
-            found[moved[block]] = unit(_products(scaled, cofactors[block]))
+            found[moved[block]] = unit(_products(scaled, cofactors[block, None]))
     return found.reshape(-1, 3)
+
+
+def points_by_mesh(points: Array, matrices: Floats, counts: Integers) -> Array:
+    """Return points (V, 3) of meshes, as many as `counts` (K,) of each, under their placements (K, 4, 4), with the bits of
+    `placed_points`: (V, 3) float64, or of their own type if nothing moves them."""
+    identities = plain(matrices)
+    if identities.all():
+        return points
+    placed: Array = np.array(points, np.float64)
+    moved = np.repeat(~identities, counts)
+    own = np.repeat(matrices[~identities], counts[~identities], axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        placed[moved] = _products(placed[moved], own[:, :3, :3]) + own[:, :3, 3]
+    return placed
+
+
+def normals_by_mesh(
+    normals: Array,
+    matrices: Floats,
+    mirrored: Bools,
+    counts: Integers,
+    real: Real = np.float64,
+    *,
+    is_unit: bool = False,
+) -> Array:
+    """Return unit normals (V, 3) of meshes under their placements as `points_by_mesh`, with the bits of `placed_normals`."""
+    identities = plain(matrices)
+    wide = np.asarray(normals, np.float64)
+    found = np.array(wide if is_unit else unit(wide), real)
+    if not identities.all():
+        moved = np.repeat(~identities, counts)
+        own = np.repeat(_cofactors(matrices[~identities], mirrored[~identities]), counts[~identities], axis=0)
+        found[moved] = unit(_products(about_one(wide[moved]), own))
+    return found
 
 
 def placed_tangents(tangents: Array, matrices: Floats, mirrored: Bools) -> Floats:
@@ -166,6 +200,6 @@ def placed_tangents(tangents: Array, matrices: Floats, mirrored: Bools) -> Float
     if len(moved):
         scaled, m = about_one(wide), directions(matrices[moved])
         for block in _blocks(len(moved), len(wide)):
-            found[moved[block], :, :3] = unit(_products(scaled, m[block]))
+            found[moved[block], :, :3] = unit(_products(scaled, m[block, None]))
     found[:, :, 3] = np.where(found[:, :, :3].any(axis=2), sides, 0.0)
     return found.reshape(-1, 4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -52,33 +53,37 @@ def material_table(
 ) -> Array:
     """Return rows of structs.Material. Coefficients beyond a real's range saturate."""
     table = np.zeros(len(materials), structs.Material)
-    for row, material in zip(table, materials, strict=True):
-        row["ambient"] = to_real(material.ka * ambient, structs.real)
-        row["k"] = to_real(np.concatenate([getattr(material, name) for name in TERMS]), structs.real)
-        row["n"] = material.n
-        facets = material.microfacets
-        row["metallic"], row["roughness"], row["f90"] = facets.metallic, facets.roughness, facets.specular
-        for name, value in (
-            ("diffuse", material.diffuse),
-            ("f0", facets.dielectric_f0),
-            ("emission", facets.emission),
-        ):
-            row[name] = to_real(value, structs.real)
-        row["two_sided"], row["front_only"] = material.two_sided, material.sides == "front"
-        row["texture"] = _number(textures, material.texture)
-        row["maps"] = [_number(textures, getattr(facets, name)) for name in MAPS]
-        row["map_factors"] = [getattr(facets, each.factor) if each.factor else 1.0 for each in MAPS.values()]
-        row["alpha_tested"], row["blends"] = material.alpha_cutoff is not None, material.blend
-        has_alpha = material.texture is not None and material.texture.image.shape[2] == 4
-        row["alpha_texture"] = row["texture"] if has_alpha and (row["alpha_tested"] or row["blends"]) else -1
-        row["alpha_cutoff"] = 0.0 if material.alpha_cutoff is None else material.alpha_cutoff
-        row["opacity"] = to_real(np.float64(material.opacity), structs.real)
+    facets = [material.microfacets for material in materials]
+    numbers = {id(texture): number for number, texture in enumerate(textures)}
+
+    def reals(rows: list[Any]) -> Array:
+        return to_real(np.array(rows), structs.real)
+
+    def texture_numbers(found: list[Texture | None]) -> list[int]:
+        return [numbers.get(id(texture), -1) for texture in found]
+
+    table["ambient"] = to_real(np.array([each.ka for each in materials]) * ambient, structs.real)
+    table["k"] = reals([np.concatenate([getattr(each, name) for name in TERMS]) for each in materials])
+    table["n"] = [each.n for each in materials]
+    for name, field in (("metallic", "metallic"), ("roughness", "roughness"), ("f90", "specular")):
+        table[name] = [getattr(each, field) for each in facets]
+    table["diffuse"] = reals([each.diffuse for each in materials])
+    table["f0"], table["emission"] = (
+        reals([getattr(f, name) for f in facets]) for name in ("dielectric_f0", "emission")
+    )
+    table["two_sided"] = [each.two_sided for each in materials]
+    table["front_only"] = [each.sides == "front" for each in materials]
+    table["texture"] = texture_numbers([each.texture for each in materials])
+    for column, (name, kind) in enumerate(MAPS.items()):
+        table["maps"][:, column] = texture_numbers([getattr(each, name) for each in facets])
+        table["map_factors"][:, column] = [getattr(each, kind.factor) if kind.factor else 1.0 for each in facets]
+    tested, blends = ([each.alpha_cutoff is not None for each in materials], [each.blend for each in materials])
+    table["alpha_tested"], table["blends"] = tested, blends
+    has_alpha = [each.texture is not None and each.texture.image.shape[2] == 4 for each in materials]
+    table["alpha_texture"] = np.where(has_alpha & np.logical_or(tested, blends), table["texture"], -1)
+    table["alpha_cutoff"] = [each.alpha_cutoff or 0.0 for each in materials]
+    table["opacity"] = reals([each.opacity for each in materials])
     return table
-
-
-def _number(textures: list[Texture], texture: Texture | None) -> int:
-    """Return the number of a texture, -1 for one that is not among them."""
-    return next((i for i, each in enumerate(textures) if each is texture), -1)
 
 
 def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: int = 0) -> tuple[Array, Array]:

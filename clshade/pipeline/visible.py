@@ -20,11 +20,11 @@ from ..base.validation import flag, integer, value_error
 from ..base.validation import path as checked_path
 from ..scene.camera import Camera
 from ..scene.model import Material, Mesh, Scene, Settings
+from ..scene.objects import first_instances, object_numbers
 from ..scene.seen_points import in_image
 from ..scene.settings import Preset, RenderOptions
 from .camera_space import near_plane
 from .effective_settings import effective_settings, numbers_alone
-from .layer_buffers import first_instances
 from .opencl.device import Device
 from .renderer import Renderer
 
@@ -53,8 +53,8 @@ class Visible:
     ----------
     table : structured ndarray, (K,)
         A row for each instance, in the order of the layer instance_id. Columns: ``instance``, its
-        number in that layer; ``object``, that of its mesh in object_id; ``name``, its name or else its
-        mesh's; ``pixels``, those that show it; ``alone``, those that would if nothing else were there;
+        number in that layer; ``object``, that of its object in object_id; ``name``, its name or else its
+        object's; ``pixels``, those that show it; ``alone``, those that would if nothing else were there;
         ``whole``, the same, and the pixels around the image that would; ``visible``, pixels / alone;
         ``inside``, alone / whole. Shares of nothing are NaN.
     masks : ndarray of bool, (K, M, N), or None
@@ -150,17 +150,21 @@ def visible(
     near = settings.near or near_plane(scene)
     settings = replace(numbers_alone(settings, ("instance_id",)), samples=1, near=near)
     scene = replace(scene, meshes=tuple(map(_bare, scene.meshes)), lights=(), environment=None)
-    count = _count(scene)
+    placed = list(_instances(scene))
+    count = len(placed)
     with Renderer(scene, device=device, settings=settings) as renderer:
         seen, device = _counted(renderer.render()["instance_id"], count), renderer.device
     columns, height = scene.camera.resolution
     alone, around = np.zeros((2, count + 1), np.int64)
     found = np.zeros((count if many else 0, height, columns), bool)
-    placed = list(_instances(scene))
     for group in _groups(placed):
         numbers = [each.number for each in group]
         for place, image in _drawn(
-            replace(scene, meshes=tuple(each.mesh for each in group)), group, settings, device, beyond
+            replace(scene, meshes=tuple(mesh for each in group for mesh in each.meshes)),
+            group,
+            settings,
+            device,
+            beyond,
         ):
             pixels = _counted(image, len(group))[1:]
             (around if any(place) else alone)[numbers] += pixels
@@ -195,23 +199,18 @@ def _bare(mesh: Mesh) -> Mesh:
         instances=mesh.instances,
         name=mesh.name,
         instance_names=mesh.instance_names,
+        part_of=mesh.part_of,
     )
 
 
-def _count(scene: Scene) -> int:
-    """Return the number of instances. Raises InputError for more than instance_id counts."""
-    first_instances(scene)
-    return sum(len(np.asarray(mesh.instances)) for mesh in scene.meshes)
-
-
 class _Instance(NamedTuple):
-    """An instance. mesh: with it alone. low, high: (2,) ends of the box of its vertices in the image, pixels to the right
-    and down, a pixel wider than that; infinite if some of them are not in front of the camera."""
+    """An instance. meshes: its parts, with it alone. low, high: (2,) ends of the box of its vertices in the image, pixels to
+    the right and down, a pixel wider than that; infinite if some of them are not in front of the camera."""
 
     number: int
     object_number: int
     name: str
-    mesh: Mesh
+    meshes: tuple[Mesh, ...]
     low: Floats
     high: Floats
 
@@ -223,13 +222,18 @@ class _Instance(NamedTuple):
 
 def _instances(scene: Scene) -> Iterator[_Instance]:
     """Yield the instances in the order of instance_id."""
-    number = 0
-    for object_number, mesh in enumerate(scene.meshes, 1):
+    parts: dict[tuple[int, int], list[Mesh]] = {}
+    for first, object_number, mesh in zip(first_instances(scene), object_numbers(scene), scene.meshes, strict=True):
         for k, matrix in enumerate(np.asarray(mesh.instances)):
-            number += 1
-            own = replace(mesh, instances=matrix[None], instance_names=mesh.instance_names[k : k + 1])
-            name = next(iter(own.instance_names), "") or mesh.name
-            yield _Instance(number, object_number, name, own, *_box(own, scene.camera))
+            own = replace(
+                mesh, instances=matrix[None], instance_names=mesh.instance_names[k : k + 1], part_of=f"{first + k}"
+            )
+            parts.setdefault((first + k, object_number), []).append(own)
+    for (number, object_number), meshes in sorted(parts.items()):
+        name = next((name for mesh in meshes for name in mesh.instance_names if name), "") or meshes[0].name
+        boxes = np.array([_box(mesh, scene.camera) for mesh in meshes])
+        ends = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+        yield _Instance(number, object_number, name, tuple(meshes), *ends)
 
 
 def _box(mesh: Mesh, camera: Camera) -> tuple[Floats, Floats]:
@@ -250,9 +254,9 @@ def _groups(placed: Sequence[_Instance]) -> Iterator[list[_Instance]]:
     with other instances of its mesh alone, whose kernels it shares."""
     groups: dict[int, list[list[_Instance]]] = {}
     for each in placed:
-        if not len(each.mesh.faces):
+        if not any(len(mesh.faces) for mesh in each.meshes):
             continue
-        own = each.mesh.tests_alpha or each.mesh.blends
+        own = any(mesh.tests_alpha or mesh.blends for mesh in each.meshes)
         known = groups.setdefault(each.object_number if own else 0, [])
         for group in known:
             low, high = np.array([(other.low, other.high) for other in group]).swapaxes(0, 1)

@@ -14,6 +14,7 @@ from .geometry import bounding_box
 from .lights import described
 from .metallic_roughness import MAPS
 from .model import Material, Mesh, Scene, Texture
+from .objects import first_instances, object_numbers
 from .scalar_colors import at_vertices
 
 
@@ -25,8 +26,11 @@ def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: 
     """
     low, high = bounding_box(scene)
     lights = scene.lights if scene.own_lights else ()
-    materials = list({id(mesh.material): mesh.material for mesh in scene.meshes}.values())
-    textures = list({id(each): each for material in materials for each in _textures(material).values()}.values())
+    materials = {id(mesh.material): mesh.material for mesh in scene.meshes}
+    textures = {id(each): each for material in materials.values() for each in _textures(material).values()}
+    material_numbers, texture_numbers = ({key: k for k, key in enumerate(each, 1)} for each in (materials, textures))
+    objects = object_numbers(scene)
+    numbers = zip(objects, first_instances(scene), strict=True)
     lengths = [*seconds, *[None] * (len(scene.animations) - len(seconds))]
     return {
         "name": scene.name,
@@ -41,9 +45,13 @@ def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: 
         "environment": scene.environment is not None,
         "animations": [{"name": name, "seconds": s} for name, s in zip(scene.animations, lengths, strict=True)],
         "each_light": [light.facts() for light in lights],
-        "meshes": [_mesh(number, mesh, materials) for number, mesh in enumerate(scene.meshes, 1)],
-        "materials": [_material(number, material, textures) for number, material in enumerate(materials, 1)],
-        "textures": [_texture(number, texture) for number, texture in enumerate(textures, 1)],
+        "objects": max(objects, default=0),
+        "meshes": [
+            {"number": number, "object": own, "first_instance": first, **_mesh(mesh, material_numbers)}
+            for number, (mesh, (own, first)) in enumerate(zip(scene.meshes, numbers, strict=True), 1)
+        ],
+        "materials": [_material(k, each, texture_numbers) for k, each in enumerate(materials.values(), 1)],
+        "textures": [_texture(number, texture) for number, texture in enumerate(textures.values(), 1)],
     }
 
 
@@ -68,8 +76,7 @@ def _textures(material: Material) -> dict[str, Texture]:
     return {name: texture for name, texture in found.items() if texture is not None}
 
 
-def _material(number: int, material: Material, textures: list[Texture]) -> dict[str, Any]:
-    numbers = {id(texture): k for k, texture in enumerate(textures, 1)}
+def _material(number: int, material: Material, numbers: dict[int, int]) -> dict[str, Any]:
     pbr = material.pbr
     if pbr is None:
         model: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in ("ka", "kd", "ks", "n")}
@@ -92,16 +99,15 @@ def _texture(number: int, texture: Texture) -> dict[str, Any]:
     return {"number": number, "name": texture.name, "size": [columns, rows], "channels": channels}
 
 
-def _mesh(number: int, mesh: Mesh, materials: list[Material]) -> dict[str, Any]:
+def _mesh(mesh: Mesh, numbers: dict[int, int]) -> dict[str, Any]:
     return {
-        "number": number,
         "name": mesh.name,
         "triangles": len(mesh.faces),
         "vertices": len(mesh.verts),
         "instances": len(np.asarray(mesh.instances)),
         "instance_names": list(mesh.instance_names),
         "material": mesh.material.name,
-        "material_number": 1 + next(k for k, each in enumerate(materials) if each is mesh.material),
+        "material_number": numbers[id(mesh.material)],
         "scalars": [_scalars(mesh, name) for name in mesh.scalars],
     }
 
@@ -120,14 +126,14 @@ def format_contents(contents: dict[str, Any]) -> str:
     rows = [
         (
             _shown(m["name"]),
-            *(f"{m[name]:,}" for name in ("number", "triangles", "vertices", "instances", "material_number")),
+            *(f"{m[name]:,}" for name in ("number", "triangles", "vertices", "instances", "material_number", "object")),
         )
         for m in meshes
     ]
     lines = [
         *_general_lines(contents),
         "",
-        *as_lines(("mesh", "number", "triangles", "vertices", "instances", "material"), rows),
+        *as_lines(("mesh", "number", "triangles", "vertices", "instances", "material", "object"), rows),
     ]
     lines += _material_lines(contents)
     found = [
@@ -146,12 +152,12 @@ def format_contents(contents: dict[str, Any]) -> str:
 
 def _instance_lines(meshes: list[dict[str, Any]]) -> list[str]:
     """Return a table of the instances that have names, nothing without any. Numbers are those of the layer instance_id."""
-    rows, first = [], 1
+    found: dict[int, tuple[str, str, str]] = {}
     for mesh in meshes:
-        named = [(number, name) for number, name in enumerate(mesh["instance_names"], first) if name]
-        rows += [(_shown(name), f"{number}", f"{mesh['number']}") for number, name in named]
-        first += mesh["instances"]
-    return ["", *as_lines(("instance", "number", "mesh"), rows)] if rows else []
+        for number, name in enumerate(mesh["instance_names"], mesh["first_instance"]):
+            if name:
+                found.setdefault(number, (_shown(name), f"{number}", f"{mesh['object']}"))
+    return ["", *as_lines(("instance", "number", "object"), [*found.values()])] if found else []
 
 
 def _general_lines(contents: dict[str, Any]) -> list[str]:

@@ -6,7 +6,9 @@ and bytes (little-endian, in C order).
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import operator
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -37,35 +39,43 @@ def part_digests(scene: Scene) -> dict[str, str]:
     parts["materials"] = tuple(mesh.material for mesh in scene.meshes)
     left = [each.name for each in fields(Scene) if each.name not in (*parts, *_LEFT_OUT[Scene])]
     parts["others"] = {**{name: getattr(scene, name) for name in left}, "course": scene.preset == "course"}
-    return {name: hashlib.sha256(_described(parts[name])).hexdigest() for name in PARTS}
+    known: dict[int, bytes] = {}
+    return {name: hashlib.sha256(_described(parts[name], known)).hexdigest() for name in PARTS}
 
 
 def digest_of(value: Any) -> str:
     """Return the SHA-256 of plain values, arrays and dataclasses of these, nested in any way, in hexadecimal. Raises
     TypeError for others."""
-    return hashlib.sha256(_described(value)).hexdigest()
+    return hashlib.sha256(_described(value, {})).hexdigest()
 
 
-def _described(value: Any) -> bytes:
-    """Return bytes from which the value could be told: each begins with its kind and, if that varies, its length."""
+def _described(value: Any, known: dict[int, bytes]) -> bytes:
+    """Return bytes from which the value could be told: each begins with its kind and, if that varies, its length.
+
+    known: those of arrays and dataclasses by id: meshes by the thousand share materials and placements.
+    """
+    if id(value) in known:
+        return known[id(value)]
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int)):
-        return f"{value};".encode()
+        return b"%a;" % value
     if isinstance(value, float):
         return f"{value.hex()};".encode()
     if isinstance(value, str):
         text = value.encode("utf-8", "surrogatepass")
         return b"text %d:%s" % (len(text), text)
     if isinstance(value, (tuple, list)):
-        return b"list %d:" % len(value) + b"".join(map(_described, value))
+        return b"list %d:" % len(value) + b"".join([_described(each, known) for each in value])
     if isinstance(value, Mapping):
-        pairs = sorted((_described(key), _described(each)) for key, each in value.items())
+        pairs = sorted((_described(key, known), _described(each, known)) for key, each in value.items())
         return b"map %d:" % len(pairs) + b"".join(key + each for key, each in pairs)
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
-        return _described_array(value)
+        known[id(value)] = _described_array(value)
+        return known[id(value)]
     if is_dataclass(value) and not isinstance(value, type):
-        return _described_fields(value)
+        known[id(value)] = _described_fields(value, known)
+        return known[id(value)]
     raise TypeError(f"digest_of: value: expected plain values, arrays or dataclasses, found {type(value).__name__}")
 
 
@@ -75,8 +85,18 @@ def _described_array(array: Any) -> bytes:
     return f"array {little.dtype.str} {array.shape}:".encode() + data
 
 
-def _described_fields(value: Any) -> bytes:
-    left_out = _LEFT_OUT.get(type(value), ())
-    named = {each.name: getattr(value, each.name) for each in fields(value) if each.name not in left_out}
-    found = f"{type(value).__name__} ".encode() + _described(named)
+def _described_fields(value: Any, known: dict[int, bytes]) -> bytes:
+    kind: Any = type(value)
+    named = _named(kind)
+    if kind is Mesh and not value.part_of:  # as before the field existed, so that older digests stay valid
+        named = [pair for pair in named if pair[0] != "part_of"]
+    content = b"".join([key + _described(getattr(value, name), known) for name, key in named])
+    found = f"{kind.__name__} map {len(named)}:".encode() + content
     return hashlib.sha256(found).digest() if isinstance(value, _LARGE) else found
+
+
+@functools.cache
+def _named(kind: type) -> list[tuple[str, bytes]]:
+    """Return the fields of a dataclass that count, and their names as `_described`, in the order of these."""
+    names = [each.name for each in fields(kind) if each.name not in _LEFT_OUT.get(kind, ())]
+    return sorted(((name, _described(name, {})) for name in names), key=operator.itemgetter(1))

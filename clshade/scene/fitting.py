@@ -191,10 +191,9 @@ def _blocks_of(meshes: Sequence[Mesh], center: Array, exponent: int) -> Callable
 def _scaled(meshes: Sequence[Mesh], center: Array, exponent: int) -> Iterator[Floats]:
     """Yield the vertices of the meshes about the center, times 2^-exponent, (3, K)."""
     half, up = center[:, None] / 2.0, 1 - exponent
-    for mesh in meshes:
-        for block in placed_blocks(mesh):
-            points = 0.5 * block - half
-            yield np.ldexp(points, up) if abs(up) > 1000 else points * 2.0**up
+    for block in placed_blocks(meshes):
+        points = 0.5 * block - half
+        yield np.ldexp(points, up) if abs(up) > 1000 else points * 2.0**up
 
 
 def _farthest(blocks: Iterable[Floats], weights: Floats) -> Floats:

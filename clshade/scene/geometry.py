@@ -6,7 +6,7 @@ gives the same bits, and squares neither overflow nor underflow.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from .camera import Camera
 from .model import Mesh, Scene
 from .pinhole import axes_of
 
+_POOL = 1 << 14  # vertices of small meshes that are placed at once
 _CANCELED = 2.0**-40  # times the faces' sizes: a smaller sum has no direction left
 
 
@@ -126,8 +127,11 @@ def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
     Every instance counts. Both are 0 for a scene without faces. Raises InputError where a position overflows.
     """
     lows, highs = [], []
-    for mesh in scene.meshes:
-        if not len(mesh.faces):
+    for mesh, *others in _pools(scene.meshes):
+        if others:
+            block = _placed_pool([mesh, *others])
+            lows.append(block.min(axis=1, initial=np.inf) + 0.0)
+            highs.append(block.max(axis=1, initial=-np.inf) + 0.0)
             continue
         points = _in_use(mesh.verts, mesh.faces)
         many = max(1, (1 << 16) // len(points))  # placements at once
@@ -181,29 +185,76 @@ def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
         return ends.min(axis=0) + 0.0, ends.max(axis=0) + 0.0
     lows, highs = [], []
     for block in row_blocks(len(points)):
-        with np.errstate(over="ignore", invalid="ignore"):
-            placed = placements[:, :3, :3] @ points[block].T.astype(np.float64) + placements[:, :3, 3:]
+        placed = _placed(points[block].T.astype(np.float64), placements)
         lows.append(placed.min(axis=(0, 2)))
         highs.append(placed.max(axis=(0, 2)))
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
-def placed_blocks(mesh: Mesh) -> Iterator[Floats]:
+def placed_blocks(meshes: Sequence[Mesh]) -> Iterator[Floats]:
     """Yield the vertices that faces refer to, in world space, as (3, K) float64 blocks; every instance counts."""
-    used = np.zeros(len(mesh.verts), bool)
-    used[mesh.faces.reshape(-1)] = True
-    points = mesh.verts if used.all() else mesh.verts[used]
-    placements = np.asarray(mesh.instances)
-    many = max(1, (1 << 14) // max(len(points), 1))  # placements at once
-    for first in range(0, len(placements), many):
-        some = placements[first : first + many]
-        for block in row_blocks(len(points)):
-            columns = points[block].T.astype(np.float64)
-            if len(some) > 1 or (some != np.eye(4)).any():
-                with np.errstate(over="ignore", invalid="ignore"):
-                    placed = some[:, :3, :3] @ columns + some[:, :3, 3:]
-                columns = placed.transpose(1, 0, 2).reshape(3, -1)
-            yield columns
+    for mesh, *others in _pools(meshes):
+        if others:
+            yield _placed_pool([mesh, *others])
+            continue
+        used = np.zeros(len(mesh.verts), bool)
+        used[mesh.faces.reshape(-1)] = True
+        points = mesh.verts if used.all() else mesh.verts[used]
+        placements = np.asarray(mesh.instances)
+        many = max(1, _POOL // max(len(points), 1))  # placements at once
+        for first in range(0, len(placements), many):
+            some = placements[first : first + many]
+            for block in row_blocks(len(points)):
+                columns = points[block].T.astype(np.float64)
+                if len(some) > 1 or (some != np.eye(4)).any():
+                    columns = _placed(columns, some).transpose(1, 0, 2).reshape(3, -1)
+                yield columns
+
+
+def _pools(meshes: Iterable[Mesh]) -> Iterator[list[Mesh]]:
+    """Yield the meshes that have triangles in order, alone or as many as have together _POOL vertices: thousands of small
+    ones cost as much as one."""
+    pool: list[Mesh] = []
+    size = 0
+    for mesh in meshes:
+        if not len(mesh.faces):
+            continue
+        count = len(mesh.verts) * max(len(np.asarray(mesh.instances)), 1)
+        if pool and size + count > _POOL:
+            yield pool
+            pool, size = [], 0
+        pool.append(mesh)
+        size += count
+    if pool:
+        yield pool
+
+
+def _placed_pool(meshes: Sequence[Mesh]) -> Floats:
+    """Return what `placed_blocks` yields of meshes, as one block."""
+    counts, copies = np.array([(len(mesh.verts), len(np.asarray(mesh.instances))) for mesh in meshes]).T
+    starts = np.cumsum(counts) - counts
+    faces = np.concatenate([mesh.faces for mesh in meshes])
+    used = np.zeros(counts.sum(), bool)
+    used[faces + np.repeat(starts, [len(mesh.faces) for mesh in meshes])[:, None]] = True
+    sizes = np.add.reduceat(used, starts, dtype=np.int64)
+    first, size = np.repeat([np.cumsum(sizes) - sizes, sizes], copies, axis=1)  # of the points of each placement
+    begin = np.cumsum(size) - size
+    points = np.concatenate([mesh.verts for mesh in meshes], dtype=np.float64)[used]
+    found = points[np.repeat(first - begin, size) + np.arange(size.sum())]
+    matrices = np.concatenate([np.asarray(mesh.instances) for mesh in meshes])
+    moved = (matrices != np.eye(4)).any(axis=(1, 2))
+    for each in np.unique(size[moved]):
+        some = np.flatnonzero(moved & (size == each))
+        rows = begin[some, None] + np.arange(each)
+        found[rows] = _placed(found[rows].transpose(0, 2, 1), matrices[some]).transpose(0, 2, 1)
+    return np.ascontiguousarray(found.T)
+
+
+def _placed(columns: Floats, placements: Floats) -> Floats:
+    """Return points, (3, V) or (K, 3, V), under placements (K, 4, 4): (K, 3, V)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        placed: Floats = placements[:, :3, :3] @ columns + placements[:, :3, 3:]
+    return placed
 
 
 def half_diagonal(low: Floats, high: Floats) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -98,7 +98,7 @@ class Material:
     @property
     def microfacets(self) -> MetallicRoughness:
         """The parameters of shader `pbr`: the material's own, or derived from Phong's."""
-        return from_phong(self.ks, self.n) if self.pbr is None else self.pbr
+        return _from_phong(tuple(self.ks.tolist()), self.n) if self.pbr is None else self.pbr
 
     @property
     def diffuse(self) -> Floats:
@@ -107,6 +107,11 @@ class Material:
         1, or Phong's kd where the parameters are derived.
         """
         return np.asarray(self.kd) if self.pbr is None else np.ones(3)
+
+
+@lru_cache(1 << 12)  # most materials of a file share ks and n
+def _from_phong(ks: tuple[float, ...], n: float) -> MetallicRoughness:
+    return from_phong(np.array(ks), n)
 
 
 TERMS: dict[str, Term] = facts_of(Material, "term")  # by the field with the coefficient

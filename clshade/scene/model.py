@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import wraps
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
+from functools import cache, wraps
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,6 +74,11 @@ def _ones() -> Any:
 
 def _zeros() -> Any:
     return np.zeros(3)
+
+
+@cache
+def _default_material() -> Material:
+    return Material()
 
 
 def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
@@ -144,6 +149,9 @@ class Mesh:
         beyond [0, 1] are clamped.
     instance_names : iterable of str, default ()
         Name of each instance, "" for one without; (): none has one. Kept as a tuple.
+    part_of : str, default ""
+        Meshes of a scene with one text here are parts of one object, each of a material of its own:
+        instance k of each is a part of instance k of the object. "": the mesh is an object.
 
     Raises
     ------
@@ -159,7 +167,7 @@ class Mesh:
     normal_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
     uvs: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
     uv_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
-    material: Material = field(default_factory=Material)
+    material: Material = field(default_factory=_default_material)
     instances: Converted[ArrayLike | None, Floats] = field(default=kept(None))
     name: str = ""
     nonfinite: Nonfinite = "refuse"
@@ -170,6 +178,7 @@ class Mesh:
     more_uvs: Converted[Iterable[ArrayLike], tuple[Reals, ...]] = field(default=kept(()))
     alphas: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
     instance_names: Converted[Iterable[str], tuple[str, ...]] = field(default=kept(()))
+    part_of: str = ""
 
     if TYPE_CHECKING:
 
@@ -194,6 +203,7 @@ class Mesh:
             more_uvs: Iterable[ArrayLike] = (),
             alphas: ArrayLike | None = None,
             instance_names: Iterable[str] = (),
+            part_of: str = "",
         ) -> None: ...
 
         @overload
@@ -218,6 +228,7 @@ class Mesh:
             more_uvs: Iterable[ArrayLike] = (),
             alphas: ArrayLike | None = None,
             instance_names: Iterable[str] = (),
+            part_of: str = "",
         ) -> None: ...
 
         def __init__(self, *args: Any, **fields: Any) -> None: ...
@@ -254,19 +265,12 @@ class Mesh:
         set_fields(self, scalars=checked_scalars(who, self.scalars, len(verts), len(faces)))
         if not isinstance(self.material, Material):
             raise value_error(who, "material", "a Material", self.material)
-        form = "an array of shape (K, 4, 4)"
-        placements = np.eye(4)[None] if self.instances is None else floats(who, "instances", self.instances, form)
-        if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind == "b":
-            raise value_error(who, "instances", form, self.instances)
-        placements = placements.astype(np.float64)
-        if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
-            raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", self.instances)
-        placements.flags.writeable = False
+        placements = _IDENTITY if self.instances is None else _placements(who, self.instances)
         names = _texts(who, "instance_names", self.instance_names)
         if names and len(names) != len(placements):
             expected = f"one text per instance ({len(placements)}), or none"
             raise value_error(who, "instance_names", expected, len(names))
-        set_fields(self, instances=placements, instance_names=names)
+        set_fields(self, instances=placements, instance_names=names, part_of=text(who, "part_of", self.part_of))
 
     @property
     def vertices(self) -> Reals:
@@ -296,6 +300,21 @@ class Mesh:
         scalars = f", scalars {', '.join(self.scalars)}" if self.scalars else ""
         placed = _count(len(np.asarray(self.instances)), "instance")
         return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {placed}{scalars}>"
+
+
+def _placements(who: str, given: Any) -> Floats:
+    form = "an array of shape (K, 4, 4)"
+    placements = floats(who, "instances", given, form)
+    if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind == "b":
+        raise value_error(who, "instances", form, given)
+    placements = placements.astype(np.float64)
+    if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
+        raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", given)
+    placements.flags.writeable = False
+    return placements
+
+
+_IDENTITY = _placements("Mesh", np.eye(4)[None])
 
 
 def _vertex_colors(who: str, given: Any, count: int) -> tuple[Reals, Reals | None]:
@@ -636,11 +655,19 @@ class Scene:
 
 def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scene:
     """Return the scene with changed materials; meshes that share one go on sharing it."""
-    made: dict[int, Material] = {}
-    for mesh in scene.meshes:
-        if id(mesh.material) not in made:
-            made[id(mesh.material)] = change(mesh.material)
-    return replace(scene, meshes=tuple(replace(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
+    made = {key: change(each) for key, each in {id(mesh.material): mesh.material for mesh in scene.meshes}.items()}
+    return replace(scene, meshes=tuple(with_fields(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
+
+
+Part = TypeVar("Part", Mesh, Material)
+
+
+def with_fields(part: Part, **changes: Any) -> Part:
+    """Return a mesh or material with other values that need no check, for thousands of them: `dataclasses.replace` checks
+    all fields anew."""
+    made = object.__new__(type(part))
+    vars(made).update(vars(part), **changes)
+    return made
 
 
 def default_tonemap(scene: Scene) -> Literal["none", "srgb", "neutral"]:

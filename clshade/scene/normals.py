@@ -75,7 +75,17 @@ def _crosses(verts: Array, faces: Array) -> Array:
     a, b, c = (verts[faces[:, corner]] * 0.5 for corner in range(3))
     b, c = b - a, c - a
     scale = -max(_exponent(b), _exponent(c))
-    return np.cross(np.ldexp(b, scale), np.ldexp(c, scale)) if len(faces) else np.zeros((0, 3))
+    return _cross(np.ldexp(b, scale).T, np.ldexp(c, scale).T)
+
+
+def _cross(u: Array, v: Array) -> Array:
+    """Return (F, 3) cross products of vectors (3, F); np.cross takes ten times as long for a few."""
+    return np.stack([u[j] * v[k] - u[k] * v[j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+
+
+def flat_normals(one: Array, other: Array) -> Floats:
+    """Return unit normals (F, 3) of faces with these edges, (3, F) each; 0 for one without area."""
+    return _normalized(_cross(one, other))
 
 
 def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from ..pipeline.renderer import render
 from ..scene import geometry
 from ..scene.ground import objects_of
 from ..scene.model import Scene
+from ..scene.objects import instance_count, object_numbers
 from ..scene.settings import FrameOptions
 from ..scene.surface_facts import surface_facts
 from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
@@ -174,8 +175,9 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
                 "shapes": surface.shapes,
                 "boundary_edges": surface.boundary_edges,
                 "non_manifold_edges": surface.non_manifold_edges,
+                "objects": max(object_numbers(scene), default=0),
                 "meshes": len(scene.meshes),
-                "instances": sum(len(np.asarray(mesh.instances)) for mesh in scene.meshes),
+                "instances": instance_count(scene),
                 "materials": len(materials),
                 "lights": len(scene.lights),
                 "dropped_triangles": scene.nonfinite,

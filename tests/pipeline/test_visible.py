@@ -53,6 +53,33 @@ def test_squares_of_which_one_covers_half_of_the_other(opened):
 
 
 @pytest.mark.long
+def test_parts_of_an_object_count_as_one(opened):
+    """Two materials, two placements: two rows, in the layers too, on any path of instances."""
+    places = at(-1, 0), at(1, 0)
+    lower = np.diag([1.0, 0.5, 1.0, 1.0])
+    parts = [
+        tiles(*(place @ each for each in places), name="pair", part_of="pair", material=Material(color))
+        for place, color in ((at(0, 0), (1, 0, 0)), (at(0, -0.75) @ lower, (0, 1, 0)))
+    ]
+    scene = Scene((parts[0], tiles(at(0, 1)), parts[1]), replace(CAMERA, orthographic=True, plane=(3.0, 4.0)))
+    found = clshade.visible(scene, device=opened)
+    assert columns(found, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["pair", "pair", ""]]
+    assert columns(found, "pixels", "whole") == [[384, 384, 256]] * 2
+    layers = ("object_id", "instance_id")
+    frame = clshade.render(scene, device=opened, shader="nolight", layers=layers)
+    assert [np.unique(frame[layer], return_counts=True)[1].tolist() for layer in layers] == [
+        [2048, 768, 256],
+        [2048, 384, 384, 256],
+    ]
+    assert clshade.check(frame).passed
+    matte = clshade.cryptomatte(frame, ("object",))["object"]
+    assert json.loads(matte.metadata[next(key for key in matte.metadata if "manifest" in key)]).keys() == {
+        "pair",
+        "object 2",
+    }
+
+
+@pytest.mark.long
 def test_what_lies_outside_of_the_image(opened):
     """Half, three quarters and all of a square are outside; what is beyond the margin does not count at all."""
     scene = Scene((tiles(at(2, 0), at(-2, 1.5), at(0, 3), at(12.5, 0)),), CAMERA)

@@ -16,6 +16,8 @@ from clshade.scene.formats.gltf_materials import phong
 from clshade.scene.formats.load import load
 from clshade.scene.framing import AMBIENT
 from clshade.scene.geometry import camera_axes
+from clshade.scene.objects import first_instances, object_names, object_numbers
+from clshade.view.sheet import scene_facts
 
 RNG = np.random.default_rng(5)
 
@@ -76,12 +78,33 @@ def test_nodes_name_instances(tmp_path):
     assert [mesh.instance_names for mesh in scene.meshes] == [("left", "", "right")] * 2
     lines = [line.split() for line in format_contents(scene_contents(scene)).splitlines()]
     assert [line for line in lines if line and line[0] in ("left", "right")] == [
+        *(["left", f"{number}", "1", "3", "3", "1", "1"] for number in (1, 2)),
         ["left", "1", "1"],
         ["right", "3", "1"],
-        ["left", "4", "2"],
-        ["right", "6", "2"],
     ]
     assert load(triangle().glb(tmp_path / "b.glb")).meshes[0].instance_names == ()
+
+
+def test_an_object_is_a_mesh_of_the_file(tmp_path):
+    """Its primitives are parts of it, its placements instances; two meshes of one name are two objects."""
+    document = Gltf()
+    for _ in range(3):
+        document.mesh({"POSITION": CORNERS}, INDICES)
+    primitives = [each["primitives"][0] for each in document.json["meshes"]]
+    document.json["meshes"] = [{"name": "car", "primitives": primitives[:2]}, {"name": "car", "primitives": primitives}]
+    for mesh in (0, 1, 1):
+        document.add("nodes", {"mesh": mesh})
+    path, copy = document.glb(tmp_path / "a.glb"), tmp_path / "b.glb"
+    load(path).to_glb(copy)
+    for scene in (load(path), load(copy)):
+        assert object_numbers(scene) == [1, 1, 2, 2, 2]
+        assert object_names(scene) == ["car", "car"]
+        assert first_instances(scene) == [1, 1, 2, 2, 2]
+        assert (
+            scene_facts(scene)["counts"] | {"objects": 2, "meshes": 5, "instances": 3} == scene_facts(scene)["counts"]
+        )
+    named = triangle().glb(tmp_path / "c.glb")
+    assert object_names(load(named)) == ["c"]
 
 
 def test_mirrored_placements_are_placements_of_one_mesh(tmp_path):

@@ -15,6 +15,7 @@ from clshade.scene import geometry
 from clshade.scene.formats import obj_parser, text_tokens
 from clshade.scene.formats.load import load
 from clshade.scene.formats.obj_parser import parse_obj
+from clshade.scene.objects import object_names, object_numbers
 from clshade.scene.triangulate import triangulated
 
 
@@ -276,10 +277,22 @@ def test_materials_and_objects_make_meshes_in_the_order_of_the_file(tmp_path):
     assert len(scene.meshes[1].verts) == 3
 
 
-def test_groups_do_not_split_and_name_what_has_no_object(tmp_path):
-    text = SQUARE + "g left\nf 1 2 3\ng right\nf 2 4 3\n"
-    (mesh,) = load(write(tmp_path / "a.obj", text)).meshes
-    assert (mesh.name, len(mesh.faces)) == ("left", 2)
+@pytest.mark.filterwarnings("ignore:.*no library defines")
+@pytest.mark.parametrize(
+    ("lines", "objects", "names"),
+    [
+        ("g left\n#\ng right\n#\n", [1, 2], ["left", "right"]),
+        ("o all\ng left\n#\ng right\n#\n", [1], ["all"]),
+        ("o a\nusemtl x\n#\nusemtl y\n#\no b\n#\no a\n#\n", [1, 1, 2, 1], ["a", "b"]),
+        ("usemtl x\n#\nusemtl y\n#\n", [1, 1], ["file"]),
+        ("#\no b\n#\no\n#\n", [1, 2, 1], ["file", "b"]),
+    ],
+)
+def test_objects_are_those_of_the_file_whatever_their_materials(lines, objects, names, tmp_path):
+    """Groups are objects in a file without any; a name that comes again goes on."""
+    scene = load(write(tmp_path / "file.obj", SQUARE + lines.replace("#", "f 1 2 3")))
+    assert object_numbers(scene) == objects
+    assert object_names(scene) == names
 
 
 def test_faces_with_and_without_uvs_and_normals(tmp_path):

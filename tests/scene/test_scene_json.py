@@ -82,7 +82,7 @@ def full_scene() -> Scene:
     )
     names = ("left", "\u00e9", "")
     material = Material(texture=texture(1, lookup="course"))
-    shiny = Mesh(VERTS, FACES, material=material, instances=moved(2.0, 3.0, 4.0), instance_names=names)
+    shiny = Mesh(VERTS, FACES, material=material, instances=moved(2.0, 3.0, 4.0), instance_names=names, part_of="x")
     camera = dataclasses.replace(CAMERA, principal=(0.4, 0.6), orthographic=True, focal=2.0)
     around = Environment(np.arange(24, dtype=np.float32).reshape(2, 4, 3), 33.3, 0.5, (0.3, 0.7, -0.2), "sky")
     return Scene(

@@ -12,11 +12,13 @@ from ...base.arrays import Floats
 from ...base.validation import vector
 from ..environment import Environment, nearest_axis
 from ..material import is_unlit
-from ..model import Scene, with_materials
+from ..model import Scene, with_fields, with_materials
 
 ROWS, COLUMNS = 256, 512
 MEAN = 0.46  # of the radiance over the sphere: a white matte ball is half as bright as white
 _CEILING, _HORIZON, _FLOOR = 0.34, 0.26, 0.15  # radiance of the room, before it is scaled to MEAN
+_NONE = np.zeros(3)
+_NONE.flags.writeable = False
 _WARM, _COOL, _WHITE = (1.0, 0.97, 0.93), (0.94, 0.97, 1.0), (1.0, 1.0, 1.0)
 
 
@@ -77,7 +79,7 @@ def without_stand_ins(scene: Scene) -> Scene:
     scene = replace(scene, lights=(), environment=scene.environment or studio_for(scene))
     if not any(is_unlit(mesh.material) for mesh in scene.meshes):
         return replace(scene, ambient=0.0)
-    return with_materials(scene, lambda each: each if is_unlit(each) else replace(each, ka=0.0))
+    return with_materials(scene, lambda each: each if is_unlit(each) else with_fields(each, ka=_NONE))
 
 
 @functools.cache

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...base.arrays import Array, Floats
 from ...base.input_files import file_error
 from ...images.decode import srgb_to_linear
-from ..model import MAX_FACES, Mesh
-from ..normals import crease_normals
+from ..model import MAX_FACES, Mesh, with_fields
+from ..normals import crease_normals, flat_normals
 from ..triangulate import single_fan, strips
 from .gltf_accessors import Buffers
 from .gltf_json import Item
@@ -20,7 +22,11 @@ from .gltf_nodes import MAX_NODES, Placed, Placement
 from .gltf_skins import Influences, influences_of, joint_matrices, skinned
 from .options import Options, mended_normals
 
+_FEW = 1 << 12  # faces of a mesh whose flat normals are computed together with those of others
 MAX_SCALARS = 64  # of a primitive
+
+
+_BARE = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +61,7 @@ class MeshBuilder:
         self._influences: dict[tuple[str, int], Influences] = {}
 
     def meshes(self, nodes: Placed) -> tuple[Mesh, ...]:
-        """Return all primitives of the placed meshes, in the order of the file.
+        """Return all primitives of the placed meshes, in the order of the file; those of one mesh are parts of one object.
 
         The placements of a primitive are those of one Mesh, but for each that has a skin or weights of its own.
         """
@@ -69,21 +75,29 @@ class MeshBuilder:
             item = self.document.entry("meshes", index)
             primitives = list(item.items("primitives"))
             groups = [(group, _weights(item, primitives, group[0])) for group in _groups(nodes.meshes[index])]
-            for number, primitive in enumerate(primitives):
+            name = self._name(item, index, nodes.meshes[index])
+            for primitive in primitives:
                 shape = self._shape(primitive)
                 if shape is None:
                     continue
-                name = item.text("name") + (f".{number}" if len(primitives) > 1 else "")
-                for group, weights in groups:
+                for number, (group, weights) in enumerate(groups):
                     skin = group[0].skin
                     if skin is not None and skin not in joints:
                         joints[skin] = joint_matrices(self.document, self.buffers, skin, _world(self.document, nodes))
                     mesh, placement = self._mesh(shape, weights, None if skin is None else joints[skin])
-                    own = np.stack([each.matrix for each in group]) if placement is None else placement[None]
-                    names = [each.name for each in group] if placement is None else [group[0].name]
-                    names = names if any(names) else []
-                    found.append(replace(mesh, name=name, instances=own, instance_names=names))
-        return tuple(found)
+                    own = np.array([each.matrix for each in group]) if placement is None else placement[None]
+                    own.flags.writeable = False
+                    names = [each.name for each in (group if placement is None else group[:1])]
+                    part_of = f"{name}, meshes[{index}].{number}" if len(primitives) > 1 else ""
+                    named = {"name": name, "instance_names": tuple(names) if any(names) else (), "part_of": part_of}
+                    found.append(with_fields(mesh, instances=own, **named))
+        return _with_flat_normals(found)
+
+    def _name(self, item: Item, index: int, placements: Sequence[Placement]) -> str:
+        """Return the name of a mesh, else of a node that has it, else of the file, with its number if there are several."""
+        named = item.text("name") or next((each.name for each in placements if each.name), "")
+        stem = os.path.splitext(os.path.basename(self.document.owner))[0]
+        return named or (stem if self.document.count("meshes") == 1 else f"{stem} {index}")
 
     def _count(self, item: Item, placements: int) -> None:
         """Count triangles and placements before any is created. Raises InputError for too many."""
@@ -180,24 +194,29 @@ class MeshBuilder:
         if (targets or joints is not None) and not all(np.isfinite(values).all() for values in found.values()):
             raise shape.item.error("attributes", "finite positions and directions in every pose", "an overflow")
         normal_faces = None
-        if normals is None:
+        if normals is None and (self.options.crease or own.dtype != np.float32 or len(faces) > _FEW):
             normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
         scalars = {
             name: values if used is None else values[used] for name, values in self._scalars(attributes, shape.count)
         }
-        mesh = Mesh(
-            own,
-            faces,
-            colors,
-            normals,
-            normal_faces,
-            all_uvs[0] if all_uvs else None,
-            material=material,
-            scalars=scalars,
-            tangents=tangents,
-            more_uvs=all_uvs[1:],
-        )
-        return mesh, placement
+        arrays: dict[str, Any] = {
+            "verts": own,
+            "faces": faces,
+            "normals": normals,
+            "normal_faces": normal_faces,
+            "tangents": tangents,
+        }
+        fields: dict[str, Any] = {
+            "uvs": all_uvs[0] if all_uvs else None,
+            "more_uvs": tuple(all_uvs[1:]),
+            "material": material,
+        }
+        if colors is not None or scalars:
+            return Mesh(**arrays, **fields, colors=colors, scalars=scalars), placement
+        for array in (*arrays.values(), *all_uvs):
+            if array is not None:
+                array.flags.writeable = False
+        return with_fields(_BARE, **arrays, **fields), placement  # accessors have been checked
 
     def _mended(self, shape: _Shape, normals: Array) -> Array:
         """Return normals (V, 3), computed from the faces where those of the file are 0 or not finite."""
@@ -296,6 +315,26 @@ class MeshBuilder:
         return strips(flat) if mode == 5 else single_fan(flat)
 
 
+def _with_flat_normals(meshes: Sequence[Mesh]) -> tuple[Mesh, ...]:
+    """Return meshes in which those of a few faces without normals have one for each face, computed together.
+
+    Products of float32 positions are in the range of float64, so that no face needs a scale of its mesh's.
+    """
+    bare = [mesh for mesh in meshes if mesh.normals is None]
+    if not bare:
+        return tuple(meshes)
+    a, b, c = np.concatenate([mesh.verts[mesh.faces] for mesh in bare]).astype(np.float64).transpose(1, 2, 0) * 0.5
+    normals, indices = flat_normals(b - a, c - a), np.repeat(np.arange(_FEW, dtype=np.int32), 3).reshape(-1, 3)
+    normals.flags.writeable = indices.flags.writeable = False
+    ends = iter(np.cumsum([len(mesh.faces) for mesh in bare]).tolist())
+
+    def completed(mesh: Mesh) -> Mesh:
+        count, end = len(mesh.faces), next(ends)
+        return with_fields(mesh, normals=normals[end - count : end], normal_faces=indices[:count])
+
+    return tuple(completed(mesh) if mesh.normals is None else mesh for mesh in meshes)
+
+
 def _groups(placements: Sequence[Placement]) -> list[list[Placement]]:
     """Group the placements of a mesh that have one shape, whatever the pose."""
     groups: dict[int | None, list[Placement]] = {}
@@ -306,6 +345,8 @@ def _groups(placements: Sequence[Placement]) -> list[list[Placement]]:
 
 def _weights(item: Item, primitives: Sequence[Item], placement: Placement) -> Floats:
     """Return the weights of the morph targets of a mesh where it is placed."""
+    if placement.weights is None and not any("targets" in primitive.value for primitive in primitives):
+        return np.zeros(0)
     counts = [len(list(primitive.items("targets"))) for primitive in primitives]
     for primitive, count in zip(primitives, counts, strict=True):
         if count != counts[0]:

@@ -14,6 +14,7 @@ from ...base.input_files import file_error
 from ...base.validation import path as checked_path
 from ..fitting import bounding_sphere
 from ..model import Scene
+from ..objects import object_numbers
 from .glb import Glb, add_camera, add_lights, add_placement
 from .gltf_writer_materials import MaterialWriter
 from .gltf_writer_meshes import MeshWriter, named
@@ -33,14 +34,21 @@ def write_glb(scene: Scene, path: Path) -> None:
     materials = MaterialWriter(glb, np.asarray(scene.ambient), lost, decode=decode)
     meshes = MeshWriter(glb, lost, decode=decode)
     nodes: list[int] = []
-    for mesh in scene.meshes:
+    written: dict[Any, dict[str, Any]] = {}  # by object and nodes: the parts of an object become primitives of one mesh
+    for number, mesh in zip(object_numbers(scene), scene.meshes, strict=True):
         placements = np.asarray(mesh.instances)
         if not len(mesh.faces) or not len(placements):
             continue
         sets = 0 if mesh.uvs is None else 1 + len(mesh.more_uvs)
         names = mesh.instance_names or (mesh.name,) * len(placements)
         with np.errstate(over="ignore", invalid="ignore"):
-            index, own = meshes.write(mesh, materials.write(mesh.material, sets))
+            primitive, own = meshes.write(mesh, materials.write(mesh.material, sets))
+            key = number, placements.tobytes(), own.tobytes()
+            if key in written:
+                written[key]["primitives"].append(primitive)
+                continue
+            written[key] = {**named(mesh.name), "primitives": [primitive]}
+            index = glb.add("meshes", written[key])
             nodes += [
                 add_placement(glb, each @ own, mesh=index, **named(name))
                 for each, name in zip(placements, names, strict=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -32,8 +32,9 @@ class MeshWriter:
     def __init__(self, glb: Glb, lost: list[str], *, decode: bool) -> None:
         self.glb, self.lost, self.decode = glb, lost, decode
 
-    def write(self, mesh: Mesh, material: int) -> tuple[int, Floats]:
-        """Write a mesh that has triangles; return its index, and the (4, 4) matrix from its positions to object space."""
+    def write(self, mesh: Mesh, material: int) -> tuple[dict[str, Any], Floats]:
+        """Write a mesh that has triangles; return it as a primitive, and the (4, 4) matrix from its positions to object
+        space."""
         used = _used(mesh.faces, len(mesh.verts))
         verts = mesh.verts if used.all() else np.where(used[:, None], mesh.verts, mesh.verts[mesh.faces[0, 0]])
         positions, matrix = in_float32(verts)
@@ -42,8 +43,7 @@ class MeshWriter:
         attributes = {name: self.glb.accessor(rows, extent=name == "POSITION") for name, rows in found.items()}
         kind = np.uint16 if int(faces.max()) < _RESTART else np.uint32
         indices = self.glb.accessor(faces.reshape(-1).astype(kind), INDICES)
-        primitive = {"attributes": attributes, "indices": indices, "material": material}
-        return self.glb.add("meshes", {**named(mesh.name), "primitives": [primitive]}), matrix
+        return {"attributes": attributes, "indices": indices, "material": material}, matrix
 
     def _sources(self, mesh: Mesh) -> dict[str, Source]:
         """Return the attributes but positions, by their names in the file."""

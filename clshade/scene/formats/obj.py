@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, read_file
 from .. import framing, geometry
-from ..model import Material, Mesh, Scene
+from ..model import Material, Mesh, Scene, with_fields
 from ..normals import against_normals, crease_normals, seamless_normals
 from .mtl import Library
 from .obj_parser import FaceRun, ObjText, parse_obj
@@ -24,12 +26,13 @@ MAX_BYTES = 1 << 31  # of a mesh file
 def read_obj(path: Path, options: Options) -> Scene:
     """Read a Wavefront OBJ file: its faces in the file's order, with a camera and lights by `framing.framed`.
 
-    A new Mesh begins wherever the object (`o`), the material, or the presence of uvs or normals changes. Positions
-    are float64. Vertex colors are decoded by `options.linear_colors`; those with alpha below 1 blend. Faces
-    without normals get those computed from all faces of the file, so that no seam shows between meshes; options.weld joins
-    vertices at one position (`normals.seamless_normals`); edges above options.crease are sharp, and all are if the file's
-    only smoothing group is `s off`. Faces that are clockwise as seen along the file's normals are reversed. A missing
-    material or image is ignored with a warning. See `obj_parser.parse_obj` and `mtl`.
+    A new Mesh begins wherever the object (`o`, or `g` in a file without any), the material, or the presence of uvs or
+    normals changes; those of one object are its parts. Positions are float64. Vertex colors are decoded by
+    `options.linear_colors`; those with alpha below 1 blend. Faces without normals get those computed from all faces of the
+    file, so that no seam shows between meshes; options.weld joins vertices at one position (`normals.seamless_normals`);
+    edges above options.crease are sharp, and all are if the file's only smoothing group is `s off`. Faces that are clockwise
+    as seen along the file's normals are reversed. A missing material or image is ignored with a warning. See
+    `obj_parser.parse_obj` and `mtl`.
 
     Raises InputError, one line, see clshade.scene.formats.load.load.
     """
@@ -84,24 +87,33 @@ def _decode_colors(text: ObjText, options: Options, owner: str) -> None:
 def _meshes(text: ObjText, library: Library, options: Options, name: str, owner: str) -> tuple[Mesh, ...]:
     """Return the file's faces as meshes, each of one object and one material, in the order of the file."""
     parts = _parts(text)
+    counts = Counter(run.object for run, _ in parts)
     whole = len(parts) == 1
     computed = _normals(text, options, whole)
+    tables = [*np.moveaxis(text.indices, 2, 0), *(computed or ())[1:]]
+    splits = [None if table is None else _Split.of(table, [run.first for run, _ in parts]) for table in tables]
+    plain = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
     materials: dict[tuple[str | None, bool], tuple[Material, Array | None]] = {}
     flipped: dict[bytes, Array] = {}
     meshes = []
-    for run, end in parts:
+    for number, (run, end) in enumerate(parts):
         indices = text.indices[run.first : end]
         key = (run.material, bool(indices[0, 0, 1] >= 0))
         if key not in materials:
             material, moved = library.material(*key)
-            materials[key] = options.lit(replace(material, blend=material.blend or text.alphas is not None)), moved
+            material = material if text.alphas is None else with_fields(material, blend=True)
+            materials[key] = options.lit(material), moved
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:
             with np.errstate(over="ignore", invalid="ignore"):  # overflowing coordinates mean texel 0
                 flipped[moment] = _flipped(text.uvs if moved is None else text.uvs * moved[0] + moved[1])
-        arrays = _arrays(text, flipped[moment], slice(run.first, end), computed, whole)
-        meshes.append(Mesh(**arrays, material=material, name=run.object or run.group or name))
+        fields = _arrays(text, flipped[moment], slice(run.first, end), number, computed, splits)
+        fields.update(material=material, name=run.object or name)
+        if counts[run.object] > 1:
+            fields["part_of"] = fields["name"]
+        # The parser has checked the file's numbers, which thousands of meshes would check again.
+        meshes.append(Mesh(**fields) if whole else with_fields(plain, **fields))
     return tuple(meshes)
 
 
@@ -135,35 +147,58 @@ def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:
     return list(zip(runs, [*starts[1:], len(text.indices)], strict=True))
 
 
-def _arrays(
-    text: ObjText, uvs: Array, chosen: slice, computed: tuple[Array, Array | None] | None, whole: bool
-) -> dict[str, Any]:
-    """Return the arrays of a Mesh of the chosen faces: the file's own if these are the `whole`, else the rows in use.
+class _Split(NamedTuple):
+    """What the parts of a file use of a table's rows. rows: those of each part, ascending, one part's after the other's;
+    None for all rows, of a file in one part. starts: of each part. faces: (F, 3) indices into the rows of their part."""
 
-    uvs: (T, 2), used in place of the file's. computed: see _normals.
+    rows: Array | None
+    starts: list[int]
+    faces: Array
+
+    @classmethod
+    def of(cls, indices: Array, firsts: Sequence[int]) -> _Split:
+        """Split indices (F, 3) at the first faces of parts. What is below 0 counts as 0."""
+        if len(firsts) == 1:
+            return cls(None, [], indices)
+        part = np.repeat(np.arange(len(firsts)), np.diff([*firsts, len(indices)]))[:, None]
+        count = int(indices.max(initial=0)) + 1
+        used, faces = np.unique(part * count + np.maximum(indices, 0), return_inverse=True)
+        starts = np.searchsorted(used, count * np.arange(len(firsts) + 1))
+        faces = (faces.reshape(indices.shape) - starts[part]).astype(np.int32)
+        faces.flags.writeable = False
+        return cls(used % count, starts.tolist(), faces)
+
+    def taken(self, values: Array, number: int) -> Array:
+        """Return the rows of a table (R, ...) that a part uses."""
+        if self.rows is None:
+            return values
+        taken = values[self.rows[self.starts[number] : self.starts[number + 1]]]
+        taken.flags.writeable = False
+        return taken
+
+
+def _arrays(
+    text: ObjText, uvs: Array, chosen: slice, number: int, computed: tuple[Array, Array | None] | None, splits: Any
+) -> dict[str, Any]:
+    """Return the arrays of a Mesh of the chosen faces, which are a part of the file.
+
+    uvs: (T, 2), used in place of the file's. computed: see _normals. splits: of vertices, uvs, normals, computed normals.
     """
-    faces, *others = (text.indices[chosen, :, column] for column in range(3))
-    at_verts = {"verts": text.verts, "colors": text.colors, "alphas": text.alphas, "normals": None}
-    sources = [("uv", uvs, others[0]), ("normal", text.normals, others[1])]
-    if others[1][0, 0] < 0 and computed is not None:
+    at_verts = {"verts": text.verts, "colors": text.colors, "alphas": text.alphas}
+    sources = [("uv", uvs, splits[1]), ("normal", text.normals, splits[2])]
+    has = (text.indices[chosen.start, 0, 1:] >= 0).tolist()
+    if not has[1] and computed is not None:
         if computed[1] is None:
             at_verts["normals"] = computed[0]
         else:
-            sources[1] = ("normal", computed[0], computed[1][chosen])
-    if not whole:
-        used, faces = _used(faces)
-        at_verts = {name: None if values is None else values[used] for name, values in at_verts.items()}
-    arrays: dict[str, Any] = {**at_verts, "faces": faces}
-    for name, values, own in sources:
-        if own[0, 0] >= 0:
-            if not whole:
-                used, own = _used(own)
-                values = values[used]
-            arrays.update({f"{name}s": values, f"{name}_faces": own})
+            has[1], sources[1] = True, ("normal", computed[0], splits[3])
+    arrays: dict[str, Any] = {
+        name: splits[0].taken(values, number) for name, values in at_verts.items() if values is not None
+    }
+    if "alphas" in arrays and (arrays["alphas"] == 1.0).all():
+        del arrays["alphas"]
+    arrays["faces"] = splits[0].faces[chosen]
+    for (name, values, split), used in zip(sources, has, strict=True):
+        if used:
+            arrays.update({f"{name}s": split.taken(values, number), f"{name}_faces": split.faces[chosen]})
     return arrays
-
-
-def _used(indices: Array) -> tuple[Array, Array]:
-    """Return the values that occur in (F, 3) indices, ascending, and the indices into these."""
-    used, inverse = np.unique(indices, return_inverse=True)
-    return used, inverse.reshape(indices.shape)

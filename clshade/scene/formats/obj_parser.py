@@ -36,7 +36,8 @@ _IGNORED = {
 
 
 class FaceRun(NamedTuple):
-    """The state from face `first` on: the names of the last `o`, `g` and `usemtl`; None if there was none."""
+    """The state from face `first` on: the names of the last `o`, `g` and `usemtl`; None if there was none. object: that of
+    the last `g` in a file without `o`."""
 
     first: int
     object: str | None
@@ -75,7 +76,7 @@ class _Reader:
     """Everything read so far.
 
     offset: of the current chunk in the file. corners: of polygons, (C, 3), see ObjText.indices. corner_counts: (P,) of
-    each polygon. places: (P,) of each polygon's line.
+    each polygon. places: (P,) of each polygon's line. last_line: a place, and the number of its line.
     """
 
     data: bytes
@@ -93,10 +94,13 @@ class _Reader:
     libraries: list[tuple[int, str]] = field(default_factory=list)
     smoothing: set[str] = field(default_factory=set)
     ignored: list[str] = field(default_factory=list)
+    last_line: tuple[int, int] = 0, 1
 
     def line(self, place: int) -> int:
-        """Return the number of the line that holds byte `place` of the file."""
-        return self.data.count(b"\n", 0, place) + 1
+        """Return the number of the line that holds byte `place` of the file, counted from the last one asked for."""
+        start, number = self.last_line if self.last_line[0] <= place else (0, 1)
+        self.last_line = place, number + self.data.count(b"\n", start, place)
+        return self.last_line[1]
 
     def line_error(self, lines: Lines, token: int, keyword: str, expected: str, found: str) -> InputError:
         """Build the error for a token of the current chunk."""
@@ -299,4 +303,6 @@ def _joined(reader: _Reader) -> ObjText:
     indices = cuts.triangles(corners)
     colors = np.concatenate(reader.colored), np.concatenate(reader.colors)
     runs = [run for run in reader.runs if run.first < len(indices)]
+    if all(run.object is None for run in reader.runs):
+        runs = [run._replace(object=run.group) for run in runs]
     return ObjText(verts, *colors, uvs, normals, indices, runs, reader.libraries, reader.smoothing, reader.ignored)

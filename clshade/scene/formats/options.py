@@ -14,7 +14,7 @@ from ...images.decode import srgb_to_linear
 from ..adjust_camera import refitted
 from ..framing import Up
 from ..geometry import vertex_normals
-from ..model import Material, Scene, Texture, with_materials
+from ..model import Material, Scene, Texture, with_fields, with_materials
 
 VertexColors: TypeAlias = Literal["srgb", "linear"]
 
@@ -48,7 +48,7 @@ class Options:
         """Return the material with the requested sides drawn and lit."""
         if self.two_sided is None:
             return material
-        return replace(material, two_sided=self.two_sided, sides="both" if self.two_sided else material.sides)
+        return with_fields(material, two_sided=self.two_sided, sides="both" if self.two_sided else material.sides)
 
     def applied(self, scene: Scene) -> Scene:
         """Return a scene of a file that has all of one with the requested resolution, sides and camera."""
