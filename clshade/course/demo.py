@@ -95,7 +95,7 @@ def with_texture(scene: Scene, path: str | None) -> Scene:
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Write the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
     from ..images import exr, png
-    from ..scene.camera_matrices import camera_metadata
+    from ..scene.geometry import camera_metadata
 
     metadata = camera_metadata(scene.camera)
     metadata.update(

@@ -290,7 +290,7 @@ def write(
     metadata : mapping, optional
         Further header attributes: text, numbers and (4, 4) matrices; None omits one. Defaults:
         software "clshade", colorInteropID "lin_rec709_scene" and pixelAspectRatio 1. See
-        `clshade.scene.camera_matrices.camera_metadata`.
+        `clshade.scene.geometry.camera_metadata`.
     window : (int, int, int, int), {"drawn", "covered"} or None, default None
         Data window (x0, y0, x1, y1), inclusive: only these pixels are stored, and readers take the
         others as 0. `drawn`: the smallest window that loses nothing. `covered`: the same, but

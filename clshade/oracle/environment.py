@@ -12,7 +12,7 @@ import numpy as np
 from ..base.arrays import Floats, Integers
 from ..scene.environment import Environment
 from ..scene.image_light.brdf_table import SIDE, brdf_table
-from ..scene.image_light.lat_long import radiance
+from ..scene.image_light.irradiance import radiance
 from ..scene.image_light.light import image_light
 from ..scene.image_light.specular import OFF_MIRROR
 from . import microfacet

@@ -11,9 +11,8 @@ import numpy as np
 from ..base.arrays import Array, Bools, Faces, Floats
 from ..base.validation import arguments, value_error
 from ..scene.camera import Camera
-from ..scene.geometry import bounding_box, camera_axes
+from ..scene.geometry import bounding_box, camera_axes, face_weights, in_image, pixel_rays, triangles
 from ..scene.model import Mesh, Scene, Settings
-from ..scene.seen_points import face_weights, in_image, pixel_rays, triangles
 from . import sample_pattern
 from .camera_space import near_plane
 from .flow_vectors import Flow

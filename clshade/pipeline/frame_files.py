@@ -162,7 +162,7 @@ def check_output(
 
 def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str, Any]:
     """Return the EXR's header attributes that do not depend on times or checks; see `Frame.metadata`."""
-    from ..scene.camera_matrices import camera_metadata
+    from ..scene.geometry import camera_metadata
 
     found = camera_metadata(scene.camera)
     given = [(each.name, getattr(settings, each.name), each.default) for each in fields(settings)]

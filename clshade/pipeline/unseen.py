@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..base.arrays import Reals
+from ..scene.geometry import in_image
 from ..scene.ground import objects_of
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings
-from ..scene.seen_points import in_image
 from .placements import mirrors
 
 # Counters of a frame -> why a triangle that they count is not drawn.

@@ -19,9 +19,9 @@ from ..base.json_values import plain
 from ..base.validation import flag, integer, value_error
 from ..base.validation import path as checked_path
 from ..scene.camera import Camera
+from ..scene.geometry import in_image
 from ..scene.model import Material, Mesh, Scene, Settings
 from ..scene.objects import first_instances, object_numbers
-from ..scene.seen_points import in_image
 from ..scene.settings import Preset, RenderOptions
 from .camera_space import near_plane
 from .effective_settings import effective_settings, numbers_alone

@@ -28,8 +28,7 @@ def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
     """Rotate `offset` about the unit vector `axis` (Rodrigues' formula), counter-clockwise seen against it."""
     angle = math.radians(degrees)
     along = axis * (axis @ offset)
-    turned: Floats = along + math.cos(angle) * (offset - along) + math.sin(angle) * np.cross(axis, offset)
-    return turned
+    return np.asarray(along + math.cos(angle) * (offset - along) + math.sin(angle) * np.cross(axis, offset))
 
 
 def adjusted(

@@ -69,11 +69,6 @@ class Camera:
     orthographic : bool, default False
         Use a parallel projection; `plane` is then the size of the view, and `focal` has no effect.
 
-    Raises
-    ------
-    InputError
-        A value is out of its range; the message names the field.
-
     Notes
     -----
     Vectors are kept as read-only (3,) float64 arrays.
@@ -204,7 +199,9 @@ class Camera:
         """
         who = "Camera.from_matrix"
         size = checked_resolution(who, resolution)
-        return cls._of_matrix(who, ("matrix", "pose"), (matrix, pose), size, pixel_center, convention)
+        plane, principal = pinhole.lens_of(who, matrix, size, pixel_center)
+        eye, forward, up = pinhole.placement_of(who, pose, convention)
+        return cls(eye, eye + forward, up, 1.0, plane, size, principal)
 
     @classmethod
     def from_matrices(
@@ -227,11 +224,6 @@ class Camera:
         resolution, pixel_center, convention
             See `from_matrix`.
 
-        Returns
-        -------
-        tuple of Camera
-            P cameras, in the order of the poses.
-
         Raises
         ------
         InputError
@@ -247,37 +239,20 @@ class Camera:
         one = lenses.ndim < 3
         if not one and len(lenses) != len(given):
             raise InputError(f"{who}: matrices: expected one, or {len(given)} for as many poses, found {len(lenses)}")
-        return tuple(
-            cls._of_matrix(
-                who,
-                ("matrices" if one else f"matrices[{k}]", f"poses[{k}]"),
-                (lenses if one else lenses[k], pose),
-                size,
-                pixel_center,
-                convention,
-            )
-            for k, pose in enumerate(given)
-        )
-
-    @classmethod
-    def _of_matrix(
-        cls,
-        who: str,
-        names: tuple[str, str],
-        given: tuple[ArrayLike, ArrayLike],
-        resolution: tuple[int, int],
-        pixel_center: float,
-        convention: str,
-    ) -> Camera:
-        """Return the camera of a matrix and a pose; `who` and `names` are for errors."""
-        plane, principal = pinhole.lens_of(who, given[0], resolution, pixel_center, names[0])
-        eye, forward, up = pinhole.placement_of(who, given[1], convention, names[1])
-        return cls(eye, eye + forward, up, 1.0, plane, resolution, principal)
+        cameras = []
+        for k, pose in enumerate(given):
+            lens, name = (lenses, "matrices") if one else (lenses[k], f"matrices[{k}]")
+            plane, principal = pinhole.lens_of(who, lens, size, pixel_center, name)
+            eye, forward, up = pinhole.placement_of(who, pose, convention, f"poses[{k}]")
+            cameras.append(cls(eye, eye + forward, up, 1.0, plane, size, principal))
+        return tuple(cameras)
 
     def to_matrix(
         self, *, pixel_center: float = 0.5, convention: pinhole.Convention = "opencv"
     ) -> tuple[Floats, Floats]:
         """Return the 3x3 intrinsic matrix and the pose: `from_matrix` the other way.
+
+        An orthographic camera, for which there is no K, is refused.
 
         Parameters
         ----------
@@ -290,11 +265,6 @@ class Camera:
             K, in pixels.
         pose : ndarray of float64, (4, 4)
             Camera to world.
-
-        Raises
-        ------
-        InputError
-            The camera is orthographic, for which there is no K, or an argument is refused.
 
         Examples
         --------
@@ -318,11 +288,6 @@ class Camera:
         ----------
         convention : {"opencv", "opengl"}
             Axes of the camera, see `from_matrix`.
-
-        Returns
-        -------
-        ndarray of float64, (4, 4)
-            The pose.
         """
         choice("Camera.pose", "convention", convention, pinhole.CONVENTIONS)
         axes = axes_of(self.eye.tolist(), self.lookat.tolist(), self.up.tolist())
@@ -333,7 +298,8 @@ class Camera:
 
         Their viewing directions are parallel, and rows of both images correspond. A point at the
         distance Z along the viewing direction is in the left image further right than in the right
-        one, by its disparity: ``fx * baseline / Z`` pixels, where fx is ``to_matrix()[0][0, 0]``.
+        one, by its disparity: ``fx * baseline / Z`` pixels, where fx is ``to_matrix()[0][0, 0]``. An
+        orthographic camera, whose images would not differ by depth, is refused.
 
         Parameters
         ----------
@@ -344,17 +310,6 @@ class Camera:
             the principal points are shifted, an off-axis projection, without turning the cameras, and
             ``fx * baseline / convergence`` pixels are subtracted from every disparity. Default: at
             infinity.
-
-        Returns
-        -------
-        left, right : Camera
-            The pair.
-
-        Raises
-        ------
-        InputError
-            The camera is orthographic, whose images would not differ by depth, or an argument is out
-            of its range.
         """
         who = "Camera.stereo"
         half = number(who, "baseline", baseline, above=0.0) / 2.0

@@ -71,18 +71,14 @@ def _described(value: Any, known: dict[int, bytes]) -> bytes:
         pairs = sorted((_described(key, known), _described(each, known)) for key, each in value.items())
         return b"map %d:" % len(pairs) + b"".join(key + each for key, each in pairs)
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
-        known[id(value)] = _described_array(value)
+        little = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+        data = hashlib.sha256(little.reshape(-1).view(np.uint8).data).digest()
+        known[id(value)] = f"array {little.dtype.str} {value.shape}:".encode() + data
         return known[id(value)]
     if is_dataclass(value) and not isinstance(value, type):
         known[id(value)] = _described_fields(value, known)
         return known[id(value)]
     raise TypeError(f"digest_of: value: expected plain values, arrays or dataclasses, found {type(value).__name__}")
-
-
-def _described_array(array: Any) -> bytes:
-    little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-    data = hashlib.sha256(little.reshape(-1).view(np.uint8).data).digest()
-    return f"array {little.dtype.str} {array.shape}:".encode() + data
 
 
 def _described_fields(value: Any, known: dict[int, bytes]) -> bytes:

@@ -56,7 +56,9 @@ class Cutter:
                 whole[number] = True
                 continue
             found = triangulate_float64(points, rings).reshape(-1, 3).astype(np.intp)
-            self._pay(points, found)
+            if count > _ALWAYS:
+                filled, area = (_doubled_areas(points, each).sum() for each in (found, _fan(range(count))))
+                self._work += count * count * (_CLEAN if abs(filled - area) <= _SAME_AREA else _TANGLED)
             if len(found) == count - 2:
                 cuts[number] = found
             else:
@@ -80,13 +82,6 @@ class Cutter:
         self._work += pairs * _PAIR
         return not crosses
 
-    def _pay(self, points: Floats, triangles: Integers) -> None:
-        if len(points) > _ALWAYS:
-            filled = _doubled_areas(points, triangles).sum()
-            area = _doubled_areas(points, _fan(range(len(points)))).sum()
-            clean = bool(abs(filled - area) <= _SAME_AREA)
-            self._work += len(points) * len(points) * (_CLEAN if clean else _TANGLED)
-
 
 def _fan(corners: range | list[int]) -> Array:
     rest = np.asarray(corners, np.intp)
@@ -96,16 +91,14 @@ def _fan(corners: range | list[int]) -> Array:
 def _doubled_areas(points: Floats, triangles: Integers) -> Floats:
     a, b, c = (points[triangles[:, k]] for k in range(3))
     b, c = b - a, c - a
-    areas: Floats = b[:, 0] * c[:, 1] - c[:, 0] * b[:, 1]
-    return areas
+    return b[:, 0] * c[:, 1] - c[:, 0] * b[:, 1]
 
 
 def _flat(points: Floats, triangles: Integers) -> Bools:
     """Return (F,) whether each triangle is degenerate."""
     edges = points[triangles] - points[np.roll(triangles, 1, axis=1)]
     longest = (edges * edges).sum(axis=2).max(axis=1, initial=0.0)
-    flat: Bools = np.abs(_doubled_areas(points, triangles)) <= _FLAT * longest
-    return flat
+    return np.asarray(np.abs(_doubled_areas(points, triangles)) <= _FLAT * longest)
 
 
 def _whole(points: Floats, triangles: Integers) -> Array:
@@ -164,7 +157,7 @@ class _Flips:
     """
 
     def __init__(self, points: Floats, triangles: Integers) -> None:
-        self.points = points.tolist()
+        self.points: list[list[float]] = points.tolist()
         self.found: list[tuple[int, int, int]] = [(a, b, c) for a, b, c in triangles.tolist()]
         self.flat = _flat(points, triangles).tolist()
         self.owner = {edge: k for k, triangle in enumerate(self.found) for edge in _edges(*triangle)}
@@ -201,13 +194,11 @@ class _Flips:
 
     def _distance(self, p: int, q: int) -> float:
         (x, y), (s, t) = self.points[p], self.points[q]
-        distance: float = (s - x) * (s - x) + (t - y) * (t - y)
-        return distance
+        return (s - x) * (s - x) + (t - y) * (t - y)
 
     def _area(self, p: int, q: int, r: int) -> float:
         (x, y), (s, t), (u, v) = self.points[p], self.points[q], self.points[r]
-        area: float = (s - x) * (v - y) - (u - x) * (t - y)
-        return area
+        return (s - x) * (v - y) - (u - x) * (t - y)
 
 
 def _edges(a: int, b: int, c: int) -> tuple[tuple[int, int], ...]:
@@ -247,5 +238,4 @@ def _side(a: tuple[Floats, Floats], b: tuple[Floats, Floats], c: tuple[Floats, F
     """Return a positive number if c is to the left of the line from a to b; exactly 0 if it equals one of these."""
     x, y = a
     u, v, s, t = b[0] - x, b[1] - y, c[0] - x, c[1] - y
-    side: Floats = u * t - v * s
-    return side
+    return u * t - v * s

@@ -33,13 +33,7 @@ def _kinds(owner: str, name: str, value: Any) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges drawn as lines over the surfaces, hidden where a surface lies before them.
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
-    """
+    """Edges drawn as lines over the surfaces, hidden where a surface lies before them."""
 
     kinds: Converted[AskedKinds, tuple[EdgeKind, ...]] = declare.other(
         ("all",),

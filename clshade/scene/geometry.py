@@ -1,4 +1,4 @@
-"""Geometry of scenes in float64: vertex normals, camera axes, bounding box.
+"""Geometry of scenes in float64: vertex normals, camera axes, matrices and rays, bounding box.
 
 Where scale matters, values are first multiplied by a power of two, which is exact: a scene scaled by a power of two
 gives the same bits, and squares neither overflow nor underflow.
@@ -7,11 +7,12 @@ gives the same bits, and squares neither overflow nor underflow.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Floats
+from ..base.arrays import Array, Faces, Floats
 from ..base.validation import vector
 from ..errors import InputError
 from .camera import Camera
@@ -81,8 +82,7 @@ def _cross(edges: Array, axis: int) -> Floats:
     """Return one component of the cross products of edges (2, 3, F)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     u, v = edges
-    component: Floats = u[j] * v[k] - u[k] * v[j]
-    return component
+    return np.asarray(u[j] * v[k] - u[k] * v[j])
 
 
 def _edge_exponent(verts: Array, faces: Array) -> int:
@@ -119,6 +119,40 @@ def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
 def camera_axes(camera: Camera) -> Floats:
     """Return `look_at` of a camera."""
     return np.array(axes_of(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
+
+
+def camera_matrices(camera: Camera) -> tuple[Floats, Floats]:
+    """Return (worldToCamera, worldToNDC) of a camera, float64 (4, 4), for row vectors: [x y z 1] @ matrix.
+
+    As defined in OpenEXR's ImfStandardAttributes.h: camera space is left-handed, the eye at the origin, +x right,
+    +y up, +z the viewing direction, in scene units: the camera frame of this renderer. NDC, after division by w, has
+    (0, 0) at the upper left and (1, 1) at the lower right corner of the display window, y DOWN: the pixel in column c
+    and row r from the top has its center at ((c+0.5)/N, (r+0.5)/M). OpenEXR leaves z open; here it is 1 - focal/depth:
+    0 on the image plane, 1 at infinity; the depth itself in a parallel projection, whose w is 1.
+    """
+    to_camera = np.eye(4)
+    to_camera[:3, :3] = camera_axes(camera).T
+    to_camera[3, :3] = -np.asarray(camera.eye) @ to_camera[:3, :3]
+    (height, width), (right, up) = camera.plane, camera.principal
+    to_ndc = np.zeros((4, 4))
+    if camera.orthographic:
+        to_ndc[0, 0], to_ndc[1, 1], to_ndc[2, 2] = 1.0 / width, -1.0 / height, 1.0
+        to_ndc[3] = right, 1.0 - up, 0.0, 1.0
+    else:
+        to_ndc[0, 0], to_ndc[1, 1] = camera.focal / width, -camera.focal / height
+        to_ndc[2] = right, 1.0 - up, 1.0, 1.0
+        to_ndc[3, 2] = -camera.focal
+    return to_camera, to_camera @ to_ndc
+
+
+def camera_metadata(camera: Camera) -> dict[str, Any]:
+    """Return header attributes of a camera: worldToCamera, worldToNDC (float32), pixelAspectRatio (width / height)."""
+    to_camera, to_ndc = camera_matrices(camera)
+    (height, width), (columns, rows) = camera.plane, camera.resolution
+    aspect = (width / columns) / (height / rows)
+    with np.errstate(over="ignore"):
+        matrices = {"worldToCamera": to_camera.astype(np.float32), "worldToNDC": to_ndc.astype(np.float32)}
+    return {**matrices, "pixelAspectRatio": min(max(aspect, 1e-6), 1e6)}  # OpenEXR refuses anything beyond
 
 
 def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
@@ -263,3 +297,71 @@ def half_diagonal(low: Floats, high: Floats) -> float:
     exponent = _exponent(half)
     with np.errstate(over="ignore"):
         return float(np.ldexp(np.linalg.norm(np.ldexp(half, -exponent)), exponent))
+
+
+def triangles(scene: Scene) -> tuple[Floats, Faces]:
+    """Return the vertices (V, 3) of all meshes and instances in world space, and the faces (F, 3) in the order in which
+    the layer `id` counts them."""
+    verts: list[Floats] = [np.zeros((0, 3))]
+    faces: list[Faces] = [np.zeros((0, 3), np.int32)]
+    count = 0
+    for mesh in scene.meshes:
+        for placement in np.asarray(mesh.instances):
+            placed = mesh.verts.astype(np.float64)
+            if (placement != np.eye(4)).any():
+                placed = placed @ placement[:3, :3].T + placement[:3, 3]
+            verts.append(placed)
+            faces.append(mesh.faces + np.int32(count))
+            count += len(placed)
+    return np.concatenate(verts), np.concatenate(faces)
+
+
+def pixel_rays(
+    camera: Camera, place: tuple[float, float] = (0.5, 0.5), rows: slice = slice(None)
+) -> tuple[Floats, Floats]:
+    """Return directions and origins, (M, N, 3) each, of rays through pixels, row 0 at the top.
+
+    place: where in the pixel, from its lower left corner. rows: of the image; default: all.
+    """
+    (height, width), (columns, count) = camera.plane, camera.resolution
+    upward = count - 1 - np.arange(count)[rows]
+    x = ((np.arange(columns) + place[0]) / columns - camera.principal[0]) * width
+    y = ((upward + place[1]) / count - camera.principal[1]) * height
+    across, up = np.broadcast_arrays(x, y[:, None])
+    axes = camera_axes(camera)
+    if camera.orthographic:
+        origins = camera.eye + across[..., None] * axes[0] + up[..., None] * axes[1]
+        return np.broadcast_to(axes[2], origins.shape), origins
+    forward = np.full_like(across, camera.focal)
+    rays = np.stack([across, up, forward], axis=-1) @ axes
+    return rays, np.broadcast_to(camera.eye, rays.shape)
+
+
+def face_weights(origins: Floats, rays: Floats, corners: Floats) -> Floats:
+    """Return the weights (K, 3) of triangles' corners (K, 3, 3) where rays (K, 3) meet their planes, clamped to the
+    triangles."""
+    first = corners[:, 0]
+    one, other = corners[:, 1] - first, corners[:, 2] - first
+    moment = np.cross(origins - first, rays)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        facing = -_dot(np.cross(one, other), rays)
+        second, third = _dot(other, moment) / facing, -_dot(one, moment) / facing
+    second, third = (np.clip(np.nan_to_num(share), 0.0, 1.0) for share in (second, third))
+    beyond = np.maximum(second + third, 1.0)
+    second, third = second / beyond, third / beyond
+    return np.stack([1.0 - second - third, second, third], axis=1)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.einsum("kx,kx->k", a, b))
+
+
+def in_image(camera: Camera, offsets: Floats) -> tuple[Floats, Floats]:
+    """Return where points are in the image, (K, 2), pixels to the right and down from its top left corner, and their depths
+    (K,). offsets: of the points from the eye (K, 3). What is not in front of a perspective camera gets NaN."""
+    (height, width), (columns, rows), principal = camera.plane, camera.resolution, camera.principal
+    x, y, z = (offsets @ camera_axes(camera).T).T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        lens = 1.0 if camera.orthographic else np.where(z > 0.0, camera.focal / z, np.nan)
+        across, up = (x * lens / width + principal[0]) * columns, (y * lens / height + principal[1]) * rows
+    return np.stack([across, rows - up], axis=1), z

@@ -74,7 +74,7 @@ def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
 
 
 def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> PartCamera:
-    """Return the camera of a part of an image.
+    """Return the camera of a part of an image. Raises InputError for a part that is not one of the whole.
 
     Parameters
     ----------
@@ -85,15 +85,6 @@ def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> Part
     columns, rows : int
         Pixels of the part, inside the whole, 1 to 16384 each. Parts of an image of more than 16384
         pixels a side lie within 16384 pixels from a multiple of 16384.
-
-    Returns
-    -------
-    PartCamera
-
-    Raises
-    ------
-    InputError
-        If the part is not one of the whole.
     """
     for name, start, count, size in zip(("left", "top"), (left, top), (columns, rows), whole.resolution, strict=True):
         region_end = min((start // MAX_RESOLUTION + 1) * MAX_RESOLUTION, size)

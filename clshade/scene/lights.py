@@ -95,8 +95,7 @@ def _shown(value: Any) -> str:
 
 def _unit(direction: Floats) -> Floats:
     scaled = np.ldexp(direction, -np.frexp(np.abs(direction).max())[1])  # squares neither over- nor underflow
-    unit: Floats = scaled / math.sqrt(float(scaled @ scaled))
-    return unit
+    return np.asarray(scaled / math.sqrt(float(scaled @ scaled)))
 
 
 def _ones() -> Any:

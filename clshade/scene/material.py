@@ -70,11 +70,6 @@ class Material:
     opacity : float, default 1
         Factor of alpha, 0 to 1. Alpha is opacity times the texture's alpha times that of the
         vertices, clamped to [0, 1].
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
     """
 
     # A coefficient's component is its name for `--components`.

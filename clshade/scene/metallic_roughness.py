@@ -90,11 +90,6 @@ class MetallicRoughness:
         From 0, R counts as 1, to 1.
     emission_texture : Texture or None, default None
         Linear, numbers from 0 on; RGB multiplies `emission`.
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
     """
 
     metallic: float = checked(1.0, fraction)
@@ -124,8 +119,7 @@ class MetallicRoughness:
         It includes the strength `specular`, which is the reflectance at grazing incidence.
         """
         plain = 1.0 if self.ior == 0.0 else ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
-        reflectance: Floats = self.specular * np.minimum(plain * np.asarray(self.specular_color), 1.0)
-        return reflectance
+        return self.specular * np.minimum(plain * np.asarray(self.specular_color), 1.0)
 
 
 MAPS: dict[str, Map] = facts_of(MetallicRoughness, "map")  # by field

@@ -76,11 +76,6 @@ def _zeros() -> Any:
     return np.zeros(3)
 
 
-@cache
-def _default_material() -> Material:
-    return Material()
-
-
 def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
     """Let the constructor take `vertices` as another name of `verts`."""
     init = cls.__init__
@@ -152,12 +147,6 @@ class Mesh:
     part_of : str, default ""
         Meshes of a scene with one text here are parts of one object, each of a material of its own:
         instance k of each is a part of instance k of the object. "": the mesh is an object.
-
-    Raises
-    ------
-    InputError
-        An array has another shape, an index is out of range, or a value is not allowed; the message
-        names the mesh and the field.
     """
 
     verts: Reals
@@ -167,7 +156,7 @@ class Mesh:
     normal_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
     uvs: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
     uv_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
-    material: Material = field(default_factory=_default_material)
+    material: Material = field(default_factory=cache(Material))
     instances: Converted[ArrayLike | None, Floats] = field(default=kept(None))
     name: str = ""
     nonfinite: Nonfinite = "refuse"
@@ -419,11 +408,6 @@ class Scene:
         loaded. Rendering does not depend on it.
     animations : tuple of str, default ()
         Names of the animations of the scene's file, "" for one without a name; see `clshade.load`.
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
     """
 
     meshes: tuple[Mesh, ...]

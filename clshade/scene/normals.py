@@ -114,15 +114,6 @@ def _smooth_pairs(faces: Array, normals: Array, least: float) -> tuple[Array, Ar
     return np.concatenate([low_ends[0], high_ends[0]]), np.concatenate([low_ends[1], high_ends[1]])
 
 
-def _mixed(values: Array) -> Array:
-    """Mix 64-bit integers in place with the finalizer of MurmurHash3."""
-    for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):
-        values ^= values >> np.uint64(33)
-        values *= np.uint64(factor)
-    values ^= values >> np.uint64(33)
-    return values
-
-
 def welded(verts: Array) -> tuple[Array, Array]:
     """Merge vertices at equal positions (-0.0 equals 0.0).
 
@@ -132,7 +123,11 @@ def welded(verts: Array) -> tuple[Array, Array]:
     bits = (np.ascontiguousarray(verts) + 0.0).view(np.uint32 if verts.dtype == np.float32 else np.uint64)
     hashed = np.zeros(len(verts), np.uint64)
     for column in bits.T:
-        hashed = _mixed(hashed * np.uint64(0x9E3779B97F4A7C15) + column)
+        hashed = hashed * np.uint64(0x9E3779B97F4A7C15) + column
+        for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):  # the finalizer of MurmurHash3
+            hashed ^= hashed >> np.uint64(33)
+            hashed *= np.uint64(factor)
+        hashed ^= hashed >> np.uint64(33)
     _, first, which = np.unique(hashed, return_index=True, return_inverse=True)
     which = which.reshape(-1)
     if not (bits[first[which]] == bits).all():  # a hash collision

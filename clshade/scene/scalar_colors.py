@@ -24,8 +24,7 @@ def at_corners(mesh: Mesh, name: str) -> Floats:
     """Return the scalars at the corners of a mesh's faces, (F, 3)."""
     values = mesh.scalars[name].astype(np.float64)
     if at_vertices(mesh, name):
-        corners: Floats = values[mesh.faces]
-        return corners
+        return values[mesh.faces]
     return values if values.ndim == 2 else np.repeat(values[:, None], 3, axis=1)
 
 

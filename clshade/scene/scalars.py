@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,11 +37,6 @@ class Scalars:
     nan_color : color, default "darkgray"
         Color of faces one of whose corners is NaN. Colors are whatever Matplotlib understands.
 
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
-
     Examples
     --------
     >>> from clshade import Scalars
@@ -53,16 +48,6 @@ class Scalars:
     colormap: Converted[str | Iterable[Any], str | tuple[Any, ...]] = field(default=kept("viridis"))
     clim: Converted[ArrayLike | None, tuple[float, float] | None] = field(default=kept(None))
     nan_color: Converted[Any, tuple[float, float, float]] = field(default=kept("darkgray"))
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            name: str,
-            colormap: str | Iterable[Any] = "viridis",
-            clim: ArrayLike | None = None,
-            nan_color: Any = "darkgray",
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:

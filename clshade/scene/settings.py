@@ -131,11 +131,6 @@ class Settings:
     """How a scene is rendered; the defaults are the preset `standard`.
 
     `Settings.from_preset("course")` and `Settings.from_preset("pbr")` give the other presets.
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
     """
 
     shader: Shader = declare.choice(
@@ -296,15 +291,6 @@ class Settings:
             shadows.
         **fields
             Fields of `Settings` to change.
-
-        Returns
-        -------
-        Settings
-
-        Raises
-        ------
-        InputError
-            The preset, a field or a value is unknown.
 
         Examples
         --------

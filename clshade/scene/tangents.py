@@ -63,7 +63,8 @@ def corner_tangents(
     corners = _vertices(verts, faces, normals, normal_faces, uvs, uv_faces)
     points = _scaled(np.asarray(verts, np.float64))[faces]
     directions = _directions(points, uvs, uv_faces)
-    real = _apart(points)
+    a, b, c = points[:, 0], points[:, 1], points[:, 2]
+    real = (a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)  # the others are never seen
     labels, preserving = _groups(corners, real, directions)
     ordinary = real & ~directions.free
     counts = np.repeat(ordinary, 3)
@@ -98,16 +99,14 @@ class _Directions:
 def _scaled(points: Array) -> Floats:
     """Return the points over a power of two that keeps their products within range."""
     most = np.abs(points).max(initial=0.0)
-    scaled: Floats = np.ldexp(points, -int(np.frexp(most)[1]))
-    return scaled
+    return np.ldexp(points, -int(np.frexp(most)[1]))
 
 
 def _unit(vectors: Floats) -> Floats:
     most = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
     scaled = np.ldexp(vectors, -np.frexp(most)[1])
     length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-    unit: Floats = scaled / np.where(length > 0.0, length, 1.0)
-    return unit
+    return np.asarray(scaled / np.where(length > 0.0, length, 1.0))
 
 
 def _vertices(verts: Array, faces: Array, normals: Array, normal_faces: Array, uvs: Array, uv_faces: Array) -> Array:
@@ -140,13 +139,6 @@ def _directions(points: Floats, uvs: Array, uv_faces: Array) -> _Directions:
     preserving = area > 0.0
     free = (area == 0.0) | ~along.any(axis=1) | ~down.any(axis=1)
     return _Directions(np.where(preserving, 1.0, -1.0)[:, None] * _unit(along), preserving, free)
-
-
-def _apart(points: Floats) -> Bools:
-    """Return (F,) bool: the faces with three different positions; the others are never seen."""
-    a, b, c = points[:, 0], points[:, 1], points[:, 2]
-    apart: Bools = (a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)
-    return apart
 
 
 def _opposite_edges(corners: Array, real: Bools) -> tuple[Array, Array]:
@@ -237,5 +229,4 @@ def _shares(points: Floats, normals: Floats, along: Floats, counts: Bools) -> Fl
 
 
 def _in_plane(vectors: Floats, normal: Floats) -> Floats:
-    part: Floats = vectors - (vectors * normal).sum(axis=1, keepdims=True) * normal
-    return part
+    return np.asarray(vectors - (vectors * normal).sum(axis=1, keepdims=True) * normal)

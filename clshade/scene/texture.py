@@ -45,11 +45,6 @@ class Texture:
     coordinates : int, default 0
         The number of the texture coordinates of a mesh: 0 is `uvs`, 1 the first of `more_uvs`. A mesh
         without them does without the texture. A material's own texture has 0.
-
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field.
     """
 
     image: Floats32

@@ -64,7 +64,12 @@ def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
     """
     if (counts == 3).all():
         return Cuts(counts, *_NO_OTHER)
-    columns = _unit_size(verts)
+    # By coordinate, times the power of two (exact) that brings the largest to 1.
+    exponent = int(np.frexp(max(verts.max(initial=0.0), -verts.min(initial=0.0)))[1])
+    if abs(exponent) < 1000:
+        columns: Floats = np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
+    else:
+        columns = np.ldexp(np.array(verts.T, np.float64, order="C"), -exponent)
     turned = _turned(columns, corners, counts)
     if not len(turned):
         return Cuts(counts, *_NO_OTHER)
@@ -101,15 +106,6 @@ def _mixed_fans(counts: Array) -> Array:
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(triangles) - triangles, triangles)
     start = (np.cumsum(counts) - counts)[polygon]
     return np.stack([start, start + step + 1, start + step + 2], axis=1)
-
-
-def _unit_size(verts: Array) -> Array:
-    """Return (3, V) float64 positions by coordinate, times the power of two (exact) that brings the largest to 1."""
-    exponent = int(np.frexp(max(verts.max(initial=0.0), -verts.min(initial=0.0)))[1])
-    if abs(exponent) < 1000:
-        scaled: Floats = np.multiply(verts.T, 2.0**-exponent, order="C", dtype=np.float64)
-        return scaled
-    return np.ldexp(np.array(verts.T, np.float64, order="C"), -exponent)
 
 
 def _by_count(counts: Array) -> Iterator[Array]:
@@ -202,8 +198,7 @@ def _turned_area(points: Floats, triangles: Array) -> Floats:
     """Return (P,) twice the area of the clockwise ones of the triangles (P, F, 3) of polygons (P, n, 2)."""
     a, b, c = (np.take_along_axis(points, triangles[:, :, [k]], axis=1) for k in range(3))
     b, c = b - a, c - a
-    areas: Floats = np.maximum(c[:, :, 0] * b[:, :, 1] - b[:, :, 0] * c[:, :, 1], 0.0).sum(axis=1)
-    return areas
+    return np.asarray(np.maximum(c[:, :, 0] * b[:, :, 1] - b[:, :, 0] * c[:, :, 1], 0.0).sum(axis=1))
 
 
 def strips(indices: Array) -> Array:
@@ -218,8 +213,7 @@ def strips(indices: Array) -> Array:
     begin = np.maximum.accumulate(np.where(ends, place + 1, 0))
     first = np.flatnonzero(~(ends[:-2] | ends[1:-1] | ends[2:]))
     odd = (first - begin[first]) & 1
-    corners: Array = indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)]
-    return corners
+    return np.asarray(indices[np.stack([first, first + 1 + odd, first + 2 - odd], axis=1)])
 
 
 def single_fan(indices: Array) -> Array:

@@ -21,11 +21,11 @@ from ..images.transparency import WHITE, over
 from ..pipeline.frame_files import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
+from ..scene.contents import surface_facts
 from ..scene.ground import objects_of
 from ..scene.model import Scene
 from ..scene.objects import instance_count, object_numbers
 from ..scene.settings import FrameOptions
-from ..scene.surface_facts import surface_facts
 from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
 
 if TYPE_CHECKING:

@@ -46,7 +46,7 @@ def test_a_file_has_the_cameras_of_from_matrix(tmp_path, convention, center):
 def test_opencv_projects_points_where_cameras_of_a_file_draw_them(tmp_path, convention, center):
     """Written, read and written again: within 1/256 px of K and the pose that were given."""
     cv2 = pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
-    from clshade.scene.camera_matrices import camera_matrices
+    from clshade.scene.geometry import camera_matrices
 
     given = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
     cameras = read(tmp_path, [given])

@@ -17,8 +17,7 @@ from clshade.errors import InputError
 from clshade.images import exr
 from clshade.pipeline import clip
 from clshade.scene.camera import Camera
-from clshade.scene.camera_matrices import camera_matrices, camera_metadata
-from clshade.scene.geometry import camera_axes
+from clshade.scene.geometry import camera_axes, camera_matrices, camera_metadata
 
 LOSSLESS = [name for name in exr.COMPRESSIONS if name not in exr.LOSSY]
 # Zeros, denormals, infinities, quiet and signaling NaNs with payloads, 1e6, the largest float; then random bits.

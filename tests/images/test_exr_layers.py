@@ -18,7 +18,7 @@ from clshade.images import exr
 from clshade.images.layers import LAYER_TABLE
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.opencl.device import Device
-from clshade.scene.camera_matrices import camera_matrices
+from clshade.scene.geometry import camera_matrices
 from clshade.scene.model import Scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -20,9 +20,8 @@ from clshade.pipeline.flow_vectors import Flow
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
-from clshade.scene.geometry import camera_axes
+from clshade.scene.geometry import camera_axes, face_weights, in_image, pixel_rays, triangles
 from clshade.scene.model import Material, Mesh, Scene
-from clshade.scene.seen_points import face_weights, in_image, pixel_rays, triangles
 
 HALF_ULP = 2.0**-24  # of float32, relative
 CAMERA = Camera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (0.75, 1.0), (64, 48))

@@ -16,8 +16,7 @@ from clshade.errors import InputError
 from clshade.scene.environment import Environment, nearest_axis
 from clshade.scene.image_light import octahedral
 from clshade.scene.image_light.brdf_table import brdf_table, split_sum
-from clshade.scene.image_light.irradiance import irradiance_coefficients, moments
-from clshade.scene.image_light.lat_long import radiance, solid_angles
+from clshade.scene.image_light.irradiance import irradiance_coefficients, moments, radiance, solid_angles
 from clshade.scene.image_light.light import image_light
 from clshade.scene.image_light.specular import lobe, sharp_map, specular_levels
 

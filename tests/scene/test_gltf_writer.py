@@ -18,7 +18,7 @@ import clshade
 from clshade.errors import InputError, OutputError
 from clshade.images.decode import srgb_to_linear
 from clshade.scene.formats.glb import Glb
-from clshade.scene.formats.gltf_writer_meshes import in_float32, unified
+from clshade.scene.formats.gltf_writer import in_float32, unified
 from clshade.scene.geometry import bounding_box, camera_axes, vertex_normals
 from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
 from clshade.scene.material import TERMS

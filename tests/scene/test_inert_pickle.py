@@ -16,8 +16,8 @@ import pytest
 from scene_files import course_dict, npy_of_pickle, pickled_array, refusal
 
 from clshade.errors import InputError
-from clshade.scene.formats.inert_pickle import Refused, unpickle
 from clshade.scene.formats.load import load
+from clshade.scene.formats.safe_pickle import Refused, unpickle
 
 SIZE = 1_000_000  # bytes of a worst case
 SECONDS = 1.0  # of CPU time, for SIZE; more on a slow machine, see `slowness`

@@ -9,7 +9,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.scene.camera import Camera
-from clshade.scene.camera_matrices import camera_matrices
+from clshade.scene.geometry import camera_matrices
 
 SIZE = (640, 480)
 K = np.array([[612.5, 0.0, 301.25], [0.0, 598.75, 260.5], [0.0, 0.0, 1.0]])

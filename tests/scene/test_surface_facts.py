@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import clshade
-from clshade.scene import surface_facts as module
+from clshade.scene import contents as module
+from clshade.scene.contents import SurfaceFacts, surface_facts
 from clshade.scene.model import Mesh, Scene
-from clshade.scene.surface_facts import SurfaceFacts, surface_facts
 
 CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -24,7 +24,7 @@ DARK = np.array([0.004, 0.0045, 0.006])  # background
 
 
 def builtin(name: str = "teapot", **options: Any) -> Scene:
-    """Create a built-in scene.
+    """Create a built-in scene. The same call gives the same arrays, bit for bit.
 
     Parameters
     ----------
@@ -32,16 +32,6 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
         Name of the scene.
     **options
         Options of that scene, see Notes.
-
-    Returns
-    -------
-    Scene
-        The same call gives the same arrays, bit for bit.
-
-    Raises
-    ------
-    InputError
-        The name, an option or its value is not allowed.
 
     Notes
     -----

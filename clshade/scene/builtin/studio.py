@@ -94,8 +94,7 @@ def _image() -> Floats:
         image = image + _lamp(d, box)[..., None] * (box.radiance * np.array(box.color))
     weight = np.broadcast_to(sine, image.shape[:2])
     image = image * (MEAN / np.average(image.mean(axis=2), weights=weight))
-    rounded: Floats = np.round(image * 4096.0) / 4096.0
-    return rounded
+    return np.asarray(np.round(image * 4096.0) / 4096.0)
 
 
 def _smooth(x: Floats) -> Floats:

@@ -86,8 +86,7 @@ def _bernstein(count: int) -> tuple[Floats, Floats]:
 def _mix(weights: Floats, points: Floats) -> Floats:
     """Return (K, ...) sums of four (4, ...) points by (K, 4) weights, added in the same order for every point."""
     a, b, c, d = (weights[:, k].reshape(-1, *[1] * (points.ndim - 1)) * points[k] for k in range(4))
-    mixed: Floats = (a + d) + (b + c)
-    return mixed
+    return np.asarray((a + d) + (b + c))
 
 
 def _bezier(points: Floats, rows: int, columns: int) -> Grids:
@@ -254,15 +253,13 @@ def swirl_image() -> Floats32:
 def smoothstep(edge0: float, edge1: float, x: Reals) -> Floats:
     """Return 0 on the side of edge0, 1 on that of edge1, and a cubic between."""
     t = np.clip((x - edge0) / (edge1 - edge0), 0.0, 1.0)
-    cubic: Floats = t * t * (3.0 - 2.0 * t)
-    return cubic
+    return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
 def quantized(colors: Floats) -> Floats32:
     """Round colors to multiples of 2^-12, so that the last bit of a machine's cosine does not show in a texture."""
     colors = colors * 4096.0
-    steps: Floats32 = np.rint(colors, out=colors).astype(np.float32) * np.float32(1.0 / 4096.0)
-    return steps
+    return np.asarray(np.rint(colors, out=colors).astype(np.float32) * np.float32(1.0 / 4096.0))
 
 
 def _clouds(size: int, seed: int, scale: int) -> Floats:
@@ -298,8 +295,7 @@ def _stroke(distance: Reals, width: float, soft: float = 0.02) -> Floats:
 
 
 def _lines(y: Reals, *strokes: tuple[float, float]) -> Floats:
-    inked: Floats = np.sum([_stroke(y - at, width) for at, width in strokes], axis=0)
-    return inked
+    return np.asarray(np.sum([_stroke(y - at, width) for at, width in strokes], axis=0))
 
 
 def _petals(x: Reals, y: Reals, tip: float, base: float) -> Floats:
@@ -307,8 +303,7 @@ def _petals(x: Reals, y: Reals, tip: float, base: float) -> Floats:
     t = np.clip((y - tip) / (base - tip), 0.0, 1.0)
     edge = 0.46 * np.sqrt(t) * (1.3 - 0.3 * t) - np.abs(x % 1.0 - 0.5)
     inside = (y > min(tip, base)) & (y < max(tip, base))
-    petals: Floats = inside * (_stroke(edge, 0.05, 0.05) + smoothstep(0.1, 0.16, edge) * (0.25 + 0.55 * (1.0 - t)))
-    return petals
+    return np.asarray(inside * (_stroke(edge, 0.05, 0.05) + smoothstep(0.1, 0.16, edge) * (0.25 + 0.55 * (1.0 - t))))
 
 
 def _window(ink: Floats, scale: Sequence[float], at: Sequence[float], reach: float) -> tuple[Any, Reals, Reals]:

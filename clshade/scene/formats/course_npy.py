@@ -19,7 +19,6 @@ from ..lights import plain_lights
 from ..model import Material, Mesh, PointLight, Scene, Texture
 from . import course_values as values
 from . import safe_pickle
-from .inert_pickle import paused_collection
 from .options import Options
 
 MAX_BYTES = 1 << 31  # of a course file
@@ -44,21 +43,18 @@ class _Fields:
             raise file_error(self.owner, key, "this key", "none")
         return self.content.value(key)
 
-    def number(self, key: str) -> float:
-        return number(self.owner, key, self.get(key), above=0.0)
-
     def coefficient(self, key: str) -> Array:
         return coefficient(self.owner, key, self.get(key))
 
 
-@paused_collection()
+@safe_pickle.paused_collection()
 def read_course(path: Path, options: Options) -> Scene:
     """Read a course file.
 
     options.texture replaces the vertex colors. options.focal is required for a file without one.
 
     A file's fields are checked even where an option replaces them. Unknown keys, including `depth`, are ignored.
-    `vertex_colors` may be missing if there are uvs. Raises InputError, one line, see clshade.scene.formats.load.load.
+    `vertex_colors` may be missing if there are uvs.
     """
     owner = shown(path)
     content = safe_pickle.unpack(read_file(path, MAX_BYTES), owner)
@@ -90,8 +86,10 @@ def _camera(fields: _Fields, focal: float | None) -> Camera:
     pose = [fields.get(f"cam_{name}") for name in ("eye", "lookat", "up")]
     size, plane = (fields.get("M"), fields.get("N")), (fields.get("H"), fields.get("W"))
     # The file's value is checked even if it is replaced.
-    own = fields.number("focal") if "focal" in fields.content or focal is None else None
-    return values.camera(fields.owner, pose, own if focal is None else focal, size, plane, prefix="cam_")
+    if "focal" in fields.content or focal is None:
+        own = number(fields.owner, "focal", fields.get("focal"), above=0.0)
+        focal = own if focal is None else focal
+    return values.camera(fields.owner, pose, focal, size, plane, prefix="cam_")
 
 
 def _lights(fields: _Fields) -> tuple[PointLight, ...]:

@@ -80,8 +80,7 @@ def _is_vector(value: Any) -> bool:
 def _per_light(owner: str, name: str, value: Any) -> Floats:
     """Return (L, 3) float64 from an array of L rows, a list of L 3-vectors, or one 3-vector; L is 0 if it is empty."""
     if _is_vector(value):
-        only: Floats = vector(owner, name, value)[None].copy()
-        return only
+        return np.asarray(vector(owner, name, value)[None].copy())
     if isinstance(value, (list, tuple)):
         listed = [vector(owner, f"{name}[{k}]", item) for k, item in enumerate(value)]
         return np.array(listed).reshape(-1, 3)

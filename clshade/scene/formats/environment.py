@@ -32,10 +32,6 @@ def load_environment(path: Path, **fields: Any) -> Environment:
     **fields
         Other fields of `Environment`; `name` is by default the file's.
 
-    Returns
-    -------
-    Environment
-
     Raises
     ------
     InputError

@@ -116,7 +116,10 @@ def _of_trimesh(source: Any, materials: dict[int, Material]) -> Mesh:
         return mesh
     given = visual.material
     if id(given) not in materials:
-        materials[id(given)] = _material(given)
+        if hasattr(given, "materials"):
+            raise value_error(_OWNER, "visual.material", "one material for each mesh", given)
+        convert = _metallic_roughness if hasattr(given, "baseColorFactor") else _simple
+        materials[id(given)] = convert(given)
     material = materials[id(given)]
     uvs = None if visual.uv is None else np.asarray(visual.uv) * [1.0, -1.0] + [0.0, 1.0]  # v = 0 is the bottom there
     colors = getattr(visual, "vertex_attributes", {}).get("color")
@@ -187,13 +190,6 @@ def _with_face_colors(mesh: Mesh, colors: Array) -> Mesh:
     changes = _colored(np.repeat(colors, 3, axis=0), mesh.material)
     changes["scalars"] = {name: values[corners] for name, values in mesh.scalars.items()}
     return replace(mesh, verts=verts, faces=faces, normals=normals, normal_faces=mesh.faces, **changes)
-
-
-def _material(given: Any) -> Material:
-    """Return a Material for one of trimesh."""
-    if hasattr(given, "materials"):
-        raise value_error(_OWNER, "visual.material", "one material for each mesh", given)
-    return _metallic_roughness(given) if hasattr(given, "baseColorFactor") else _simple(given)
 
 
 def _simple(given: Any) -> Material:

@@ -154,8 +154,7 @@ def _placed(matrix: Floats) -> dict[str, list[float]]:
 
 def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int:
     """Add the camera; return the index of its node. sphere: of the meshes, which lie between near and far plane."""
-    (height, width), right_up_forward = camera.plane, camera_axes(camera)
-    right, up, forward = right_up_forward
+    (height, width), (right, up, forward) = camera.plane, camera_axes(camera)
     if camera.principal != (0.5, 0.5):
         lost.append("the camera's principal point (the middle of the image)")
     center, radius = sphere

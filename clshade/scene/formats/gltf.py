@@ -1,4 +1,4 @@
-"""Scenes from glTF 2.0 files, .gltf and .glb.
+"""Scenes from glTF 2.0 files, .gltf and .glb; and their animations played: one scene, and what each frame changes in it.
 
 Own code on NumPy, because trimesh 5.2 loses wrap modes, texture transforms, alpha masks, blending, double-sidedness, vertex
 colors next to a texture, cameras and lights, and the order of the file; and it accepts indices out of range and
@@ -7,25 +7,35 @@ infinite positions.
 
 from __future__ import annotations
 
+import functools
 import os
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
-from ...base.arrays import Array
+import numpy as np
+
+from ...base.arrays import Array, Floats
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted
+from ...base.validation import integer, number
 from ...errors import InputError
 from .. import fitting, framing
 from ..camera import Camera
+from ..geometry import bounding_box
 from ..model import Light, Mesh, Scene
+from ..pose import Pose, changes_of, pose_between
 from .gltf_accessors import open_gltf
 from .gltf_animations import Animation, NodeValues, names_of, read_animation
 from .gltf_json import Item
-from .gltf_lights import lights_of
 from .gltf_materials import Materials
 from .gltf_meshes import MeshBuilder
-from .gltf_nodes import Placed, camera_of, placed
+from .gltf_nodes import Placed, camera_of, lights_of, placed
 from .options import Options, warn_ignored
 
+FPS = 30
+MOST = 1_000_000  # frames
+_T = TypeVar("_T")
 # Extensions that are rendered, and those that a renderer may ignore.
 RENDERED = (
     "KHR_lights_punctual",
@@ -48,8 +58,6 @@ def read_gltf(path: Path, options: Options) -> Scene:
 
     At rest, or at options.time of options.animation. README.md lists what is rendered; other features of the file are in
     Scene.ignored and in one warning. Faces without normals are flat, as glTF specifies, unless options.crease is given.
-
-    Raises InputError, one line that names the file and the field, see clshade.scene.formats.load.load.
     """
     file = GltfFile(path, options)
     if options.time is None and options.animation is None:
@@ -61,9 +69,9 @@ def animations_and_cameras(path: Path) -> tuple[list[float | None], int]:
     """Return the length of each animation of a glTF file, None of a broken one, and how many cameras it has."""
     document, buffers = open_gltf(path)
     lengths: list[float | None] = []
-    for number in range(len(names_of(document))):
+    for index in range(len(names_of(document))):
         try:
-            lengths.append(read_animation(document, buffers, number, []).seconds)
+            lengths.append(read_animation(document, buffers, index, []).seconds)
         except InputError:
             lengths.append(None)
     return lengths, document.count("cameras")
@@ -154,3 +162,130 @@ def _names(document: Item, key: str) -> list[str]:
     if not isinstance(names, list) or not all(isinstance(name, str) and name.isprintable() for name in names):
         raise document.error(key, "a list of names", quoted(repr(names)))
     return [name if len(name) <= 64 else name[:64] + "..." for name in names[:64]]
+
+
+class _Each(Mapping[int, _T]):
+    """What `make` makes of the time of each frame, by its number from 1, when it is looked up."""
+
+    def __init__(self, times: tuple[float, ...], make: Callable[[float], _T]) -> None:
+        self._times, self._make = times, make
+
+    def __getitem__(self, frame: int) -> _T:
+        if frame not in range(1, len(self._times) + 1):
+            raise KeyError(frame)
+        return self._make(self._times[frame - 1])
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(1, len(self._times) + 1))
+
+    def __contains__(self, frame: object) -> bool:
+        return frame in range(1, len(self._times) + 1)
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+
+class Poses(_Each[Pose]):
+    """Poses by frame number. source: what they are computed from, which tells them from others without computing them."""
+
+    def __init__(self, times: tuple[float, ...], make: Callable[[float], Pose], source: Callable[[], Any]) -> None:
+        super().__init__(times, make)
+        self._source = source
+
+    @functools.cached_property
+    def source(self) -> Any:
+        return self._source()
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """An animation of a file, as frames 1, 2, ...
+
+    Attributes
+    ----------
+    scene : Scene
+        Its first frame. A camera and lights that the file lacks are chosen for all frames.
+    name : str
+        Name of the animation, "animation 0" and so on without one.
+    seconds : float
+        Its length.
+    times : tuple of float
+        Time of each frame, seconds: evenly spaced over the length, without its end, so that a film of
+        them loops.
+    poses : mapping of int to Pose
+        What each frame changes in `scene`, by frame number; computed when looked up.
+    cameras : mapping of int to Camera
+        Camera of each frame: the file's, which may move, or that of `scene`.
+    stage : Scene
+        `scene` with one mesh more, last, of the boxes that its moving meshes fill in all frames: for
+        what is chosen to show everything. Computed when looked up, if the file has a camera and
+        lights: that takes all poses.
+    """
+
+    scene: Scene
+    name: str
+    seconds: float
+    times: tuple[float, ...]
+    poses: Poses
+    cameras: Mapping[int, Camera]
+    _extent: Callable[[], tuple[Mesh, ...]] = field(repr=False)
+
+    @functools.cached_property
+    def stage(self) -> Scene:
+        return replace(self.scene, meshes=(*self.scene.meshes, *self._extent()))
+
+
+def play(path: Path, options: Options, *, count: int | None = None, fps: float = FPS) -> Played:
+    """Return the frames of options.animation, `count` of them or `fps` for each second. See `load.load_animation`."""
+    file = GltfFile(path, options)
+    animation = file.animation(options.animation)
+    if count is None:
+        count = max(1, round(min(animation.seconds * number("load_animation", "fps", fps, above=0.0), MOST + 1)))
+        if count > MOST:
+            raise InputError(
+                f"load_animation: fps: expected at most {MOST} frames, found {animation.seconds:g} s of {fps:g}"
+            )
+    count = integer("load_animation", "count", count, 1, MOST)
+    times = tuple(animation.seconds * k / count for k in range(count))
+    meshes, nodes = file.meshes(animation.at(times[0]))
+    extent = functools.cache(lambda: _extent(file, animation, times, meshes))
+    sphere = fitting.bounding_sphere(meshes)
+    chosen = file.camera(nodes, sphere) is None or not file.lights(nodes, sphere)
+    stage_meshes = (*meshes, *extent()) if chosen else meshes
+    sphere = fitting.bounding_sphere(stage_meshes) if chosen else sphere
+    scene = replace(file.framed(stage_meshes, nodes, sphere), meshes=meshes)
+
+    def pose(time: float) -> Pose:
+        posed, nodes = file.meshes(animation.at(time))
+        lights = file.lights(nodes, sphere, scene.light_scale) if scene.own_lights else None
+        return pose_between(meshes, posed, lights)
+
+    def camera(time: float) -> Camera:
+        own = None if scene.fitted else file.camera(file.nodes(animation.at(time)), sphere)
+        return own or scene.camera
+
+    poses = Poses(times, pose, lambda: (file.buffers.digest(), options, animation.name, times))
+    return Played(scene, animation.name, animation.seconds, times, poses, _Each(times, camera), extent)
+
+
+def _extent(
+    file: GltfFile, animation: Animation, times: tuple[float, ...], meshes: tuple[Mesh, ...]
+) -> tuple[Mesh, ...]:
+    """Return a mesh whose vertices are the corners of the boxes that the moving meshes fill; nothing if none moves."""
+    boxes: dict[int, tuple[Floats, Floats]] = {}
+    for time in times[1:]:
+        for index, (mesh, posed) in enumerate(zip(meshes, file.meshes(animation.at(time))[0], strict=True)):
+            if changes_of(mesh, posed):
+                low, high = _box(posed)
+                lows, highs = boxes.get(index, (low, high))
+                boxes[index] = np.minimum(lows, low), np.maximum(highs, high)
+    if not boxes:
+        return ()
+    ends = np.array(list(boxes.values()))  # (K, 2, 3)
+    corners = np.stack([ends[:, [x, y, z], [0, 1, 2]] for x, y, z in np.ndindex(2, 2, 2)], axis=1).reshape(-1, 3)
+    faces = np.repeat(np.arange(len(corners), dtype=np.int32)[:, None], 3, axis=1)
+    return (Mesh(corners, faces, name="extent of the animation"),)
+
+
+def _box(mesh: Mesh) -> tuple[Floats, Floats]:
+    return bounding_box(Scene((mesh,), Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0))))

@@ -40,9 +40,7 @@ def open_gltf(path: Path) -> tuple[Item, Buffers]:
         raise file_error(owner, "magic", "b'glTF' at the start of a GLB file", repr(data[:4]))
     else:
         text = memoryview(data)
-    document = parse(
-        bytes(text).rstrip(b"\0 "), owner
-    )  # exporters pad with NULs too, not with blanks alone as specified
+    document = parse(bytes(text).rstrip(b"\0 "), owner)  # exporters pad with NULs too, not with blanks alone
     return document, Buffers(document, path, binary)
 
 

@@ -43,8 +43,7 @@ class Channel:
         """Return the value (width,) at a time in seconds; before the first and after the last it is theirs."""
         k = int(np.searchsorted(self.times, time, "right")) - 1
         if k < 0 or k >= len(self.times) - 1 or self.interpolation == "STEP":
-            held: Floats = self.values[max(k, 0)]
-            return held
+            return np.asarray(self.values[max(k, 0)])
         step = float(self.times[k + 1] - self.times[k])
         t, before, after = (time - float(self.times[k])) / step, self.values[k], self.values[k + 1]
         if self.tangents is not None:
@@ -52,8 +51,7 @@ class Channel:
             return unit(found) if self.path == "rotation" else found
         if self.path == "rotation":
             return slerp(t, before, after)
-        mixed: Floats = (1.0 - t) * before + t * after
-        return mixed
+        return np.asarray((1.0 - t) * before + t * after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +75,12 @@ class Animation:
 def hermite(t: float, before: Floats, after: Floats, leaving: Floats, arriving: Floats) -> Floats:
     """Return the cubic Hermite spline at t from 0 to 1; tangents are per interval."""
     t2, t3 = t * t, t * t * t
-    found: Floats = (
+    return (
         (2.0 * t3 - 3.0 * t2 + 1.0) * before
         + (t3 - 2.0 * t2 + t) * leaving
         + (3.0 * t2 - 2.0 * t3) * after
         + (t3 - t2) * arriving
     )
-    return found
 
 
 def slerp(t: float, before: Floats, after: Floats) -> Floats:

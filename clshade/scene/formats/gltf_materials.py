@@ -250,8 +250,7 @@ def _held(item: Item, key: str, given: Any, least: float, most: float) -> Any:
 
 def _factor(item: Item, key: str) -> float:
     """Return a factor from 0 to 1, by default 1. Raises InputError if it is below 0."""
-    factor: float = _held(item, key, item.number(key, 1.0, least=0.0), 0.0, 1.0)
-    return factor
+    return float(_held(item, key, item.number(key, 1.0, least=0.0), 0.0, 1.0))
 
 
 def _transform(item: Item) -> tuple[float, ...] | None:
@@ -268,8 +267,7 @@ def transformed(uvs: Array | None, rows: tuple[float, ...] | None) -> Array | No
     if uvs is None or rows is None:
         return uvs
     matrix = np.reshape(rows, (2, 3))
-    moved: Array = uvs.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2]
-    return moved
+    return np.asarray(uvs.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2])
 
 
 def with_coordinates(material: Material, uvs: list[Array | None]) -> Material:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,15 +75,20 @@ class MeshBuilder:
             item = self.document.entry("meshes", index)
             primitives = list(item.items("primitives"))
             groups = [(group, _weights(item, primitives, group[0])) for group in _groups(nodes.meshes[index])]
-            name = self._name(item, index, nodes.meshes[index])
+            # That of the mesh, else of a node that has it, else of the file, with its number if there are several.
+            name = item.text("name") or next((each.name for each in nodes.meshes[index] if each.name), "")
+            stem = os.path.splitext(os.path.basename(self.document.owner))[0]
+            name = name or (stem if self.document.count("meshes") == 1 else f"{stem} {index}")
             for primitive in primitives:
-                shape = self._shape(primitive)
+                if primitive.where not in self._shapes:
+                    self._shapes[primitive.where] = self._shape(primitive)
+                shape = self._shapes[primitive.where]
                 if shape is None:
                     continue
                 for number, (group, weights) in enumerate(groups):
                     skin = group[0].skin
                     if skin is not None and skin not in joints:
-                        joints[skin] = joint_matrices(self.document, self.buffers, skin, _world(self.document, nodes))
+                        joints[skin] = joint_matrices(self.document, self.buffers, skin, nodes.worlds)
                     mesh, placement = self._mesh(shape, weights, None if skin is None else joints[skin])
                     own = np.array([each.matrix for each in group]) if placement is None else placement[None]
                     own.flags.writeable = False
@@ -92,12 +97,6 @@ class MeshBuilder:
                     named = {"name": name, "instance_names": tuple(names) if any(names) else (), "part_of": part_of}
                     found.append(with_fields(mesh, instances=own, **named))
         return _with_flat_normals(found)
-
-    def _name(self, item: Item, index: int, placements: Sequence[Placement]) -> str:
-        """Return the name of a mesh, else of a node that has it, else of the file, with its number if there are several."""
-        named = item.text("name") or next((each.name for each in placements if each.name), "")
-        stem = os.path.splitext(os.path.basename(self.document.owner))[0]
-        return named or (stem if self.document.count("meshes") == 1 else f"{stem} {index}")
 
     def _count(self, item: Item, placements: int) -> None:
         """Count triangles and placements before any is created. Raises InputError for too many."""
@@ -115,12 +114,7 @@ class MeshBuilder:
             raise file_error(item.owner, item.where, expected, "more")
 
     def _shape(self, item: Item) -> _Shape | None:
-        """Return a primitive's triangles, or None if it has no visible ones."""
-        if item.where not in self._shapes:
-            self._shapes[item.where] = self._read_shape(item)
-        return self._shapes[item.where]
-
-    def _read_shape(self, item: Item) -> _Shape | None:
+        """Read a primitive's triangles; None if it has no visible ones."""
         attributes = item.item("attributes")
         if attributes is None:
             raise item.error("attributes", "an object", "none")
@@ -355,15 +349,6 @@ def _weights(item: Item, primitives: Sequence[Item], placement: Placement) -> Fl
         return placement.weights
     count = counts[0] if counts else 0
     return item.numbers("weights", count) if count and "weights" in item.value else np.zeros(count)
-
-
-def _world(document: Item, nodes: Placed) -> Callable[[int], Floats]:
-    def world(joint: int) -> Floats:
-        if joint not in nodes.worlds:  # then it is reached from no root
-            raise document.error(f"nodes[{joint}]", "a tree of nodes", "a cycle")
-        return nodes.worlds[joint]
-
-    return world
 
 
 def _float32(values: Floats) -> Array:

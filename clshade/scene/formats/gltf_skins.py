@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,28 +17,30 @@ _AFFINE = 1e-4  # of the last row of an inverse bind matrix, which exporters com
 _BLOCK = 1 << 15  # vertices that are blended at a time, 12 MiB of matrices
 
 
-@dataclass(frozen=True, eq=False)
-class Influences:
+class Influences(NamedTuple):
     """Which joints move each vertex: joints and weights, (V, K) each; weights add up to 1."""
 
     joints: Integers
     weights: Floats
 
 
-def joint_matrices(document: Item, buffers: Buffers, index: int, world: Callable[[int], Floats]) -> Floats:
+def joint_matrices(document: Item, buffers: Buffers, index: int, worlds: Mapping[int, Floats]) -> Floats:
     """Return what moves a vertex with each joint of a skin from the bind pose to the world, (J, 3, 4).
 
-    world: gives the (4, 4) matrix of a node in the world. Raises InputError for a broken skin.
+    worlds: the (4, 4) matrix of each node in the world. Raises InputError for a broken skin.
     """
     skin = document.entry("skins", index)
     joints = skin.references("joints", "nodes")
     if not joints:
         raise skin.error("joints", "a skeleton of one node or more", "none")
     skin.reference("skeleton", "nodes")  # a hint for editors
-    worlds: Floats = np.stack([world(joint) for joint in joints])
+    for joint in joints:
+        if joint not in worlds:  # then it is reached from no root
+            raise document.error(f"nodes[{joint}]", "a tree of nodes", "a cycle")
+    placements: Floats = np.stack([worlds[joint] for joint in joints])
     accessor = skin.reference("inverseBindMatrices", "accessors")
     if accessor is None:
-        return worlds[:, :3]
+        return placements[:, :3]
     array = buffers.array(accessor)
     if array.dtype != np.float32 or array.shape[1] != 16 or len(array) < len(joints):
         other = f"{array.shape[0]} of {array.shape[1]} in accessors[{accessor}]"
@@ -50,7 +52,7 @@ def joint_matrices(document: Item, buffers: Buffers, index: int, world: Callable
         raise skin.error("inverseBindMatrices", expected, f"another in row {int(np.argmin(good))}")
     inverse[:, 3] = 0.0, 0.0, 0.0, 1.0
     with np.errstate(over="ignore", invalid="ignore"):
-        found: Floats = (worlds @ inverse)[:, :3]
+        found: Floats = (placements @ inverse)[:, :3]
     if not np.isfinite(found).all():
         raise skin.error("joints", "joints at finite places in the world", "an overflow")
     return found
@@ -138,15 +140,13 @@ def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floa
 def _products(matrices: Floats, vectors: Floats) -> Floats:
     """Return matrices (V, 3, 3) times vectors (V, 3), each a sum in a fixed order: the same on every machine."""
     x, y, z = (matrices[:, :, column] * vectors[:, column, None] for column in range(3))
-    found: Floats = x + y + z
-    return found
+    return x + y + z
 
 
 def _scaled(values: Floats, axes: int | tuple[int, ...]) -> Floats:
     """Return values divided by their largest magnitude over these axes: products of them neither overflow nor vanish."""
     largest = np.abs(values).max(axis=axes, keepdims=True)
-    found: Floats = values / np.where(largest == 0.0, 1.0, largest)
-    return found
+    return values / np.where(largest == 0.0, 1.0, largest)
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -154,5 +154,4 @@ def _unit(vectors: Floats) -> Floats:
     vectors = _scaled(vectors, 1)
     x, y, z = vectors.T
     lengths = np.sqrt(x * x + y * y + z * z)
-    found: Floats = vectors / np.where(lengths == 0.0, 1.0, lengths)[:, None]
-    return found
+    return vectors / np.where(lengths == 0.0, 1.0, lengths)[:, None]

@@ -25,8 +25,8 @@ from ..lights import LIGHTS
 from ..model import Scene, Texture
 from ..normals import crease_angle
 from .course_npy import save_course
+from .gltf import FPS, Played, play
 from .options import VERTEX_COLORS, Options, VertexColors
-from .play import FPS, Played, play
 from .table import BY_EXTENSION, EXTENSIONS, Format, extensions_with
 from .texture import as_texture
 
@@ -107,10 +107,6 @@ def load(
         Whether colors at vertices are codes of sRGB, to be decoded, or linear, in an OBJ, PLY or
         glTF file. Default: linear in glTF, as its specification says, else srgb.
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     InputError
@@ -180,7 +176,7 @@ def load_animation(
     path : str or path-like
         File, .gltf or .glb.
     animation : str or int, optional
-        As for `load`.
+        As for `load`; a file that has none is refused.
     count : int, optional
         Number of frames, 1 to 1,000,000. Default: as many as `fps` takes, at least 1.
     fps : float, default 30
@@ -193,11 +189,6 @@ def load_animation(
     Played
         `scene` is the first frame, with a camera and lights that suit all of them; `poses` and
         `cameras`, by frame number, are what `clshade.farm.draw_frames` takes beside it.
-
-    Raises
-    ------
-    InputError
-        As for `load`; also if the file has no animation.
 
     Examples
     --------
@@ -286,7 +277,9 @@ def _refusals(owner: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise _named(error, owner) from None
+        # In one line, with the file in front where it names only a class of the scene model.
+        text = " ".join(str(error).split()) if not str(error).isprintable() else str(error)
+        raise InputError(f"{owner}: {text}" if text.split(":")[0].split(" ")[0] in _OF_MODEL else text) from None
     except MemoryError:
         raise file_error(owner, "file", "a scene that fits into memory", "too large a one") from None
 
@@ -321,11 +314,3 @@ def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
 
 # Classes that a scene consists of, whose errors do not name the file.
 _OF_MODEL = {"Camera", "Texture", "Material", "MetallicRoughness", "Mesh", "Scene", *(kind.__name__ for kind in LIGHTS)}
-
-
-def _named(error: InputError, owner: str) -> InputError:
-    """Return the error in one line, with the file in front where it names only a class of the scene model."""
-    text = " ".join(str(error).split()) if not str(error).isprintable() else str(error)
-    if text.split(":")[0].split(" ")[0] in _OF_MODEL:
-        text = f"{owner}: {text}"
-    return InputError(text)

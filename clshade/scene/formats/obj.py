@@ -33,8 +33,6 @@ def read_obj(path: Path, options: Options) -> Scene:
     edges above options.crease are sharp, and all are if the file's only smoothing group is `s off`. Faces that are clockwise
     as seen along the file's normals are reversed. A missing material or image is ignored with a warning. See
     `obj_parser.parse_obj` and `mtl`.
-
-    Raises InputError, one line, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
@@ -67,11 +65,6 @@ def _turn_to_normals(text: ObjText, owner: str) -> None:
     text.normals, mended = mended_normals(text.verts, faces, text.normals, normal_faces, f"{owner}: vn")
     if mended is not normal_faces:
         text.indices[given, :, 2] = mended
-
-
-def _flipped(uvs: Array) -> Array:
-    """Flip (T, 2) uvs from v = 0 at the bottom of the image, as in OBJ, to v = 0 at row 0, as in all of clshade."""
-    return np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
 
 
 def _decode_colors(text: ObjText, options: Options, owner: str) -> None:
@@ -107,7 +100,8 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         moment = b"" if moved is None else moved.tobytes()
         if moment not in flipped:
             with np.errstate(over="ignore", invalid="ignore"):  # overflowing coordinates mean texel 0
-                flipped[moment] = _flipped(text.uvs if moved is None else text.uvs * moved[0] + moved[1])
+                uvs = text.uvs if moved is None else text.uvs * moved[0] + moved[1]
+                flipped[moment] = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)  # v = 0 is the bottom in OBJ
         fields = _arrays(text, flipped[moment], slice(run.first, end), number, computed, splits)
         fields.update(material=material, name=run.object or name)
         if counts[run.object] > 1:

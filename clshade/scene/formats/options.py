@@ -24,13 +24,7 @@ DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # for faces without
 
 @dataclass(frozen=True)
 class Options:
-    """Options of `clshade.scene.formats.load.load`, as it checks them.
-
-    texture: a Texture in place of the file's. focal: of a course file, or None. resolution: (N, M) or None. crease:
-    degrees, 0 to 180, or None for the format's default. weld: see `load`. up: one of framing.UPS. two_sided: True, False,
-    or None for what the file asks for. fit: whether to ignore the file's camera. time: seconds, or None for the file at
-    rest. animation: its name or number, or None for the first. vertex_colors: one of VERTEX_COLORS.
-    """
+    """Options of `clshade.scene.formats.load.load`, as it checks them; None leaves two_sided to the file."""
 
     texture: Texture | None = None
     focal: float | None = None

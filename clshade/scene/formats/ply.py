@@ -49,8 +49,6 @@ def read_ply(path: Path, options: Options) -> Scene:
     normals are reversed. All other properties of vertices and faces that are numbers become Mesh.scalars; where a face's
     has the name of a vertex's, it is `face_` and that name.
     Other elements are listed in Scene.ignored.
-
-    Raises InputError, one line naming the element, property and row, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     elements, comments = read_ply_rows(read_file(path, MAX_BYTES), owner)
@@ -121,7 +119,11 @@ def _faces(
             expected = f"indices from 0 to {count - 1}"
             raise file_error(owner, f"element {element.name}: row {row}", expected, f"{values[where[0]]:g}")
         if element is face:
-            _check_corners(element, lengths, owner)
+            if lengths.min() < 3:
+                row = int(np.argmax(lengths < 3))
+                raise file_error(owner, f"element face: row {row}", "at least 3 corners", str(lengths[row]))
+            if int(lengths.sum()) - 2 * len(lengths) > MAX_FACES:
+                raise file_error(owner, "element face", f"at most {MAX_FACES} triangles", "more")
             corners = values.astype(np.int32, copy=False)
             cuts = triangulated(verts, corners, lengths)
             if cuts.left:
@@ -138,14 +140,6 @@ def _faces(
     if len(faces) == 1:
         return faces[0], polygons[0], cuts
     return np.concatenate(faces), np.concatenate(polygons), None if len(faces[1]) else cuts
-
-
-def _check_corners(element: Element, lengths: Array, owner: str) -> None:
-    if lengths.min() < 3:
-        row = int(np.argmax(lengths < 3))
-        raise file_error(owner, f"element {element.name}: row {row}", "at least 3 corners", str(lengths[row]))
-    if int(lengths.sum()) - 2 * len(lengths) > MAX_FACES:
-        raise file_error(owner, "element face", f"at most {MAX_FACES} triangles", "more")
 
 
 def _lists(element: Element, names: tuple[str, ...], owner: str) -> tuple[Array, Array]:
@@ -238,18 +232,15 @@ def _scalars(element: Element, ignored: list[str]) -> dict[str, Array]:
     found = [name for name, column in element.columns.items() if name not in taken and not isinstance(column, tuple)]
     if len(found) > MAX_SCALARS:
         ignored.append(f"properties of element {element.name} beyond {MAX_SCALARS}")
-    return {name: _exact(element.columns[name]) for name in found[:MAX_SCALARS]}
+    # float32 holds every number of 16 bits.
+    columns = {name: element.columns[name] for name in found[:MAX_SCALARS]}
+    singles = {n for n, c in columns.items() if c.dtype == np.float32 or (c.dtype.kind in "iu" and c.itemsize < 4)}
+    return {name: column.astype(np.float32 if name in singles else np.float64) for name, column in columns.items()}
 
 
 def _has(element: Element, names: tuple[str, ...]) -> bool:
     """Return whether the element has all these properties, as scalars."""
     return all(name in element.columns and not isinstance(element.columns[name], tuple) for name in names)
-
-
-def _exact(column: Array) -> Array:
-    """Return numbers as float32 if that holds every number of their type, else as float64."""
-    single = column.dtype == np.float32 or (column.dtype.kind in "iu" and column.dtype.itemsize < 4)
-    return column.astype(np.float32 if single else np.float64)
 
 
 def _add_face_scalars(arrays: dict[str, Any], face: Element | None, polygon: Array, ignored: list[str]) -> None:

@@ -229,8 +229,7 @@ def _gathered(data: bytes, start: Array, length: Array, kind: np.dtype) -> Array
     np.subtract.at(wanted, start[some] + length[some] * kind.itemsize - first, 1)
     mask = np.cumsum(wanted[:-1], dtype=np.int8).view(bool)
     chosen = np.frombuffer(data, np.uint8, last - first, first)[mask]
-    values: Array = chosen.view(kind).astype(kind.newbyteorder("="))
-    return values
+    return np.asarray(chosen.view(kind).astype(kind.newbyteorder("=")))
 
 
 def _ascii(data: bytes, header: Header, owner: str) -> None:

@@ -131,7 +131,11 @@ class _Reader:
         with within(f"{self.owner}: {where}"):
             made = kind(**given)
         if isinstance(made, Environment) and "up" in given:
-            _keep_up(made, given["up"])
+            # Restore the bits of a unit vector, which normalizing it again may change.
+            up = np.array(given["up"], np.float64).reshape(3)
+            if np.abs(up - made.up).max() <= _SAME:
+                up.flags.writeable = False
+                set_fields(made, up=up)
         return made
 
     def _field(self, name: str, value: Any, where: str) -> Any:
@@ -198,11 +202,3 @@ class _Reader:
         if not isinstance(value, list):
             raise self.error(where, "a list", found_text(value))
         return value
-
-
-def _keep_up(environment: Environment, given: Any) -> None:
-    """Restore the bits of a unit vector, which normalizing it again may change."""
-    up = np.array(given, np.float64).reshape(3)
-    if np.abs(up - environment.up).max() <= _SAME:
-        up.flags.writeable = False
-        set_fields(environment, up=up)

@@ -23,6 +23,7 @@ _CHUNK = 1 << 20  # bytes of text taken at once
 _WORDS = (b"facet", b"normal", None, None, None, b"outer", b"loop") + (b"vertex", None, None, None) * 3
 _FACET = (*_WORDS, b"endloop", b"endfacet")
 _NAMES = re.compile(rb"^[ \t]*(?:end[ \t]*)?solid\b.*$", re.MULTILINE)
+_FACET_END = re.compile(rb"end[ \t]*facet", re.IGNORECASE)
 _ENDS = re.compile(rb"\bend[ \t]+(?=(?:loop|facet)\b)")
 
 
@@ -99,7 +100,8 @@ def _ascii(data: bytes, owner: str) -> Array:
     while start < len(data):
         end = start + _CHUNK
         if end < len(data):
-            end = _facet_end(data, end)
+            found = _FACET_END.search(data, end)
+            end = found.end() if found else len(data)
         end = min(end, len(data))
         part = _facets(data[start:end], owner, facets)
         parts.append(part)
@@ -108,12 +110,6 @@ def _ascii(data: bytes, owner: str) -> Array:
             raise file_error(owner, "facet count", f"at most {MAX_FACES}", "more")
         start = end
     return np.concatenate(parts)
-
-
-def _facet_end(data: bytes, start: int) -> int:
-    """Return the position after the next `endfacet`, in lower or upper case; the end of the data if there is none."""
-    found = re.compile(rb"end[ \t]*facet", re.IGNORECASE).search(data, start)
-    return found.end() if found else len(data)
 
 
 def _facets(text: bytes, owner: str, before: int) -> Array:

@@ -1,4 +1,4 @@
-"""Diffuse light of an environment: spherical harmonics up to order 2.
+"""Diffuse light of an environment, spherical harmonics up to order 2; and the directions and solid angles of its pixels.
 
 Ramamoorthi and Hanrahan, An Efficient Representation for Irradiance Environment Maps, SIGGRAPH 2001: the cosine lobe
 damps order l of the radiance by A_l/pi = 1, 2/3, 1/4, 0, -1/24, ..., so that orders 0 to 2 hold nearly all of the
@@ -13,7 +13,34 @@ import numpy as np
 
 from ...base.arrays import Floats
 from ..environment import Environment
-from .lat_long import column_edges, row_edges
+
+
+def row_edges(rows: int) -> Floats:
+    """Return the angles from the top, (rows + 1,), between which the rows lie."""
+    return np.linspace(0.0, np.pi, rows + 1)
+
+
+def column_edges(columns: int) -> Floats:
+    """Return the longitudes, (columns + 1,), between which the columns lie: from pi on the left to -pi."""
+    return np.linspace(np.pi, -np.pi, columns + 1)
+
+
+def solid_angles(rows: int, columns: int) -> Floats:
+    """Return the solid angle of the pixels of each row, (rows,), steradian."""
+    edges = row_edges(rows)
+    middle = (edges[1:] + edges[:-1]) / 2.0
+    return np.asarray(2.0 * np.sin(middle) * np.sin(np.pi / (2.0 * rows)) * (2.0 * np.pi / columns))
+
+
+def radiance(environment: Environment, directions: Floats) -> Floats:
+    """Return the radiance (..., 3) from directions (..., 3) of any length but 0, each of its own pixel."""
+    rows, columns, _ = environment.image.shape
+    front, left, up = np.moveaxis(directions @ environment.axes.T, -1, 0)
+    u = 0.5 - np.arctan2(left, front) / (2.0 * np.pi)
+    v = np.arctan2(np.hypot(front, left), up) / np.pi
+    row = np.minimum((v * rows).astype(np.int64), rows - 1)
+    column = np.minimum((u * columns).astype(np.int64), columns - 1)
+    return np.asarray(environment.image[row, column].astype(np.float64) * environment.intensity)
 
 
 def moments(environment: Environment) -> tuple[Floats, Floats, Floats]:
@@ -24,9 +51,6 @@ def moments(environment: Environment) -> tuple[Floats, Floats, Floats]:
     rows, columns, _ = environment.image.shape
     polar, around = row_edges(rows), column_edges(columns)
     sine, cosine = np.sin(polar), np.cos(polar)
-
-    def over_rows(integral: Floats) -> Floats:
-        return np.diff(integral)
 
     def over_columns(integral: Floats) -> Floats:
         return -np.diff(integral)  # longitudes fall from left to right
@@ -44,13 +68,12 @@ def moments(environment: Environment) -> tuple[Floats, Floats, Floats]:
     )
     # One row at a time, so that nothing as large as the image is needed in float64.
     sums = np.stack([row.T.astype(np.float64) @ longitude for row in environment.image])  # (rows, 3, 6)
-    s1, sc = over_rows(-cosine), over_rows(sine**2 / 2.0)
-    s2 = over_rows(polar / 2.0 - np.sin(2.0 * polar) / 4.0)
-    s2c, scc, s3 = over_rows(sine**3 / 3.0), over_rows(-(cosine**3) / 3.0), over_rows(cosine**3 / 3.0 - cosine)
+    s1, sc = np.diff(-cosine), np.diff(sine**2 / 2.0)
+    s2 = np.diff(polar / 2.0 - np.sin(2.0 * polar) / 4.0)
+    s2c, scc, s3 = np.diff(sine**3 / 3.0), np.diff(-(cosine**3) / 3.0), np.diff(cosine**3 / 3.0 - cosine)
 
     def total(part: Floats, factor: int) -> Floats:
-        summed: Floats = part @ sums[:, :, factor]
-        return summed * environment.intensity
+        return np.asarray(part @ sums[:, :, factor]) * environment.intensity
 
     zeroth = total(s1, 0)
     first = np.stack([total(s2, 1), total(s2, 2), total(sc, 0)], axis=1)
@@ -76,5 +99,4 @@ def irradiance_coefficients(environment: Environment) -> Floats:
 def irradiance_at(coefficients: Floats, normal: Floats) -> Floats:
     """Return E/pi per channel, (3,), for a unit normal (3,). coefficients: of `irradiance_coefficients`. At least 0."""
     x, y, z = normal
-    found: Floats = np.maximum(np.array([x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]) @ coefficients, 0.0)
-    return found
+    return np.maximum(np.array([x, y, z, x * x, y * y, z * z, x * y, y * z, z * x]) @ coefficients, 0.0)

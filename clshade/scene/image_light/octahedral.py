@@ -19,8 +19,7 @@ def directions(side: int) -> Floats:
     z = 1.0 - np.abs(x) - np.abs(y)
     fold = np.maximum(-z, 0.0)
     d = np.stack([x - np.copysign(fold, x), y - np.copysign(fold, y), z], axis=-1)
-    unit: Floats = d / np.sqrt((d * d).sum(axis=-1, keepdims=True))
-    return unit
+    return np.asarray(d / np.sqrt((d * d).sum(axis=-1, keepdims=True)))
 
 
 def positions(d: Floats) -> tuple[Floats, Floats]:
@@ -37,8 +36,7 @@ def positions(d: Floats) -> tuple[Floats, Floats]:
 def texels(d: Floats, side: int) -> Integers:
     """Return the indices (...) of the texels that directions (..., 3) fall into, row by row."""
     x, y = (np.minimum(((p + 1.0) * (side / 2)).astype(np.int64), side - 1) for p in positions(d))
-    index: Integers = y * side + x
-    return index
+    return y * side + x
 
 
 def padded(level: Floats, width: int = 1) -> Floats:

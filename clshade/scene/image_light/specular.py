@@ -20,7 +20,7 @@ import numpy as np
 from ...base.arrays import Array, Floats
 from ..environment import Environment
 from . import octahedral
-from .lat_long import column_edges, radiance, row_edges, solid_angles
+from .irradiance import column_edges, radiance, row_edges, solid_angles
 
 LEVELS = 9  # roughness k/8 for level k
 SIDES = (512, 256, 64, 32, 32, 32, 32, 32, 32)  # texels per side: two or more within half the lobe's height
@@ -94,8 +94,7 @@ def specular_levels(environment: Environment) -> tuple[Floats, ...]:
 def lobe(chord: Array | float, alpha: float) -> Array:
     """Return K of directions whose difference has the squared length 4 * chord: their cosine is 1 - 2 * chord."""
     spread = chord + alpha * alpha * (1.0 - chord)
-    found: Array = np.maximum(1.0 - 2.0 * chord, 0.0) / (spread * spread)
-    return found
+    return np.maximum(1.0 - 2.0 * chord, 0.0) / (spread * spread)
 
 
 def _halved(level: tuple[Floats, Floats], side: int) -> tuple[Floats, Floats]:
