@@ -347,7 +347,7 @@ def test_every_command_is_a_module_of_its_own():
         f"cli.commands.{name}"
         for name in (
             *("arguments", "parser", "farm_options", "live_view", "saving_options", "scene_options"),
-            *("drawn_command", "flow_options", "help_options", "scene_outputs", "stereo_options", "view_options"),
+            *("drawn_command", "help_options", "scene_outputs", "stereo_options", "view_options"),
         )
     }
     assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared

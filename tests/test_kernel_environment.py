@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kernel_stages import OTHER_LANES, Probe, bits
 
-from clshade.pipeline.environment_tables import environment_tables
+from clshade.pipeline.shading_tables import environment_tables
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.scene.environment import Environment
 from clshade.scene.image_light.light import image_light

@@ -10,7 +10,7 @@ from typing import get_args
 
 import pytest
 
-from clshade.base.declare import declared
+from clshade.base.declare import facts_of
 from clshade.images import layers
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.frame_files import SAVING, SavingOptions
@@ -33,7 +33,7 @@ def test_the_keywords_of_save_are_those_of_write():
     assert list(SavingOptions.__annotations__) == named == list(SAVING)
 
 
-CHOICES = {name: known.choices for name, known in declared(settings.Settings).items() if known.choices}
+CHOICES = {name: known.choices for name, known in facts_of(settings.Settings, "declared").items() if known.choices}
 
 
 @pytest.mark.parametrize("field", CHOICES)

@@ -17,7 +17,6 @@ Faces: TypeAlias = NDArray[np.int32]  # (F, 3) vertex indices of each face
 UInt32s: TypeAlias = NDArray[np.uint32]
 Bytes: TypeAlias = NDArray[np.uint8]  # codes 0 to 255
 
-
 Given = TypeVar("Given", contravariant=True)
 Kept = TypeVar("Kept", covariant=True)
 

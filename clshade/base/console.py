@@ -42,12 +42,11 @@ def _is_worker() -> bool:
 
 def warning(text: str) -> None:
     """Print a one-line warning, unless quiet or in a worker."""
-    if _level >= NORMAL and not _is_worker():
-        _print(f"warning: {text}")
+    progress(f"warning: {text}")
 
 
 def progress(text: str) -> None:
-    """Print a line about slow work, unless quiet or in a worker."""
+    """Print a line about slow work, or on what was chosen for the user, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():
         _print(text)
 
@@ -88,11 +87,6 @@ def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None
         yield
     finally:
         ended.set()
-
-
-def note(text: str) -> None:
-    """Print a line on what was chosen for the user, unless quiet or in a worker."""
-    progress(text)
 
 
 def table(lines: Sequence[str]) -> None:

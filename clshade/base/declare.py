@@ -96,11 +96,6 @@ def facts_of(kind: type[DataclassInstance], fact: str) -> dict[str, Any]:
     return {each.name: each.metadata[fact] for each in fields(kind) if fact in each.metadata}
 
 
-def declared(kind: type[DataclassInstance]) -> dict[str, Declared]:
-    """Return the declarations of a dataclass by field, in its order."""
-    return facts_of(kind, "declared")
-
-
 def check_fields(instance: DataclassInstance) -> None:
     """Replace each declared field by what its check makes of it, unless it is None as by default. Raises InputError."""
     owner, values = type(instance).__name__, vars(instance)

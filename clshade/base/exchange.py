@@ -1,5 +1,4 @@
-"""Access to what the scene's model and the frame may not import, such as converters of scenes: the package root installs it
-here."""
+"""Access to what the scene's model and the frame may not import, such as converters: the package root installs it here."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shlex
 from importlib import metadata
@@ -13,16 +14,12 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 def how_to_install(extra: str) -> str:
     """Return the command that installs the extra."""
+    source, option = "clshade", ""
     if (_ROOT / "pyproject.toml").is_file():
-        return _command("." if Path.cwd() == _ROOT else str(_ROOT), extra, "-e ")
-    try:
-        origin = urlsplit(
-            json.loads(metadata.distribution("clshade").read_text("direct_url.json") or "{}").get("url", "")
-        )
-    except (metadata.PackageNotFoundError, ValueError):
-        origin = urlsplit("")
-    return _command(unquote(origin.path) if origin.scheme == "file" else "clshade", extra)
-
-
-def _command(source: str, extra: str, option: str = "") -> str:
+        source, option = "." if Path.cwd() == _ROOT else str(_ROOT), "-e "
+    else:
+        with contextlib.suppress(metadata.PackageNotFoundError, ValueError):
+            text = metadata.distribution("clshade").read_text("direct_url.json") or "{}"
+            origin = urlsplit(json.loads(text).get("url", ""))
+            source = unquote(origin.path) if origin.scheme == "file" else source
     return f"pip install {option}{shlex.quote(f'{source}[{extra}]')}"

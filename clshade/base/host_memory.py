@@ -28,7 +28,8 @@ def available(root: Path = Path("/")) -> float:
     The least of the free memory of the machine, and what the limits of the process and of its control groups (those
     of a container) leave; swap is not counted. root: of /proc and /sys.
     """
-    return max(min(_of_machine(root), _of_groups(root), _of_process(root)), 0.0)
+    groups = min((_left_of(folder, *names) for folder, names in _groups(root)), default=math.inf)
+    return max(min(_of_machine(root), groups, _of_process(root)), 0.0)
 
 
 def _of_machine(root: Path) -> float:
@@ -36,14 +37,7 @@ def _of_machine(root: Path) -> float:
         found = re.search(r"^MemAvailable:\s*(\d+) kB$", (root / "proc/meminfo").read_text(), re.MULTILINE)
         if found:
             return int(found[1]) * 1024.0
-    with contextlib.suppress(AttributeError, ValueError, OSError):  # not Linux: the total
-        pages = os.sysconf("SC_PHYS_PAGES")
-        return float(pages) * os.sysconf("SC_PAGE_SIZE") if pages > 0 else math.inf
-    return math.inf
-
-
-def _of_groups(root: Path) -> float:
-    return min((_left_of(folder, *names) for folder, names in _groups(root)), default=math.inf)
+    return float(physical() or math.inf)  # not Linux: the total
 
 
 def _groups(root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:

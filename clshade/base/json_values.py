@@ -1,14 +1,69 @@
-"""Conversion of arbitrary values for JSON and the terminal."""
+"""JSON from users, parsed with limits and without Python's extensions; arbitrary values for JSON and the terminal."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from .input_files import file_error, quoted
+
+MAX_DIGITS = 1000  # of an integer: float64 holds none of more than 309, and parsing time is quadratic in the digits
+MAX_VALUES = 1 << 22  # commas and brackets in the text: bounds the memory of the parsed value
 _MOST = 500  # characters of a value in one line
+
+
+def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> Any:
+    """Parse a JSON text.
+
+    owner, form: the file, and its expected content, for messages. unique: refuse objects with a duplicate key.
+    Raises InputError for text that is not JSON in UTF-8, holds NaN or infinity, is nested too deeply, or has too many
+    values.
+    """
+    if sum(map(text.count, (b",", b"[", b"{"))) > MAX_VALUES:
+        raise file_error(owner, "JSON", f"at most {MAX_VALUES} values", "more")
+    hook = _unique if unique else None
+    try:
+        return json.loads(
+            text.decode("utf-8-sig"), parse_int=_whole, parse_constant=_refuse_constant, object_pairs_hook=hook
+        )
+    except UnicodeDecodeError as error:
+        raise file_error(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
+    except json.JSONDecodeError as error:
+        found = f"{error.msg} in line {error.lineno}, column {error.colno}"
+        raise file_error(owner, "JSON", form, found) from None
+    except (ValueError, RecursionError) as error:
+        found = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
+        raise file_error(owner, "JSON", form, found) from None
+
+
+def found_text(value: Any) -> str:
+    """Return a value as shown in a message."""
+    if value is None:
+        return "none"
+    return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > MAX_DIGITS:
+        raise ValueError(f"a whole number of {len(digits)} digits")
+    return int(digits)
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"a number that is {name}")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        raise ValueError(f"the key {twice} twice")
+    return found
 
 
 def plain(value: Any, *, words: bool = False) -> Any:

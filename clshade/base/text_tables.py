@@ -30,9 +30,9 @@ def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
     """
     columns = [list(column) for column in zip(header, *rows, strict=True)]
     values = [[cut(text, WIDTH // 2 - len(_GAP)) for text in column] for column in columns[left:]]
-    room = WIDTH - max((len(_GAP) + _widest(column) for column in values), default=0)
+    room = WIDTH - max((len(_GAP) + max(map(len, column)) for column in values), default=0)
     names = columns[:left]
-    if sum(map(_widest, names)) + len(_GAP) * (left - 1) > room:
+    if sum(max(map(len, column)) for column in names) + len(_GAP) * (left - 1) > room:
         names = [[cut(text, room // left - len(_GAP)) for text in column] for column in names]
     names = [_padded(column, str.ljust) for column in names]
     values = [_padded(column, str.rjust) for column in values]
@@ -45,12 +45,8 @@ def as_lines(header: Row, rows: Sequence[Row], left: int = 1) -> list[str]:
     return lines
 
 
-def _widest(column: Sequence[str]) -> int:
-    return max(map(len, column))
-
-
 def _padded(column: Sequence[str], pad: Callable[[str, int], str]) -> list[str]:
-    width = _widest(column)
+    width = max(map(len, column))
     return [pad(text, width) for text in column]
 
 

@@ -28,9 +28,6 @@ from .figures import LIGHTS, Figure, build_all, draw_all, pairs
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they are in the current folder
 
 
-# The scene
-
-
 def parse(description: str, arguments: Sequence[str] | None) -> argparse.Namespace:
     """Parse the command line of either demo."""
     parser = argparse.ArgumentParser(description=description)
@@ -89,9 +86,6 @@ def with_texture(scene: Scene, path: str | None) -> Scene:
     return replace(scene, meshes=(replace(mesh, material=replace(mesh.material, texture=texture)),))
 
 
-# Files
-
-
 def save(scene: Scene, figure: Figure, folder: Path) -> None:
     """Write the figure as EXR (linear, unclamped) and as PNG (clamped, as the course shows it)."""
     from ..images import exr, png
@@ -103,9 +97,6 @@ def save(scene: Scene, figure: Figure, folder: Path) -> None:
     )
     exr.write(folder / f"{figure.stem}.exr", figure.linear, metadata=metadata)
     png.write(folder / f"{figure.stem}.png", figure.picture)
-
-
-# The contact sheet
 
 
 def _numbers(vector: np.ndarray) -> str:
@@ -136,9 +127,6 @@ def heading(scene: Scene) -> str:
         f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}; ambient light {_numbers(scene.ambient)}; "
         "times: one call, programs built before"
     )
-
-
-# The whole run
 
 
 def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str) -> None:

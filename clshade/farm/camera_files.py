@@ -9,8 +9,8 @@ from typing import Any
 
 from ..base.atomic_files import Path, shown, write_bytes
 from ..base.input_files import file_error, quoted, read_file
+from ..base.json_values import found_text, parse_text
 from ..base.spelling import hint
-from ..base.strict_json import found_text, parse_text
 from ..base.validation import arguments, items, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError

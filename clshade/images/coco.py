@@ -16,7 +16,7 @@ import numpy as np
 from ..base.arrays import Array
 from ..base.atomic_files import shown
 from ..base.input_files import file_error
-from ..base.strict_json import parse_text
+from ..base.json_values import parse_text
 from ..base.validation import value_error
 from ..errors import InputError
 from . import exr, png

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bools
 from .buffers import Buffer
-from .depth_sort import front_to_back, opaque_first
+from .depth_sort import front_to_back
 from .frame_state import FrameInFlight
 from .opencl.device import Device
 from .programs import running_time
@@ -47,7 +47,8 @@ class DepthOrder:
         if source is not None and self._transparent is not None:
             if self._painter:
                 self._write_ranks(order, len(made.triangles.array))
-            order = opaque_first(order, self._transparent[source.faces_of(triangles, order)])
+            late = self._transparent[source.faces_of(triangles, order)]
+            order = np.concatenate([order[~late], order[late]])
         with self._order.writing(visible) as rows:
             rows[:] = order
         frame.is_sorted = visible > 0

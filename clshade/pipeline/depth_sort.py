@@ -12,11 +12,6 @@ from ..base.arrays import Array, UInt32s
 _LEAST_INDEX_BITS = 24
 
 
-def opaque_first(order: Array, transparent: Array) -> Array:
-    """Return an order of triangles with the transparent ones, bool, after the others; both keep theirs."""
-    return np.concatenate([order[~transparent], order[transparent]])
-
-
 def index_bits(count: int) -> int:
     """Return how many low bits of sort keys hold the index of a triangle, of so many."""
     return max((count - 1).bit_length(), _LEAST_INDEX_BITS)

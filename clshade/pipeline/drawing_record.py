@@ -14,8 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..base.input_files import file_error
-from ..base.json_values import plain
-from ..base.strict_json import found_text, parse_text
+from ..base.json_values import found_text, parse_text, plain
 from ..base.version import VERSION
 from ..errors import InputError
 from ..images import exr, exr_limits

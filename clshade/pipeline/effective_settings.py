@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..base.validation import choice, known, value_error
 from ..errors import InputError
 from ..scene.builtin.studio import without_stand_ins
 from ..scene.edges import PAPER
 from ..scene.geometry import bounding_box, half_diagonal
+from ..scene.ground import objects_of
+from ..scene.lights import RectangleLight
 from ..scene.model import Scene, Settings
 from ..scene.settings import PRESETS, Layer, Preset, SettingsFields
+from .shading_tables import textures_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -48,12 +51,12 @@ def effective_settings(
         scene = replace(scene, preset=preset)  # which names the tone map
     if settings is None:
         chosen = Settings.from_preset(scene.preset if preset is None else preset, **fields)
-        return _shown(scene, chosen), _with_distance(scene, chosen)
-    if preset is not None:
+    elif preset is not None:
         raise InputError("render: settings: expected either settings or a preset, found both")
-    if not isinstance(settings, Settings):
+    elif not isinstance(settings, Settings):
         raise value_error("render", "settings", "a Settings", settings)
-    chosen = replace(settings, **fields)
+    else:
+        chosen = replace(settings, **fields)
     return _shown(scene, chosen), _with_distance(scene, chosen)
 
 
@@ -66,23 +69,20 @@ def _with_distance(scene: Scene, settings: Settings) -> Settings:
 
 
 def _shown(scene: Scene, settings: Settings) -> Scene:
-    """Return the scene as the settings show it."""
-    scene = _with_background(scene, settings)
+    """Return the scene as the settings show it, with their background; without one, and if only lines are drawn, with
+    theirs."""
+    if settings.background == "environment":
+        scene = replace(scene, background=0.0)  # what is behind that is not seen
+    elif settings.background != "scene":
+        scene = replace(scene, background=settings.background)
+    elif settings.edges is not None and settings.edges.only:
+        scene = replace(scene, background=PAPER)
     scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
     if settings.background == "environment" and scene.environment is None:
         raise InputError(
             "render: background: environment needs an environment (Scene.environment; --environment FILE or studio)"
         )
     return scene
-
-
-def _with_background(scene: Scene, settings: Settings) -> Scene:
-    """Return the scene with the background of the settings; without one, and if only lines are drawn, with theirs."""
-    if settings.background == "environment":
-        return replace(scene, background=0.0)  # what is behind that is not seen
-    if settings.background != "scene":
-        return replace(scene, background=settings.background)
-    return replace(scene, background=PAPER) if settings.edges is not None and settings.edges.only else scene
 
 
 def numbers_alone(settings: Settings, layers: tuple[Layer, ...]) -> Settings:
@@ -99,3 +99,50 @@ def numbers_alone(settings: Settings, layers: tuple[Layer, ...]) -> Settings:
         edges=None,
         background=None,
     )
+
+
+SAMPLES = 4
+OCCLUSION_RAYS = 16  # from each sample
+
+
+def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> dict[str, Any]:
+    """Return fields of Settings: those that were given, and those in which pictures differ from the preset.
+
+    preset: the one that was asked for, None: the scene's. Pictures of the course stay as it draws them. Others have
+
+    - 4 samples, each lit by itself where textures, shadows or occlusion vary inside of triangles;
+    - soft shadows under a RectangleLight;
+    - ambient occlusion where shadows are asked for and all light comes from an environment.
+    """
+    preset = preset or scene.preset
+    if "course" in (scene.preset, preset):
+        return {"samples": 1, **given}
+    usual: dict[str, Any] = {"samples": SAMPLES}
+    if any(isinstance(light, RectangleLight) for light in scene.lights):
+        usual["shadows"] = True
+    known = {**vars(Settings.from_preset(preset)), **usual, **given}
+    lights_shine = known["shader"] != "pbr" or scene.own_lights
+    if given.get("shadows") and not lights_shine:
+        usual["ambient_occlusion"] = OCCLUSION_RAYS
+    varies = (
+        (known["shadows"] and lights_shine)
+        or {**usual, **given}.get("ambient_occlusion")
+        or any(textures_of(mesh, maps=known["shader"] == "pbr") for mesh in objects_of(scene).meshes)
+    )
+    if varies and known["samples"] > 1:
+        usual["sample_shading"] = True
+    return {**usual, **given}
+
+
+def changed_fields(settings: Settings, scene: Scene, preset: Preset, **given: Any) -> dict[str, Any]:
+    """Return the fields of Settings that `render` has to be given with this preset to draw the scene with these settings.
+    given: those that it is given in any case."""
+    values, last = vars(settings), ("ambient_occlusion", "sample_shading")  # whose usual values depend on others
+    for name in (
+        *(each for each in values if each not in (*last, *given)),
+        *(each for each in last if each not in given),
+    ):
+        usual = {**vars(Settings.from_preset(preset)), **picture_fields(scene, preset, **given)}
+        if values[name] != usual[name]:
+            given[name] = values[name]
+    return given

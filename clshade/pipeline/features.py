@@ -15,7 +15,7 @@ from ..scene.material import POWERED, TERMS
 from ..scene.metallic_roughness import MAPS
 from ..scene.model import Material, Mesh, Scene, Settings, Texture
 from ..scene.settings import Shader
-from .maps import map_of, maps_of, textures_of, usable
+from .shading_tables import map_of, maps_of, textures_of, usable
 
 
 def texture_applies(mesh: Mesh) -> bool:

@@ -397,19 +397,10 @@ class Frame:
         """
         from ..images import depth_png, exr, npz, png
 
-        frame_files.check_output(
-            path,
-            self.settings,
-            files=files,
-            tonemap=tonemap,
-            exposure=exposure,
-            half=half,
-            compression=compression,
-            crop=crop,
-            deterministic=deterministic,
-            colorbar=colorbar,
-            depth_scale=depth_scale,
-        )
+        options: SavingOptions = {"files": files, "tonemap": tonemap, "exposure": exposure, "half": half}
+        options |= {"compression": compression, "crop": crop, "deterministic": deterministic}
+        options |= {"colorbar": colorbar, "depth_scale": depth_scale}
+        frame_files.check_output(path, self.settings, **options)
         paths = frame_files.chosen_paths(path, files)
         frame_files.check_layers(paths, self._layers)
 
@@ -421,9 +412,7 @@ class Frame:
 
         def encode_exr(file: BinaryIO) -> list[str]:
             device = None if deterministic else self.stats.get("device")
-            saving: SavingOptions = {"tonemap": tonemap, "exposure": exposure, "colorbar": colorbar}
-            saving |= {"half": half, "compression": compression, "crop": crop}
-            storage = drawing_record.Storage.of(self.scene, saving)
+            storage = drawing_record.Storage.of(self.scene, options)
             record = drawing_record.record_of(self.scene, self.settings, storage, device=device, command=self.command)
             metadata = drawing_record.sealed(self.metadata(deterministic=deterministic), record)
             window: Literal["covered", "drawn"] | None = "covered" if crop else "drawn"

@@ -177,13 +177,7 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
         found["environment"] = (
             f"{around.name or 'unnamed'}, rotation={around.rotation:g}, intensity={around.intensity:g}"
         )
-    return found | _names(scene, layers)
-
-
-def _names(scene: Scene, layers: Container[str]) -> dict[str, str]:
-    """Return the names of what numbers of layers count as JSON, number -> name, unnamed ones left out."""
-    found: dict[str, str] = {}
-    for layer, row in LAYER_TABLE.items():
+    for layer, row in LAYER_TABLE.items():  # the names of what their numbers count as JSON, number -> name
         if row.names and layer in layers:
             names = {number: name for number, name in number_names(scene, layer) if name}
             found |= {row.names: json.dumps(names, ensure_ascii=False)} if names else {}

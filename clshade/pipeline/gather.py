@@ -17,7 +17,6 @@ from ..scene.model import Mesh, Scene, Texture
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_table import typical_intensities
-from .maps import map_of, textures_of
 from .placements import (
     about_one,
     mirroring,
@@ -28,7 +27,7 @@ from .placements import (
     points_by_mesh,
 )
 from .scalar_tables import ScalarTables
-from .shading_tables import Real, joined, light_unit, material_table, split, to_real
+from .shading_tables import Real, joined, light_unit, map_of, material_table, split, textures_of, to_real
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
@@ -190,8 +189,7 @@ class Copies:
 
     def of_vertices(self, name: str) -> Array:
         """Return the rows of the vertices in use, of a field of all meshes that may have more rows."""
-        rows = _concatenated(self.meshes, name, of_vertices=True)
-        return rows if self.kept is None else rows[self.kept]
+        return self.own(_concatenated(self.meshes, name, of_vertices=True))
 
     def uv_sets(self) -> list[Array]:
         """Return the sets of texture coordinates: of the vertices in use, or all where faces have indices of their own."""

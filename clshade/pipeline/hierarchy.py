@@ -11,7 +11,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Floats32
 from .buffers import Buffer, finish
-from .launches import Stages, hierarchy_stages, shadow_stages
+from .launches import Stages, stages_of
 from .opencl.device import Device, open_device
 from .struct_layout import CURVE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS
 
@@ -113,7 +113,7 @@ class Hierarchy:
             rows[start : start + _BLOCK, :, :3] = self.frame.pairs(part).reshape(-1, 2, 3)
         self.vertices = Buffer(device, rows)
         self.faces = Buffer(device, np.ascontiguousarray(faces, np.int32))
-        self._build(hierarchy_stages(device), veils)
+        self._build(stages_of(device, "hierarchy.cl", 1), veils)
 
     def _build(self, stages: Stages, veils: Bools | None) -> None:
         """Make the trees of opaque faces and of the others: leaves, nodes, the table of trees."""
@@ -157,7 +157,7 @@ class Hierarchy:
 
     @cached_property
     def _stages(self) -> Stages:
-        return shadow_stages(self._device, self._lanes)
+        return stages_of(self._device, "shadow.cl", self._lanes)
 
     def shadowed(self, points: Floats, faces: Array, light: Floats) -> Bools:
         """Return whether triangles hide a light from points, (K,).

@@ -103,14 +103,9 @@ def lookup_stages(device: Device, features: Features, lanes: int | None = None) 
     return Stages(device, build(device, features.compiled(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
 
 
-def shadow_stages(device: Device, lanes: int | None = None) -> Stages:
-    """Return the stages that trace shadow rays by themselves."""
-    return Stages(device, build(device, Features.of(), ("shadow.cl",), lanes=lanes))
-
-
-def hierarchy_stages(device: Device) -> Stages:
-    """Return the stages that build the hierarchy of casters."""
-    return Stages(device, build(device, Features.of(), ("hierarchy.cl",), lanes=1))
+def stages_of(device: Device, name: str, lanes: int | None = None) -> Stages:
+    """Return the stages of one kernel file alone, such as shadow.cl, which traces shadow rays by themselves."""
+    return Stages(device, build(device, Features.of(), (name,), lanes=lanes))
 
 
 class Stages:
@@ -186,6 +181,11 @@ class Stages:
         """Launch a work-item for every `each` elements, in work-groups of 64."""
         return self._launch(name, (max(1, -(-count // (64 * each))) * 64,), (64,), *arguments, count)
 
+    def _in_runs(self, name: str, count: int, run: int, *arguments: Any) -> cl.Event:
+        """Launch a work-item for each run of elements, on a CPU in work-groups of its own."""
+        local = 1 if self.device.is_cpu else 64
+        return self._launch(name, (max(1, -(-count // (run * local))) * local,), (local,), *arguments)
+
     def _per_tile(self, name: str, tiles: int, *arguments: Any) -> cl.Event:
         """Launch a work-item for each tile, or where they have one lane, a work-group with one for each pixel."""
         items = 1 if self._programs[name].lanes > 1 else struct_layout.TILE_SIZE**2
@@ -226,20 +226,16 @@ class Stages:
         self, points: Buffer, receivers: Buffer, casters: tuple[Buffer, ...], lights: Buffer, dark: Buffer, count: int
     ) -> cl.Event:
         """casters: vertices, faces, nodes, leaves, Casters."""
-        local = 1 if self.device.is_cpu else 64
-        items = -(-count // (self.lanes * local)) * local
         arguments = (points, receivers, *casters[:4], lights, casters[4], dark)
-        return self._launch("shadow_rays", (max(1, items),), (local,), *arguments, count)
+        return self._in_runs("shadow_rays", count, self.lanes, *arguments, count)
 
     def shadow_fans(
         self, points: Buffer, receivers: Buffer, ends: Buffer, casters: tuple[Buffer, ...], dark: Buffer, w: float
     ) -> cl.Event:
         """ends: (K, 6, N) float32. casters: as of `shadow_rays`."""
         count, _, many = ends.array.shape
-        local = 1 if self.device.is_cpu else 64
-        items = -(-count // (self.lanes * local)) * local
         arguments = (points, receivers, ends, *casters, dark, np.float32(w), many)
-        return self._launch("shadow_fans", (max(1, items),), (local,), *arguments, count)
+        return self._in_runs("shadow_fans", count, self.lanes, *arguments, count)
 
     def project(self, positions: Buffer, view: Buffer, vertices: VertexBuffers, count: int) -> cl.Event | None:
         """Project the vertices. On a device without float64 the host does it, and there is no event."""
@@ -261,15 +257,13 @@ class Stages:
         count: int,
         sides: Sides = (None, None),
     ) -> cl.Event:
-        items = -(-count // self.device.setup_run)
-        local = 1 if self.device.is_cpu else 64
         means = None
         if not (self.device.has_fp64 or self._features["DEPTH_TEST"]):
             z = vertices.projected.array["depth"][faces.array]
             means = Buffer(self.device, ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)
         inputs = (faces, vertices.projected, *sides, means, view, image)
         outputs = (made.triangles, made.bounds, made.keys, made.to_clip, counters, made.index_bits)
-        event = self._launch("setup", (-(-items // local) * local,), (local,), *inputs, *outputs, count)
+        event = self._in_runs("setup", count, self.device.setup_run, *inputs, *outputs, count)
         if means is not None:
             wait(self.device, [event])  # `means` is freed on return
         return event
@@ -280,9 +274,7 @@ class Stages:
         """Project the vertices, `count` in all, of a block of the listed instances: from the first to before the last."""
         run = self.device.setup_run
         inputs = (positions, placing.instances, placing.listed, placing.vertex_starts, view)
-        local = 1 if self.device.is_cpu else 64
-        items = -(-count // (run * local)) * local
-        return self._launch("place", (items,), (local,), *inputs, vertices, *block, run)
+        return self._in_runs("place", count, run, *inputs, vertices, *block, run)
 
     def setup_instances(
         self,
@@ -301,7 +293,6 @@ class Stages:
         """Set up the triangles of a block's faces, `count` in all. of_triangles: their instances, and with painter's order
         their mean depths."""
         run = self.device.setup_run
-        local = 1 if self.device.is_cpu else 64
         inputs = (
             faces,
             vertices,
@@ -312,9 +303,8 @@ class Stages:
             placing.face_starts,
         )
         outputs = (made.triangles, made.bounds, made.keys, *of_triangles, made.to_clip, counters)
-        items = -(-count // (run * local)) * local
         arguments = (*inputs, view, image, *outputs, *block, run, len(made.to_clip.array), made.index_bits)
-        return self._launch("setup_instances", (items,), (local,), *arguments)
+        return self._in_runs("setup_instances", count, run, *arguments)
 
     def setup_count(
         self,
@@ -374,8 +364,7 @@ class Stages:
         return self._launch("fill_lists", (chunks.number,), (1,), *arguments, chunks.size)
 
     def _surface(self, surface: SurfaceInputs) -> tuple[Buffer | None, ...]:
-        features = self.pixel_features
-        return self._inputs(surface, features)
+        return self._inputs(surface, self.pixel_features)
 
     def _inputs(self, surface: SurfaceInputs, features: Features) -> tuple[Buffer | None, ...]:
         casters, instances = bool(features["CASTERS"]), bool(features["INSTANCES"])
@@ -385,20 +374,12 @@ class Stages:
         items = -(-count // self.lanes)
         return self._launch("gouraud_corners", (items,), (1,), *self._surface(surface), order, corner_light, count)
 
-    def _draw(self, name: str, arguments: tuple[Any, ...], tiles: int) -> cl.Event:
+    def shade(self, name: str, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
+        """Light the pixels. name: phong, pbr or gouraud."""
+        arguments = (*self._surface(surface), *tile)
         if self.lanes > 1:
             return self._launch(name, (4 * self.device.compute_units,), (1,), *arguments)
-        items = struct_layout.TILE_SIZE**2
-        return self._launch(name, (tiles * items,), (items,), *arguments)
-
-    def phong(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("phong", (*self._surface(surface), *tile), tiles)
-
-    def pbr(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("pbr", (*self._surface(surface), *tile), tiles)
-
-    def gouraud(self, surface: SurfaceInputs, tile: tuple[Any, ...], tiles: int) -> cl.Event:
-        return self._draw("gouraud", (*self._surface(surface), *tile), tiles)
+        return self._per_tile(name, tiles, *arguments)
 
     def bilerp(
         self, uvs: Buffer, texture_of: Buffer, textures: Buffer, texels: Buffer, colors: Buffer, count: int

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..images.layers import LAYER_TABLE, Layer
-from .buffer_pool import Pool
-from .buffers import Buffer
+from .buffers import Buffer, Pool
 from .camera_space import CameraSpace
 from .launches import Stages
 from .layer_buffers import LayerTables

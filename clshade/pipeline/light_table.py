@@ -61,29 +61,23 @@ class LightTable:
             self.table["position"][self._placed] = relative_lights(*place)
             exponents = light_exponents(*place, self._sizes)
         if self._sizes.any():
-            self._write_sides(exponents, exponents - light_exponents(*place))
-        if self._attenuated.any():
-            self._write_attenuation(self._placed[self._attenuated], exponents[self._attenuated])
+            # What spans the lights of finite size is counted in 2^-exponent of the scene's unit: 2^smaller times what their
+            # positions would be.
+            smaller = exponents - light_exponents(*place)
+            sides = np.ldexp(self._sides, exponents[:, None, None])
+            sides = np.where(np.abs(sides) < _LEAST_SIDE, 0.0, sides)
+            self.table["right"][self._placed], self.table["up"][self._placed] = sides[:, 0], sides[:, 1]
+            self.table["center_scale"][self._placed] = to_real(np.ldexp(1.0, smaller), self._real)
+            factors = self.shadow_factors[self._placed]
+            self.table["shadow_scale"][self._placed] = to_real(np.ldexp(factors, -exponents), self._real)
+        if self._attenuated.any():  # their intensities depend on distances, which the kernels count likewise
+            index, exponents = self._placed[self._attenuated], exponents[self._attenuated]
+            with np.errstate(over="ignore", under="ignore"):
+                intensities = np.ldexp(self._intensities, 2 * exponents[:, None])
+                inverse = np.ldexp(self._inverse_ranges, -exponents)
+            self.table["intensity"][index] = to_real(intensities, self._real)
+            self.table["inverse_range"][index] = to_real(np.minimum(inverse, _MOST_INVERSE), self._real)
         return self.table
-
-    def _write_sides(self, exponents: Array, smaller: Array) -> None:
-        """Write what spans the lights of finite size, counted in 2^-exponent of the scene's unit: 2^smaller times what their
-        positions would be."""
-        sides = np.ldexp(self._sides, exponents[:, None, None])
-        sides = np.where(np.abs(sides) < _LEAST_SIDE, 0.0, sides)
-        self.table["right"][self._placed], self.table["up"][self._placed] = sides[:, 0], sides[:, 1]
-        self.table["center_scale"][self._placed] = to_real(np.ldexp(1.0, smaller), self._real)
-        factors = self.shadow_factors[self._placed]
-        self.table["shadow_scale"][self._placed] = to_real(np.ldexp(factors, -exponents), self._real)
-
-    def _write_attenuation(self, index: Array, exponents: Array) -> None:
-        """Write what depends on distances, which the kernels count in 2^-exponent of the scene's unit, of the rows `index`
-        of attenuated lights."""
-        with np.errstate(over="ignore", under="ignore"):
-            intensities = np.ldexp(self._intensities, 2 * exponents[:, None])
-            inverse = np.ldexp(self._inverse_ranges, -exponents)
-        self.table["intensity"][index] = to_real(intensities, self._real)
-        self.table["inverse_range"][index] = to_real(np.minimum(inverse, _MOST_INVERSE), self._real)
 
 
 def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:

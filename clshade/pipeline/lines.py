@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Integers
+from ..base.arrays import Bools, Integers
 from ..errors import DeviceError
 from ..scene.edges import Edges
 from .buffers import Buffer, wait
@@ -56,7 +56,9 @@ class Lines:
             mean, rank = ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0, np.empty(len(z), np.int32)
             rank[np.lexsort((-np.arange(len(z)), mean))] = np.arange(len(z))  # nearest first
             ranks = Buffer(device, rank)
-            lines["w"] = -self._first_ranks(rank)[index, None]
+            if len(index):  # the first rank of each edge's faces
+                first = np.minimum.reduceat(rank[self._edges.faces], self._edges.starts).astype(np.float64)
+                lines["w"] = -first[index, None]
         pieces, sides, view = triangles.pieces, self._source.sides, frame.tables.view
         hiding = Hiding(self._source.faces, vertices.projected, pieces, *sides, ranks, view, self._source.room)
         grid = Buffer(device, line_grid(lines, space, self._asked.steps, stages.structs))
@@ -96,12 +98,6 @@ class Lines:
             if culls:
                 found = found & (edges.sums(((front > 0) | ~self._front_only)[edges.faces]) > 0)
         return np.flatnonzero(found)
-
-    def _first_ranks(self, rank: Array) -> Array:
-        """Return (E,) the first rank of each edge's faces."""
-        if not len(self._edges):
-            return np.zeros(0)
-        return np.minimum.reduceat(rank[self._edges.faces], self._edges.starts).astype(np.float64)
 
     def _make_room(self, lines: int, hiders: int) -> None:
         device = self._stages.device

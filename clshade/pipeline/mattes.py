@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Container, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from ..base.arrays import Array
 from ..base.validation import arguments, choice, integer, sequence, value_error
 from ..images.cryptomatte import MATTES, MOST_RANKS, RANKS, Matte, MatteKind, hashes, matte
-from ..scene.model import Scene, Settings
 from ..scene.settings import Layer
 from . import sample_pattern
 from .effective_settings import numbers_alone
@@ -71,9 +69,13 @@ def cryptomatte(
     scene, settings = frame.scene, frame.settings
     layers = tuple(_LAYERS[kind][0] for kind in asked)
     numbers: dict[Layer, list[Array]] = {layer: [] for layer in layers}
-    for found in _at_samples(scene, settings, layers, device):
-        for layer, shown in numbers.items():
-            shown.append(found[layer])
+    with Renderer(scene, settings=numbers_alone(settings, layers), device=device) as renderer:
+        for place in sample_pattern.positions(settings.samples):  # nearest to the center first
+            if settings.samples > 1:
+                renderer.place_samples(place[None])
+            drawn = renderer.render()
+            for layer, shown in numbers.items():
+                shown.append(drawn[layer])
     mattes = {}
     for kind in MATTES:
         if kind in asked:
@@ -99,15 +101,3 @@ def check_mattes(kinds: Sequence[MatteKind], files: Container[str]) -> None:
     _checked_kinds(kinds)
     if "exr" not in files:
         raise value_error("cryptomatte", "files", "exr among them, which holds it", files)
-
-
-def _at_samples(
-    scene: Scene, settings: Settings, layers: tuple[Layer, ...], device: Device | str | None
-) -> Iterator[dict[Layer, Array]]:
-    """Draw layers as each sample of the pixels sees them, nearest to the center first."""
-    with closing(Renderer(scene, settings=numbers_alone(settings, layers), device=device)) as renderer:
-        for place in sample_pattern.positions(settings.samples):
-            if settings.samples > 1:
-                renderer.place_samples(place[None])
-            drawn = renderer.render()
-            yield {layer: drawn[layer] for layer in layers}

@@ -31,16 +31,12 @@ class PixelPass:
         `visible`. shown: the samples that show lines."""
         stages, features, events = self._stages, self._stages.pixel_features, frame.events
         tile = (lists.entries, lists.starts, frame.rgba, frame.owners, frame.counted, shown)
-        if features["PHONG"]:
-            events["phong"] = stages.phong(inputs, tile, frame.tiles)
-        elif features["PBR"]:
-            events["pbr"] = stages.pbr(inputs, tile, frame.tiles)
-        else:
-            if order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
-                corners, light = 3 * len(inputs.triangles.array), self._corner_light
-                if light is None or len(light.array) < corners:
-                    light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
-                inputs = inputs._replace(corner_light=light)
-                events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
-            events["gouraud"] = stages.gouraud(inputs, tile, frame.tiles)
+        name = "phong" if features["PHONG"] else "pbr" if features["PBR"] else "gouraud"
+        if name == "gouraud" and order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
+            corners, light = 3 * len(inputs.triangles.array), self._corner_light
+            if light is None or len(light.array) < corners:
+                light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
+            inputs = inputs._replace(corner_light=light)
+            events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
+        events[name] = stages.shade(name, inputs, tile, frame.tiles)
         frame.inputs = inputs

@@ -20,9 +20,8 @@ from ..errors import ClshadeError, DeviceError
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.settings import LAYERS, Preset, RenderOptions
-from . import programs, scene_buffers, scene_memory
-from .buffer_pool import Pool
-from .buffers import finish
+from . import programs, scene_buffers
+from .buffers import Pool, finish
 from .camera_space import CameraSpace
 from .effective_settings import effective_settings
 from .features import OPTIONAL, at_lanes, ignored
@@ -137,7 +136,7 @@ class Renderer:
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
         known("Renderer: forced", forced, OPTIONAL)
         if not draws_from_one_copy(self.scene, self.settings, forced):
-            scene_memory.check_host(self.scene)
+            scene_buffers.check_host(self.scene)
         packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
         packed_at = running_time()
 
@@ -145,7 +144,7 @@ class Renderer:
             device = shared_device(device, profiling=True, trial=partial(_trial, self.scene, self.settings, forced))
         self.device = device
         if packed.instances is not None and not device.has_fp64:
-            scene_memory.check_host(self.scene)
+            scene_buffers.check_host(self.scene)
             packed = scene_buffers.pack(self.scene, self.settings, forced=forced, has_fp64=False)
         self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = running_time()

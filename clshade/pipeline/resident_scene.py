@@ -9,17 +9,17 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..scene.model import Scene, Settings
-from . import scene_buffers, scene_memory
-from .ambient_occlusion import hemisphere_row
+from . import light_points, scene_buffers
 from .buffers import Buffer
 from .camera_space import Extent
 from .features import Features, casts_alpha, looks_up
-from .hierarchy import Hierarchy
+from .hierarchy import CasterFrame, Hierarchy
 from .instances import Instances
 from .launches import Stages, lookup_stages
 from .light_table import LightTable
 from .scene_buffers import Packed
 from .shadow_view import shadow_factors, shadow_lights
+from .struct_layout import SHADOW_REACH, Structs
 from .triangle_source import SceneFaces, TriangleSource
 
 # Tables of Packed that pixel stages read under the same names.
@@ -28,6 +28,24 @@ _TABLES = (
     *("backdrop", "alphas"),
 )
 _PLACED = ("normals", "tangents")  # read as object_normals and object_tangents of instances
+_FARTHEST = 4.0 * SHADOW_REACH  # longer than any diagonal of the casters' box, so that longer rays meet no more
+_LEAST = 2.0**-60  # shorter rays end where they begin
+
+
+def hemisphere_row(settings: Settings, frame: CasterFrame, structs: Structs) -> Array:
+    """Return one row of structs.Light whose points are those of the unit disc below the hemisphere. shadow_scale is the
+    rays' length in the units of shadows; no points without ambient occlusion."""
+    rows = np.zeros(1, structs.Light)
+    if not settings.ambient_occlusion or settings.ao_distance is None:
+        return rows
+    row = rows[0]
+    row["points"], row["sphere"], row["axis"] = settings.ambient_occlusion, 1, light_points.AXIS
+    row["right"], row["up"] = light_points.disc_radii()
+    with np.errstate(over="ignore"):
+        distance = float(np.minimum(np.float64(settings.ao_distance) * frame.unit, _FARTHEST))
+    row["shadow_scale"] = distance if distance >= _LEAST else 0.0
+    light_points.write_pattern(row, settings.ambient_occlusion)
+    return rows
 
 
 class ResidentScene:
@@ -52,7 +70,7 @@ class ResidentScene:
     ) -> None:
         self.stages, self.scene, self.settings, self.features = stages, scene, settings, features
         self.device, self.structs = stages.device, stages.structs
-        scene_memory.check_device(self.device, packed, self.structs)
+        scene_buffers.check_device(self.device, packed, self.structs)
         self.extent = Extent.of(packed.low, packed.high) if len(packed.faces) else None
         self.map_colors = 0 if packed.color_map is None else len(packed.color_map) - 4
         self.faces = Buffer(self.device, packed.faces)

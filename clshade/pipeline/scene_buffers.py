@@ -8,19 +8,22 @@ from typing import Any
 
 import numpy as np
 
+from ..base import host_memory
 from ..base.arrays import Array, Bools
+from ..errors import DeviceError, InputError
 from ..scene.geometry import half_diagonal
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
 from . import struct_layout
 from .backdrop import backdrop_table
-from .environment_tables import environment_tables
 from .features import Features, derive, looked_up_at_corners, looks_up
 from .gather import Gatherer
 from .instances import InstanceTables, draws_from_one_copy, instance_tables, placed_extent
 from .layer_buffers import LayerTables, layer_tables
+from .opencl.device import Device
 from .scalar_tables import ScalarTables, color_table
-from .shading_tables import texture_tables
+from .shading_tables import environment_tables, texture_tables
+from .struct_layout import Structs
 
 
 @dataclass(frozen=True)
@@ -140,3 +143,36 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     found.update(layers=layer_tables(gatherer, given, settings, features))
     found.update(features=features, low=low.astype(np.float64), high=high.astype(np.float64))
     return Packed(**found)
+
+
+MOST_VERTICES = (1 << 31) - 1  # faces name them by int32
+_LEAST_ROW = 12  # bytes: three float32 of a vertex, three int32 of a face
+
+
+def check_host(scene: Scene) -> None:
+    """Refuse a scene whose placed meshes have too many vertices, or do not fit into this machine's memory. Raises
+    InputError."""
+    placed = [(mesh, len(np.asarray(mesh.instances))) for mesh in scene.meshes]
+    vertices = sum(len(mesh.verts) * count for mesh, count in placed)
+    if vertices > MOST_VERTICES:
+        limit = f"at most {MOST_VERTICES} vertices with instances"
+        raise InputError(f"render: scene: expected {limit}, found {vertices}")
+    copied = sum(_LEAST_ROW * (len(mesh.verts) + len(mesh.faces)) * count for mesh, count in placed if count > 1)
+    host_memory.require("render", "scene", copied, f"{scene.face_count:,} triangles with instances")
+
+
+def check_device(device: Device, packed: Packed, structs: Structs) -> None:
+    """Refuse a scene that does not fit into a device's memory. Raises DeviceError.
+
+    A CPU commits memory as it is written: there, buffers of which a frame may write little do not count.
+    """
+    faces, vertices = len(packed.faces), len(packed.positions)
+    tables = {id(table): table for table in vars(packed).values() if isinstance(table, np.ndarray)}
+    needed = sum(table.nbytes for table in tables.values())
+    needed += 0 if packed.instances is None else packed.instances.rows.nbytes
+    needed += vertices * (structs.Vertex.itemsize + 4 * np.dtype(structs.real).itemsize)
+    if not device.is_cpu:
+        needed += faces * (structs.Triangle.itemsize + structs.Bounds.itemsize + np.dtype(np.int32).itemsize)
+    if needed > device.memory:
+        what = f"{faces:,} triangles and {vertices:,} vertices take {needed / host_memory.GIB:.1f} GiB or more"
+        raise DeviceError(f"{device.name}: {what}, the device has {device.memory / host_memory.GIB:.1f} GiB")

@@ -8,8 +8,7 @@ from typing import Any
 from ..base.arrays import Array, Integers
 from ..scene.model import Scene, Settings
 from . import scene_buffers
-from .buffer_pool import Pool
-from .buffers import Buffer, finish
+from .buffers import Buffer, Pool, finish
 from .clipped_triangles import Clipping
 from .depth_order import DepthOrder
 from .features import Features, ignored
@@ -78,15 +77,20 @@ class SceneDrawing:
         self.tables = self._writer.new_tables()
         self._clips = False  # whether the last frame had faces to clip
 
-    # A frame
-
     def _begin(self, frame: SceneFrame) -> None:
         """Enqueue the drawing of a frame without layers. Where no sort is needed the host does not wait, and has no
-        counters yet: `_complete` goes on."""
-        if self.features["SORTED"] or self._clips or not self._source.room:
+        counters yet: `_complete` goes on. Nothing is drawn then if there are faces to clip."""
+        source = self._source
+        if self.features["SORTED"] or self._clips or not source.room:
             self._draw_sorted(frame)
-        else:
-            self._enqueue_unsorted(frame)
+            return
+        assert isinstance(source, SceneFaces)
+        self._writer.write_view(frame)
+        source.project(frame)
+        self._writer.write_image(frame, self._lists.room)
+        self._lists.set_up(source, frame)
+        self._writer.write_lights(frame)
+        self._fill_and_shade(frame)
 
     def _draw_sorted(self, frame: SceneFrame) -> None:
         """Draw the triangles in the order of their depths."""
@@ -105,17 +109,6 @@ class SceneDrawing:
         self._clips = bool(frame.counters["to_clip"])
         for name, count in self._source.culled.items():
             frame.counters[name] += count
-
-    def _enqueue_unsorted(self, frame: SceneFrame) -> None:
-        """Enqueue the drawing of the faces in their order. Nothing is drawn if there are faces to clip."""
-        source = self._source
-        assert isinstance(source, SceneFaces)
-        self._writer.write_view(frame)
-        source.project(frame)
-        self._writer.write_image(frame, self._lists.room)
-        self._lists.set_up(source, frame)
-        self._writer.write_lights(frame)
-        self._fill_and_shade(frame)
 
     def _fill_and_shade(self, frame: SceneFrame) -> None:
         """Enqueue the lists and the pixels of faces in their order."""

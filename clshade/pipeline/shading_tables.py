@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..base.arrays import Array, Floats
+from ..scene.environment import Environment
+from ..scene.image_light.brdf_table import brdf_table
+from ..scene.image_light.light import image_light
+from ..scene.image_light.octahedral import padded
 from ..scene.material import TERMS
 from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
-from ..scene.model import Material, Texture
+from ..scene.model import Material, Mesh, Texture
 from . import struct_layout
 from .mipmaps import levels_below
 from .struct_layout import Structs
@@ -165,3 +170,63 @@ def scale_for(extent: float) -> float:
     """Return the power of two that scales lengths of up to `extent` to about 1: it changes no bit of a direction, and
     keeps squares within float32's range."""
     return 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
+
+
+_BLACK = Environment(np.zeros((1, 1, 3)))
+
+
+def environment_tables(environment: Environment | None, unit: float, structs: Structs) -> tuple[Array, Array]:
+    """Return a row of structs.Environment, and the table that it points into, (R, 4) reals: that of the BRDF, with its
+    last row and column twice, then the levels with a border of one texel. unit: of light. None: black."""
+    light = image_light(environment or _BLACK)
+    row = np.zeros(1, structs.Environment)
+    row["irradiance"] = to_real(light.irradiance / unit, structs.real).reshape(-1)
+    share = brdf_table().copy()
+    share[..., 2] = 1.0 - share[..., 2]
+    parts = [np.pad(share, ((0, 1), (0, 1), (0, 0)), mode="edge").reshape(-1, 3)]
+    offset = len(parts[0])
+    for number, level in enumerate(light.levels):
+        row["offset"][0, number], row["side"][0, number] = offset, len(level)
+        parts.append(padded(level).reshape(-1, 3) / unit)
+        offset += len(parts[-1])
+    table = np.zeros((offset, 4), structs.real)
+    table[:, :3] = to_real(np.concatenate(parts), structs.real)
+    return row, table
+
+
+def has_coordinates(mesh: Mesh, texture: Texture | None) -> bool:
+    """Return whether there is a texture, and the mesh has its texture coordinates."""
+    return texture is not None and mesh.uvs is not None and texture.coordinates <= len(mesh.more_uvs)
+
+
+def map_of(mesh: Mesh, name: str) -> Texture | None:
+    """Return a map of shader pbr, one of `metallic_roughness.MAPS`; None if the mesh cannot look it up."""
+    texture: Texture | None = None if mesh.material.pbr is None else getattr(mesh.material.pbr, name)
+    return texture if has_coordinates(mesh, texture) else None
+
+
+def maps_of(mesh: Mesh) -> dict[str, Texture]:
+    """Return the maps of a mesh by name."""
+    if mesh.material.pbr is None or mesh.uvs is None:
+        return {}
+    found = {name: map_of(mesh, name) for name in MAPS}
+    return {name: texture for name, texture in found.items() if texture is not None}
+
+
+def textures_of(mesh: Mesh, *, maps: bool) -> list[Texture]:
+    """Return the textures that a mesh looks up at the pixels. maps: whether the shader uses those of shader pbr."""
+    own = mesh.material.texture
+    found = [own] if own is not None and has_coordinates(mesh, own) else []
+    return found + (list(maps_of(mesh).values()) if maps else [])
+
+
+def usable(mesh: Mesh) -> Material:
+    """Return the material of a mesh without the textures that it has no coordinates for."""
+    material = mesh.material
+    if material.texture is not None and not has_coordinates(mesh, material.texture):
+        material = replace(material, texture=None)
+    facets = mesh.material.pbr
+    lost: dict[str, Any] = {name: None for name in MAPS if facets is not None and map_of(mesh, name) is None}
+    if facets is not None and any(getattr(facets, name) is not None for name in lost):
+        material = replace(material, pbr=replace(facets, **lost))
+    return material

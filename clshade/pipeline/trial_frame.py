@@ -18,7 +18,7 @@ from .features import Features
 from .launches import Stages
 from .opencl import environment
 from .opencl.device import Device, open_untested
-from .opencl.probe import RIGHT, TRIAL, WRONG, tell_lanes
+from .opencl.probe import LANES, RIGHT, TRIAL, WRONG
 from .programs import build_text
 from .renderer import Renderer
 
@@ -46,7 +46,7 @@ def main(index: str, name: str, folder: str, lanes: str) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected: no core file
     environment.isolate_cache(Path(folder, "slot"))
     device = open_untested(index, name, int(lanes))
-    tell_lanes(device.lanes)
+    print(f"{LANES}{device.lanes}", flush=True)
     right = _fuses(device) and _draws(device, Path(folder, TRIAL))
     print(RIGHT if right else WRONG, flush=True)
 

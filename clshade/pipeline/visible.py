@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -174,7 +175,8 @@ def visible(
     rows = []
     for number, object_number, name, *_ in placed:
         counts = (int(seen[number]), int(alone[number]), int(alone[number] + around[number]))
-        rows.append((number, object_number, name, *counts, _share(*counts[:2]), _share(*counts[1:])))
+        share, inside = (part / most if most else math.nan for part, most in (counts[:2], counts[1:]))
+        rows.append((number, object_number, name, *counts, share, inside))
     longest = max((len(row[2]) for row in rows), default=0)
     kinds = {**_COLUMNS, "name": f"U{max(longest, 1)}"}
     return Visible(np.array(rows, [*kinds.items()]), found if many else None)
@@ -267,10 +269,6 @@ def _groups(placed: Sequence[_Instance]) -> Iterator[list[_Instance]]:
             known.append([each])
     for some in groups.values():
         yield from some
-
-
-def _share(part: int, whole: int) -> float:
-    return part / whole if whole else float("nan")
 
 
 def _drawn(

@@ -92,7 +92,7 @@ def posed(camera: Camera, who: str, **changes: Any) -> Camera:
             upward = np.array(UPS[up_of(camera)][2], np.float64) * np.sign(forward @ up)
             changes["up"] = up + _TILT * upward
             listed = ["{:g},{:g},{:g}".format(*(axis + 0.0)) for axis in (camera.up, upward)]
-            console.note(f"{who}: it looks along {listed[0]}, its up vector: {listed[1]} is up in the image")
+            console.progress(f"{who}: it looks along {listed[0]}, its up vector: {listed[1]} is up in the image")
     return replace(camera, **changes)
 
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base import console, interrupts
-from ..base.atomic_files import folder_made, naming, shown, write_bytes, write_error
-from ..base.file_lock import lock_file
+from ..base.atomic_files import folder_made, lock_file, naming, shown, write_bytes, write_error
 from ..errors import InputError
 
 _LOCK = "lock"

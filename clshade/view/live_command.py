@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from ..base.declare import as_option
 from ..images.tonemap import Operator
-from ..pipeline.picture import changed_fields
+from ..pipeline.effective_settings import changed_fields
 from ..scene.model import default_tonemap
 from .live_scene import LiveScene, View
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 from ..base.input_files import stamp
-from ..pipeline.effective_settings import effective_settings
+from ..pipeline.effective_settings import effective_settings, picture_fields
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import SavingOptions
 from ..pipeline.look import has_ground, with_look
-from ..pipeline.picture import picture_fields
 from ..pipeline.renderer import Renderer
 from ..scene.adjust_camera import adjusted, camera_of
 from ..scene.adjust_lights import scaled_lights

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clshade.base.declare import declared
+from clshade.base.declare import facts_of
 from clshade.scene.edges import Edges
 from clshade.scene.settings import PRESET_FIELDS, Preset, Settings
 
@@ -125,7 +125,8 @@ def _settings(rng: Random, shader: str, textured: bool, scalars: str, backdrop: 
     }
     base: Any = rng.choice(("standard", "course", "mixed"))
     if base == "mixed":
-        choices = {name: known.choices for name, known in declared(Settings).items() if name in PRESET_FIELDS["course"]}
+        declared = facts_of(Settings, "declared").items()
+        choices = {name: known.choices for name, known in declared if name in PRESET_FIELDS["course"]}
         fields |= {name: str(rng.choice(values)) for name, values in choices.items()}
         base = "standard"
     fields["shader"] = shader

@@ -19,8 +19,7 @@ from clshade.measure.report.answer import CLOSE, FLIP, answer, criterion
 from clshade.measure.report.measure import CODES, close_share
 from clshade.measure.report.study import Study
 from clshade.measure.report.variants import COMMON, base_settings, default_variant, variants_for
-from clshade.pipeline.effective_settings import effective_settings
-from clshade.pipeline.picture import picture_fields
+from clshade.pipeline.effective_settings import effective_settings, picture_fields
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
 

@@ -24,7 +24,7 @@ from clshade.measure.report.model_errors import ModelErrors
 from clshade.measure.report.power_law import fitted
 from clshade.measure.report.reference_image import reference
 from clshade.measure.report.variants import BASE, Variant, base_settings, named, variants_for
-from clshade.pipeline.picture import SAMPLES
+from clshade.pipeline.effective_settings import SAMPLES
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings

@@ -297,7 +297,7 @@ def test_fewer_lanes_are_taken_where_more_fail(
 ) -> None:
     """Down to one; a line says which and why. The verdict keeps the number."""
     monkeypatch.setattr(probe, "PROBE_SECONDS", 0.5 if "sleep" in fault else 30.0)
-    tried = probe_that(FAILING.format(lanes=probe._LANES, working=working, fault=fault, right=probe.RIGHT), monkeypatch)
+    tried = probe_that(FAILING.format(lanes=probe.LANES, working=working, fault=fault, right=probe.RIGHT), monkeypatch)
     monkeypatch.setattr(device, "found_devices", lambda name: [(POCL, None)])
     monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: lanes)
     attempts = {8: 2, 1: 4, 0: 4}[working]

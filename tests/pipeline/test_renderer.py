@@ -17,8 +17,7 @@ from processes import PEAK
 import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
 from clshade.pipeline import clipped_triangles
-from clshade.pipeline.buffer_pool import Pool
-from clshade.pipeline.buffers import Buffer, aligned
+from clshade.pipeline.buffers import Buffer, Pool, aligned
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera

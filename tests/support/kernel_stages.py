@@ -291,9 +291,9 @@ class Pipeline:
         tile = (self.lists, self.starts, rgba, owners, self.counted, None)
         surface = self.surface(**arrays)._replace(corner_light=corner_light)
         if self.features["PHONG"]:
-            self.stages.phong(surface, tile, self.tiles)
+            self.stages.shade("phong", surface, tile, self.tiles)
         else:
-            self.stages.gouraud(surface, tile, self.tiles)
+            self.stages.shade("gouraud", surface, tile, self.tiles)
         self.counters = self.counted.to_host()[0].copy()
         found = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()

@@ -94,7 +94,7 @@ def _play(arguments: argparse.Namespace, frames: Frames | None) -> int:
     )
     tell_of_file(played.scene, arguments, name)
     count = len(played.times)
-    console.note(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
+    console.progress(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
     numbers = _numbers(frames, arguments, count, "the animation")
     whole = (
         played.stage

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from ...base import console, text_tables
 from ...base.atomic_files import folder_made, shown
-from ...errors import ClshadeError
+from ...errors import ClshadeError, InputError
 from ...measure.defaults import PIXELS
 from . import DONE, FAILED, REFUSED
 from .arguments import device_option, given_options, limit_options, output_name
-from .flow_options import add_flows, flow_cameras, flow_option
 from .saving_options import OUTPUT, chosen_saving, matte_option, saving_options
 from .scene_options import (
     SAMPLES_HELP,
@@ -42,6 +41,7 @@ from .view_options import (
 
 if TYPE_CHECKING:
     from ...pipeline.frame import Frame
+    from ...scene.camera import Camera
     from ...scene.model import Scene
 
 
@@ -70,7 +70,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "made where there is none, with files named after the scenes (default: the current one)",
     )
     saving_options(output)
-    flow_option(output)
+    output.add_argument(
+        "--flow-to",
+        metavar="CAMERAS.json",
+        help="optical flow in the EXR, pixels to the right and down: to the first camera of a list as of `animate` (flow), "
+        "and to a second one (flow_back); what is occluded there (flow_occluded, flow_back_occluded), and the layer id",
+    )
     matte_option(output)
     save_scene_option(output)
     output.add_argument(
@@ -183,7 +188,7 @@ def _draw(
         selected = found["chosen"] = select(scene, budget=arguments.budget, tolerance=arguments.tolerance, **options)
         console.table(selected.table.lines()[1:])
         options = {**{name: options[name] for name in ("device", "resolution")}, "settings": selected.settings}
-    cameras = flow_cameras(scene, arguments)
+    cameras = _flow_cameras(scene, arguments)
     saving = chosen_saving(arguments)
     if arguments.cryptomatte:
         from ...pipeline.mattes import check_mattes, cryptomatte
@@ -193,7 +198,12 @@ def _draw(
     with console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
         frame = renderer.render(scene, **options)
     frame.command = command
-    add_flows(frame, cameras, arguments)
+    if cameras:
+        from ...pipeline.flow import flow
+        from ...pipeline.flow_vectors import FLOWS
+
+        flows = [flow(frame, camera, device=arguments.device) for camera in cameras]
+        frame.flows = dict(zip(FLOWS, flows, strict=False))
     if arguments.cryptomatte:
         frame.mattes = cryptomatte(frame, arguments.cryptomatte, device=arguments.device)
     if arguments.check is not None:
@@ -221,6 +231,22 @@ def _draw(
             print("\n".join(lines))
     stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
+
+
+def _flow_cameras(scene: Scene, arguments: argparse.Namespace) -> tuple[Camera, ...]:
+    """Return the cameras of --flow-to, one or two; none without it."""
+    if arguments.flow_to is None:
+        return ()
+    if arguments.formats is not None and not {"exr", "npz"} & set(arguments.formats):
+        formats = ",".join(arguments.formats)
+        raise InputError(f"--flow-to: needs exr or npz in --formats, which hold the flow, not {formats}")
+    from ...farm import read_cameras
+
+    base = scene.camera if arguments.resolution is None else scene.camera.with_resolution(arguments.resolution)
+    cameras = read_cameras(arguments.flow_to, base)
+    if len(cameras) > 2:
+        raise InputError(f"--flow-to: expected one camera or two in {shown(arguments.flow_to)}, found {len(cameras)}")
+    return cameras
 
 
 def render_options(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:

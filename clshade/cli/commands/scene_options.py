@@ -282,7 +282,7 @@ def _edge_options(parser: argparse.ArgumentParser) -> None:
 
 def picture_settings(arguments: argparse.Namespace, scene: Scene) -> dict[str, Any]:
     """Return the fields of Settings that were given, and those of a picture for people."""
-    from ...pipeline.picture import picture_fields
+    from ...pipeline.effective_settings import picture_fields
 
     return picture_fields(scene, getattr(arguments, "preset", None), **chosen_settings(arguments))
 
@@ -364,7 +364,7 @@ def read_scene(arguments: argparse.Namespace, name: str) -> Scene:
         if scene.animations and arguments.time is None and arguments.animation is None:
             listed = ", ".join(shown(each) if each else f"number {k}" for k, each in enumerate(scene.animations[:8]))
             more = ", ..." if len(scene.animations) > 8 else ""
-            console.note(
+            console.progress(
                 f"{shown(name)}: at rest: --time SECONDS shows a pose of its animations ({listed}{more}), `clshade animate` "
                 "plays one"
             )
@@ -389,15 +389,17 @@ def tell_of_file(scene: Scene, arguments: argparse.Namespace, name: str) -> None
     if arguments.camera == "file" and scene.fitted:
         raise InputError(f"--camera: expected a file that has one, found none in {shown(name)}")
     if arguments.camera is None and not scene.fitted and scene.preset != "course" and arguments.camera_position is None:
-        console.note(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
+        console.progress(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
     guessed = {*extensions_with("up")} - {*extensions_with("time")}  # glTF says that y is up
     if Path(name).suffix.lower() in guessed and arguments.up is None and arguments.camera_view_up is None:
         taken = framing.up_of(scene.camera)
         likely = framing.likely_up(*bounding_box(scene), taken)
         if likely is not None:
-            console.note(f"{shown(name)}: {taken} is up, but its extents suggest {likely}: --up {likely} shows it so")
+            console.progress(
+                f"{shown(name)}: {taken} is up, but its extents suggest {likely}: --up {likely} shows it so"
+            )
     if scene.light_scale != 1.0:
-        console.note(
+        console.progress(
             f"{shown(name)}: lights: intensities (candela, lux) times {scene.light_scale:.4g}, so that the strongest has 1 "
             "at the center; --light-intensity changes that"
         )

@@ -10,7 +10,7 @@ from typing import Any
 from ...base.declare import as_option
 from ...base.text_tables import digits
 from ...images.metrics import has_flip
-from ...pipeline.picture import changed_fields
+from ...pipeline.effective_settings import changed_fields
 from ...scene.model import Scene, Settings
 from ...scene.settings import PRESETS, Preset
 from ..results import Column, Results, Table

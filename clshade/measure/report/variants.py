@@ -8,9 +8,9 @@ from typing import Any
 
 from ...base.spelling import hint
 from ...errors import InputError
+from ...pipeline.effective_settings import picture_fields
 from ...pipeline.features import texture_applies
 from ...pipeline.opencl.device import Device
-from ...pipeline.picture import picture_fields
 from ...scene.model import Scene, Settings
 
 BASE = "standard"

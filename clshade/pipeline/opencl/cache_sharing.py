@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...base.file_lock import lock_file
+from ...base.atomic_files import lock_file
 from ...errors import ClshadeError
 from .cache_slots import LOCK, MARK, UNFINISHED, Slot, read_seal
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...base import interrupts
-from ...base.file_lock import lock_file
+from ...base.atomic_files import lock_file
 from ...errors import DeviceError
 
 SLOTS = 256  # cache folders before a process gets a temporary one

@@ -31,7 +31,6 @@ THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS
 ROOM, FILE = 64 << 20, 4 << 20
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 
-
 _guard = threading.RLock()
 _slot: Slot | None = None
 _home: Path | None = None

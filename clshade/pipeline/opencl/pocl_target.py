@@ -15,7 +15,7 @@ import mmap
 import os
 import platform
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from functools import cache
 
 # Names in LLVM 14 of processors with the instructions of level 4 (AVX-512) and of level 3 (AVX2, FMA).
@@ -39,9 +39,8 @@ _LEVELS = (
     (4, "avx512f avx512bw avx512cd avx512dq avx512vl"),
 )
 _FUNCTION = "pocl_get_llvm_cpu_name"
-FORCED = (
-    "CLSHADE_POCL_TARGET"  # environment variable: LLVM's name of another processor, to try out what is compiled for it
-)
+# Environment variable: LLVM's name of another processor, to try out what is compiled for it.
+FORCED = "CLSHADE_POCL_TARGET"
 
 
 def level_of(flags: Collection[str]) -> int:
@@ -72,13 +71,6 @@ def processor_flags() -> set[str]:
         return set()
 
 
-def _libraries() -> Iterator[str]:
-    """Yield the paths of the PoCL libraries that PyPI's pyopencl carries."""
-    spec = importlib.util.find_spec("pyopencl")
-    if spec is not None and spec.origin:
-        yield from glob.glob(os.path.join(os.path.dirname(spec.origin), ".libs", "libpocl*.so*"))
-
-
 def _replace_result(function: ctypes._NamedFuncPointer, name: str) -> None:
     """Overwrite a function of a loaded library so that it returns `name`, as a C string that its caller frees."""
     libc = ctypes.CDLL(None, use_errno=True)
@@ -99,10 +91,11 @@ def _replace_result(function: ctypes._NamedFuncPointer, name: str) -> None:
 def set_target() -> str:
     """Make PoCL compile for a name that suits the processor; return it, "" if LLVM's own choice stays. Call it before
     OpenCL starts. Where memory of code cannot be changed nothing happens: the test of the device then finds the fault."""
-    if not sys.platform.startswith("linux") or platform.machine() != "x86_64":
+    spec = importlib.util.find_spec("pyopencl")
+    if not sys.platform.startswith("linux") or platform.machine() != "x86_64" or spec is None or not spec.origin:
         return ""
     chosen = ""
-    for path in _libraries():
+    for path in glob.glob(os.path.join(os.path.dirname(spec.origin), ".libs", "libpocl*.so*")):
         try:
             function = getattr(ctypes.CDLL(path), _FUNCTION)
             function.restype = ctypes.c_char_p

@@ -27,7 +27,7 @@ PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is bro
 VERDICT_VERSION = 3  # increment it when the probe changes
 BROKEN_SECONDS = 24 * 3600.0  # how long a device that was broken is tried after the others
 RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
-_LANES = "clshade-probe-lanes="  # before the number with which the frame is drawn, once a small kernel has run
+LANES = "clshade-probe-lanes="  # before the number with which the frame is drawn, once a small kernel has run
 TRIAL = "trial"  # a file in the probe's folder: pickled arguments of Renderer
 
 # Words for runtimes, and substrings of their platforms' names.
@@ -130,11 +130,6 @@ def probe_command(info: DeviceInfo) -> list[str]:
     return [sys.executable, "-c", code, info.index, info.name]
 
 
-def tell_lanes(lanes: int) -> None:
-    """Tell the parent, in a probing process, with how many lanes the frame is drawn."""
-    print(f"{_LANES}{lanes}", flush=True)
-
-
 def can_probe() -> bool:
     """Return whether a Python can be started: in an application that embeds Python, sys.executable is something else."""
     return bool(sys.executable) and not getattr(sys, "frozen", False)
@@ -231,7 +226,7 @@ class Probe:
                 cache_sharing.take_all(environment.prepare(), Path(self.folder, "slot"))
         finally:
             self.abandon()
-        told = [word.removeprefix(_LANES) for word in out.split() if word.startswith(_LANES)]
+        told = [word.removeprefix(LANES) for word in out.split() if word.startswith(LANES)]
         self.lanes = int(told[0]) if told else 0
         problem = device_fault(self.info, fault) if fault else ""
         remember(self.info, problem, self.lanes)

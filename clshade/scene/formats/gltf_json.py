@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.input_files import file_error, quoted
-from ...base.strict_json import found_text, parse_text
+from ...base.json_values import found_text, parse_text
 from ...errors import InputError
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file, size_of, stamp, within
+from ...base.json_values import found_text, parse_text
 from ...base.spelling import hint
-from ...base.strict_json import found_text, parse_text
 from ...base.validation import set_fields
 from ...errors import InputError
 from ..camera import Camera

@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.atomic_files import LEFT_SECONDS, Path, naming, replacing_all, shown
-from ...base.file_lock import folder_locked
+from ...base.atomic_files import LEFT_SECONDS, Path, folder_locked, naming, replacing_all, shown
 from ...base.input_files import beside, file_error, quoted
-from ...base.strict_json import MAX_VALUES
+from ...base.json_values import MAX_VALUES
 from ...base.validation import path as checked_path
 from ...base.validation import value_error
 from ..lights import LIGHTS

@@ -16,11 +16,10 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.atomic_files import folder_made, naming, replacing_all, shown, write_error
-from ...base.file_lock import lock_file
+from ...base.atomic_files import folder_made, lock_file, naming, replacing_all, shown, write_error
 from ...base.input_files import file_error, quoted, read_file
+from ...base.json_values import found_text, parse_text
 from ...base.spelling import hint
-from ...base.strict_json import found_text, parse_text
 from ...pipeline.frame import Frame
 from ...scene.settings import LAYERS
 
