@@ -177,6 +177,13 @@ def homeless(opened: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 
 
 @pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the test's folder, which becomes the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def fresh_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Use an empty cache folder in this process from now on."""
     (tmp_path / "clshade").mkdir()

@@ -87,15 +87,14 @@ USAGE = [
 
 
 @pytest.mark.parametrize(("arguments", "parts"), USAGE, ids=[" ".join(arguments) for arguments, _ in USAGE])
-def test_one_line_says_what_to_do(tmp_path, capsys, monkeypatch, arguments, parts):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder").mkdir()
-    write(tmp_path / "mesh.obj", TRIANGLE)
-    write(tmp_path / "mesh.txt", TRIANGLE)
+def test_one_line_says_what_to_do(folder, capsys, arguments, parts):
+    (folder / "folder").mkdir()
+    write(folder / "mesh.obj", TRIANGLE)
+    write(folder / "mesh.txt", TRIANGLE)
     exr.write("image.exr", np.zeros((2, 2, 3), np.float32))
-    before = listing(tmp_path)
+    before = listing(folder)
     assert_refused(run(capsys, *arguments), *parts)
-    assert listing(tmp_path) == before
+    assert listing(folder) == before
 
 
 @pytest.mark.parametrize("text", ["64,48", "64x48", "64X48", "64 x 48", "64, 48", " 64×48"])

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scene_files
 from command_line import SMALL, assert_refused, listing, needs_device, process, run, scene_of, without_notices
 from devices import is_tested, working_devices
 from processes import ROOT
@@ -44,15 +43,6 @@ def test_render_writes_an_exr_and_a_png(tmp_path, capsys, output, stem):
     assert png.read(tmp_path / f"{stem}.png").shape == (24, 32, 3)
 
 
-@pytest.mark.long
-@needs_device
-def test_render_as_a_process_in_a_folder(tmp_path):
-    """The default of -o: `out.exr` and `out.png` in the current folder."""
-    done = process(*SMALL, cwd=tmp_path)
-    assert (done.returncode, without_notices(done.stderr)) == (0, [])
-    assert listing(tmp_path) == ["out.exr", "out.png"]
-
-
 @needs_device
 def test_options_reach_the_image(tmp_path, capsys):
     options = ("--deterministic", "--stats")
@@ -77,15 +67,6 @@ def test_options_reach_the_scene():
     assert [light.position.tolist() for light in chosen.lights] == [plain.lights[1].position.tolist()]
     was, now = plain.meshes[0].material, chosen.meshes[0].material
     assert (now.ka.tolist(), now.kd.tolist(), now.ks.tolist()) == (was.ka.tolist(), [0, 0, 0], was.ks.tolist())
-
-
-@pytest.mark.long
-@needs_device
-def test_a_file_is_rendered(tmp_path, capsys):
-    mesh = scene_files.write(tmp_path / "one.obj", scene_files.TRIANGLE + "f 1 2 3\n")
-    code, _, err = run(capsys, "render", mesh, "--resolution", "32,24", "-o", tmp_path / "one")
-    assert (code, err) == (0, [])
-    assert exr.read(tmp_path / "one.exr")[0]["A"].sum() > 20
 
 
 @needs_device
@@ -150,15 +131,14 @@ BAD = [
 
 
 @pytest.mark.parametrize(("arguments", "parts"), BAD, ids=[" ".join(arguments) for arguments, _ in BAD])
-def test_refused_input_leaves_nothing(tmp_path, capsys, monkeypatch, arguments, parts):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.xyz").write_text("what is this")
-    (tmp_path / "empty.obj").write_text("")
-    (tmp_path / "text.npy").write_text("not NumPy's")
-    (tmp_path / "folder.obj").mkdir()
-    before = listing(tmp_path)
+def test_refused_input_leaves_nothing(folder, capsys, arguments, parts):
+    (folder / "scene.xyz").write_text("what is this")
+    (folder / "empty.obj").write_text("")
+    (folder / "text.npy").write_text("not NumPy's")
+    (folder / "folder.obj").mkdir()
+    before = listing(folder)
     assert_refused(run(capsys, "render", *arguments), *parts)
-    assert listing(tmp_path) == before
+    assert listing(folder) == before
 
 
 @pytest.fixture
@@ -182,11 +162,10 @@ def no_loading(monkeypatch):
         (("-o", "file/out"), ("file/out.exr", "not a folder")),
     ],
 )
-def test_refused_output_options_leave_nothing(tmp_path, capsys, monkeypatch, options, parts):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").touch()
-    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", *options), *parts)
-    assert listing(tmp_path) == ["file"]
+def test_refused_output_options_leave_nothing(folder, capsys, options, parts):
+    (folder / "file").touch()
+    assert_refused(run(capsys, *SMALL, "-o", folder / "out", *options), *parts)
+    assert listing(folder) == ["file"]
 
 
 @pytest.mark.usefixtures("no_loading")
@@ -389,41 +368,12 @@ def test_help_on_few_options_shows_all(capsys):
     assert "--pixel" in out
 
 
-@pytest.mark.long
-def test_devices(capsys):
-    code, out, err = run(capsys, "devices")
-    assert err == []
-    assert code == (0 if working_devices() else 1)
-    assert all(index in out for index in working_devices())
-    assert "works" in out or "install" in out
-
-
-@pytest.mark.long
-def test_inspect(tmp_path, capsys):
-    image = np.random.default_rng(1).uniform(0, 2, (12, 16, 3)).astype(np.float32)
-    exr.write(tmp_path / "a.exr", image)
-    code, out, err = run(capsys, "inspect", tmp_path / "a.exr")
-    assert (code, err) == (0, [])
-    assert listing(tmp_path) == ["a.exr"]
-    assert all(f"\n{name} " in f"\n{out}" or f" {name} " in out for name in "RGB")
-    code, _, _ = run(capsys, "inspect", tmp_path / "a.exr", "-o", tmp_path / "b.png")
-    assert code == 0
-    assert (tmp_path / "b.png").exists()
-
-
 def test_inspect_reads_the_file_once(tmp_path, capsys, monkeypatch):
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
     reads, read = [], exr.read
     monkeypatch.setattr(exr, "read", lambda path: reads.append(path) or read(path))
     assert run(capsys, "inspect", tmp_path / "a.exr")[0] == 0
     assert reads == [str(tmp_path / "a.exr")]
-
-
-def test_inspect_refuses(tmp_path, capsys):
-    (tmp_path / "bad.exr").write_bytes(b"v/1\x01" + bytes(40))
-    for name in ("none.exr", "bad.exr"):
-        assert_refused(run(capsys, "inspect", tmp_path / name), name)
-    assert listing(tmp_path) == ["bad.exr"]
 
 
 @pytest.mark.long

@@ -47,12 +47,11 @@ def test_several_scenes_go_to_a_folder(tmp_path, capsys, scenes):
 
 
 @needs_device
-def test_a_bad_scene_does_not_stop_the_others(tmp_path, capsys, monkeypatch, scenes):
-    monkeypatch.chdir(tmp_path)
-    missing = tmp_path / "none.obj"
+def test_a_bad_scene_does_not_stop_the_others(folder, capsys, scenes):
+    missing = folder / "none.obj"
     code, out, err = run(capsys, "render", *scenes, missing, *SIZE, "--json")
     assert code == 2
-    assert listing(tmp_path) == ["a.exr", "a.png", "c.exr", "c.png", "in", "in/a.obj", "in/bad.obj", "in/c.obj"]
+    assert listing(folder) == ["a.exr", "a.png", "c.exr", "c.png", "in", "in/a.obj", "in/bad.obj", "in/c.obj"]
     assert len(err) == 2
     assert str(scenes[1]) in err[0]
     assert str(missing) in err[1]
@@ -160,10 +159,9 @@ def test_without_standard_output_and_quiet(tmp_path, monkeypatch):
 
 
 @needs_device
-def test_scenes_whose_names_hold_another_extension(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_scenes_whose_names_hold_another_extension(folder, capsys):
     for name in ("a.jpg.obj", "b.v2.obj"):
-        write(tmp_path / name, TRIANGLE + "f 1 2 3\n")
+        write(folder / name, TRIANGLE + "f 1 2 3\n")
     code, _, err = run(capsys, "render", "a.jpg.obj", "b.v2.obj", *SIZE, "-o", "new")
     assert (code, err) == (0, [])
-    assert listing(tmp_path / "new") == ["a.jpg.exr", "a.jpg.png", "b.v2.exr", "b.v2.png"]
+    assert listing(folder / "new") == ["a.jpg.exr", "a.jpg.png", "b.v2.exr", "b.v2.png"]

@@ -145,15 +145,14 @@ def test_values_that_begin_with_a_dash(tmp_path):
         (("teapot", "--crease", "0"), ("--crease", "'teapot'")),
     ],
 )
-def test_refused_options(tmp_path, capsys, monkeypatch, options, parts):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "a.obj", ROOF)
-    save_npy(tmp_path / "a.npy", course_dict())
-    before = sorted(tmp_path.iterdir())
+def test_refused_options(folder, capsys, options, parts):
+    write(folder / "a.obj", ROOF)
+    save_npy(folder / "a.npy", course_dict())
+    before = sorted(folder.iterdir())
     code, out, err = run(capsys, "render", *options)
     assert (code, out, len(err)) == (2, "", 1), err
     assert all(part in err[0] for part in parts), err[0]
-    assert sorted(tmp_path.iterdir()) == before
+    assert sorted(folder.iterdir()) == before
 
 
 @pytest.mark.long

@@ -18,12 +18,6 @@ needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL devic
 SMALL = ("box_room", "--resolution", "40x30", "--samples", "2")
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @needs_device
 def test_render_writes_the_masks(folder, capsys):
     code, _, err = run(capsys, "render", *SMALL, "--cryptomatte", "object,material", "-o", "room")

@@ -28,7 +28,6 @@ def test_options_become_edges():
     [
         (("--edge-width", "3"), "--edge-width: needs --edges"),
         (("--edges-only",), "--edges-only: needs --edges"),
-        (("--edges", "all", "--edge-width", "65"), "Edges: width: expected pixels above 0, at most 64"),
         (("--edges", "all", "--edge-color", "0,0,-1"), "--edge-color: expected a name such as white, #rrggbb"),
     ],
 )

@@ -61,9 +61,8 @@ def test_default_lights_stand_in_until_they_are_asked_for(triangle):
         (("--environment-intensity", "2"), "--environment-intensity: needs --environment"),
     ],
 )
-def test_refusals(options, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_refusals(options, message, folder, capsys):
     code, out, lines = run(capsys, "render", "teapot", *options)
     assert (code, out, len(lines)) == (REFUSED, "", 1)
     assert message in lines[0]
-    assert not list(tmp_path.iterdir())
+    assert not list(folder.iterdir())

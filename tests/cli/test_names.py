@@ -227,13 +227,12 @@ def test_what_is_printed(text, encoding, expected):
     ids=" ".join,
 )
 @pytest.mark.parametrize("output", ["", os.devnull, "pipe", "link"])
-def test_outputs_that_are_no_files(tmp_path, capsys, monkeypatch, command, output):
-    monkeypatch.chdir(tmp_path)
+def test_outputs_that_are_no_files(folder, capsys, command, output):
     os.mkfifo("pipe")
     os.symlink("pipe", "link")
     expected = ("expected the name of a file or folder", f"found {output!r}")
     assert_refused(run(capsys, *command, output), command[-1], *expected)
-    assert listing(tmp_path) == ["link", "pipe"]
+    assert listing(folder) == ["link", "pipe"]
     assert not os.path.exists(f"{os.devnull}.exr")
 
 

@@ -28,20 +28,3 @@ def test_it_darkens_and_stands_in_the_header(capsys, tmp_path):
     covered = channels["A"] == 1.0
     assert (channels["AO"][covered] == 1.0).all()  # it is convex
     assert not channels["AO"][~covered].any()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--ambient-occlusion", "-1"), "ambient_occlusion: expected a whole number from 0 to 1024, found -1"),
-        (("--ambient-occlusion", "1025"), "ambient_occlusion: expected a whole number from 0 to 1024, found 1025"),
-        (("--ao-distance", "0"), "ao_distance: expected a finite number above 0, found 0"),
-        (("--ao-distance", "nan"), "ao_distance: expected a finite number above 0, found nan"),
-        (("--layers", "AO"), "layers: expected ambient_occlusion with the layer AO"),
-    ],
-)
-def test_what_is_refused(capsys, tmp_path, options, message):
-    code, _, err = run(capsys, *SMALL, *options, "-o", tmp_path / "image")
-    assert code == 2
-    assert len(err) == 1
-    assert message in err[0]

@@ -69,11 +69,10 @@ def test_standard_output_stays_json(capsys, tmp_path):
         ),
     ],
 )
-def test_what_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch, arguments, parts):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder.json").mkdir()
+def test_what_is_refused_before_anything_is_drawn(capsys, folder, arguments, parts):
+    (folder / "folder.json").mkdir()
     assert_refused(run(capsys, "render", "quads", *arguments), *parts)
-    assert listing(tmp_path) == ["folder.json"]
+    assert listing(folder) == ["folder.json"]
 
 
 def test_the_file_that_is_read_is_not_replaced(capsys, tmp_path):

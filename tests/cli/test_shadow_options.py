@@ -10,7 +10,6 @@ from clshade import exr
 from clshade.cli.commands.scene_options import load_scene, picture_settings
 from clshade.cli.main import _parser
 from clshade.pipeline.effective_settings import effective_settings
-from clshade.scene.settings import Settings
 
 SMALL = ("render", "teapot", "--resolution", "48,36", "--samples", "1")
 
@@ -33,23 +32,6 @@ def test_shadows_darken_and_stand_in_the_header(capsys, tmp_path):
     assert (shadowed < plain - 1e-3).mean() > 0.05
     assert "images: the same bits" in out
     assert "shadows" in " ".join(out.split()).split(" needed: ")[1].split(" saved: ")[0]
-
-
-@needs_device
-def test_no_shadows_is_the_image_without(capsys, tmp_path):
-    plain = drawn(capsys, tmp_path)
-    assert (drawn(capsys, tmp_path, "--no-shadows")[0] == plain[0]).all()
-
-
-@needs_device
-def test_explain_says_why_there_are_none(capsys, tmp_path):
-    out = drawn(capsys, tmp_path, "--explain")[2]
-    assert "left out: shadows (SHADOWS): no shadows asked for" in " ".join(out.split())
-
-
-@pytest.mark.parametrize("preset", ["course", "standard"])
-def test_presets_of_phongs_model_have_no_shadows(preset):
-    assert not Settings.from_preset(preset).shadows
 
 
 def test_those_of_metallic_roughness_have_them(tmp_path):

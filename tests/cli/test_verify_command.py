@@ -26,19 +26,18 @@ def with_command(path, command):
 
 
 @needs_device
-def test_an_image_is_found_again_by_its_header(tmp_path, monkeypatch, capsys):
+def test_an_image_is_found_again_by_its_header(folder, capsys):
     """From where it was drawn, and elsewhere with its scene beside it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "solid.obj").write_text(CUBE)
+    (folder / "solid.obj").write_text(CUBE)
     moved = ("--camera-azimuth-angle", "30", "--look", "plain", "--flat", "--light-intensity", "0.5")
     assert run(capsys, "render", "solid.obj", "-o", "out", *moved, *SMALL)[0] == 0
     code, out, err = run(capsys, "verify", "out.exr", "--all")
     assert (code, err) == (0, [])
     assert "0 of 3,072 pixels are wrong: every one was looked at" in out
-    other = tmp_path / "other"
+    other = folder / "other"
     other.mkdir()
     for name in ("out.exr", "out.png", "solid.obj"):
-        shutil.move(tmp_path / name, other / name)
+        shutil.move(folder / name, other / name)
     code, out, _ = run(capsys, "verify", "other/out.exr", "--json", "--seed", "7", "--pixels", "100")
     found = json.loads(out)
     assert (code, found["passed"], found["pixels"], found["seed"]) == (0, True, 100, 7)
@@ -46,18 +45,17 @@ def test_an_image_is_found_again_by_its_header(tmp_path, monkeypatch, capsys):
     code, out, _ = run(capsys, "verify", "other/out.exr")
     assert code == 1
     assert "the scene is not the one that was drawn: its meshes" in out
-    (tmp_path / "given").mkdir()
-    (tmp_path / "given" / "solid.obj").write_text(CUBE)
+    (folder / "given").mkdir()
+    (folder / "given" / "solid.obj").write_text(CUBE)
     assert run(capsys, "verify", "other/out.exr", "given/solid.obj", "--all")[0] == 0
     (other / "solid.obj").unlink()
     assert_refused(run(capsys, "verify", "other/out.exr"), "solid.obj", "no such file")
 
 
 @needs_device
-def test_commands_of_strangers_do_nothing(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_commands_of_strangers_do_nothing(folder, capsys):
     assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
-    before = sorted(tmp_path.iterdir())
+    before = sorted(folder.iterdir())
     drawn = "--samples=1 --resolution=64,48"
     for command, expected in (
         ("rm -rf out.exr", "expected clshade render"),
@@ -70,18 +68,17 @@ def test_commands_of_strangers_do_nothing(tmp_path, monkeypatch, capsys):
         ("clshade render icosphere --environment=" + "9" * 5000, "9"),
         ("clshade render nothing.obj --save-scene=made.glb -o made", "nothing.obj"),
     ):
-        with_command(tmp_path / "out.exr", command)
+        with_command(folder / "out.exr", command)
         assert_refused(run(capsys, "verify", "out.exr"), expected)
-    with_command(tmp_path / "out.exr", f"clshade render icosphere {drawn} --save-scene=made.glb --output=made")
+    with_command(folder / "out.exr", f"clshade render icosphere {drawn} --save-scene=made.glb --output=made")
     assert run(capsys, "verify", "out.exr")[0] == 0
-    assert sorted(tmp_path.iterdir()) == before
+    assert sorted(folder.iterdir()) == before
 
 
 @needs_device
-def test_a_contact_shadow_is_computed_again(tmp_path, monkeypatch, capsys):
+def test_a_contact_shadow_is_computed_again(folder, monkeypatch, capsys):
     """Or refused, where there is no device to do so."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "solid.obj").write_text(CUBE)
+    (folder / "solid.obj").write_text(CUBE)
     assert run(capsys, "render", "solid.obj", "-o", "out", *SMALL)[0] == 0
     code, out, _ = run(capsys, "verify", "out.exr", "--all")
     assert (code, "contact shadow" in out) == (0, True)
@@ -104,16 +101,15 @@ def test_a_sample_is_not_all_pixels(tmp_path, capsys):
 
 
 @needs_device
-def test_a_command_draws_what_is_judged(tmp_path, monkeypatch, capsys):
+def test_a_command_draws_what_is_judged(folder, capsys):
     """A sealed header may not name another camera or other settings than those that the pixels show."""
-    monkeypatch.chdir(tmp_path)
     assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
     drawn = "clshade render icosphere --samples=1 --resolution=64,48"
     for changed, expected in (
         ("--camera-azimuth-angle=77", "camera: the header differs from its command in eye"),
         ("--shadows --samples=16", "settings: the header differs from its command in s"),
     ):
-        with_command(tmp_path / "out.exr", f"{drawn} {changed}")
+        with_command(folder / "out.exr", f"{drawn} {changed}")
         code, out, _ = run(capsys, "verify", "out.exr")
         assert code == 1
         assert expected in out

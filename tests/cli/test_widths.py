@@ -136,8 +136,7 @@ def test_devices(monkeypatch, capsys):
 
 @pytest.mark.long
 @needs_device
-def test_render(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_render(folder, capsys):
     given = ("render", "quads", "--resolution", "32,24", "-o", "out", "--layers", "Z,id", "--check", "all")
     code, out, _ = run(capsys, *given, "--explain")
     assert code == 0

@@ -52,13 +52,6 @@ def test_light_facing_everything():
         assert np.allclose(found, 0.25 + np.array([2, 1, 0.5]) * COLOR * 0.625, rtol=1e-6, atol=0.0)
 
 
-@pytest.mark.long
-def test_light_at_forty_five_degrees():
-    """Light at 45 degrees, eye along the mirrored direction: N.L = sqrt(1/2), R.V = 1."""
-    found = course.light([0, 0, 0], [0, 0, 1], [1, 1, 1], [-3, 0, 3], 0, 1, 0.5, 7, [[2, 0, 2]], [[1, 2, 4]])
-    assert np.allclose(found, np.array([1, 2, 4]) * (np.sqrt(0.5) + 0.5), rtol=1e-6)
-
-
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     ("changes", "expected"),

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-
 import course_reference as reference
 import numpy as np
 import pytest
-from PIL import Image
-from scene_files import png16
 
 from clshade import course
-from clshade.images.decode import read_image
 
 pytestmark = pytest.mark.usefixtures("on_each_device")
 
@@ -25,37 +20,6 @@ def textured_quad(texture_map, **changes) -> np.ndarray:
 
 
 TEXELS = np.array([[[200, 10, 20], [30, 210, 40]], [[50, 60, 220], [250, 90, 150]]], np.uint8)
-
-
-@pytest.mark.parametrize("kind", ["RGB", "RGBA", "L", "P", "16", "16 grey"])
-def test_texture_images(tmp_path, kind):
-    """Texel (0, 0) is top left, (0, 1) top right, and red stays red, for every file type."""
-    path = tmp_path / "texture.png"
-    expected = TEXELS / 255.0
-    if kind == "16":
-        path.write_bytes(png16(TEXELS.astype(np.uint16) * 257))
-    elif kind == "16 grey":
-        path.write_bytes(png16(TEXELS[:, :, :1].astype(np.uint16) * 257))
-        expected = np.repeat(expected[:, :, :1], 3, axis=2)
-    else:
-        image = Image.fromarray(TEXELS)
-        if kind == "L":
-            expected = np.repeat(np.asarray(image.convert("L"))[:, :, None], 3, axis=2) / 255.0
-        image = image.quantize(4) if kind == "P" else image.convert(kind)
-        if kind == "RGBA":
-            image.putalpha(77)
-        image.save(path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about the ignored alpha
-        texture_map = read_image(path, srgb=False)
-    assert np.allclose(course.bilerp([0, 0], texture_map), expected[0, 0], atol=1e-6)
-    found = textured_quad(texture_map)
-    half = 18 / 4
-    for row, column, y, x in ((-1, 0, 0, 0), (-1, -1, 0, 1), (0, 0, 1, 0), (0, -1, 1, 1)):
-        inside = found[5:13, 5:13][row, column]
-        # The pixel is half a pixel (of a quad of 9) inside the corner: a mean of the corners by affine weights.
-        assert np.abs(inside - expected[y, x]).max() < 1.5 / half
-        assert inside.argmax() == expected[y, x].argmax()
 
 
 def test_integer_textures_are_divided_by_their_maximum():

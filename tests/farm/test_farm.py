@@ -237,41 +237,40 @@ def test_the_readme_s_cameras(tmp_path):
 
 @pytest.mark.long
 @needs_device
-def test_a_turntable_and_what_it_skips(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_turntable_and_what_it_skips(folder, capsys):
     command = ("turntable", "icosphere", *SMALL, "--frames", "8..10", "--turn", "1..12")
     code, out, err = run(capsys, *command)
     assert code == 0
-    names = sorted(path.name for path in tmp_path.iterdir())
+    names = sorted(path.name for path in folder.iterdir())
     assert names == [f"out.{k:04d}.{kind}" for k in (8, 9, 10) for kind in ("exr", "png")]
     assert "3/3 frames, " in err
     assert "frames/s" in err
     assert "3 drawn" in out
-    whole = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    whole = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert len(set(whole.values())) == 6
 
-    (tmp_path / "out.0009.exr").unlink()  # one file is not a complete frame
-    (tmp_path / "out.0010.png").write_bytes(b"")
-    (tmp_path / ".clshade-0123456789abcdef.tmp").write_bytes(b"of a process that was killed")
+    (folder / "out.0009.exr").unlink()  # one file is not a complete frame
+    (folder / "out.0010.png").write_bytes(b"")
+    (folder / ".clshade-0123456789abcdef.tmp").write_bytes(b"of a process that was killed")
     code, out, err = run(capsys, *command, "--json")
     found = json.loads(out)
     assert (code, found["drawn"], found["skipped"], found["frames"]) == (0, 2, 1, 3)
-    assert {name: (tmp_path / name).read_bytes() for name in whole} == whole
+    assert {name: (folder / name).read_bytes() for name in whole} == whole
 
     assert "warning" not in err
-    (tmp_path / "out.0010.png").unlink()
+    (folder / "out.0010.png").unlink()
     refused = (
         "out.0008.png: expected 64x48 of the frames to draw, found 32x24 of an earlier run: --overwrite draws it again"
     )
     assert_refused(run(capsys, *command, "--resolution", "64,48"), refused)
-    assert not (tmp_path / "out.0010.png").exists()
+    assert not (folder / "out.0010.png").exists()
     assert run(capsys, *command, "--quiet") == (0, "", "")
 
-    (tmp_path / "out.0009.exr").write_bytes(b"something else")
+    (folder / "out.0009.exr").write_bytes(b"something else")
     assert run(capsys, *command, "--quiet") == (0, "", "")
-    assert (tmp_path / "out.0009.exr").read_bytes() == b"something else"
+    assert (folder / "out.0009.exr").read_bytes() == b"something else"
     assert run(capsys, *command, "--quiet", "--overwrite") == (0, "", "")
-    assert (tmp_path / "out.0009.exr").read_bytes() == whole["out.0009.exr"]
+    assert (folder / "out.0009.exr").read_bytes() == whole["out.0009.exr"]
 
 
 @pytest.mark.parametrize("options", [{}, {"workers": 2}], ids=["one process", "workers"])
@@ -286,11 +285,10 @@ def test_what_is_no_camera_is_refused_by_its_frame(tmp_path, options, drawn_befo
 
 
 @needs_device
-def test_the_folder_of_the_frames_is_made(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_folder_of_the_frames_is_made(folder, capsys):
     code, out, err = run(capsys, "turntable", "icosphere", *SMALL, "--count", "2", "-o", "new/deep/f.#.exr")
     assert code == 0, err
-    assert sorted(path.name for path in (tmp_path / "new" / "deep").iterdir()) == [
+    assert sorted(path.name for path in (folder / "new" / "deep").iterdir()) == [
         "f.1.exr",
         "f.1.png",
         "f.2.exr",
@@ -399,11 +397,9 @@ COMMANDS = [
         )
         for value in ("0", "-1", "nan", "inf", "x")
     ),
-    (("turntable", "-o", "new/deep/f.##.exr", "--device", "no-such"), ("frame 1", "no OpenCL device")),
     (("turntable", "-o", "new/f.##.exr", "--compression", "rar"), ("compression", "'rar'")),
     (("turntable", "-o", "c.json/f.##.exr"), ("c.json is not a folder",)),
     (("turntable", "--workers", "two"), ("--workers", "'two'")),
-    (("turntable", "--compression", "rar"), ("compression", "'rar'")),
     (("turntable", "--device", "no-such"), ("frame 1", "no OpenCL device matches 'no-such'")),
     (("animate", "icosphere"), ("CAMERAS.json",)),
     (("animate", "icosphere", "none.json"), ("none.json", "no such file")),
@@ -414,12 +410,11 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize(("arguments", "parts"), COMMANDS)
-def test_refused_command_lines(tmp_path, capsys, monkeypatch, arguments, parts):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "c.json").write_text("[{}, {}]")
-    (tmp_path / "bad.json").write_text('[{"focl": 2}]')
+def test_refused_command_lines(folder, capsys, arguments, parts):
+    (folder / "c.json").write_text("[{}, {}]")
+    (folder / "bad.json").write_text('[{"focl": 2}]')
     assert_refused(run(capsys, *arguments, *SMALL), *parts)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.json", "c.json"]
+    assert sorted(path.name for path in folder.iterdir()) == ["bad.json", "c.json"]
 
 
 @needs_device

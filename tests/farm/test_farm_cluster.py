@@ -189,14 +189,12 @@ def refused(capsys: pytest.CaptureFixture[str], address: str) -> tuple[str, floa
 
 
 @pytest.mark.parametrize("address", ["host", "tcp://host", "http://127.0.0.1:8786", "tcp://a b:1", "tcp://:1", ""])
-def test_addresses_that_are_none(tmp_path, capsys, monkeypatch, address):
-    monkeypatch.chdir(tmp_path)
+def test_addresses_that_are_none(folder, capsys, address):
     assert "expected an address such as tcp://host:8786" in refused(capsys, address)[0]
 
 
 @pytest.mark.long
-def test_a_scheduler_that_cannot_be_reached(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_scheduler_that_cannot_be_reached(folder, capsys):
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))  # nobody listens
         address = f"tcp://127.0.0.1:{nobody.getsockname()[1]}"
@@ -210,7 +208,7 @@ def test_a_scheduler_that_cannot_be_reached(tmp_path, capsys, monkeypatch):
         line, seconds = refused(capsys, f"tcp://127.0.0.1:{silent.getsockname()[1]}")
         assert seconds < PATIENT
     assert "tcp://no-such-host.invalid:8786" in refused(capsys, "tcp://no-such-host.invalid:8786")[0]
-    assert not list(tmp_path.iterdir())
+    assert not list(folder.iterdir())
 
 
 def test_workers_and_a_scheduler_exclude_each_other(capsys):
@@ -218,8 +216,7 @@ def test_workers_and_a_scheduler_exclude_each_other(capsys):
     assert "not allowed with" in capsys.readouterr().err
 
 
-def test_without_dask(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_without_dask(folder, capsys, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert 'pip install "dask[distributed]"' in refused(capsys, "tcp://127.0.0.1:8786")[0]
 

@@ -111,8 +111,7 @@ def test_rates_are_in_frames_a_second():
 
 @pytest.mark.long
 @pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
-def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_progress_and_figures_agree(folder, capsys):
     given = ("turntable", "icosphere", "--count", "3", "--resolution", "32,24", "--preset", "course")
     assert main(given) == 0
     out, err = capsys.readouterr()
@@ -120,7 +119,7 @@ def test_progress_and_figures_agree(tmp_path, capsys, monkeypatch):
     rates = [re.findall(r"([0-9.]+) frames/s", text) for text in (err, out)]
     assert rates[0] == rates[1]
     assert len(rates[0]) == 1
-    (tmp_path / "out.0002.png").unlink()
+    (folder / "out.0002.png").unlink()
     assert main([*given, "--json"]) == 0
     out, err = capsys.readouterr()
     found = json.loads(out)

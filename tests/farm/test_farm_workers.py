@@ -373,22 +373,6 @@ def test_an_interrupt_waits_for_a_worker_that_starts(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
-def test_a_run_says_that_a_worker_was_killed(tmp_path):
-    process = start(tmp_path, "--frames", f"1..{5 * COUNT}")
-    wait_until(lambda: len(list(tmp_path.glob("*.png"))) > 5 or process.poll() is not None)
-    workers = workers_of(process)
-    assert len(workers) == 2
-    os.kill(workers[0], signal.SIGKILL)
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    assert "drawn again: the worker was killed by SIGKILL" in err
-    assert "; 1 lost, the frames drawn again" in out
-    assert f"{5 * COUNT}/{5 * COUNT}" in err
-    assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == 5 * COUNT
-
-
-@pytest.mark.long
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc")
 def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path):
     process = start(tmp_path, silent=0.5)
     first = [tmp_path / f"{number:03d}.png" for number in (1, 2)]

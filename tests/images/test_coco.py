@@ -102,13 +102,12 @@ def test_pycocotools_reads_the_data_set(tmp_path, capsys):
 
 @pytest.mark.long
 @needs_device
-def test_of_a_rendered_image(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_of_a_rendered_image(folder, capsys):
     size = ("--resolution", "64,48")
     assert run(capsys, "render", "box_room", *size, "--layers", "instance_id,object_id", "-o", "a")[0] == 0
     assert run(capsys, "coco", "a.exr")[0] == 0
-    found = json.loads((tmp_path / "annotations.json").read_text())
-    channels, header = exr.read(tmp_path / "a.exr")
+    found = json.loads((folder / "annotations.json").read_text())
+    channels, header = exr.read(folder / "a.exr")
     assert {each["name"] for each in found["categories"]} >= set(json.loads(header["objectNames"]).values())
     assert sum(each["area"] for each in found["annotations"]) == np.count_nonzero(channels["instance_id"])
 

@@ -291,8 +291,7 @@ def test_a_regression_test_never_passes_without_a_layer(capsys):
     assert run(capsys, "more.exr", "b.exr", "--threshold", "0.1", "--json")[0] == 1
 
 
-def test_alpha_of_a_png_that_the_other_lacks(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_alpha_of_a_png_that_the_other_lacks(folder, capsys):
     codes = RNG.integers(0, 200, (12, 12, 4), dtype=np.uint8)
     Image.fromarray(codes).save("a.png")
     png.write("b.png", np.ascontiguousarray(codes[..., :3]))
@@ -301,9 +300,8 @@ def test_alpha_of_a_png_that_the_other_lacks(tmp_path, capsys, monkeypatch):
     assert out.splitlines()[2].split()[:2] == ["RGB", "0"]
 
 
-def test_pngs(tmp_path, capsys, monkeypatch):
+def test_pngs(folder, capsys):
     """Units are fractions of the largest code."""
-    monkeypatch.chdir(tmp_path)
     codes = RNG.integers(0, 200, (12, 12, 3), dtype=np.uint8)
     png.write("a.png", codes)
     codes[2, 3, 1] += 51
@@ -349,8 +347,7 @@ def test_a_color_means_the_same_in_both_images():
 
 
 @pytest.mark.long
-def test_of_many_layers_those_that_differ_are_shown(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_of_many_layers_those_that_differ_are_shown(folder, monkeypatch, capsys):
     planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(compare_figure.MOST + 10)}
     exr.write("a.exr", planes)
     planes["L049"] += 1

@@ -70,16 +70,6 @@ def assert_equals_oracle(frame: Frame) -> Any:
 # Closed forms
 
 
-@pytest.mark.long
-def test_an_open_plane_is_open(device):
-    """Neighbors in a plane do not hide its light: not at any number of rays, whose reciprocals are rounded."""
-    for rays in (1, 3, 49):
-        frame = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=rays)
-        assert (frame["AO"] == 1.0).all()
-    plain = draw(device, scene_of(floor(), camera=ABOVE), ambient_occlusion=0, layers=("Z", "id", "P"))
-    assert (frame.rgba == plain.rgba).all()
-
-
 def box(half: float = 1.0) -> Mesh:
     line = np.array([-half, half])
     verts = np.array([[x, y, z] for x in line for y in line for z in line])

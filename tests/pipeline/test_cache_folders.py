@@ -25,14 +25,6 @@ from clshade.pipeline.opencl.probe import DeviceInfo
 POCL = DeviceInfo("0:0", "Portable Computing Language", "pthread-Some Processor")
 
 
-@pytest.fixture
-def fresh_cache(tmp_path, monkeypatch):
-    """Use an empty cache folder in this process from now on."""
-    (tmp_path / "clshade").mkdir()
-    monkeypatch.setattr(environment, "_home", tmp_path)
-    return tmp_path / "clshade"
-
-
 def no_space(*arguments, **options):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

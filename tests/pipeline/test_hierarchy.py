@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyopencl as cl
 import pytest
-from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, soup, sphere
+from caster_meshes import Mesh, border_points, box, crumpled, joined, lattice, moved, random_points, soup, sphere
 from kernel_stages import OTHER_LANES, mask
 
 from clshade.pipeline import hierarchy as hierarchy_module
@@ -62,13 +62,6 @@ def of_all_sizes(seed: int = 1) -> Mesh:
     )
 
 
-def crumpled(side: int = 16) -> Mesh:
-    """Return a lattice with heights: close receivers and casters, as in images."""
-    vertices, faces = lattice(side)
-    vertices[:, 2] = 0.1 * np.random.default_rng(2).random(len(vertices))
-    return vertices, faces
-
-
 def neighbors(mesh: Mesh, count: int, seed: int = 3) -> tuple[Array, Array]:
     """Return points of which 16 in sequence lie on a face."""
     rng = np.random.default_rng(seed)
@@ -87,7 +80,7 @@ def sheets() -> Mesh:
 MESHES = {
     "soup": soup(200),
     "of all sizes": of_all_sizes(),
-    "crumpled": crumpled(),
+    "crumpled": crumpled(16),
     "closed": joined(sphere(12, 16), moved(box(), 2.5), moved(sphere(), -2.0, 0.2)),
     "boxes side by side": joined(*(moved(box(), by, 0.25) for by in np.arange(8) * 0.5)),
     "sheets": sheets(),

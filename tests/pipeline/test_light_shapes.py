@@ -60,13 +60,9 @@ def test_an_error_in_any_of_them_is_noticed(device):
         right = next(each for name, each in LIGHTS.items() if type(each) is type(light) and name != "all")
         right = LIGHTS["ranged"] if getattr(light, "range", None) else right
         frame = draw(device, lit_by(light))
+        frame.scene = lit_by(right)
         with pytest.raises(AssertionError, match="bounds"):
-            bounds_of(replace_scene(frame, lit_by(right)))
-
-
-def replace_scene(frame: Frame, scene: Scene) -> Frame:
-    frame.scene = scene
-    return frame
+            bounds_of(frame)
 
 
 def center_of(frame: Frame) -> float:

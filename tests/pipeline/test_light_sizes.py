@@ -154,13 +154,6 @@ def test_the_unit_of_length_does_not_matter(device, scale):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("lanes", OTHER_LANES)
-def test_lanes_do_not_change_a_bit(device, lanes):
-    scene = lit_by(*LIGHTS.values())
-    assert same_bits(draw(device, scene), draw(device, scene, lanes=lanes))
-
-
-@pytest.mark.long
 def test_points_leave_it_out_and_have_the_same_bits_with_it(device):
     point = replace(LIGHTS["sphere"], radius=0.0)
     scene = lit_by(point, PointLight((-3.0, 1.0, 1e6), (0.5, 1.0, 2.0)))

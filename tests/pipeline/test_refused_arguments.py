@@ -67,12 +67,11 @@ TAKEN |= {("write_cameras: cameras", "empty")}
 
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize("odd", ODD)
-def test_refused_in_one_line(call, odd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_refused_in_one_line(call, odd, folder):
     if (call, odd) in TAKEN:
         pytest.skip("means none, or numbers")
     with pytest.raises(InputError) as caught:
         CALLS[call](ODD[odd])
     assert re.match(rf"{call}[:,]", str(caught.value)), caught.value
     assert str(caught.value).isprintable()
-    assert not list(tmp_path.iterdir())
+    assert not list(folder.iterdir())

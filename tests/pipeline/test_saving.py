@@ -147,11 +147,10 @@ def test_refused_options(earlier, options, parts):
 
 
 @pytest.mark.parametrize("path", ["", ".", "..", "/", "sub/.."])
-def test_refused_names(path, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_refused_names(path, folder):
     with pytest.raises(InputError, match=r"Frame\.save: path: expected a file name"):
         made().save(path)
-    assert os.listdir(tmp_path) == []
+    assert os.listdir(folder) == []
 
 
 def test_pickling_keeps_pixels_layers_and_stats():

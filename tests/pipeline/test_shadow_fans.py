@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pyopencl as cl
 import pytest
-from caster_meshes import Mesh, border_points, box, joined, lattice, moved, random_points, slivers, soup, sphere
+from caster_meshes import (
+    Mesh,
+    border_points,
+    box,
+    crumpled,
+    joined,
+    lattice,
+    moved,
+    random_points,
+    slivers,
+    soup,
+    sphere,
+)
 from kernel_stages import OTHER_LANES, Probe, mask
 
 from clshade.pipeline.buffers import Buffer
@@ -62,22 +74,15 @@ def compare(device, hierarchy: Hierarchy, points: Array, receivers: Array, ends:
     return found
 
 
-def crumpled(side: int = 12) -> Mesh:
-    """Return a lattice with heights: close receivers and casters, as in images."""
-    vertices, faces = lattice(side)
-    vertices[:, 2] = 0.1 * np.random.default_rng(2).random(len(vertices))
-    return vertices, faces
-
-
 MESHES = {
     "soup": soup(100),
-    "crumpled": crumpled(),
+    "crumpled": crumpled(12),
     "flat": joined(lattice(8), moved(box(), 0.4, 0.1), moved(lattice(5), 0.1, 0.5)),
     "closed": joined(sphere(8, 10), moved(box(), 2.5), moved(sphere(), -2.0, 0.2)),
     "slivers": joined(slivers(), lattice(4)),
 }
 # Triangles so small beside the frame that what float32 leaves of their corners counts.
-MESHES["fine"] = joined(moved(crumpled(), 0.71, 0.01), moved(sphere(4, 6), 0.71, 0.003), moved(lattice(1), -0.5))
+MESHES["fine"] = joined(moved(crumpled(12), 0.71, 0.01), moved(sphere(4, 6), 0.71, 0.003), moved(lattice(1), -0.5))
 MESHES["turned"] = joined(lattice(8, True), moved(box(), 0.4, 0.1))
 
 

@@ -280,13 +280,6 @@ def test_bright_texels_between_dark_ones(device):
         assert (frame.rgb == 0).any()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("lanes", OTHER_LANES)
-def test_lanes_change_no_bit(device, lanes):
-    scene = cards(noise(37, 53))
-    assert same_bits(draw(device, scene), draw(device, scene, lanes=lanes))
-
-
 def test_the_check_of_a_frame_knows_the_filter(device):
     frame = draw(device, cards(noise(37, 53)))
     assert clshade.check(frame, "all").passed

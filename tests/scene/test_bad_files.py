@@ -139,14 +139,13 @@ def test_within_time_and_memory(verdicts):
 
 
 @pytest.mark.parametrize("name", sorted(REFUSED))
-def test_the_command_line_refuses_in_one_line(tmp_path, capsys, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_line_refuses_in_one_line(folder, capsys, name):
     code = main(["render", str(FOLDER / "bad" / name)])
     out, err = capsys.readouterr()
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.startswith("clshade: ")
     assert name in err
-    assert list(tmp_path.iterdir()) == []
+    assert list(folder.iterdir()) == []
 
 
 # What some file needs: forced on for all, the files share a program.

@@ -287,16 +287,14 @@ def endless() -> list:
         {**course_dict(), "focal": Call(getattr, np.ndarray, "tofile")},
     ],
 )
-def test_pickles_that_call_something_do_not(tmp_path, monkeypatch, content):
-    monkeypatch.chdir(tmp_path)
+def test_pickles_that_call_something_do_not(folder, content):
     for pickled in (pickle.dumps(content, protocol=4), pickled_array(content), pickle.dumps(content, protocol=0)):
-        refusal(npy_of_pickle(tmp_path / "bad.npy", pickled), "bad.npy: pickle: ")
-        assert sorted(os.listdir(tmp_path)) == ["bad.npy"]
+        refusal(npy_of_pickle(folder / "bad.npy", pickled), "bad.npy: pickle: ")
+        assert sorted(os.listdir(folder)) == ["bad.npy"]
 
 
-def test_the_calls_would_be_made_by_others(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    np.load(npy_of_pickle(tmp_path / "bad.npy", pickled_array(Call(os.mkdir, "PWNED"))), allow_pickle=True)
+def test_the_calls_would_be_made_by_others(folder):
+    np.load(npy_of_pickle(folder / "bad.npy", pickled_array(Call(os.mkdir, "PWNED"))), allow_pickle=True)
     assert os.path.exists("PWNED")
 
 

@@ -196,14 +196,6 @@ def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
         assert getattr(found.material.pbr, name) == getattr(expected.material.pbr, name)
 
 
-def test_what_is_written_comes_back_through_trimesh(trimesh, tmp_path):
-    scene = clshade.builtin("icosphere", level=2)
-    scene.to_glb(tmp_path / "a.glb")
-    back = Scene.from_trimesh(trimesh.load(tmp_path / "a.glb"))
-    assert back.face_count == scene.face_count
-    np.testing.assert_allclose(back.camera.eye, scene.camera.eye, rtol=1e-12)
-
-
 def test_colors_and_scalars_of_a_glb_come_through_trimesh(trimesh, tmp_path):
     colors = RNG.random((4, 3)).astype(np.float32)
     mesh = Mesh(CORNERS, FACES, colors, scalars={"height": CORNERS[:, 2]})

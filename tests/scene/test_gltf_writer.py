@@ -678,12 +678,3 @@ def test_trimesh_reads_halves_of_surrogate_pairs(tmp_path):
     assert list(found.geometry) == [back.meshes[0].name] == ['a\\ud800"\n\0']
     assert back.meshes[0].instance_names == ("\\udfff",)
     assert list(back.meshes[0].scalars) == ["t\\ud800"]
-
-
-def test_trimesh_reads_a_builtin_scene(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    scene = clshade.builtin("teapot", level=2)
-    scene.to_glb(tmp_path / "a.glb")
-    found = trimesh.load(tmp_path / "a.glb")
-    assert len(found.triangles) == scene.face_count
-    np.testing.assert_allclose(found.bounds, bounding_box(scene), rtol=1e-6)

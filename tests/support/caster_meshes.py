@@ -93,3 +93,10 @@ def slivers(seed: int = 6) -> Mesh:
     along = rng.random((40, 1))
     c = a + along * (b - a) + 10.0 ** rng.uniform(-15.0, -7.0, (40, 1)) * rng.normal(size=(40, 3))
     return np.stack([a, b, c], axis=1).reshape(-1, 3), np.arange(120).reshape(-1, 3)
+
+
+def crumpled(side: int) -> Mesh:
+    """Return a lattice with heights: close receivers and casters, as in images."""
+    vertices, faces = lattice(side)
+    vertices[:, 2] = 0.1 * np.random.default_rng(2).random(len(vertices))
+    return vertices, faces

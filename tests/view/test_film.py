@@ -56,12 +56,6 @@ def shown(path: Path) -> list[np.ndarray]:
         return found
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def interrupt_after(monkeypatch, frames: int) -> None:
     """Let Ctrl-C arrive when so many frames are drawn."""
     draw, drawn = FrameWriter.draw, []

@@ -109,8 +109,7 @@ def channel(page: Any, name: str) -> np.ndarray:
     return np.array(image[2], np.float32).reshape(image[0], image[1])
 
 
-def test_mouse_keys_and_values(browser, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_mouse_keys_and_values(browser, folder, capsys):
     with shown(browser, *SMALL) as page:
         at_rest(page)
         frame = clshade.render(clshade.builtin("quads"), resolution=(160, 120), samples=4)
@@ -283,23 +282,6 @@ def test_a_file_that_changes_and_the_end_of_the_server(browser, tmp_path):
         loop = client.socket._loop
         asyncio.run_coroutine_threadsafe(client.socket.close(), loop).result(10.0)
         until(page, "document.body.classList.contains('ended')")
-
-
-def test_two_pages_at_once(browser):
-    with shown(browser, *SMALL) as first:
-        second = browser.new_page()
-        second.goto(first.server.url)
-        until(second, STILL)
-        at_rest(first)
-        version = second.evaluate("live.header.version")
-        first.mouse.move(300, 300)
-        first.mouse.down()
-        first.mouse.move(400, 330, steps=4)
-        first.mouse.up()
-        at_rest(first)
-        assert first.evaluate("live.header.camera.eye") != second.evaluate("live.header.camera.eye")
-        assert second.evaluate("live.header.version") == version
-        second.close()
 
 
 def test_the_teapot_moves(launch, capsys):

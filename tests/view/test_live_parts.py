@@ -94,9 +94,8 @@ def test_lights_are_multiplied():
     assert scaled_lights(replace(scene, lights=()), (2.0,)).lights == ()
 
 
-def test_names_of_scenes(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "image").touch()
+def test_names_of_scenes(folder):
+    (folder / "image").touch()
     scenes = ["teapot", "a.OBJ", "x/y.glb", "a.npy", "teapto"]
     assert [is_scene(name) for name in scenes] == [True] * len(scenes)
     assert [is_scene(name) for name in ("a.exr", "b.png", "image", "c.txt")] == [False] * 4

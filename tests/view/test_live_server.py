@@ -21,7 +21,6 @@ import pytest
 from command_line import needs_device, run, without_notices
 from live_views import SMALL, source_of, unpacked
 from processes import ROOT
-from scene_files import write
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not installed")
 
@@ -358,29 +357,6 @@ def test_an_unforeseen_error_is_said_and_ends_nothing(monkeypatch, capsys):
 
     in_loop(check)()
     assert "ZeroDivisionError: of a device" in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_a_file_that_changes_is_announced_and_read_again_on_request(tmp_path):
-    path = Path(write(tmp_path / "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"))
-
-    async def check() -> None:
-        async with serving(path, "--resolution", "40,30", "--samples", "1") as server, client(server) as one:
-            _, before = await one.next("image")
-            path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
-            assert (await one.next("changed"))[0]["changed"] is True
-            await one.send(type="reload")
-            assert (await one.next("scene"))[0]["triangles"] == 2
-            _, after = await one.next("image")
-            assert not np.array_equal(before["R"], after["R"])
-            path.write_text("f 1 2 3\n")
-            await one.next("changed")
-            await one.send(type="reload")
-            assert "a.obj" in (await one.next("error"))[0]["text"]
-            await one.send(type="orbit", right=10.0)
-            await one.next("image")
-
-    in_loop(check)()
 
 
 def test_the_view_ends_quietly_while_it_draws_for_clients_that_have_gone(monkeypatch, caplog, capsys):

@@ -153,14 +153,13 @@ def test_a_picture_has_the_size_of_its_window():
 
 @pytest.mark.parametrize("size", [(61, 40), (30, 40)], ids=str)
 @pytest.mark.parametrize("kind", ["obj", "glb", "built in"])
-def test_a_command_draws_the_picture_of_a_window(tmp_path, monkeypatch, capsys, kind, size):
-    monkeypatch.chdir(tmp_path)
+def test_a_command_draws_the_picture_of_a_window(folder, capsys, kind, size):
     name = "teapot"
     if kind == "obj":
-        name = write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n")
+        name = write(folder / "a.obj", TRIANGLE + "f 1 2 3\n")
     elif kind == "glb":
         scene = clshade.builtin("icosphere", level=2)
-        scene.to_glb(name := str(tmp_path / "a.glb"))
+        scene.to_glb(name := str(folder / "a.glb"))
     session, clock = session_of(name, "--samples", "1", "-o", "a")
     session.handle({"type": "orbit", "right": 10.0})
     session.handle({"type": "size", "columns": size[0], "rows": size[1]})
@@ -180,9 +179,8 @@ LOOKS = [
 
 
 @pytest.mark.parametrize(("name", "looks"), LOOKS, ids=str)
-def test_switches_change_the_picture_and_its_command(tmp_path, monkeypatch, capsys, name, looks):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "a.obj", TRIANGLE + "f 1 2 3\n")
+def test_switches_change_the_picture_and_its_command(folder, capsys, name, looks):
+    write(folder / "a.obj", TRIANGLE + "f 1 2 3\n")
     session, clock = session_of(name, "--resolution", "40,30", "--samples", "1")
     before = all_drawings(session, clock)[-1].frame
     session.handle({"type": "set", **looks})
@@ -333,9 +331,8 @@ def test_a_command_says_of_shadows_what_its_preset_does_not(preset, given):
     assert named == (set() if (preset == "pbr") == (given == "--shadows") else {given})
 
 
-def test_names_that_look_like_options(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "-a.obj", TRIANGLE + "f 1 2 3\n")
+def test_names_that_look_like_options(folder, capsys):
+    write(folder / "-a.obj", TRIANGLE + "f 1 2 3\n")
     session, _ = session_of("--resolution", "8,6", "--samples", "1", "--", "-a.obj")
     found = session.snapshot()
     assert found["files"] == ["-a-1.exr", "-a-1.png"]
@@ -348,9 +345,8 @@ def test_names_that_look_like_options(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
-def test_a_snapshot_is_what_its_command_renders(tmp_path, monkeypatch, capsys, options):
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "pyramid.obj", PYRAMID)
+def test_a_snapshot_is_what_its_command_renders(folder, capsys, options):
+    write(folder / "pyramid.obj", PYRAMID)
     given = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
     session, clock = session_of(options[0], *given, *options[1:])
     session.handle({"type": "orbit", "right": 33.3, "up": -12.1})

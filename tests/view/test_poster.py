@@ -27,12 +27,6 @@ SIZE = (150, 100)
 SCENE = clshade.builtin("icosphere", level=2)
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def listing(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 

@@ -187,12 +187,11 @@ QUADS = ("render", "quads", "--resolution", "40,30", "--shader", "nolight", "--t
 
 
 @pytest.mark.long
-def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_sheet_is_written(folder, capsys):
     code, out, err = run(capsys, *QUADS, "--sheet", "--views", "front,iso", "-o", "s.png")
     assert (code, without_notices("\n".join(err))) == (0, [])
-    assert listing(tmp_path) == ["s.json", "s.png"]
-    facts = json.loads((tmp_path / "s.json").read_text())
+    assert listing(folder) == ["s.json", "s.png"]
+    facts = json.loads((folder / "s.json").read_text())
     assert [view["name"] for view in facts["views"]] == ["front", "iso"]
     assert (facts["image"], facts["size"]) == ("s.png", list(png.read("s.png").shape[1::-1]))
     assert out.splitlines()[-1] == "wrote   s.png, s.json"
@@ -200,17 +199,16 @@ def test_a_sheet_is_written(tmp_path, monkeypatch, capsys):
     done, failed = json.loads(out)
     assert (code, done["scene"], done["name"], len(done["views"])) == (2, "quads", "quads", 1)
     assert "none.npy" in failed["error"]
-    assert listing(tmp_path / "new") == ["quads.json", "quads.png"]
+    assert listing(folder / "new") == ["quads.json", "quads.png"]
 
 
 @pytest.mark.long
-def test_views_and_crops_are_written(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_views_and_crops_are_written(folder, capsys):
     crops = ("--crop-zoom", "3,4,10,8", "--crop-zoom", "20,10,5,5,3")
     code, out, _ = run(capsys, *QUADS, "--views", "front,front,top", *crops, "-o", "a.exr", "--json")
     assert code == 0
     kinds = ("_crop1.png", "_crop2.png", "_marked.png", ".exr", ".png")
-    assert listing(tmp_path) == sorted(f"a_{view}{kind}" for view in ("front", "top") for kind in kinds)
+    assert listing(folder) == sorted(f"a_{view}{kind}" for view in ("front", "top") for kind in kinds)
     assert list(json.loads(out)["views"]) == ["front", "top"]
     image = png.read("a_front.png")
     first, second = Crop(3, 4, 10, 8), Crop(20, 10, 5, 5, 3)
@@ -220,11 +218,10 @@ def test_views_and_crops_are_written(tmp_path, monkeypatch, capsys):
     assert exr.read("a_front.exr")[0]["A"].sum() > exr.read("a_top.exr")[0]["A"].sum()
 
 
-def test_one_crop(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_one_crop(folder, capsys):
     code, out, _ = run(capsys, *SMALL, "--crop-zoom", "0,0,32,24,2")
     assert code == 0
-    assert listing(tmp_path) == ["out.exr", "out.png", "out_crop.png", "out_marked.png"]
+    assert listing(folder) == ["out.exr", "out.png", "out_crop.png", "out_marked.png"]
     assert "out_crop.png (" in out
     assert png.read("out_crop.png").shape == (48, 64, 3)
 
@@ -254,21 +251,19 @@ def test_one_crop(tmp_path, monkeypatch, capsys):
         (("--crop-zoom", "1,2,4,3", "-o", "taken"), ("taken_crop.png", "it is a folder")),
     ],
 )
-def test_refused_options(tmp_path, monkeypatch, capsys, options, parts):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "taken_crop.png").mkdir()
+def test_refused_options(folder, capsys, options, parts):
+    (folder / "taken_crop.png").mkdir()
     assert_refused(run(capsys, *QUADS, *options), *parts)
-    assert listing(tmp_path) == ["taken_crop.png"]
+    assert listing(folder) == ["taken_crop.png"]
 
 
-def test_a_sheet_is_written_whole_or_not_at_all(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "s.json").write_text("earlier")
+def test_a_sheet_is_written_whole_or_not_at_all(folder, monkeypatch, capsys):
+    (folder / "s.json").write_text("earlier")
 
     def fail(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module.png, "encode", fail)
     assert_refused(run(capsys, *QUADS, "--sheet", "--views", "front", "-o", "s"), "s.png", "No space left on device")
-    assert listing(tmp_path) == ["s.json"]
-    assert (tmp_path / "s.json").read_text() == "earlier"
+    assert listing(folder) == ["s.json"]
+    assert (folder / "s.json").read_text() == "earlier"
