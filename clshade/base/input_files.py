@@ -119,20 +119,22 @@ def beside(scene: Path, reference: str, owner: str, field: str, folder: str | No
     the files beside it. reference: relative path with / or \ between its parts. owner, field: the referring file and line,
     for messages. folder: of the referring file, inside that of the scene; default: the scene's.
 
-    Raises InputError for an absolute path, a path with `..`, a link that leads elsewhere, and a folder or device.
+    Raises InputError for a path that is absolute or leaves the folder, a link that leads elsewhere, and a folder or
+    device.
     """
     root = os.path.dirname(os.fspath(scene)) or "."
     parts = reference.replace("\\", "/")
     inside = "a file in the scene's folder"
     if not parts.replace("\t", " ").isprintable() or not parts:
         raise file_error(owner, field, inside, quoted(reference))
-    if parts.startswith("/") or re.match(r"[A-Za-z]:", parts) or ".." in parts.split("/"):
+    within_root = os.path.normpath(f"./{(folder or root).removeprefix(root)}/{parts}")
+    if parts.startswith("/") or re.match(r"[A-Za-z]:", parts) or within_root.split("/")[0] == "..":
         raise file_error(owner, field, f"{inside} (no absolute path, no ..)", quoted(reference))
     try:
         os.fsencode(parts)
     except UnicodeEncodeError:  # in an ASCII locale: names of files are UTF-8 nearly everywhere
-        parts = os.fsdecode(parts.encode())
-    path = os.path.join(folder or root, *parts.split("/"))
+        within_root = os.fsdecode(within_root.encode())
+    path = os.path.join(root, within_root)
     real, top = os.path.realpath(path), os.path.realpath(root)
     if os.path.commonpath([real, top]) != top:
         store = _store(scene)

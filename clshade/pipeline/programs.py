@@ -173,6 +173,12 @@ def build_text(device: Device, features: Features, text: str, *, lanes: int | No
     return _build(device, features, flatten_text(text), lanes or device.lanes)
 
 
+def declarations(*, double_reals: bool = False, with_double: bool = True) -> str:
+    """Return OpenCL C that the host puts before a program's files: structs, constants, features, arguments, layers."""
+    structs = header(double_reals=double_reals, with_double=with_double)
+    return structs + bit_definitions() + surface_inputs.macros() + layer_outputs.macros()
+
+
 def _build(device: Device, features: Features, flat: str, lanes: int) -> Program:
     import pyopencl as cl
 
@@ -180,10 +186,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
     features = features.compiled()
-    # Before a program's files: structs and constants, features, arguments, layers.
-    declared = header(double_reals=double, with_double=device.has_fp64) + bit_definitions()
-    declared += surface_inputs.macros() + layer_outputs.macros()
-    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declared}{flat}"
+    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
     options = [*features.options(), f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", *compiler_options(device)]
     source = _rewritten(source, options) or source
     key = (device.context.int_ptr, features, source, lanes, len(options))

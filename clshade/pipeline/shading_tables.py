@@ -95,7 +95,7 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: i
     """Return rows of `struct_layout.SINGLE.Texture` and all textures' texels, concatenated, (X, 4) float32; with `mipmaps`
     each texture is followed by its smaller levels, which are opaque. uv_rows: of a set of texture coordinates."""
     table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
-    mipmap = [_levels(texture, mipmaps) for texture in textures]
+    mipmap = [[each.image, *(levels_below(each) if mipmaps and each.lookup == "standard" else [])] for each in textures]
     texels = np.empty((sum(level.shape[0] * level.shape[1] for levels in mipmap for level in levels), 4), np.float32)
     offset = 0
     first: dict[tuple[object, ...], int] = {}
@@ -115,11 +115,6 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: i
             mine[:, flat.shape[1] :] = 1.0
             offset += len(flat)
     return table, texels
-
-
-def _levels(texture: Texture, mipmaps: bool) -> list[Array]:
-    smaller = levels_below(texture) if mipmaps and texture.lookup == "standard" else []
-    return [texture.image, *smaller]
 
 
 def light_unit(

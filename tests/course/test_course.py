@@ -149,45 +149,6 @@ def test_nothing_to_draw():
         assert (image == [0.5, 0.25, 2.0]).all()
 
 
-# The course's figures
-
-
-def figures(scene: Scene, shader: str) -> list[np.ndarray]:
-    """Return figures 1 to 8 (or 9 to 16): ambient, diffuse, specular, all; first, second, third light, all."""
-    arguments = reference.scene_arguments(scene, shader=shader)
-    images = [
-        course.render_object(**{**arguments, **{k: 0.0 for k in ("k_a", "k_d", "k_s") if k != only}})
-        for only in ("k_a", "k_d", "k_s")
-    ]
-    images.append(course.render_object(**arguments))
-    for k in ([0], [1], [2], [0, 1, 2]):
-        lights = {name: arguments[name][k] for name in ("l_pos", "l_int")}
-        images.append(course.render_object(**{**arguments, **lights}))
-    return images
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.long), 20])
-@pytest.mark.parametrize("shader", ["gouraud", "phong"])
-def test_a_lights_color_shows_in_its_figure(shader, n):
-    ambient, _, _, everything, first, second, third, lights = figures(surfaced(SCENE, n=n), shader)
-    red = second - ambient
-    assert (red[..., 1:] == 0.0).all()
-    assert red[..., 0].max() > 0.1
-    ulp = np.spacing(lights.astype(np.float32)).astype(np.float64)
-    assert (np.abs(first + second + third - 2.0 * ambient - lights) <= 8.0 * ulp).all()
-    assert (lights == everything).all()
-
-
-@pytest.mark.parametrize("shader", ["gouraud", "phong"])
-def test_the_terms_add_up(shader):
-    ambient, diffuse, specular, everything, *_ = figures(surfaced(SCENE, n=20), shader)
-    covered = (diffuse != SCENE.background).any(axis=2)
-    assert covered.any()
-    total = (ambient + diffuse + specular)[covered]
-    assert np.allclose(total, everything[covered], rtol=8 * ULP, atol=1e-12)
-
-
 # Properties
 
 
@@ -202,18 +163,6 @@ def test_the_order_of_lights_is_only_rounding(order, shader):
     assert np.allclose(one, other, rtol=16 * ULP, atol=1e-12)
     as_lists = drawn(shader=shader, n=20, l_pos=[list(p) for p in positions], l_int=list(intensities[:, :, None]))
     assert (as_lists == one).all()
-
-
-@few
-@given(seed=st.integers(0, 2**32 - 1), shader=st.sampled_from(SHADERS))
-def test_the_order_of_faces_of_different_depth_is_only_rounding(seed, shader):
-    mesh = SCENE.meshes[0]
-    depth = mesh.verts[mesh.faces].mean(axis=1) @ (SCENE.camera.lookat - SCENE.camera.eye)
-    faces = mesh.faces[np.unique(depth, return_index=True)[1]]
-    shuffled = np.random.default_rng(seed).permutation(faces)
-    one, other = (drawn(shader=shader, n=20, faces=f.T) for f in (faces, shuffled))
-    # The order of summation changes normals by 1e-16: the drawn faces agree, and colors up to rounding.
-    assert np.allclose(one, other, rtol=1e-5, atol=1e-6)
 
 
 # What the kernels leave out

@@ -62,13 +62,9 @@ def split(name, letters, array):
     return {f"{name}.{letter}": array[..., k] for k, letter in enumerate(letters)}
 
 
-def directions(shape=(8, 9)):
-    vectors = RNG.normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
 def test_directions_and_positions():
-    normals = directions()
+    normals = RNG.normal(size=(8, 9, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     normals[0] = 0.0  # the background
     pixels, note = thumbnails(split("N", "XYZ", normals.astype(np.float16)))["N"]
     assert note == "(n + 1)/2"

@@ -9,6 +9,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.pipeline import features
+from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.material import POWERED, TERMS
 from clshade.scene.model import (
@@ -216,8 +217,8 @@ def test_normals_that_are_read_keep_their_indices():
 
 
 def test_an_unknown_feature_is_refused():
-    with pytest.raises(InputError, match=r"^forced: expected names among LIT, .*, found DEPTH_TEST$"):
-        features.derive(scene(PLAIN), Settings(), double_positions=False, forced={"DEPTH_TEST"})
+    with pytest.raises(InputError, match=r"^Renderer: forced: DEPTH_TEST: expected one of LIT, "):
+        Renderer(scene(PLAIN), forced={"DEPTH_TEST"})
 
 
 def test_names_that_are_zero():

@@ -15,7 +15,7 @@ from lit_floor import CAMERA, GLOSSY, MATTE, bounds_of, draw, lit_by
 from clshade import PointLight, RectangleLight, oracle
 from clshade.oracle import light_points as points_of_oracle
 from clshade.pipeline import light_points, struct_layout
-from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.frame import same_bits
 from clshade.pipeline.hierarchy import CasterFrame
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.shadow_view import shadow_factors, shadow_lights
@@ -77,13 +77,10 @@ def test_an_error_in_any_of_them_is_noticed(device):
         bounds_of(moved)
 
 
-def center_of(frame: Frame) -> float:
-    return float(frame.rgb[20, 20, 0])
-
-
 def at_center(device, light, points: int) -> float:
     forced = {"AMBIENT", "SPECULAR", "POWER"}  # of 0: the program of the tests above
-    return center_of(draw(device, lit_by(light, material=MATTE), forced=forced, light_samples=points))
+    frame = draw(device, lit_by(light, material=MATTE), forced=forced, light_samples=points)
+    return float(frame.rgb[20, 20, 0])
 
 
 def form_factor(a: float, b: float) -> float:

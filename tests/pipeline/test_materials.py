@@ -22,13 +22,10 @@ MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 MIRROR[:3, 3] = 0.1, 0.2, 0.3
 
 
-def noisy_texture(wrap: tuple[str, str] = ("mirror", "repeat")) -> Texture:
-    return Texture(np.random.default_rng(5).random((16, 16, 4)), wrap=wrap)
-
-
 def cut_out() -> Scene:
     """Return a knot with alpha-tested holes, whose inside is lit too."""
-    material = replace(GLOSSY, texture=noisy_texture(), color=(0.5, 1.0, 2.0), alpha_cutoff=0.45, two_sided=True)
+    texture = Texture(np.random.default_rng(5).random((16, 16, 4)), wrap=("mirror", "repeat"))
+    material = replace(GLOSSY, texture=texture, color=(0.5, 1.0, 2.0), alpha_cutoff=0.45, two_sided=True)
     return replace(KNOT, meshes=(replace(BODY, uvs=BODY.verts[:, :2] * 2.0, material=material),))
 
 

@@ -76,13 +76,12 @@ def test_an_unlit_png_shows_the_maps_colors(device, preset):
     assert np.array_equal(found, np.rint(255 * table))
 
 
-def some_missing(verts, faces):
-    return np.where(np.arange(len(faces)) % 9, faces[:, 0], np.nan)
-
-
 CASES = {
     "vertices": ({}, {}),
-    "faces, NaN, Gouraud": ({"values": some_missing}, {"shader": "gouraud"}),
+    "faces, NaN, Gouraud": (
+        {"values": lambda v, f: np.where(np.arange(len(f)) % 9, f[:, 0], np.nan)},
+        {"shader": "gouraud"},
+    ),
     "corners, samples": ({"values": lambda v, f: v[f][..., 2] * 3.0 + (f % 3)}, {"samples": 3, "resolve": "weighted"}),
     "affine at corners": ({}, {"preset": "course", "scalars": Scalars("data", "tab10", (-0.1, 0.2))}),
     "float64": ({"values": lambda v, f: np.where(np.arange(len(v)) % 11, v[:, 0], np.inf)}, {"precision": "float64"}),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from mesh_writers import Gltf, png
 
-from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
@@ -51,16 +50,11 @@ def alpha_modes(path) -> str:
     return document.glb(path)
 
 
-def drawn(path, device, **options) -> Frame:
-    scene = load(path)
-    assert scene.ignored == ()
-    with Renderer(scene, shader="nolight", device=device, **options) as renderer:
-        return renderer.render(camera=CAMERA)
-
-
 def test_panels_show_their_alpha(tmp_path, device):
-    path = alpha_modes(tmp_path / "modes.glb")
-    frame = drawn(path, device)
+    scene = load(alpha_modes(tmp_path / "modes.glb"))
+    assert scene.ignored == ()
+    with Renderer(scene, shader="nolight", device=device) as renderer:
+        frame = renderer.render(camera=CAMERA)
     middles = SIZE // 2 + SIZE // 2 + np.arange(5) * SIZE
     top = frame.alpha.shape[0] // 2 - SIZE // 2
     columns = frame.alpha[top : top + SIZE // 2, middles]  # above the bar

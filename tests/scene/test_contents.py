@@ -13,10 +13,6 @@ import clshade
 from clshade.scene.contents import format_contents, scene_contents
 
 
-def words(text: str) -> list[list[str]]:
-    return [line.split() for line in text.splitlines()]
-
-
 def test_what_is_added_is_not_the_files(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0\nv 2 0 0\nv 0 3 -1\nf 1 2 3\n")
@@ -44,7 +40,7 @@ def test_materials_and_textures():
     assert [mesh["material_number"] for mesh in contents["meshes"]] == [1, 2, 1]
     assert contents["materials"][1]["textures"] == {"color": 1, "normal": 2}
     assert contents["textures"][1] == {"number": 2, "name": "dents", "size": [4, 2], "channels": 3}
-    lines = words(format_contents(contents))
+    lines = [line.split() for line in format_contents(contents).splitlines()]
     assert ["oak", "1", "1", "1", "1", "ka", "0.1,", "kd", "0.7,", "ks", "0.5,", "n", "20", "opaque"] in lines
     assert ["glass", "2", "1", "1", "1", "metallic", "0.25,", "roughness", "0.5", "blend", "0.5"] in lines
     assert ["wood", "1", "4x2", "3", "color", "of", "1,2"] in lines

@@ -24,6 +24,7 @@ from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight, S
 from clshade.scene.material import TERMS
 from clshade.scene.metallic_roughness import MAPS
 from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
+from clshade.scene.objects import object_names
 
 RNG = np.random.default_rng(11)
 CAMERA = clshade.Camera.from_fov((0, 1, 5), (0, 0, 0), (0, 1, 0), 40, (640, 480))
@@ -297,8 +298,9 @@ def test_float64_positions_keep_their_accuracy(tmp_path, offset, scale):
     """Each within 2^-24 of the mesh's size, which is float32's rounding relative to its middle."""
     verts = RNG.random((50, 3)) * scale + offset
     faces = RNG.integers(0, 50, (30, 3))
-    narrow, matrix = in_float32(verts)
-    back = narrow.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    middle, exponent = in_float32([verts])
+    narrow = np.ldexp(verts - middle, -exponent).astype(np.float32)
+    back = np.ldexp(narrow.astype(np.float64), exponent) + middle
     assert np.abs(back - verts).max() <= 2.0**-24 * scale * 1.01 + 4e-16 * abs(offset)
     if scale == 1.0:
         scene, _ = written(tmp_path, mesh(verts=verts, faces=faces))
@@ -308,9 +310,18 @@ def test_float64_positions_keep_their_accuracy(tmp_path, offset, scale):
 
 def test_positions_that_float32_holds_stay(tmp_path):
     verts = np.array([[1e6, 0, 0], [1e6 + 1, 0, 0], [1e6, 1, 0]])
-    narrow, matrix = in_float32(verts)
-    assert narrow.tolist() == verts.tolist()
-    assert (matrix == np.eye(4)).all()
+    middle, exponent = in_float32([verts])
+    assert (middle.tolist(), exponent) == ([0, 0, 0], 0)
+
+
+def test_parts_in_float64_stay_one_object(tmp_path):
+    """Their positions are moved together, and their instances have the names of whichever part has some."""
+    parts = [mesh(verts=RNG.random((3, 3)) + 1e6 + k, faces=[[0, 1, 2]], name="car", part_of="car") for k in range(2)]
+    parts[1] = replace(parts[1], instance_names=("left",))
+    scene, _ = written(tmp_path, *parts)
+    assert object_names(scene) == ["car"]
+    assert content(tmp_path / "a.glb")["nodes"][0]["name"] == "left"
+    assert np.abs(corners_in_world(scene)[1] - parts[1].verts).max() <= 2.0**-22
 
 
 @pytest.mark.parametrize("count", [65535, 65536, 70000])

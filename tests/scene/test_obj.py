@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import partial
 from operator import eq
 
 import numpy as np
@@ -240,10 +241,12 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
     parts = parse_obj(data, "a.obj")
     for field in fields(whole):
         expected, found = getattr(whole, field.name), getattr(parts, field.name)
-        same = np.array_equal if isinstance(expected, np.ndarray) else eq
+        same = partial(np.array_equal, equal_nan=True) if isinstance(expected, np.ndarray) else eq
         assert same(expected, found), field.name
     assert whole.colored.tolist() == [3 * k + corner for k in range(12) for corner in (0, 2)]
-    assert whole.colors.tolist() == [row for k in range(12) for row in ([1, 0, 0.5, 1], [0, k, 0, 0.5])]
+    np.testing.assert_array_equal(
+        whole.colors, [row for k in range(12) for row in ([1, 0, 0.5, np.nan], [0, k, 0, 0.5])]
+    )
     assert whole.libraries == [(16 * k + 2, f"{k}.mtl") for k in range(12)]
     assert len(whole.runs) == 24
 
@@ -310,10 +313,17 @@ def test_vertex_colors(tmp_path):
     scene, messages = told(path)
     np.testing.assert_allclose(scene.meshes[0].colors, [[0.214041, 0.050876, 1], [1, 1, 1], [1, 1, 1]], atol=1e-6)
     assert told(path, vertex_colors="linear")[0].meshes[0].colors[0].tolist() == [0.5, 0.25, 1]
-    assert [message.split("/")[-1] for message in messages] == ["a.obj: v: 1 colors that are not finite became white"]
+    assert [message.split("/")[-1] for message in messages] == ["a.obj: v: colors that are not finite became white: 1"]
     scene, messages = told(write(tmp_path / "c.obj", text.replace("nan 0", "1e300 -1")))
     assert (scene.meshes[0].colors[2].tolist(), messages) == ([np.finfo(np.float32).max, 0, 0], [])
     assert load(write(tmp_path / "b.obj", TRIANGLE + "f 1 2 3\n")).meshes[0].colors is None
+
+
+@pytest.mark.parametrize(("alphas", "expected"), [("255", [1, 1, 1]), ("0", [1, 1, 1]), ("0.5", [1, 1, 0.5])])
+def test_alphas_of_some_vertices_say_nothing_of_others(tmp_path, alphas, expected):
+    text = f"v 0 0 0 0.5 0 0\nv 1 0 0\nv 0 1 0 0 1 0 {alphas}\nf 1 2 3\n"
+    (mesh,) = told(write(tmp_path / "a.obj", text))[0].meshes
+    assert (np.ones(3) if mesh.alphas is None else mesh.alphas).tolist() == expected
 
 
 @pytest.mark.parametrize("normal", ["nan nan nan", "0 inf 0", "0 0 0"])
@@ -324,7 +334,7 @@ def test_normals_that_are_none_are_computed(tmp_path, normal):
     scene, messages = told(write(tmp_path / "a.obj", text))
     (mesh,) = scene.meshes
     assert mesh.normals[mesh.normal_faces][:, :, 2].tolist() == [[-2, -1, -2], [-2, -2, -1]]
-    assert messages == [f"{tmp_path}/a.obj: vn: 1 normals that are 0 or not finite were computed from the faces"]
+    assert messages == [f"{tmp_path}/a.obj: vn: normals that are 0 or not finite were computed from the faces: 1"]
     text = f"{square}vn 0 0 1\nvn {normal}\nf 1//1 2//1 3//1\n"
     assert told(write(tmp_path / "b.obj", text))[1] == []  # no face uses it
 

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import os
 import warnings
+from pathlib import Path
 from urllib.parse import quote
 
 import numpy as np
@@ -81,30 +82,31 @@ def test_the_file_of_that_name_beside_the_scene_stands_for_a_path_that_leads_now
     assert message.endswith(": 'a.png' is read")
     where = {"obj": "a.mtl: line 2: map_Kd: ", "gltf": "a.gltf: images[0].uri: ", "ply": "a.ply: comment TextureFile: "}
     assert where[ending] in message
-    assert all(os.path.realpath(file).startswith(str(folder)) for file in opened)
+    assert opened
+    assert all(Path(os.path.realpath(file)).is_relative_to(folder) for file in opened)
 
 
 def test_names_in_another_case_are_looked_for_in_the_folder_alone(tmp_path, monkeypatch):
-    path, listed = textured(tmp_path / "scene", "obj", "Sub/B.png", "x/A.PNG"), []
-    (tmp_path / "elsewhere").mkdir()
+    path, listed = textured(tmp_path / "scene", "obj", "Sub/B.png", "Sub/./In/b.png", "x/A.PNG"), []
+    (tmp_path / "elsewhere" / "in").mkdir(parents=True)
     for name in ("elsewhere/b.png", "scene/a.png", "scene/A.PNG"):
         (tmp_path / name).write_bytes(png(np.zeros((2, 3 if "PNG" in name else 4, 3), np.uint8)))
     (tmp_path / "scene" / "sub").symlink_to(tmp_path / "elsewhere")
     listdir = os.listdir
     monkeypatch.setattr(os, "listdir", lambda folder: listed.append(os.path.realpath(folder)) or listdir(folder))
-    assert loaded(path)[0] == [None, (2, 3)]
-    assert set(listed) == {str(tmp_path / "scene"), str(tmp_path / "scene" / "x")}
+    assert loaded(path)[0] == [None, None, (2, 3)]
+    assert set(listed) == {str(tmp_path / "scene")}
 
 
 def test_of_many_missing_files_a_few_are_looked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(texture, "MOST_MISSING", 3)
-    path = textured(tmp_path / "scene", "obj", "x/a.png", "b.png", "x/a.png", "x/a.png", "c.png")
+    path = textured(tmp_path / "scene", "obj", "x/a.png", "b.png", "x/a.png", "y/a.png", "z/a.png", "c.png")
     for name in ("a.png", "c.png"):
         (tmp_path / "scene" / name).write_bytes(png(np.zeros((2, 3, 3), np.uint8)))
     shapes, messages = loaded(path)
-    assert shapes == [(2, 3), None, None, None, (2, 3)]
+    assert shapes == [(2, 3), None, (2, 3), None, None, (2, 3)]
     assert len(messages) == 3
-    assert messages[2].endswith("there is no file 'x/a.png': drawn without it, and without more of such files")
+    assert messages[2].endswith("there is no file 'y/a.png': drawn without it, and without more of such files")
 
 
 def test_names_with_a_percent_sign_that_is_not_encoded(tmp_path):
@@ -139,6 +141,12 @@ def test_libraries_of_another_machine(tmp_path):
         path = write(tmp_path / "a.obj", f"mtllib {name}\n" + TRIANGLE + "usemtl m\nf 1 2 3\n")
         with pytest.warns(UserWarning, match="line 1: mtllib: .*: 'b.mtl' is read"):
             assert load(path).meshes[0].material.kd.tolist() == [0.25, 0.5, 1.0]
+    (tmp_path / "libs").mkdir()
+    write(tmp_path / "libs" / "c.mtl", "newmtl c\nKd 1 0 0\n")
+    path = write(
+        tmp_path / "a.obj", "mtllib ./libs/c.mtl ./b.mtl\n" + TRIANGLE + "usemtl c\nf 1 2 3\nusemtl m\nf 1 2 3\n"
+    )
+    assert [mesh.material.kd.tolist() for mesh in load(path).meshes] == [[1, 0, 0], [0.25, 0.5, 1]]
     path = write(tmp_path / "a.obj", "mtllib /dev/zero\n" + TRIANGLE + "f 1 2 3\n")
     assert "mtllib: expected a file in the scene's folder" in loaded(path)[1][0]
 

@@ -113,7 +113,9 @@ class Slot:
         """Remove what an earlier process left if it is not reliable. Raises OSError if that is impossible."""
         self.emptied = self._fault()
         if self.emptied:
-            _empty(self.folder)
+            for path in self.folder.iterdir():
+                if path.name != LOCK:
+                    _remove(path)
         elif sum(size for _, size, _ in self._sealed.values()) > MOST_BYTES:
             self._shrink()
 
@@ -217,12 +219,6 @@ def read_seal(folder: Path) -> dict[str, str] | None:
         return None
     pairs = (line.split(" ", 1) for line in os.fsdecode(body).split("\n") if line)
     return {name: digest for digest, name in pairs}
-
-
-def _empty(folder: Path) -> None:
-    for path in folder.iterdir():
-        if path.name != LOCK:
-            _remove(path)
 
 
 # Taking a folder

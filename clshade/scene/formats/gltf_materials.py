@@ -228,9 +228,9 @@ class Materials:
             if text.startswith("data:"):
                 return data_of(item, text)
             where = item.owner, f"{item.where}.uri"
-            path = self._images.find(unquote(text), *where, optional="%" in text)
-            if path is None and "%" in text:  # exporters forget to encode it
-                path = self._images.find(text, *where)
+            if "%" not in text or not self._images.has(text, *where):  # exporters forget to encode it
+                text = unquote(text)
+            path = self._images.find(text, *where)
             return None if path is None else read_file(path, MAX_BYTES)
 
         return self._images.decoded(f"{item.owner}: {item.where}", read, srgb=srgb)

@@ -51,15 +51,22 @@ def write_glb(scene: Scene, path: Path) -> None:
     meshes = MeshWriter(glb, lost, decode=decode)
     nodes: list[int] = []
     written: dict[Any, dict[str, Any]] = {}  # by object and nodes: the parts of an object become primitives of one mesh
-    for number, mesh in zip(object_numbers(scene), scene.meshes, strict=True):
+    numbers = object_numbers(scene)
+    parts: dict[int, list[Mesh]] = {}
+    for number, mesh in zip(numbers, scene.meshes, strict=True):
+        parts.setdefault(number, []).append(mesh)
+    frames = {number: in_float32([_used_vertices(mesh) for mesh in own]) for number, own in parts.items()}
+    for number, mesh in zip(numbers, scene.meshes, strict=True):
         placements = np.asarray(mesh.instances)
         if not len(mesh.faces) or not len(placements):
             continue
         sets = 0 if mesh.uvs is None else 1 + len(mesh.more_uvs)
-        names = mesh.instance_names or (mesh.name,) * len(placements)
+        names = next(
+            (part.instance_names for part in parts[number] if part.instance_names), (mesh.name,) * len(placements)
+        )
         with np.errstate(over="ignore", invalid="ignore"):
-            primitive, own = meshes.write(mesh, materials.write(mesh.material, sets))
-            key = number, placements.tobytes(), own.tobytes()
+            primitive, own = meshes.write(mesh, materials.write(mesh.material, sets), *frames[number])
+            key = number, placements.tobytes()
             if key in written:
                 written[key]["primitives"].append(primitive)
                 continue
@@ -236,12 +243,14 @@ class MeshWriter:
     def __init__(self, glb: Glb, lost: list[str], *, decode: bool) -> None:
         self.glb, self.lost, self.decode = glb, lost, decode
 
-    def write(self, mesh: Mesh, material: int) -> tuple[dict[str, Any], Floats]:
+    def write(self, mesh: Mesh, material: int, middle: Floats, exponent: int) -> tuple[dict[str, Any], Floats]:
         """Write a mesh that has triangles; return it as a primitive, and the (4, 4) matrix from its positions to object
-        space."""
+        space. middle, exponent: see `in_float32`."""
         used = _used(mesh.faces, len(mesh.verts))
         verts = mesh.verts if used.all() else np.where(used[:, None], mesh.verts, mesh.verts[mesh.faces[0, 0]])
-        positions, matrix = in_float32(verts)
+        positions = verts if verts.dtype == np.float32 else np.ldexp(verts - middle, -exponent).astype(np.float32)
+        matrix = np.diag([*[np.ldexp(1.0, exponent)] * 3, 1.0])
+        matrix[:3, 3] = middle
         sources = {"POSITION": (positions, None), **self._sources(mesh)}
         found, faces = unified(mesh.faces, len(mesh.verts), sources)
         attributes = {name: self.glb.accessor(rows, extent=name == "POSITION") for name, rows in found.items()}
@@ -298,27 +307,28 @@ def in_utf8(name: str) -> str:
     return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def in_float32(verts: Array) -> tuple[Floats32, Floats]:
-    """Return positions (V, 3) in float32, and the (4, 4) matrix that takes them to where the given ones are.
+def _used_vertices(mesh: Mesh) -> Array:
+    return mesh.verts[_used(mesh.faces, len(mesh.verts))]
+
+
+def in_float32(parts: list[Array]) -> tuple[Floats, int]:
+    """Return the point (3,), and the exponent of a power of two, by which the positions (V, 3) of an object's parts are
+    moved and divided to be held in float32.
 
     Positions that float32 holds stay as they are. Others are taken relative to the middle of their box where that lies
-    farther from the origin than from their ends, and scaled by a power of two where float32 would over- or underflow.
+    farther from the origin than from their ends, and scaled where float32 would over- or underflow.
     """
-    matrix = np.eye(4)
     with np.errstate(over="ignore", under="ignore"):
-        narrow: Floats32 = verts.astype(np.float32)
-    if verts.dtype == np.float32 or (narrow == verts).all():
-        return narrow, matrix
+        held = all(verts.dtype == np.float32 or (verts.astype(np.float32) == verts).all() for verts in parts)
+    if held:
+        return np.zeros(3), 0
+    verts = np.concatenate(parts).astype(np.float64)
     low, high = verts.min(axis=0), verts.max(axis=0)
     middle, half = low / 2 + high / 2, float((high / 2 - low / 2).max())
-    if float(np.abs(middle).max()) <= half:
+    if any(part.dtype == np.float32 for part in parts) or float(np.abs(middle).max()) <= half:
         middle = np.zeros(3)
-    moved = verts - middle
-    exponent = int(np.frexp(np.abs(moved).max())[1])
-    exponent = 0 if exponent in _EXPONENTS else exponent
-    matrix[:3, :3] *= np.ldexp(1.0, exponent)
-    matrix[:3, 3] = middle
-    return np.ldexp(moved, -exponent).astype(np.float32), matrix
+    exponent = int(np.frexp(np.abs(verts - middle).max())[1])
+    return middle, 0 if exponent in _EXPONENTS else exponent
 
 
 def unified(faces: Faces, count: int, sources: dict[str, Source]) -> tuple[dict[str, Array], Faces]:

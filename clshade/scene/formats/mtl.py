@@ -85,6 +85,7 @@ class Library:
         self.own, self.found = own, dict[str, _Found]()
         self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture | None, bool]] = {}
         self.ignored: list[str] = []
+        self.undefined: list[str] = []
         self.warned: set[str] = set()
         seen = set()
         for line, text in references:
@@ -92,12 +93,20 @@ class Library:
                 continue
             seen.add(text)
             where = f"line {line}: mtllib"
-            whole = self.images.find(text, self.owner, where, optional=len(text.split()) > 1)
-            names = text.split() if whole is None and len(text.split()) > 1 else []
-            found = [whole, *(self.images.find(name, self.owner, where) for name in names)]
-            for library in filter(None, found):
+            for library in filter(None, self._libraries(text, where)):
                 with within(self.owner):
                     self._read(library)
+
+    def _libraries(self, text: str, where: str) -> list[str | None]:
+        """Return the paths of the libraries that a mtllib line names: one whose name may have blanks, or several."""
+        names, at = text.split(), (self.owner, where)
+        if re.match(r"[A-Za-z]:|[\\/]", text) or len(names) == 1:
+            return [self.images.find(text, *at)]
+        if self.images.has(text, *at) or not any(self.images.has(name, *at) for name in names):
+            whole = self.images.find(text, *at, optional=True)
+            if whole is not None:
+                return [whole]
+        return [self.images.find(name, *at) for name in names]
 
     def _read(self, library: str) -> None:
         material = None
@@ -151,9 +160,8 @@ class Library:
         coordinates or None. textured: whether faces have texture coordinates."""
         found, own = self.found.get(name or ""), self.own if textured else None
         if found is None:
-            if name is not None:
-                line = f"{self.owner}: usemtl: no library defines the material {quoted(name)}"
-                warnings.warn(line, stacklevel=2)
+            if name is not None and name not in self.undefined:
+                self.undefined.append(name)
             return replace(DEFAULT_MATERIAL, texture=own), None
         self.ignored += found.ignored
         if found.mapped and not any(found.values["kd"]):  # exporters mean the map alone, by which others multiply it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import file_error, read_file
+from ...base.input_files import file_error, quoted, read_file
 from .. import framing, geometry
 from ..model import Material, Mesh, Scene, with_fields
 from ..normals import against_normals, crease_normals, seamless_normals
@@ -48,6 +49,10 @@ def read_obj(path: Path, options: Options) -> Scene:
     _decode_colors(text, options, owner)
     library = Library(os.fspath(path), text.libraries, options.texture)
     meshes = _meshes(text, library, options, name, owner)
+    if library.undefined:
+        more = f" and {len(library.undefined) - 1} more" if library.undefined[1:] else ""
+        line = f"{owner}: usemtl: no library defines the material {quoted(library.undefined[0])}{more}"
+        warnings.warn(line, stacklevel=2)
     return warn_ignored(
         framing.framed(meshes, name, options.resolution, up=options.up), owner, text.ignored + library.ignored
     )
@@ -86,15 +91,16 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
     tables = [*np.moveaxis(text.indices, 2, 0), *(computed or ())[1:]]
     splits = [None if table is None else _Split.of(table, [run.first for run, _ in parts]) for table in tables]
     plain = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    materials: dict[tuple[str | None, bool], tuple[Material, Array | None]] = {}
+    materials: dict[tuple[str | None, bool, bool], tuple[Material, Array | None]] = {}
     flipped: dict[bytes, Array] = {}
     meshes = []
     for number, (run, end) in enumerate(parts):
         indices = text.indices[run.first : end]
-        key = (run.material, bool(indices[0, 0, 1] >= 0))
+        fades = text.alphas is not None and bool((text.alphas[indices[:, :, 0]] < 1.0).any())
+        key = (run.material, bool(indices[0, 0, 1] >= 0), fades)
         if key not in materials:
-            material, moved = library.material(*key)
-            material = material if text.alphas is None else with_fields(material, blend=True)
+            material, moved = library.material(*key[:2])
+            material = with_fields(material, blend=True) if fades else material
             materials[key] = options.lit(material), moved
         material, moved = materials[key]
         moment = b"" if moved is None else moved.tobytes()
@@ -105,7 +111,7 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         fields = _arrays(text, flipped[moment], slice(run.first, end), number, computed, splits)
         fields.update(material=material, name=run.object or name)
         if counts[run.object] > 1:
-            fields["part_of"] = fields["name"]
+            fields["part_of"] = f"{name}/{run.object or ''}"
         # The parser has checked the file's numbers, which thousands of meshes would check again.
         meshes.append(Mesh(**fields) if whole else with_fields(plain, **fields))
     return tuple(meshes)

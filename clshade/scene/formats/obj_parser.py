@@ -192,7 +192,7 @@ def _read_numbers(reader: _Reader, lines: Lines) -> None:
             colored = np.flatnonzero(count[mine] >= 6)
             numbers_of = start[mine[colored], None] + np.minimum(np.arange(3, 7), count[mine[colored], None] - 1)
             colors = values[numbers_of]
-            colors[count[mine[colored]] == 6, 3] = 1.0
+            colors[count[mine[colored]] == 6, 3] = np.nan
             reader.colored.append(reader.counts[V] + colored)
             reader.colors.append(colors)
         reader.values[kind].append(rows)
@@ -303,6 +303,6 @@ def _joined(reader: _Reader) -> ObjText:
     indices = cuts.triangles(corners)
     colors = np.concatenate(reader.colored), np.concatenate(reader.colors)
     runs = [run for run in reader.runs if run.first < len(indices)]
-    if all(run.object is None for run in reader.runs):
+    if all(run.object is None for run in runs):
         runs = [run._replace(object=run.group) for run in runs]
     return ObjText(verts, *colors, uvs, normals, indices, runs, reader.libraries, reader.smoothing, reader.ignored)

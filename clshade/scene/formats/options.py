@@ -55,22 +55,25 @@ class Options:
 def linear_colors(values: Array, options: Options, owner: str) -> Array:
     """Return linear colors (K, 4) float64 with alpha for those of a file, (K, 4), as options.vertex_colors says.
 
-    With a warning that begins with `owner`, a color that is not finite becomes white, whole numbers up to 255 are divided
-    by 255, and alphas that are all 0, which would hide everything, become 1.
+    An alpha of NaN is not in the file and becomes 1. With a warning that begins with `owner`, a color that is not finite
+    becomes white, whole numbers up to 255 are divided by 255, and alphas that are all 0, which would hide everything,
+    become 1.
     """
     values, remarks = values.astype(np.float64), []
-    lost = ~np.isfinite(values).all(axis=1)
-    if lost.any():
-        remarks.append(f"{lost.sum()} colors that are not finite became white")
-    for part in (values[:, :3], values[:, 3:]):
-        part[lost] = 0.0
+    known = np.isfinite(values[:, :3]).all(axis=1)
+    with_alpha = known & np.isfinite(values[:, 3])
+    if not known.all():
+        remarks.append(f"colors that are not finite became white: {(~known).sum()}")
+    for words, rows, columns in (("colors", known, slice(3)), ("alphas", with_alpha, slice(3, 4))):
+        part = values[rows, columns]
         if 1.0 < part.max(initial=0.0) <= 255.0 and (part == np.floor(part)).all():
-            remarks.append(f"{'alphas' if part.shape[1] == 1 else 'colors'} up to {part.max():g} were divided by 255")
-            part /= 255.0
-        part[lost] = 1.0
-    if not values[:, 3].any():
+            remarks.append(f"{words} up to {part.max():g} were divided by 255")
+            values[rows, columns] = part / 255.0
+    if with_alpha.any() and not values[with_alpha, 3].any():
         remarks.append("alphas, which are all 0, became 1")
-        values[:, 3] = 1.0
+        with_alpha[:] = False
+    values[~known, :3] = 1.0
+    values[~with_alpha, 3] = 1.0
     np.clip(values[:, 3], 0.0, 1.0, out=values[:, 3])
     for remark in remarks:
         warnings.warn(f"{owner}: {remark}", stacklevel=2)
@@ -92,7 +95,7 @@ def mended_normals(verts: Array, faces: Array, normals: Array, normal_faces: Arr
     if not corners.any():
         return normals, normal_faces
     count = len(np.unique(normal_faces[corners]))
-    warnings.warn(f"{owner}: {count} normals that are 0 or not finite were computed from the faces", stacklevel=2)
+    warnings.warn(f"{owner}: normals that are 0 or not finite were computed from the faces: {count}", stacklevel=2)
     vertices, which = np.unique(faces[corners], return_inverse=True)
     computed = vertex_normals(verts, faces)[vertices].astype(normals.dtype)
     normal_faces = normal_faces.copy()

@@ -78,7 +78,11 @@ def _header(data: bytes, owner: str) -> Header:
     lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     header = Header("?", [], [], after.end(), len(lines))
     for number, line in enumerate(lines[1:-1], 2):
-        _header_line(header, line.split(), owner, f"line {number}")
+        words = line.split()
+        if words[:1] in (["comment"], ["obj_info"]):
+            header.comments.append(line.strip()[len(words[0]) :].strip())
+        elif words:
+            _header_line(header, words, owner, f"line {number}")
     if header.order == "?":
         raise file_error(owner, "header", "a line of format", "none")
     for element in header.elements:
@@ -92,10 +96,8 @@ def _header(data: bytes, owner: str) -> Header:
 
 
 def _header_line(header: Header, words: list[str], owner: str, where: str) -> None:
-    keyword, *rest = words or ["comment"]
-    if keyword in ("comment", "obj_info"):
-        header.comments.append(" ".join(rest))
-    elif keyword == "format":
+    keyword, *rest = words
+    if keyword == "format":
         if len(rest) != 2 or rest[0] not in _FORMATS or rest[1] != "1.0":
             expected = f"one of {', '.join(_FORMATS)}, and the version 1.0"
             raise file_error(owner, f"{where}: format", expected, quoted(" ".join(rest)))

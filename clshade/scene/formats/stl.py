@@ -70,7 +70,9 @@ def _counted(count: int, size: int, owner: str) -> int:
         raise file_error(owner, "facet count", expected, f"{_HEAD + size} bytes")
     if size > _RECORD * count:
         rest = size - _RECORD * count
-        warnings.warn(f"{owner}: facet count: {rest} bytes after the last of {count} facets are left out", stacklevel=2)
+        warnings.warn(
+            f"{owner}: facet count: bytes after the last of {count} facets are left out: {rest}", stacklevel=2
+        )
     return count
 
 

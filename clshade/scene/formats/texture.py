@@ -32,17 +32,33 @@ class Images:
     def __init__(self, scene: Path) -> None:
         self.scene, self._left, self._missing = scene, MAX_PIXELS, 0
         self._images: dict[tuple[str, bool], Array | None] = {}
+        self._found: dict[tuple[str, str | None], str | None] = {}
         self._names: dict[str, dict[str, str]] = {}
+
+    def has(self, reference: str, owner: str, field: str) -> bool:
+        """Return whether `beside` finds a file."""
+        with contextlib.suppress(InputError):
+            return beside(self.scene, reference, owner, field) is not None
+        return False
 
     def find(
         self, reference: str, owner: str, field: str, folder: str | None = None, *, optional: bool = False
     ) -> str | None:
         """Return the path of a file as `beside` does, or else, with a warning, of the file of that name beside the scene:
         exporters write the paths of the machine they ran on, and Windows takes either case. None, with a warning unless
-        it is optional, if there is neither."""
+        it is optional, if there is neither. A reference is sought, and warned of, once."""
+        key = reference, folder
+        if key not in self._found:
+            found = self._sought(reference, owner, field, folder, optional)
+            if found is None and optional:
+                return None
+            self._found[key] = found
+        return self._found[key]
+
+    def _sought(self, reference: str, owner: str, field: str, folder: str | None, optional: bool) -> str | None:
         root = os.path.dirname(os.fspath(self.scene)) or "."
         name = re.split(r"[\\/:]", reference)[-1].strip("\"'")
-        tried = [(reference, folder or root), (name, root)]
+        tried = [(reference, folder or root), (name, folder or root), (name, root)]
         problem = f"{owner}: {field}: there is no file {quoted(reference)}"
         try:
             path = beside(self.scene, reference, owner, field, folder)
@@ -69,14 +85,20 @@ class Images:
     def _spelled(self, reference: str, folder: str) -> str:
         """Return a relative path in the upper and lower case of the files that are there."""
         parts: list[str] = []
+        top = os.path.realpath(os.path.dirname(os.fspath(self.scene)) or ".")
         for part in reference.replace("\\", "/").split("/"):
+            if part in ("", "."):
+                continue
             place = os.path.join(folder, *parts)
-            if place not in self._names and not (parts and os.path.islink(place)):
+            if place not in self._names and os.path.commonpath([os.path.realpath(place), top]) == top:
                 with contextlib.suppress(OSError):
                     names = sorted(os.listdir(place))
                     self._names[place] = {name.casefold(): name for name in names} | {name: name for name in names}
             there = self._names.get(place, {})
-            parts.append(there.get(part) or there.get(part.casefold(), part))
+            spelled = there.get(part) or there.get(part.casefold())
+            if spelled is None:
+                return reference
+            parts.append(spelled)
         return "/".join(parts)
 
     def texture(self, path: str) -> Texture | None:
