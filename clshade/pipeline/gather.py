@@ -396,10 +396,7 @@ class Gatherer:
 
     def mirrored(self) -> Array:
         """Return for each face whether its placement mirrors, (F,) int32."""
-        return joined(
-            [np.repeat(each.mirrored, each.sizes[1] if each.meshes[1:] else len(each.faces)) for each in self.copies],
-            np.int32,
-        )
+        return joined([np.repeat(each.mirrored, each.sizes[1]) for each in self.copies], np.int32)
 
     def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
         """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""

@@ -153,7 +153,8 @@ def _adopt(slot: Slot) -> Slot:
     reason = fault(Path(os.environ["POCL_CACHE_DIR"])) if is_users("POCL_CACHE_DIR") else ""
     if reason:
         instead = f"compiled kernels are kept in {slot.pocl}: set it to a folder that can be written, or unset it"
-        console.warning(f"POCL_CACHE_DIR, {os.environ.pop('POCL_CACHE_DIR')}: {reason}; {instead}")
+        console.warning(f"POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}: {reason}; {instead}")
+        del os.environ["POCL_CACHE_DIR"]
     if not is_users("POCL_CACHE_DIR"):
         _set("POCL_CACHE_DIR", str(slot.pocl))
     if slot.emptied:
