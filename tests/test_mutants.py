@@ -96,9 +96,7 @@ def test_draws_are_even_and_repeatable():
     assert first != other
     counts = {file: wanted for file, (wanted, _) in first.items()}
     assert sum(counts.values()) == 60
-    assert (
-        2 <= counts["kernels/samples.clh"] < counts["clshade/scene/formats/obj_parser.py"] <= counts["kernels/fill.clh"]
-    )
+    assert 2 <= counts["kernels/samples.clh"] < min(counts[file] for file in files if file != "kernels/samples.clh")
     for file, (wanted, order) in first.items():
         assert len({mutant.line for mutant in order[:wanted]}) == wanted
         assert len(order) == len(mutants.mutants_of(file))
