@@ -44,14 +44,6 @@ def directions(uv: Integers, normal: Floats) -> Floats:
     return np.asarray(light_points.on_disc(uv, 1.0, -normal) + height[..., None] * normal)
 
 
-def distance_of(scene: Scene, settings: Settings) -> float:
-    """Return the length of the rays, in scene units."""
-    if settings.ao_distance is not None:
-        return settings.ao_distance
-    low, high = bounding_box(scene)
-    return AO_DISTANCE * float(length(high - low))
-
-
 def openness(
     seen: shadows.Visibility, scene: Scene, settings: Settings, reach: float, place: tuple[Integers, Integers] | None
 ) -> Openness:
@@ -60,7 +52,9 @@ def openness(
     casters, at, rays = seen.casters, seen.at, settings.ambient_occlusion
     normal, turned = seen.facing.reshape(-1, 3), seen.off.reshape(-1)
     shift = 0 if place is None else light_points.shifts(np.stack(place, axis=-1))
-    far = min(distance_of(scene, settings) / casters.scale, LONGEST)
+    low, high = bounding_box(scene)
+    distance = AO_DISTANCE * float(length(high - low)) if settings.ao_distance is None else settings.ao_distance
+    far = min(distance / casters.scale, LONGEST)
     # A normal that is off turns the disc by as much as directions to lights do theirs.
     off = at.off + far * np.nan_to_num((reach + turned) * light_points.amplified(-normal, np.ones(())), posinf=1e300)
     share, least, most = np.zeros((3, len(at.face)))

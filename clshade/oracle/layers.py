@@ -104,14 +104,6 @@ def material_numbers(scene: Scene) -> UInt32s:
     return np.array(numbers, np.uint32)
 
 
-def mirrored_faces(scene: Scene) -> Bools:
-    """Return (F,) bool: whether the face's placement mirrors."""
-    found = [np.zeros(0, bool)]
-    for mesh in scene.meshes:
-        found.append(np.repeat(mirroring(np.asarray(mesh.instances)), len(mesh.faces)))
-    return np.concatenate(found)
-
-
 def objects(scene: Scene) -> UInt32s:
     """Return (meshes, 2) uint32: the number of each mesh's object, and that of its first instance, both from 1."""
     found = np.zeros((len(scene.meshes), 2), np.uint32)
@@ -207,8 +199,11 @@ def _batch(
     relative = corners.world[face] - eye
 
     unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps, condition)
-    in_order = np.where(mirrored_faces(scene)[face, None], weights[:, [0, 2, 1]], weights)
-    scalars = _within_range(corners.scalars[face], settings.precision)
+    mirrored = [np.repeat(mirroring(np.asarray(mesh.instances)), len(mesh.faces)) for mesh in scene.meshes]
+    in_order = np.where(np.concatenate(mirrored)[face, None], weights[:, [0, 2, 1]], weights)
+    # At most twice the largest number of the layer's type, as the layer interpolates them.
+    most = np.inf if settings.precision == "float64" else np.ldexp(1.0, np.finfo(np.float32).maxexp + 1)
+    scalars = np.clip(corners.scalars[face], -most, most)
     open_ = _open(scene, settings, view, face, behind, column, row)
     return OracleLayers(
         N=unit(normal),
@@ -243,11 +238,3 @@ def _open(
     place = SUBPIXELS * column + view.place[0], SUBPIXELS * row + view.place[1]
     seen = seen_at_pixels(scene, view.corners, face, behind, place)
     return ambient_occlusion.openness(seen, scene, settings, REACH[settings.precision], place)
-
-
-def _within_range(scalars: Floats, precision: str) -> Floats:
-    """Return scalars at corners as the layer interpolates them: at most twice the largest number of its type."""
-    if precision == "float64":
-        return scalars
-    most = np.ldexp(1.0, np.finfo(np.float32).maxexp + 1)
-    return np.clip(scalars, -most, most)
