@@ -150,29 +150,6 @@ def _window(rng: Random, data: bytes) -> bytes:
     return data[:place] + struct.pack("<i", edge) + data[place + 4 :]
 
 
-def _pickle(rng: Random, data: bytes) -> bytes:
-    """Add a field to a course file, or replace one, by a pickle that takes a careless loader long: a nested tuple of up to
-    2^30 leaves, each of whose levels holds the one before twice, also as a key; or many values in a list."""
-    end = data.rfind(b"uat")  # ends the dict, the list that holds it, and the array's state
-    if end < 0:
-        return _flip(rng, data)
-    first = 10_000  # of the memo indices used
-    steps = (struct.pack("<cIccI", b"j", first + k, b"\x86", b"r", first + k + 1) for k in range(rng.integers(2, 31)))
-    made = struct.pack("<2scI", b"K\x01", b"r", first) + b"".join(steps)
-    how = rng.integers(3)
-    if how == 1:
-        made = b"}" + made + b"Ns"
-    elif how == 2:
-        made = (
-            b"]("
-            + (b"K\x01", b"]", b"\x8c\x01a", b"h\x05", b"(t")[rng.integers(5)] * int(rng.choice((3, 30_000)))
-            + b"e"
-        )
-    name = rng.choice((b"unused", b"verts", b"focal", b"light_positions", b"bg_color"))
-    changed: bytes = data[:end] + b"\x8c" + bytes([len(name)]) + name + made + data[end:]
-    return changed
-
-
 _ANY = (_flip, _flip, _length, _length, _number, _number, _word, _part)
 _TEXTS = (*_ANY, _number, _text, _text, _lines, _lines)
 _JSON_TEXTS = (*_TEXTS, _json, _json, _json, _long_list)
@@ -181,7 +158,7 @@ _BY_EXTENSION: dict[str, tuple[Any, ...]] = {
     **dict.fromkeys((".gltf", ".json"), _JSON_TEXTS),
     ".glb": (*_ANY, *[_glb] * 5),
     ".exr": (*_ANY, _word, *[_window] * 3),
-    ".npy": (*_ANY, *[_pickle] * 3),
+    ".npy": _ANY,
     ".png": (*_ANY, *[_png] * 4),
 }
 

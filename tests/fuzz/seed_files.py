@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import io
 import json
-import struct
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 import numpy as np
+import tifffile
 from mesh_writers import Gltf, bar, pack_glb, ply, stl, stl_text
 from PIL import Image
 from scene_files import course_dict, png16, transposed
@@ -51,19 +51,6 @@ def _image(mode: str, kind: str = "PNG") -> bytes:
     return buffer.getvalue()
 
 
-def _tiff16() -> bytes:
-    """Return a TIFF in RGB with 16 bits per channel, in two strips."""
-    data = np.arange(4 * 5 * 3, dtype="<u2").reshape(4, 15) * np.uint16(1000)
-    start = 8 + data.nbytes
-    # Width, height, bits, compression, RGB, offsets of strips, samples, rows and bytes of strips: short or long.
-    tags = [(256, 3, 1, 5), (257, 3, 1, 4), (258, 3, 3, start), (259, 3, 1, 1), (262, 3, 1, 2), (273, 4, 2, start + 6)]
-    tags += [(277, 3, 1, 3), (278, 3, 1, 2), (279, 4, 2, start + 14)]
-    values = struct.pack("<3H4I", 16, 16, 16, 8, 8 + data.nbytes // 2, data.nbytes // 2, data.nbytes // 2)
-    directory = struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
-    file: bytes = b"II*\0" + struct.pack("<I", start + len(values)) + data.tobytes() + values + directory
-    return file
-
-
 def _pnm(magic: str) -> bytes:
     """Return a PNM in RGB with values up to 1023, as text or binary."""
     values = (np.arange(4 * 5 * 3) * 17).astype(">u2")
@@ -77,11 +64,12 @@ def _course() -> list[Sample]:
         buffer = io.BytesIO()
         np.save(buffer, np.array(each, dtype=object), allow_pickle=True)
         files.append(buffer.getvalue())
-    deep = np.arange(4 * 5 * 3, dtype=np.uint16).reshape(4, 5, 3) * np.uint16(1000)
+    deep, strips = np.arange(4 * 5 * 3, dtype=np.uint16).reshape(4, 5, 3) * np.uint16(1000), io.BytesIO()
+    tifffile.imwrite(strips, deep, photometric="rgb", rowsperstrip=2, metadata=None)
     pictures = {
         "b.png": _image("RGB"),
         "c.png": png16(deep),
-        "b.tif": _tiff16(),
+        "b.tif": strips.getvalue(),
         "a.ppm": _pnm("P3"),
         "b.ppm": _pnm("P6"),
     }

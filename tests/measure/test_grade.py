@@ -88,8 +88,19 @@ def test_terms_of_the_light_in_closed_form():
     assert np.isclose(term("Blinn for Phong", "ks", at), np.cos(0.5 * np.arccos(0.8)) ** 3)
     assert np.isclose(term("R with the wrong sign", "ks", at), 0.0)
     assert np.isclose(term("R with the wrong sign", "ks", at._replace(to_eye=np.array([0.6, 0.0, -0.8]))), 1.0)
+    assert np.isclose(term("R without its factor 2", "ks", at._replace(to_eye=np.array([-0.6, 0.0, 0.8]))), 0.36**3)
     assert np.isclose(term("R.V by absolute value", "ks", at._replace(to_eye=np.array([0.6, 0.0, -0.8]))), 1.0)
     assert np.isclose(term("highlight without gate", "ks", at._replace(to_light=-tilted, to_eye=-z)), 0.8**3)
+
+
+def test_pixels_at_other_places():
+    codes = right().codes
+    for label, image in (
+        ("mirrored", codes[:, ::-1]),
+        ("turned by 180 degrees", codes[::-1, ::-1]),
+        ("axes swapped (about the diagonal from the top left)", codes.swapaxes(0, 1)),
+    ):
+        assert np.array_equal(drawn(right(), label), image), label
 
 
 def test_lights_keep_their_numbers_beside_a_missing_one():
@@ -190,12 +201,6 @@ def test_what_no_mistake_explains_is_not_claimed():
     assert "None of the modeled mistakes" in "\n".join(tables.lines(found.facts()))
 
 
-def test_the_color_of_a_wrong_background_is_found():
-    empty = (right().linear == right().drawing.scene.background).all(axis=2)
-    image = np.where(empty[..., None], [10.0, 200.0, 30.0], right().codes)
-    assert {"wrong background (as it is)"} in found_first(right(), image)
-
-
 def test_gamma_beside_a_wrong_background_is_found():
     scene = replace(right().drawing.scene, background=[0.2, 0.5, 0.8])
     linear = np.clip(frame.render(scene, right().drawing.settings).rgb, 0.0, 1.0)
@@ -210,19 +215,6 @@ def test_an_image_without_the_object_is_not_blamed_on_edges():
     black = grade.graded(np.zeros((SIZE, SIZE, 3)), right(), "black").best
     assert black is not None
     assert "nothing is drawn" in {change.label for change in black.changes}
-
-
-def test_pixels_that_are_off_by_one_code_are_right():
-    image = np.abs(right().codes - 1.0)
-    assert grade.graded(image, right(), "image").differ == 0
-
-
-@pytest.mark.long
-def test_one_pixel_of_another_color_is_not_right():
-    image = right().codes.copy()
-    image[20, 20, 1] += 40.0 if image[20, 20, 1] < 200 else -40.0
-    found = grade.graded(image, right(), "image")
-    assert (found.differ, found.edges, found.right) == (1, 0, False)
 
 
 def painted(scene: Scene, shader: str) -> np.ndarray:

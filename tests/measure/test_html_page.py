@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
 from pages import parsed
 from studies import small_study, sphere
 
@@ -14,17 +13,13 @@ from clshade.measure.report import figure, report
 HOSTILE = '<script>alert("x")</script>&$1$\x1b[31m\u202e'
 
 
-@pytest.fixture
-def page(device, tmp_path, monkeypatch):
+def test_a_page_loads_nothing_escapes_names_and_has_all(device, tmp_path, monkeypatch):
     found = small_study(device)
     found = replace(found, scene=replace(found.scene, name=HOSTILE))
     monkeypatch.setattr(report, "study", lambda *arguments: found)
     monkeypatch.setattr(figure, "draw", lambda study: figures.blank(1.0, 1.0))
     report.run(sphere(), device.index, out=tmp_path, html=True, command=lambda settings: f"draw <{settings.samples}>")
-    return parsed((tmp_path / "report.html").read_bytes())
-
-
-def test_it_loads_nothing_and_escapes_names(page):
+    page = parsed((tmp_path / "report.html").read_bytes())
     for node in page.all():
         assert node.tag not in ("script", "link", "iframe", "object", "embed")
         for name in ("src", "href"):
@@ -35,9 +30,6 @@ def test_it_loads_nothing_and_escapes_names(page):
     for text in (page.all("title")[0].text, page.all("h1")[0].text):
         assert "<script>alert(" in text
         assert not {"\x1b", "\u202e"} & set(text)
-
-
-def test_the_answer_the_tables_and_the_figure(page):
     assert page.all("dt")[0].text in ("no visible error", "closest")
     assert page.all("dd")[0].text.endswith("draw <1>")
     assert [node.text for node in page.all("h2")] == ["Variants", "Where the error comes from"]

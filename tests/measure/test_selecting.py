@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from command_line import assert_refused, run
+from studies import sphere
 
 from clshade.errors import InputError
 from clshade.images import exr
@@ -17,21 +18,13 @@ from clshade.images.metrics import rmse
 from clshade.measure.report import auto_settings, thinned_image
 from clshade.measure.report import reference_image as reference_module
 from clshade.measure.report.auto_settings import LADDER, Tried, select
-from clshade.measure.report.reference_image import (
-    Reference,
-    averaged,
-    best_settings,
-    reference,
-)
+from clshade.measure.report.reference_image import Reference, averaged, best_settings, reference
 from clshade.measure.report.thinned_image import Estimate, thinned
 from clshade.measure.report.variants import BASE, VARIANTS, Variant, base_settings
+from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.renderer import render
 from clshade.scene.builtin.scenes import builtin
-from clshade.scene.model import Scene, Settings
-
-
-def sphere() -> Scene:
-    return builtin("icosphere", level=2, resolution=(64, 48))
+from clshade.scene.model import Settings
 
 
 @pytest.fixture
@@ -89,6 +82,23 @@ def test_a_real_study_chooses(device):
     assert len(kept.thinned.windows) == 1
     assert rmse(image.reshape(-1, 3), kept.reference.rgb) == pytest.approx(kept.used.error, rel=1e-12)
     assert kept.used.error <= tolerance
+
+
+@pytest.mark.long
+def test_nine_of_ten_tolerances_are_kept_to_a_tenth(device):
+    """Those of `select`, measured anew on all of more than 65,536 pixels: it estimates errors from windows."""
+    ratios = []
+    for name in ("teapot", "icosphere", "quads"):
+        scene = effective_settings(builtin(name), resolution=(400, 300))[0]
+        converged = reference(scene, effective_settings(scene)[1], device).rgb
+        for tolerance in (0.03, 0.02, 0.01, 0.005):
+            try:
+                settings = select(scene, device=device, tolerance=tolerance).settings
+            except InputError:
+                continue
+            ratios.append(rmse(np.asarray(render(scene, settings=settings, device=device).rgb), converged) / tolerance)
+    assert len(ratios) >= 9
+    assert np.mean(np.array(ratios) <= 1.1) >= 0.9, ratios
 
 
 def test_a_family_is_of_rising_work():

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from command_line import assert_refused, run
 
-from clshade.errors import InputError
 from clshade.measure.stability import curves, stability
 from clshade.measure.stability.cases import Bench, Case, Outcome, all_cases, flat
 from clshade.measure.stability.cases import bench as bench_module
@@ -184,7 +183,7 @@ def test_a_failing_case_shows_pictures_and_why(monkeypatch, device, capsys, tmp_
 
 def test_the_command_line(monkeypatch, capsys, tmp_path, device):
     assert run(capsys, "stability", "--list")[1].count("\n") == len(CASES)
-    chosen = ["stability", "--device", device.index, "--out", tmp_path / "out", "--case", "equal-depth", "6"]
+    chosen = ["stability", "--device", device.index, "--out", tmp_path / "out", "--case", "equal-depth", "22b"]
     code, out, _ = run(capsys, *chosen)
     assert code == 0
     assert "2 of 2 cases: 2 passed" in out
@@ -203,6 +202,9 @@ def test_the_command_line(monkeypatch, capsys, tmp_path, device):
         (("--case", "6", "--out", "file/x"), ("file/x", "--out")),
         (("--format", "gif"), ("--format", "png, pdf, svg", "'gif'")),
         (("quads", "--case", "6"), ("--case: is for the cases, and cannot go with 'quads'",)),
+        (("no_such_scene",), ("SCENE: expected a file or one of teapot", "'no_such_scene'")),
+        (("quads", "--list"), ("--list: is for the cases",)),
+        (("quads", "teapot"), ("SCENE alone", "'teapot'")),
         (("--samples", "4"), ("--samples: needs a SCENE",)),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
@@ -212,12 +214,6 @@ def test_bad_input(capsys, tmp_path, monkeypatch, options, parts):
     (tmp_path / "file").touch()
     assert_refused(run(capsys, "stability", *options), *parts)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_an_unknown_case_names_all():
-    with pytest.raises(InputError, match=r"expected names or numbers of shared-edges.*found 'x'"):
-        stability.chosen(["x"])
-    assert [case.number for case in stability.chosen(["22b", "exponents"])] == ["22b", "23"]
 
 
 @pytest.mark.long

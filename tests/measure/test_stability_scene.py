@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import assert_refused, needs_device, run
+from command_line import needs_device, run
 
 from clshade import oracle
 from clshade.images import exr, figures
@@ -26,12 +26,9 @@ COLORS = [[0.9, 0.8, 0.7]] * 3  # a sheet has some too: the scenes share their p
 LAMP = PointLight(np.array([3.0, 4.0, 5.0]), np.ones(3))
 
 
-def camera(eye, lookat=(0.0, 0.0, 0.0)) -> Camera:
-    return Camera(np.array(eye), np.array(lookat), np.array([0.0, 1.0, 0.0]), 1.3, (1.0, 1.0), (61, 61))
-
-
 def scene_of(*meshes: Mesh, lamp: PointLight = LAMP, eye=(0.0, 0.0, 5.0), lookat=(0.0, 0.0, 0.0)) -> Scene:
-    return Scene(meshes, camera(eye, lookat), lights=(lamp,), name="planted")
+    camera = Camera(eye, lookat, (0.0, 1.0, 0.0), 1.3, (1.0, 1.0), (61, 61))
+    return Scene(meshes, camera, lights=(lamp,), name="planted")
 
 
 def sheet(material: Material = CALM, **fields) -> Mesh:
@@ -348,20 +345,3 @@ def test_an_exit_code_for_errors_beyond_the_bound(capsys, tmp_path, monkeypatch,
         capsys, "stability", "quads", "--resolution", "8,6", "--device", device.index, "--out", tmp_path
     )
     assert (code, "FAILED" in out) == (1, True), err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "parts"),
-    [
-        (("no_such_scene",), ("SCENE: expected a file or one of teapot", "'no_such_scene'")),
-        (("quads", "--resolution", "0,5"), ("resolution",)),
-        (("quads", "--list"), ("--list: is for the cases",)),
-        (("--resolution", "8,6"), ("--resolution: needs a SCENE",)),
-        (("quads", "teapot"), ("SCENE alone", "'teapot'")),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
-)
-def test_bad_input(capsys, tmp_path, monkeypatch, arguments, parts):
-    monkeypatch.chdir(tmp_path)
-    assert_refused(run(capsys, "stability", *arguments), *parts)
-    assert not list(tmp_path.iterdir())
