@@ -43,6 +43,7 @@ from matplotlib.figure import Figure  # noqa: E402
 
 import clshade  # noqa: E402
 from clshade.course import calculate_normals  # noqa: E402
+from clshade.scene.geometry import triangles  # noqa: E402
 
 KD = (0.9, 0.7, 0.5)
 RESOLUTION = (320, 240)
@@ -95,21 +96,13 @@ def plain(name: str, verts, faces, camera, light, normals=None) -> clshade.Scene
 
 def seen(name: str, scene: clshade.Scene) -> clshade.Scene:
     """Return the triangles of a scene as one plain mesh, seen by its camera, lit from above the eye."""
-    verts, faces, count = [], [], 0
-    for mesh in scene.meshes:
-        for placement in np.asarray(mesh.instances):
-            placed = mesh.verts.astype(np.float64)
-            if (placement != np.eye(4)).any():
-                placed = placed @ placement[:3, :3].T + placement[:3, 3]
-            verts.append(placed)
-            faces.append(mesh.faces + count)
-            count += len(placed)
-    used, inverse = np.unique(np.concatenate(faces), return_inverse=True)
+    verts, faces = triangles(scene)
+    used, inverse = np.unique(faces, return_inverse=True)
     camera = scene.camera
     right, up, _ = axes_of(camera)
     side = 0.5 * float(np.linalg.norm(camera.lookat - camera.eye))
     light = camera.eye + side * (up + 0.5 * right)
-    return plain(name, np.concatenate(verts)[used], inverse.reshape(-1, 3), camera, light)
+    return plain(name, verts[used], inverse.reshape(-1, 3), camera, light)
 
 
 def fan(resolution):

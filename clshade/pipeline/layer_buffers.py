@@ -11,7 +11,7 @@ import numpy as np
 from ..base.arrays import Array
 from ..images.layers import LAYER_TABLE, Layer
 from ..scene.model import Material, Scene, Settings, Texture
-from ..scene.objects import first_instances, object_names, object_numbers
+from ..scene.objects import first_instances, instance_names, object_names, object_numbers
 from .features import Features, uses_normal_indices
 from .gather import Gatherer
 from .layer_outputs import LAYER_BITS, MIRRORED
@@ -77,11 +77,7 @@ def number_names(scene: Scene, layer: Layer) -> Iterator[tuple[int, str]]:
     elif layer == "material_id":
         yield from zip(material_numbers(scene), (mesh.material.name for mesh in scene.meshes), strict=True)
     elif layer == "instance_id":
-        found: dict[int, str] = {}
-        for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
-            for number, name in enumerate(mesh.instance_names or len(np.asarray(mesh.instances)) * ("",), first):
-                found[number] = found.get(number) or name
-        yield from found.items()
+        yield from enumerate(instance_names(scene), 1)
 
 
 def layer_features(light: Features, asked: int) -> Features | None:

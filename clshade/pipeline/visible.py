@@ -22,7 +22,7 @@ from ..base.validation import path as checked_path
 from ..scene.camera import Camera
 from ..scene.geometry import in_image
 from ..scene.model import Material, Mesh, Scene, Settings
-from ..scene.objects import first_instances, object_numbers
+from ..scene.objects import first_instances, instance_names, object_numbers
 from ..scene.settings import Preset, RenderOptions
 from .camera_space import near_plane
 from .effective_settings import effective_settings, numbers_alone
@@ -224,6 +224,7 @@ class _Instance(NamedTuple):
 
 def _instances(scene: Scene) -> Iterator[_Instance]:
     """Yield the instances in the order of instance_id."""
+    names = instance_names(scene)
     parts: dict[tuple[int, int], list[Mesh]] = {}
     for first, object_number, mesh in zip(first_instances(scene), object_numbers(scene), scene.meshes, strict=True):
         for k, matrix in enumerate(np.asarray(mesh.instances)):
@@ -232,10 +233,9 @@ def _instances(scene: Scene) -> Iterator[_Instance]:
             )
             parts.setdefault((first + k, object_number), []).append(own)
     for (number, object_number), meshes in sorted(parts.items()):
-        name = next((name for mesh in meshes for name in mesh.instance_names if name), "") or meshes[0].name
         boxes = np.array([_box(mesh, scene.camera) for mesh in meshes])
         ends = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
-        yield _Instance(number, object_number, name, tuple(meshes), *ends)
+        yield _Instance(number, object_number, names[number - 1] or meshes[0].name, tuple(meshes), *ends)
 
 
 def _box(mesh: Mesh, camera: Camera) -> tuple[Floats, Floats]:

@@ -38,10 +38,10 @@ def first_instances(scene: Scene) -> list[int]:
     return (first - counts)[objects].tolist()  # type: ignore[no-any-return]
 
 
-def instance_count(scene: Scene) -> int:
-    """Return the number of instances of all objects."""
-    ends = (
-        first + len(np.asarray(mesh.instances))
-        for first, mesh in zip(first_instances(scene), scene.meshes, strict=True)
-    )
-    return max(ends, default=1) - 1
+def instance_names(scene: Scene) -> list[str]:
+    """Return the name of each instance, the first that a part of its object gives it, "" for none."""
+    found: dict[int, str] = {}
+    for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
+        for number, name in enumerate(mesh.instance_names or len(np.asarray(mesh.instances)) * ("",), first):
+            found[number] = found.get(number) or name
+    return [found[number] for number in sorted(found)]

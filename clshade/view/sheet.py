@@ -24,7 +24,7 @@ from ..scene import geometry
 from ..scene.contents import surface_facts
 from ..scene.ground import objects_of
 from ..scene.model import Scene
-from ..scene.objects import instance_count, object_numbers
+from ..scene.objects import instance_names, object_numbers
 from ..scene.settings import FrameOptions
 from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
 
@@ -177,7 +177,7 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
                 "non_manifold_edges": surface.non_manifold_edges,
                 "objects": max(object_numbers(scene), default=0),
                 "meshes": len(scene.meshes),
-                "instances": instance_count(scene),
+                "instances": len(instance_names(scene)),
                 "materials": len(materials),
                 "lights": len(scene.lights),
                 "dropped_triangles": scene.nonfinite,
