@@ -73,7 +73,8 @@ def _multiplied(header: bytes, owner: str) -> Floats:
             if len(factors) == _COUNTS[name] and ((product * factors > 1e-30) & (product * factors < 1e30)).all():
                 product = product * factors
             else:  # FreeImage and others write EXPOSURE=0 for an unknown one
-                warnings.warn(f"{owner}: {name.decode()}: {quoted(value)} is ignored: it is no exposure", stacklevel=2)
+                problem = f"{quoted(value)} is ignored: expected positive numbers"
+                warnings.warn(f"{owner}: {name.decode()}: {problem}", stacklevel=2)
     return product
 
 

@@ -80,8 +80,8 @@ def adjusted(
 
 
 def posed(camera: Camera, who: str, **changes: Any) -> Camera:
-    """Return the camera with other fields. If it looks along its `up`, and the changes have none, `up` is tilted as little
-    as is seen in the image alone, where then the same is up as in the views `top` and `bottom`; a line says so."""
+    """Return the camera with other fields. If it looks along its `up` and the changes do not set one, `up` is tilted a
+    little: the image is then oriented as in the views `top` and `bottom`, and a line says so."""
     eye, lookat = (vector("Camera", name, changes.get(name, getattr(camera, name))) for name in ("eye", "lookat"))
     with np.errstate(over="ignore"):
         forward = lookat - eye
