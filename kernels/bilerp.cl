@@ -13,17 +13,16 @@ kernel void bilerp(global const real4 *uvs,               // K, u, v and their l
     int first = get_global_id(0) * LANES;
     int last_taken = -1;
     colors3 color;
-    real r[LANES], g[LANES], b[LANES], u[LANES], v[LANES], u_low[LANES], v_low[LANES];
-    for (int lane = 0; lane < LANES; ++lane) {
-        int i = min(first + lane, count - 1);
-        u[lane] = uvs[i].x, v[lane] = uvs[i].y;
-        u_low[lane] = uvs[i].z, v_low[lane] = uvs[i].w;
-    }
-    double_single across = {LOAD_LANES(u), LOAD_LANES(u_low)}, down = {LOAD_LANES(v), LOAD_LANES(v_low)};
+    int index[LANES];
+    real r[LANES], g[LANES], b[LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        index[lane] = min(first + lane, count - 1);
+    reals4 uv = gather(uvs, index);
+    double_single u = {uv.x, uv.z}, v = {uv.y, uv.w};
     for (int lane = 0; lane < LANES && first + lane < count; ++lane) {
         int texture = texture_of[first + lane];
         if (texture != last_taken) {
-            color = fetch(footprint_of(textures + texture, across, down), texels);
+            color = fetch(footprint_of(textures + texture, u, v), texels);
             STORE_LANES(color.r, r);
             STORE_LANES(color.g, g);
             STORE_LANES(color.b, b);

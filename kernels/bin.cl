@@ -196,6 +196,20 @@ INLINE void put_group(global Entry *lists, global uint *cursors, const Group *gr
 #endif
 }
 
+// Appends triangles, a group at a time: numbers `first` to `end` of the order, or of all if there is none, and of their bounds.
+INLINE void put_run(global Entry *lists, global uint *cursors, global const uint *order, int first, int end,
+                    global const Bounds *bounds, global const Triangle *triangles, global const Image *image)
+{
+    for (int i = first; i < end; i += GROUP) {
+        Group group;
+        group.count = min(GROUP, end - i);
+        group.bounds = bounds + i;
+        for (int k = 0; k < group.count; ++k)
+            group.index[k] = order ? (int)order[i + k] : i + k;
+        put_group(lists, cursors, &group, triangles, image);
+    }
+}
+
 ITEM_BY_ITEM
 kernel void bin_fill(global const uint *order,           // T, triangles, nearest first
                      global const Triangle *triangles,   // F + C
@@ -208,17 +222,8 @@ kernel void bin_fill(global const uint *order,           // T, triangles, neares
 {
     if (!lists_hold_all(image, counters))
         return;
-    int chunk = get_global_id(0);
-    global uint *own = cursors + (long)chunk * TILE_COUNTS(image);
-    int end = min((chunk + 1) * chunk_size, count);
-    for (int i = chunk * chunk_size; i < end; i += GROUP) {
-        Group group;
-        group.count = min(GROUP, end - i);
-        group.bounds = sorted + i;
-        for (int k = 0; k < group.count; ++k)
-            group.index[k] = order[i + k];
-        put_group(lists, own, &group, triangles, image);
-    }
+    int chunk = get_global_id(0), first = chunk * chunk_size, end = min(first + chunk_size, count);
+    put_run(lists, cursors + (long)chunk * TILE_COUNTS(image), order, first, end, sorted, triangles, image);
 }
 
 #if LANES > 1
@@ -235,16 +240,7 @@ kernel void fill_lists(global const Triangle *triangles,   // F + C
 {
     if (!lists_hold_all(image, counters))
         return;
-    int chunk = get_global_id(0), first = chunk * chunk_size;
-    global uint *own = cursors + (long)chunk * TILE_COUNTS(image);
-    int end = first + (int)made[chunk];
-    for (int i = first; i < end; i += GROUP) {
-        Group group;
-        group.count = min(GROUP, end - i);
-        group.bounds = bounds + i;
-        for (int k = 0; k < group.count; ++k)
-            group.index[k] = i + k;
-        put_group(lists, own, &group, triangles, image);
-    }
+    int chunk = get_global_id(0), first = chunk * chunk_size, end = first + (int)made[chunk];
+    put_run(lists, cursors + (long)chunk * TILE_COUNTS(image), 0, first, end, bounds, triangles, image);
 }
 #endif

@@ -35,33 +35,31 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
             put_surface(&at.surface, TO_INTS(LANE_INDEX == lane), material_of(in, face[lane]));
     }
     for (int k = 0; k < 3; ++k) {
-        real p[3][LANES], n[3][LANES], c[3][LANES], position[LANES], bend[LANES];
+        real4 point[LANES], normal[LANES], color[LANES];
+        real c[3][LANES], position[LANES];
         for (int lane = 0; lane < LANES; ++lane) {
-            real4 point = NEEDS(in, CENTROID) ? centroid_of(in, taken[lane], face[lane])
-                                                     : corner_point(in, taken[lane], face[lane], k);
-            real4 normal = (real4)(0.0f), color = (real4)(1.0f);
+            point[lane] = NEEDS(in, CENTROID) ? centroid_of(in, taken[lane], face[lane])
+                                              : corner_point(in, taken[lane], face[lane], k);
+            normal[lane] = (real4)(0.0f), color[lane] = (real4)(1.0f);
             if (reflects(in))
-                normal = side_of(in, in->triangles + taken[lane]) * corner_normal(in, taken[lane], face[lane], k);
+                normal[lane] = side_of(in, in->triangles + taken[lane]) * corner_normal(in, taken[lane], face[lane], k);
             if (shows_colors(in))
-                color = in->colors[color_index(in, face[lane], k)];
-            p[0][lane] = point.x, p[1][lane] = point.y, p[2][lane] = point.z;
-            bend[lane] = fabs(normal.w);
-            n[0][lane] = normal.x, n[1][lane] = normal.y, n[2][lane] = normal.z;
-            c[0][lane] = color.x, c[1][lane] = color.y, c[2][lane] = color.z;
-            position[lane] = shows_scalars(in) ? color.w : 0.0f;
+                color[lane] = in->colors[color_index(in, face[lane], k)];
         }
-        at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
-        at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
-        at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
+        reals4 normals = transposed_rows(normal), colors = transposed_rows(color);
+        at.point = vector_of_rows(transposed_rows(point));
+        at.normal = vector_of_rows(normals);
+        at.color = color_of_rows(colors);
         at.open = (reals)(1.0f);
 #if CASTERS
         see_corner_receivers(&at, in, shown, k);
         if (NEEDS(in, AMBIENT_OCCLUSION) && NEEDS(in, TINTED))
             occlude(&at, in, &lighting, no_light_shift());  // as above
         at.smooth = at.normal;
-        at.bend = LOAD_LANES(bend);
+        at.bend = fabs(normals.w);
 #endif
         shade(&at, &lighting, 1);
+        STORE_LANES(shows_scalars(in) ? colors.w : (reals)(0.0f), position);
         STORE_LANES(at.color.r, c[0]);
         STORE_LANES(at.color.g, c[1]);
         STORE_LANES(at.color.b, c[2]);

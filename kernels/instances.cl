@@ -46,9 +46,7 @@ INLINE void gather_corners(Rows *rows, fixeds *behind, global const Vertex *vert
 {
     for (int k = 0; k < 3; ++k) {
 #if HAS_ROWS
-#define ROW(lane) load4((global const float *)&vertices[vertex[k][lane]].x)
-        reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));  // x, y, w, w_low
-#undef ROW
+        reals4 corner = gather_vertices(vertices, vertex[k]);
         STORE_LANES(AS_INTS(corner.x), rows->x[k]);
         STORE_LANES(AS_INTS(corner.y), rows->y[k]);
         STORE_LANES(corner.z, rows->w[k]);
@@ -93,7 +91,7 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
     long at = face_starts[first] + (long)get_global_id(0) * run, end = min(at + run, face_starts[last]);
     if (at >= end)
         return;
-    Culled culled = nothing_culled();
+    Culled culled = {(fixeds)(0)};
     int j = instance_at(face_starts, first, last, at);
     for (; at < end; at += LANES) {
         int face[LANES], number[LANES], vertex[3][LANES];

@@ -26,15 +26,14 @@ kernel void layer_number(global const int *owners,            // M x N, from the
         shown[i] = owners[i] < 0 ? 0 : numbers[triangles[owners[i]].face];
 }
 
-// Of the lanes in `mine`; infinity in those without an owner.
+// Depths at the pixels of a block whose first pixel is at snapped position `at`; infinity without an owner.
 INLINE reals depths_in(global const Triangle *triangles, ints owner, int2 at, global const Image *image)
 {
     reals depths = (reals)(INFINITY);
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
         int index = lane_of(owner, todo);
         mine = todo & (owner == index);
-        global const Triangle *t = triangles + index;
-        reals w = inverse_depths(t, edge_at(t, 0, at), edge_at(t, 1, at), edge_at(t, 2, at));
+        reals w = depths_at(triangles + index, at);
         depths = mine ? (NEEDS(image, ORTHOGRAPHIC) ? -w : 1.0f / w) : depths;
     }
     return depths;
@@ -64,7 +63,7 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
             continue;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
-        reals scaled = depths_in(triangles, owner, sample_at(image, 0, column, row), image);
-        write_numbers(depths, scaled * image->unscale, &pixels);
+        reals3 depth = {depths_in(triangles, owner, sample_at(image, 0, column, row), image) * image->unscale};
+        write_components(depths, 1, depth, &pixels);
     }
 }

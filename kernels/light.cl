@@ -14,17 +14,14 @@ kernel void light(global const real4 *points,        // K, relative to the eye, 
                   int light_count, int count)         // K
 {
     int first = get_global_id(0) * LANES;
-    real p[3][LANES], n[3][LANES], c[3][LANES];
-    for (int lane = 0; lane < LANES; ++lane) {
-        int i = min(first + lane, count - 1);
-        p[0][lane] = points[i].x, p[1][lane] = points[i].y, p[2][lane] = points[i].z;
-        n[0][lane] = normals[i].x, n[1][lane] = normals[i].y, n[2][lane] = normals[i].z;
-        c[0][lane] = colors[i].x, c[1][lane] = colors[i].y, c[2][lane] = colors[i].z;
-    }
+    int index[LANES];
+    real c[3][LANES];
+    for (int lane = 0; lane < LANES; ++lane)
+        index[lane] = min(first + lane, count - 1);
     ShadingInput at;
-    at.point.x = LOAD_LANES(p[0]), at.point.y = LOAD_LANES(p[1]), at.point.z = LOAD_LANES(p[2]);
-    at.normal.x = LOAD_LANES(n[0]), at.normal.y = LOAD_LANES(n[1]), at.normal.z = LOAD_LANES(n[2]);
-    at.color.r = LOAD_LANES(c[0]), at.color.g = LOAD_LANES(c[1]), at.color.b = LOAD_LANES(c[2]);
+    at.point = vector_of_rows(gather(points, index));
+    at.normal = vector_of_rows(gather(normals, index));
+    at.color = color_of_rows(gather(colors, index));
     at.lit = (ints)(-1);
     at.shift = no_light_shift();
     Lighting lighting = {needs, lights, light_count, surface_of(materials), 0, unit};

@@ -5,12 +5,16 @@
 //
 // Triangles and lines are listed by square cells of the image and of a margin around it as wide as a line reaches. A list's
 // order depends on the run, but whether any line shows, and any triangle hides, does not.
+#include "projection.clh"
 #include "samples.clh"
 
 #if FP64
 #define COVER_SLACK 0x1p-12   // 1/256 px by which triangles reach further: points on a common side belong to one at least
 #define MOST_HIDERS 24
 #define EQUAL_DEPTH 0x1p-40  // relative difference of 1/depths up to which they count as equal
+
+// Lines, and the triangles that hide them, lie on the samples' grid: a snapped position in 1/256 px, halves up.
+#define ON_LINE_GRID(x) (((x) + (1 << (SUBPIXEL_BITS - SAMPLE_BITS - 1))) >> (SUBPIXEL_BITS - SAMPLE_BITS))
 
 // A triangle that hides lines.
 typedef struct {
@@ -30,14 +34,6 @@ typedef struct {
         int face_count                      /* F */
 #define HIDING_ARGUMENTS faces, vertices, pieces, face_materials, materials, ranks, view, face_count
 
-// The 1/depth of a vertex, scaled, as project has it.
-INLINE double vertex_w(global const Vertex *v, global const View *view)
-{
-    double depth = v->depth * view->scale;
-    depth = depth < MOST_DEPTH ? depth : MOST_DEPTH;
-    return NEEDS(view, ORTHOGRAPHIC) ? -depth : 1.0 / depth;
-}
-
 // Face `index`, or a clipped piece, without w. Returns 0 for faces that are drawn as pieces, or not at all.
 INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
 {
@@ -47,15 +43,15 @@ INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
             global const Vertex *v = vertices + faces[3 * index + k];
             if (v->w == 0.0f || abs(v->x) == SNAP_LIMIT || abs(v->y) == SNAP_LIMIT)
                 return 0;
-            t->x[k] = v->x;
-            t->y[k] = v->y;
+            t->x[k] = ON_LINE_GRID(v->x);
+            t->y[k] = ON_LINE_GRID(v->y);
         }
     } else {
         global const Piece *piece = pieces + (index - face_count);
         t->face = piece->face;
         for (int k = 0; k < 3; ++k) {
-            t->x[k] = piece->x[k];
-            t->y[k] = piece->y[k];
+            t->x[k] = ON_LINE_GRID(piece->x[k]);
+            t->y[k] = ON_LINE_GRID(piece->y[k]);
         }
     }
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
@@ -68,7 +64,7 @@ INLINE void put_w(HidingTriangle *t, int index, HIDING_PARAMETERS)
 {
     for (int k = 0; k < 3; ++k)
         if (index < face_count) {
-            t->w[k] = vertex_w(vertices + faces[3 * index + k], view);
+            t->w[k] = inverse_of_depth(vertices[faces[3 * index + k]].depth, view);
         } else {
             global const Piece *piece = pieces + (index - face_count);
             t->w[k] = (double)piece->w[k] + (double)piece->w_low[k];
@@ -440,7 +436,7 @@ INLINE void show_in_pixel(const Part *part, const Line *l, int2 pixel, int cell,
         uint known = own[from / 32];  // others may set bits meanwhile: what they find is then found again
         uint found = 0;
         for (int s = from; s < min(SAMPLE_COUNT(image), from + 32); ++s) {
-            int2 p = sample_at(image, s, pixel.x, pixel.y);
+            int2 p = SAMPLE_STEPS(sample_at(image, s, pixel.x, pixel.y));
             if ((known >> s % 32 & 1) || !covers(l, p, grid->width))
                 continue;
             LinePoint q = nearest_point(l, p);
@@ -480,13 +476,13 @@ kernel void line_samples(HIDING_PARAMETERS,
         // The pixels that a sample in reach of the part, or beyond the inset, may belong to.
         int2 low = (int2)((int)floor(fmin(part.end[0].x, part.end[1].x)), (int)floor(fmin(part.end[0].y, part.end[1].y)));
         int2 high = (int2)((int)ceil(fmax(part.end[0].x, part.end[1].x)), (int)ceil(fmax(part.end[0].y, part.end[1].y)));
-        low = max((low - (reach + LINE_INSET)) >> SUBPIXEL_BITS, (int2)(0));
-        high = min((high + (reach + LINE_INSET)) >> SUBPIXEL_BITS, (int2)(image->columns, image->rows) - 1);
+        low = max((low - (reach + LINE_INSET)) >> SAMPLE_BITS, (int2)(0));
+        high = min((high + (reach + LINE_INSET)) >> SAMPLE_BITS, (int2)(image->columns, image->rows) - 1);
         long dx = l.x[1] - l.x[0], dy = l.y[1] - l.y[0];
-        long most = (long)(abs(l.x[1] - l.x[0]) + abs(l.y[1] - l.y[0])) * (reach + HALF_PIXEL);
+        long most = (long)(abs(l.x[1] - l.x[0]) + abs(l.y[1] - l.y[0])) * (reach + (1 << (SAMPLE_BITS - 1)));
         for (int y = low.y; y <= high.y; ++y)
             for (int x = low.x; x <= high.x; ++x) {
-                int2 center = center_of(x, y);
+                int2 center = SAMPLE_STEPS(center_of(x, y));
                 long across = dx * (center.y - l.y[0]) - dy * (center.x - l.x[0]);
                 if (across <= most && across >= -most)
                     show_in_pixel(&part, &l, (int2)(x, y), cell, image, grid, edge_faces, list, end, shown, HIDING_ARGUMENTS);

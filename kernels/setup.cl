@@ -43,13 +43,6 @@ fixeds front_only_lanes(const int *face, global const int *face_materials, globa
     return LOAD_LANES(front_only) != 0;
 }
 
-Culled nothing_culled()
-{
-    fixeds none = (fixeds)(0);
-    Culled culled = {none, none, none, none, none};
-    return culled;
-}
-
 #define ADD_LANES(counter, lanes)                   \
     do {                                            \
         int sum = lanes_sum(TO_INTS(lanes));        \
@@ -167,7 +160,7 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     int end = min(first + SETUP_RUN, count);
     ulong own_keys[SETUP_RUN];
     int own_count = 0;
-    Culled culled = nothing_culled();
+    Culled culled = {(fixeds)(0)};
     depth_t near = DEPTH_OF(view->near);
     for (int group = first; group < end; group += LANES) {
         Rows rows;
@@ -251,7 +244,7 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
         }
     }
     Corners t = corners_of(&rows);
-    Culled culled = nothing_culled();
+    Culled culled = {(fixeds)(0)};
     fixeds front_only = front_only_lanes(face, face_materials, materials, image);
     fixeds seen = complete(&t, first + LANE_INDEX < count, front_only, image, &culled);
     write_triangles(&rows, &t, seen, index, face, first, triangles, bounds);
@@ -265,6 +258,14 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
 }
 
 #if HAS_ROWS
+// x, y, w and w_low of a vertex for each lane.
+INLINE reals4 gather_vertices(global const Vertex *vertices, const int *index)
+{
+#define ROW(lane) load4((global const float *)&vertices[index[lane]].x)
+    return transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));
+#undef ROW
+}
+
 // The corners of faces, one in each lane; which of them lie behind the near plane.
 INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
 {
@@ -273,9 +274,7 @@ INLINE Corners corners_of_faces(global const int *faces, global const Vertex *ve
         int index[LANES];
         for (int lane = 0; lane < LANES; ++lane)
             index[lane] = faces[3 * face[lane] + k];
-#define ROW(lane) load4((global const float *)&vertices[index[lane]].x)
-        reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));  // x, y, w, w_low
-#undef ROW
+        reals4 corner = gather_vertices(vertices, index);
         t.x[k] = AS_INTS(corner.x);
         t.y[k] = AS_INTS(corner.y);
         t.w[k] = corner.z;
@@ -349,7 +348,7 @@ kernel void setup_count(global const int *faces,         // F x 3, vertices
     global uint *own = counts + (long)chunk * TILE_COUNTS(image);
     for (int tile = 0; tile < TILE_COUNTS(image); ++tile)
         own[tile] = 0;
-    Culled culled = nothing_culled();
+    Culled culled = {(fixeds)(0)};
     for (int group = first; group < end; group += LANES) {
         int face[LANES];
         for (int lane = 0; lane < LANES; ++lane)

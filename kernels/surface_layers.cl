@@ -37,7 +37,7 @@ void put_weights(reals3 *target, ints mine, Weights m, int turned)
 }
 
 // Sets the lanes in `mine`, which triangle t owns. asked: the layers, a bit each.
-INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, int2 at, int asked,
+INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, Places at, int asked,
                        global const int *mirrored, global const real *scalars)
 {
     int face = t->face, triangle = (int)(t - in->triangles);
@@ -64,7 +64,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
                                corner_point(in, triangle, face, 2)));
     }
     if (asked & LAYER_ALBEDO) {
-        colors3 color = {(reals)(1.0f), (reals)(1.0f), (reals)(1.0f)};
+        colors3 color = gray((reals)(1.0f));
         if (shows_colors(in)) {
             real4 c0 = in->colors[color_index(in, face, 0)], c1 = in->colors[color_index(in, face, 1)];
             real4 c2 = in->colors[color_index(in, face, 2)];
@@ -111,8 +111,8 @@ INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
     }
 }
 
-// The layers of a block whose first pixel is sampled at `at`.
-Shown show_block(const Inputs *in, ints owner, int2 at, int asked, global const int *mirrored, global const real *scalars)
+// The layers of a block that is sampled at these places.
+Shown show_block(const Inputs *in, ints owner, Places at, int asked, global const int *mirrored, global const real *scalars)
 {
     Shown shown;
 #define START(name, bit, components, background) shown.name.x = shown.name.y = shown.name.z = (reals)((real)background);
@@ -196,7 +196,7 @@ kernel void surface_layers(SURFACE_PARAMETERS,
             continue;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
-        Shown shown = show_block(in, owner, sample_at(image, 0, column, row), asked, mirrored, scalars);
+        Shown shown = show_block(in, owner, places_at(sample_at(image, 0, column, row)), asked, mirrored, scalars);
         write_shown(&outputs, &shown, &pixels, asked);
     }
 }

@@ -16,19 +16,19 @@ from clshade.pipeline.sample_pattern import positions
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
 
-TILE = struct_layout.TILE_SIZE
+TILE, PIXEL = struct_layout.TILE_SIZE, coverage.SUBPIXELS
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
 def triangles(seed: int, count: int = 1500) -> np.ndarray:
     """Return snapped corners (F, 3, 2): mostly small, some across the image, some needles, some far outside."""
     rng = np.random.default_rng(seed)
-    size = np.exp2(rng.uniform(7.0, 15.0, (count, 1, 1)))
-    xy = rng.uniform(-30, 200, (count, 1, 2)) * 256 + size * rng.uniform(-1, 1, (count, 3, 2))
-    xy[::9, 2] = xy[::9, 1] + rng.uniform(-300, 300, (len(xy[::9]), 2))
-    far = rng.uniform(-1, 1, (len(xy[::50]), 2))
-    xy[::50, 0] = 256 * struct_layout.GUARD_PIXELS * far
-    return np.rint(np.clip(xy, -256 * struct_layout.GUARD_PIXELS, 256 * struct_layout.GUARD_PIXELS)).astype(np.int64)
+    size = PIXEL * np.exp2(rng.uniform(-1.0, 7.0, (count, 1, 1)))
+    xy = rng.uniform(-30, 200, (count, 1, 2)) * PIXEL + size * rng.uniform(-1, 1, (count, 3, 2))
+    xy[::9, 2] = xy[::9, 1] + rng.uniform(-PIXEL, PIXEL, (len(xy[::9]), 2))
+    low, high = struct_layout.GUARD_LOW * PIXEL, struct_layout.GUARD_HIGH * PIXEL
+    xy[::50, 0] = rng.uniform(low, high, (len(xy[::50]), 2))
+    return np.rint(np.clip(xy, low, high)).astype(np.int64)
 
 
 def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipeline, np.ndarray, np.ndarray]:
@@ -49,24 +49,6 @@ def tiles_drawn(xy: np.ndarray, boxes: np.ndarray, order: np.ndarray, resolution
     return found
 
 
-@pytest.mark.sampled
-@pytest.mark.parametrize("resolution", [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)])
-def test_lists_hold_what_is_drawn_and_keep_the_order(device, resolution):
-    xy = triangles(1)
-    pipeline, order, boxes = set_up(device, xy, resolution)
-    lists = pipeline.bin()
-    drawn = tiles_drawn(xy, boxes, order, resolution)
-    by_box = coverage.tile_lists(order, boxes, TILE, *resolution)
-    assert len(lists) == len(by_box) == len(drawn)
-    rank = np.empty(len(xy), np.int64)
-    rank[order] = np.arange(len(order))
-    for tile, (found, boxed, needed) in enumerate(zip(lists, by_box, drawn, strict=True)):
-        assert (np.diff(rank[found]) > 0).all(), tile  # in order, without duplicates
-        assert set(found.tolist()) <= set(boxed.tolist()), tile
-        assert needed <= set(found.tolist()), tile
-    assert any(drawn)
-
-
 def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[int, int]]:
     """Return the tiles (column, row) of a box in which a triangle (3, 2) is listed.
 
@@ -81,7 +63,7 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
     for x, y in tiles:
         corners = []
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            moved = xy + (coverage.HALF - np.array([ends[i][0], ends[j][1]]))
+            moved = seen_from(xy, np.array([[ends[i][0], ends[j][1]]]))[0]
             corners.append(coverage.edge_functions(moved, x * TILE + i * (TILE - 1), y * TILE + j * (TILE - 1)))
         most = np.max(corners, axis=0)
         if ((most > 0) | ((most == 0) & coverage.top_left(xy))).all():
@@ -89,31 +71,43 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
     return met
 
 
+SIZES = [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)]
+
+
 @pytest.mark.sampled
-@pytest.mark.parametrize("count", [1, 2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
-def test_lists_of_several_samples(device, count):
-    """Each triangle is listed in exactly the tiles of its hull that none of its edges excludes, which include all tiles
-    with a pixel that it covers at any sample."""
-    xy, resolution, places = triangles(6, 500), (163, 119), positions(count)
-    pipeline = Pipeline(device, FILES, resolution, image=samples_at(places), OWNERS=1, SAMPLES=1)
+@pytest.mark.parametrize(
+    ("count", "resolution"),
+    [
+        *((1, size) for size in SIZES),
+        *((n, SIZES[1]) for n in (2, 3, 16)),
+        pytest.param(64, SIZES[1], marks=pytest.mark.long),
+    ],
+)
+def test_lists(device, count, resolution):
+    """Each triangle is listed, in the given order, in exactly the tiles of its hull that none of its edges excludes, which
+    include all tiles with a pixel that it covers at any sample."""
+    xy, places = triangles(6, 500), positions(count)
+    several = {"image": samples_at(places), "SAMPLES": 1} if count > 1 else {}
+    pipeline = Pipeline(device, FILES, resolution, OWNERS=1, **several)
     z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
     pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
     order, boxes, across = pipeline.sort(), hull(xy, places, resolution), -(-resolution[0] // TILE)
-    lists = [set(found.tolist()) for found in pipeline.bin()]
-    expected: list[set[int]] = [set() for _ in lists]
+    lists = [found.tolist() for found in pipeline.bin()]
+    expected: list[list[int]] = [[] for _ in lists]
     for k in order.tolist():
         for x, y in tiles_met(xy[k], boxes[k], places):
-            expected[y * across + x].add(k)
+            expected[y * across + x].append(k)
     assert lists == expected
     for moved in seen_from(xy, places):
         alive = order[~coverage.setup(moved, *resolution).culled[order]]
         needed = tiles_drawn(moved, coverage.setup(moved, *resolution).box, alive, resolution)
-        assert all(some <= found for some, found in zip(needed, lists, strict=True))
+        assert all(some <= set(found) for some, found in zip(needed, lists, strict=True))
 
 
 def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
     """A needle along the diagonal of 10 x 10 tiles meets the 28 on and next to it; its box contains all 100."""
-    xy = np.array([[[0, 0], [160 * 256, 160 * 256 - 100], [160 * 256 - 100, 160 * 256]]])
+    xy = np.array([[[0, 0], [160, 159.6], [159.6, 160]]])
+    xy = np.rint(PIXEL * xy).astype(np.int64)
     pipeline, _, _ = set_up(device, xy, (160, 160))
     tiles = np.array([len(found) for found in pipeline.bin()]).reshape(10, 10)
     distance = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))

@@ -13,7 +13,11 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.sample_pattern import positions
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
-GUARD = struct_layout.GUARD_PIXELS * 256
+PIXEL = coverage.SUBPIXELS
+LOW, HIGH = struct_layout.GUARD_LOW * PIXEL, struct_layout.GUARD_HIGH * PIXEL
+# A triangle as large as the guard band: it covers the image.
+LARGEST = np.array([[LOW, LOW], [HIGH, LOW], [0, HIGH]])
+FINEST = np.array([0, 1, 255, 256, 257, PIXEL - 1, 2 * PIXEL + 1])  # from pixel centers
 
 
 def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> np.ndarray:
@@ -48,69 +52,55 @@ def assert_same_coverage(device, xy, resolution, **options) -> None:
 # Coverage
 
 
-@pytest.fixture(scope="module")
-def half_pixel_triangles() -> tuple[np.ndarray, tuple[int, int]]:
-    """Return all 117,649 triangles with corners on a 7 x 7 half-pixel grid, each in a cell of 4 x 4 pixels of one
-    image; every center lies on corners and edges of many."""
-    corner = 128 * np.stack(np.divmod(np.arange(49), 7), axis=1)
-    a, b, c = np.meshgrid(np.arange(49), np.arange(49), np.arange(49), indexing="ij")
-    xy = corner[np.stack([a.ravel(), b.ravel(), c.ravel()], axis=1)]
-    cell = np.stack(np.divmod(np.arange(len(xy)), 343), axis=1)
-    return xy + 1024 * cell[:, None, :], (1372, 1372)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("depth_test", [0, 1])
-def test_every_triangle_of_the_half_pixel_grid(device, half_pixel_triangles, depth_test):
-    xy, resolution = half_pixel_triangles
-    assert len(xy) == 117_649
-    assert_same_coverage(device, xy, resolution, DEPTH_TEST=depth_test)
+@pytest.mark.parametrize("at", [coverage.HALF * np.arange(7), coverage.HALF + FINEST], ids=["half-pixels", "finest"])
+def test_every_triangle_of_a_grid(device, at, depth_test):
+    """All 117,649 triangles with corners on a 7 x 7 grid, each in a cell of 4 x 4 pixels of one image: every center lies on
+    corners and edges of many, or a step beside them."""
+    a, b, c = np.meshgrid(np.arange(49), np.arange(49), np.arange(49), indexing="ij")
+    xy = at[np.stack(np.divmod(np.stack([a.ravel(), b.ravel(), c.ravel()], axis=1), 7), axis=-1)]
+    cell = np.stack(np.divmod(np.arange(len(xy)), 343), axis=1)
+    assert_same_coverage(device, xy + 4 * PIXEL * cell[:, None, :], (1372, 1372), DEPTH_TEST=depth_test)
 
 
 @pytest.mark.parametrize("size", [1, 2, 4, 8, 16, 32, 64, 128, 256])
 def test_random_triangles_of_all_sizes(device, size):
-    """On the 1/256 grid, each in its own cell; the cells are not aligned with the tiles."""
+    """On the grid of corners, each in its own cell; the cells are not aligned with the tiles."""
     rng = np.random.default_rng(size)
     across = max(2, 256 // size)
     cell = np.stack(np.divmod(np.arange(across**2), across), axis=1)
-    xy = rng.integers(0, 256 * size + 1, (across**2, 3, 2)) + 256 * (size * cell[:, None, :] - [5, 11])
+    xy = rng.integers(0, PIXEL * size + 1, (across**2, 3, 2)) + PIXEL * (size * cell[:, None, :] - [5, 11])
     assert_same_coverage(device, xy, (across * size - 9, across * size - 14))
 
 
-@pytest.mark.parametrize("resolution", [(61, 47), (1, 1), (2, 2), (3, 1)])
+@pytest.mark.parametrize("resolution", [(61, 47), (17, 33), (1, 1), (1, 7), (333, 1), (16384, 3), (3, 16384)])
 def test_triangles_far_larger_than_the_image(device, resolution):
-    """Corners up to the guard band; edges cross the image, also an image of very few pixels."""
+    """Corners up to the guard band; edges cross the image, also one of few pixels, and the longest. `Pipeline.draw` puts
+    it between guard rows and checks them."""
     rng = np.random.default_rng(3)
     for _ in range(30):
-        xy = rng.integers(-GUARD, GUARD + 1, (1, 3, 2))
-        xy[0, 0] = rng.integers(-300, 256 * np.array(resolution) + 300)
+        xy = rng.integers(LOW, HIGH + 1, (1, 3, 2))
+        xy[0, 0] = rng.integers(-PIXEL, PIXEL * np.array(resolution) + PIXEL)
         assert_same_coverage(device, xy, resolution)
-    limits = np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]], [[GUARD, GUARD], [-GUARD, GUARD], [0, -GUARD]]])
-    for xy in limits:
+    for xy in (LARGEST, np.array([[HIGH, HIGH], [LOW, HIGH], [0, LOW]])):
         assert_same_coverage(device, xy[None], resolution)
 
 
-@pytest.mark.parametrize("resolution", [(16384, 3), (3, 16384)])
-def test_the_widest_image(device, resolution):
-    rng = np.random.default_rng(4)
-    for _ in range(4):
-        xy = rng.integers(-GUARD, GUARD + 1, (1, 3, 2))
-        middle = 128 * np.array(resolution)
-        xy += np.rint(middle - xy.mean(axis=1, keepdims=True)).astype(np.int64)
-        xy = np.clip(xy, -GUARD, GUARD)
-        assert_same_coverage(device, xy, resolution)
-
-
 @pytest.mark.long
-def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
-    """600 needles around a point, 1:1000 and thinner, in one image: each pixel inside belongs to a triangle."""
+@pytest.mark.parametrize("reach", [120, 8000])
+def test_a_fan_of_needles_has_no_hole_and_no_overlap(device, reach):
+    """600 needles of either winding around a point, 1:1000 and thinner, in one image: each pixel inside belongs to a
+    triangle."""
     angle = np.sort(np.random.default_rng(5).uniform(0, 2 * np.pi, 600))
-    rim = np.rint(128 * 256 + 120 * 256 * np.stack([np.cos(angle), np.sin(angle)], axis=1)).astype(np.int64)
-    xy = np.stack([np.full_like(rim, 128 * 256 + 77), rim, np.roll(rim, -1, axis=0)], axis=1)
+    rim = np.rint(PIXEL * (128 + reach * np.stack([np.cos(angle), np.sin(angle)], axis=1))).astype(np.int64)
+    xy = np.stack([np.full_like(rim, 128 * PIXEL + 19_777), rim, np.roll(rim, -1, axis=0)], axis=1)
+    xy[::2] = xy[::2, ::-1].copy()
     found = fill(device, xy, np.ones((600, 3)), (256, 256))
     assert np.array_equal(found, owners_of(xy, np.ones((600, 3)), (256, 256), "painter"))
     row, column = np.indices(found.shape)
-    inside = np.hypot(row - 127.5, column - 127.5) < 118  # the widest gap of the rim is 3 degrees: a sagitta of 0.1 px
+    # The widest gap of the rim is 3 degrees: a sagitta of 1/1000 of its radius.
+    inside = np.hypot(row - 127.5, column - 127.5) < 0.99 * reach
     assert (found[inside] >= 0).all()
     count = sum(coverage.triangle_mask(t, 256, 256).astype(int) for t in xy)
     assert count.max() == 1
@@ -122,29 +112,23 @@ def test_a_fan_of_needles_has_no_hole_and_no_overlap(device):
 def overlapping(seed: int, count: int = 600) -> tuple[np.ndarray, np.ndarray]:
     """Return snapped corners and depths of overlapping triangles, a few of which cover the whole image."""
     rng = np.random.default_rng(seed)
-    size = 256 * np.exp2(rng.uniform(1.0, 7.0, (count, 1, 1)))
-    xy = np.rint(rng.uniform(0, 100 * 256, (count, 1, 2)) + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
+    size = PIXEL * np.exp2(rng.uniform(1.0, 7.0, (count, 1, 1)))
+    xy = np.rint(rng.uniform(0, 100 * PIXEL, (count, 1, 2)) + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
     xy[::40] *= 30
-    return np.clip(xy, -GUARD, GUARD), rng.uniform(1.0, 2.0, (count, 1)) + rng.uniform(0.0, 0.3, (count, 3))
+    return np.clip(xy, LOW, HIGH), rng.uniform(1.0, 2.0, (count, 1)) + rng.uniform(0.0, 0.3, (count, 3))
 
 
 RESOLUTION = (101, 93)
 
 
-def test_painter_owners(device):
+@pytest.mark.parametrize("depth_test", [0, 1])
+def test_owners(device, depth_test):
     for seed in range(3):
         xy, z = overlapping(seed)
         z[1::2] = z[::2, [1, 2, 0]]  # pairs of equal mean depth, with their corners in another order
-        found = fill(device, xy, z, RESOLUTION)
-        assert np.array_equal(found, owners_of(xy, z, RESOLUTION, "painter"))
-
-
-def test_depth_owners(device):
-    for seed in range(3):
-        xy, z = overlapping(seed)
-        found = fill(device, xy, z, RESOLUTION, DEPTH_TEST=1)
-        assert np.array_equal(found, owners_of(xy, z, RESOLUTION, "depth"))
-        assert (found != owners_of(xy, z, RESOLUTION, "painter")).mean() > 0.01  # the two differ here
+        expected = [owners_of(xy, z, RESOLUTION, visibility) for visibility in ("painter", "depth")]
+        assert np.array_equal(fill(device, xy, z, RESOLUTION, DEPTH_TEST=depth_test), expected[depth_test])
+        assert (expected[0] != expected[1]).mean() > 0.01
 
 
 @pytest.mark.sampled
@@ -156,9 +140,9 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
         needs_float64(device)
     xy, _ = overlapping(10)
     orthographic, places = feature == "ORTHOGRAPHIC", positions(3) if feature == "SAMPLES" else None
-    slope = 1.0 + (xy @ [1.0, 0.3]) / (256 * 20_000.0)
+    slope = 1.0 + (xy @ [1.0, 0.3]) / (PIXEL * 50_000.0)
     plane = slope if orthographic else 1.0 / slope
-    z = plane * (1.0 + apart * np.random.default_rng(11).uniform(-1.0, 1.0, plane.shape))
+    z = plane * (1.0 + apart * np.random.default_rng(13).uniform(-1.0, 1.0, plane.shape))  # no two within 2^-40, a tie
     found = fill(device, xy, z, RESOLUTION, places=places, DEPTH_TEST=1, **({feature: 1} if feature else {}))
     if places is not None:  # the first sample sees what the center sees of triangles moved the other way
         xy = seen_from(xy, places)[0]
@@ -174,13 +158,13 @@ def test_what_float32_puts_behind_the_early_stop(device, feature):
     runs. Then follows a flat triangle that is nearer only at the plane's farthest pixel, by up to 3 roundings: by the
     plane's float32 depth there it may seem hidden. One trial in every third tile, both ways."""
     rng = np.random.default_rng(12)
-    orthographic, across, side = feature == "ORTHOGRAPHIC", 18, 16 * 256
+    orthographic, across, side = feature == "ORTHOGRAPHIC", 18, 16 * PIXEL
     first = 3 * side * np.stack(np.divmod(np.arange(across**2), across), axis=1)[:, None]
     turned = rng.random((across**2, 1, 1)) < 0.5  # which corner of the tile is the farthest
-    legs = np.array([[-1, -1], [2 * side + 9, -1], [-1, 2 * side + 9]]) - rng.integers(0, 500, (across**2, 3, 1))
+    legs = np.array([[-1, -1], [2 * side + 9, -1], [-1, 2 * side + 9]]) - rng.integers(0, 2 * PIXEL, (across**2, 3, 1))
     xy = first + np.where(turned, legs, side - legs)
-    at = first + np.where(turned, 128, side - 128)
-    slope = 2.0**-20 / 256 * rng.uniform(1.0, 2.0, (across**2, 1)) * np.where(turned[:, 0], 1.0, -1.0)
+    at = first + np.where(turned, coverage.HALF, side - coverage.HALF)
+    slope = 2.0**-20 / PIXEL * rng.uniform(1.0, 2.0, (across**2, 1)) * np.where(turned[:, 0], 1.0, -1.0)
     base = rng.uniform(1.0, 2.0, (across**2, 1))
     plane = base * (1.0 + slope * (xy - at).sum(axis=2))
     flat = np.repeat(base * (1.0 + 2.0**-24 * rng.uniform(0.0, 3.0, base.shape)), 3, axis=1)
@@ -190,7 +174,7 @@ def test_what_float32_puts_behind_the_early_stop(device, feature):
     resolution = (3 * 16 * across, 3 * 16 * across)
     found = fill(device, xy, z, resolution, DEPTH_TEST=1, **({feature: 1} if feature else {}))
     expected = owners_of(xy, z, resolution, "depth", orthographic)
-    seen = expected[tuple(np.moveaxis(at[:, 0] // 256, 1, 0)[::-1])]
+    seen = expected[tuple(np.moveaxis(at[:, 0] // PIXEL, 1, 0)[::-1])]
     assert np.array_equal(seen, 8 * across**2 + np.arange(across**2))
     assert np.array_equal(found, expected)
 
@@ -198,9 +182,9 @@ def test_what_float32_puts_behind_the_early_stop(device, feature):
 def test_depths_in_one_plane_many_layers_deep(device):
     """Hidden layers behind full coverage, where the early-out works: same owners with the nearest first or last."""
     count = 200
-    xy = np.tile(np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]]]), (count, 1, 1))
-    xy += np.random.default_rng(6).integers(-100, 100, xy.shape)
-    xy = np.clip(xy, -GUARD, GUARD)
+    xy = np.tile(LARGEST, (count, 1, 1))
+    xy += np.random.default_rng(6).integers(-PIXEL, PIXEL, xy.shape)
+    xy = np.clip(xy, LOW, HIGH)
     for z in (np.linspace(1, 3, count), np.linspace(3, 1, count), np.random.default_rng(7).permutation(count) + 1.0):
         deep = as_kernels_see(np.tile(z[:, None], (1, 3)))
         for features in ({}, {"DEPTH_TEST": 1}):
@@ -221,7 +205,7 @@ def test_of_equal_depths_the_later_face_wins(device, depth_test):
 def test_crossing_triangles_are_cut_along_their_line(device):
     """Depths 1 to 3 against 3 to 1: the boundary is the middle column, where both depths are 1/(1/2 (1 + 1/3)) =
     1.5."""
-    box = 64 * 256
+    box = 64 * PIXEL
     xy = np.array([[[0, -box], [box, -box], [box, 9 * box]], [[0, -box], [box, -box], [0, 9 * box]]])
     both = coverage.triangle_mask(xy[0], 64, 64) & coverage.triangle_mask(xy[1], 64, 64)
     z = np.array([[1.0, 3.0, 3.0], [3.0, 1.0, 3.0]])
@@ -241,10 +225,3 @@ def test_lanes_do_not_change_an_owner(device, depth_test, lanes):
     xy[1::4] = xy[::4]
     first, other = (fill(device, xy, z, RESOLUTION, lanes=count, DEPTH_TEST=depth_test) for count in (16, lanes))
     assert np.array_equal(first, other)
-
-
-@pytest.mark.parametrize("resolution", [(1, 1), (1, 7), (17, 33), (333, 1)])
-def test_odd_sizes_are_filled_and_nothing_beyond(device, resolution):
-    """`Pipeline.draw` puts the image between guard rows and checks them."""
-    xy = np.array([[[-GUARD, -GUARD], [GUARD, -GUARD], [0, GUARD]]])
-    assert (fill(device, xy, np.ones((1, 3)), resolution) == 0).all()

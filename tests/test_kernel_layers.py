@@ -19,7 +19,7 @@ def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
     rows = np.zeros(len(xy), struct_layout.SINGLE.Triangle)
     area = coverage.signed_area(xy)
     rows["x"], rows["y"], rows["w"] = xy[..., 0], xy[..., 1], 1.0 / z
-    rows["inverse_area"], rows["piece_and_turn"] = 256.0 / np.abs(area), -2 + (area < 0)
+    rows["inverse_area"], rows["piece_and_turn"] = coverage.SUBPIXELS / np.abs(area), -2 + (area < 0)
     rows["face"] = np.arange(len(xy))
     return rows
 
@@ -29,7 +29,7 @@ def picture(resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.nda
     rng = np.random.default_rng(1)
     middle = rng.uniform(0, 1, (150, 1, 2)) * resolution
     size = np.exp2(rng.uniform(-1, 7, (150, 1, 1)))
-    xy = np.rint(256 * (middle + size * rng.normal(size=(150, 3, 2)))).astype(np.int64)
+    xy = np.rint(coverage.SUBPIXELS * (middle + size * rng.normal(size=(150, 3, 2)))).astype(np.int64)
     z = as_kernels_see(np.exp2(rng.uniform(-0.5, 0.5, (150, 3))))
     return xy, z, owners_of(xy, z, resolution, "depth")[::-1].astype(np.int32)
 
@@ -78,7 +78,7 @@ def test_faces_of_pieces(device):
 
 def test_depths_are_held_to_those_of_the_corners(device):
     """A sliver of nearly constant depth: despite rounding it is nowhere nearer or farther than its corners."""
-    xy = np.array([[[0, 0], [64 * 256, 0], [64 * 256, 200]]])
+    xy = np.rint(coverage.SUBPIXELS * np.array([[[0, 0], [64, 0], [64, 0.78]]])).astype(np.int64)
     z = as_kernels_see(np.array([[1.0, 1.0000001, 1.0000002]]))
     owners = owners_of(xy, z, (64, 2), "depth")[::-1].astype(np.int32)
     _, depths = layers(device, triangles_of(xy, z), owners)

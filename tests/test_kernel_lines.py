@@ -35,7 +35,7 @@ def stages_of(device, depth_test: int) -> Stages:
 class Drawing:
     """Lines and the triangles that may hide them, in an image of COLUMNS x ROWS pixels.
 
-    lines: rows of structs.Line. triangles: snapped corners (F, 3, 2), up to 1/256 px. z: depths (F, 3). edge_faces: what
+    lines: rows of structs.Line. triangles: corners (F, 3, 2), 1/256 px. z: depths (F, 3). edge_faces: what
     `first_face` counts. bits: of the cells' size. ranks: (F,), for painter's order. pieces: so many of the last triangles
     are pieces of clipped faces.
     """
@@ -60,11 +60,12 @@ class Drawing:
         depths = np.asarray(z, np.float64).reshape(-1)
         view = np.zeros(1, STRUCTS.View)
         view["scale"] = 1.0
-        self.kept = vertices_at(device, xy.reshape(-1, 2), depths)
+        snapped = xy << struct_layout.SUBPIXEL_BITS - struct_layout.SAMPLE_BITS
+        self.kept = vertices_at(device, snapped.reshape(-1, 2), depths)
         whole = len(xy) - pieces
         faces = np.arange(3 * whole, dtype=np.int32).reshape(-1, 3)
         clipped = np.zeros(pieces, STRUCTS.Piece)
-        clipped["x"], clipped["y"] = xy[whole:, :, 0], xy[whole:, :, 1]
+        clipped["x"], clipped["y"] = snapped[whole:, :, 0], snapped[whole:, :, 1]
         clipped["w"], clipped["w_low"] = split(1.0 / depths[3 * whole :].reshape(-1, 3))
         clipped["face"] = np.arange(whole, len(xy))
         rank = None if ranks is None else Buffer(device, np.asarray(ranks, np.int32))

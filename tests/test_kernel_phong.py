@@ -30,13 +30,8 @@ def draw(device, inputs, ways, lanes=None, **features):
 
 def oracle_of(inputs, owners, ways):
     interpolation = "perspective" if ways.get("PERSPECTIVE") else "affine"
-    return stage_oracle.phong(
-        inputs,
-        owners,
-        centroid=bool(ways.get("CENTROID")),
-        interpolation=interpolation,
-        tinted=bool(ways.get("TINTED")),
-    )
+    centroid, tinted = "CENTROID" in ways, "TINTED" in ways
+    return stage_oracle.phong(inputs, owners, centroid=centroid, interpolation=interpolation, tinted=tinted)
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +50,8 @@ def test_pixels_equal_the_reflection_model(device, inputs, ways):
     for n in EXPONENTS:
         chosen = stage_oracle.only(expected, inputs, n)
         assert chosen.sum() > 500
-        assert (
-            oracle_asserts.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0
-        )  # measured: 1.8 at n = 1
+        # Measured: 1.8 at n = 1.
+        assert oracle_asserts.assert_colors_within(rgba[..., :3], expected, skip=~chosen) < 8.0
     # Highlights of the sharpest material are visible, so that the loop above tested some.
     sharp = stage_oracle.only(expected, inputs, EXPONENTS[-1]) & (expected.rgb > expected.budget / 4).all(axis=-1)
     assert sharp.any()

@@ -8,12 +8,12 @@ import pytest
 from kernel_stages import project
 from view_cameras import CAMERAS, around, cameras
 
-from clshade.oracle import transform
+from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.scene import geometry
 from clshade.scene.camera import Camera
 
-GUARD = struct_layout.GUARD_PIXELS
+LOW, HIGH = struct_layout.GUARD_LOW, struct_layout.GUARD_HIGH
 
 
 def oracle_of(points: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
@@ -33,7 +33,7 @@ def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
     depth, uv = oracle_of(points, camera)
     assert np.array_equal(found["depth"], depth)
     before = depth >= near
-    inside = before[:, None] & (np.abs(uv) <= GUARD)
+    inside = before[:, None] & (uv >= LOW) & (uv <= HIGH)
     assert 0.2 < before.mean() < 0.9
     assert inside.sum() > 1000
     snapped = np.stack([found["x"], found["y"]], axis=1)
@@ -69,28 +69,28 @@ CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
 
 
 def test_halves_are_snapped_to_even(device):
-    steps = np.array([0.5, 1.5, 2.5, -0.5, -1.5, 0.25, 0.75])  # in 1/256 px: 1/2048 unit at z = 0
+    steps = np.array([0.5, 1.5, 2.5, -0.5, -1.5, 0.25, 0.75])  # in 1/65536 px: 2^-19 units at z = 0
     points = np.zeros((len(steps), 3))
-    points[:, 0], points[:, 1] = steps / 2048, -steps / 2048
+    points[:, 0], points[:, 1] = steps * 2.0**-19, -steps * 2.0**-19
     found = project(device, points, CAMERA, 0.1).projected.array
-    assert (found["x"] - 16 * 256).tolist() == [0, 2, 2, 0, -2, 0, 1]
-    assert (found["y"] - 16 * 256).tolist() == [0, -2, -2, 0, 2, 0, -1]
+    assert (found["x"] - (16 << 16)).tolist() == [0, 2, 2, 0, -2, 0, 1]
+    assert (found["y"] - (16 << 16)).tolist() == [0, -2, -2, 0, 2, 0, -1]
 
 
 def test_guard_band_ends_exactly_at_its_limit(device):
     """At z = 0 pixel p is at x = (p - 16)/8: the limit itself is inside, one float64 step beyond it is not."""
-    at = np.array([GUARD, -GUARD, np.nextafter(GUARD, np.inf), -np.nextafter(GUARD, np.inf), 1e12, -1e300])
+    at = np.array([HIGH, LOW, HIGH, LOW, 1e12, -1e300])
     points = np.zeros((len(at), 3))
     points[:, 0] = (at - 16) / 8
     points[2, 0], points[3, 0] = np.nextafter(points[0, 0], np.inf), np.nextafter(points[1, 0], -np.inf)
     found = project(device, points, CAMERA, 0.1).projected.array["x"]
-    inside, limit = GUARD << struct_layout.SUBPIXEL_BITS, struct_layout.SNAP_LIMIT
+    limit = struct_layout.SNAP_LIMIT
     # u itself is rounded: the oracle decides whether a step beyond changes it.
     _, uv = oracle_of(points, CAMERA)
-    beyond = np.abs(uv[:, 0]) > GUARD
+    beyond = (uv[:, 0] < LOW) | (uv[:, 0] > HIGH)
     assert beyond[4:].all()
     assert not beyond[:2].any()
-    assert found.tolist() == np.where(beyond, np.sign(at) * limit, np.sign(at) * inside).astype(int).tolist()
+    assert found.tolist() == np.where(beyond, np.sign(at) * limit, at * coverage.SUBPIXELS).astype(int).tolist()
 
 
 def test_the_near_plane_itself_is_before_the_eye(device):

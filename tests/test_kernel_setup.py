@@ -18,7 +18,7 @@ from clshade.pipeline.tile_lists import TileLists
 from clshade.pipeline.triangle_source import SceneFaces
 
 COLUMNS, ROWS = 61, 43
-LIMIT = struct_layout.SNAP_LIMIT
+LIMIT, PIXEL = struct_layout.SNAP_LIMIT, coverage.SUBPIXELS
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
@@ -26,13 +26,14 @@ def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     """Return snapped corners (F, 3, 2) of all sizes in and around the image, many without area or between samples, and
     depths (F, 3)."""
     rng = np.random.default_rng(1)
-    size = np.exp2(rng.uniform(0.0, 16.0, (count, 1, 1)))
-    middle = rng.uniform(-20, 80, (count, 1, 2)) * 256
+    size = PIXEL * np.exp2(rng.uniform(-8.0, 8.0, (count, 1, 1)))
+    middle = rng.uniform(-20, 80, (count, 1, 2)) * PIXEL
     xy = np.rint(middle + size * rng.uniform(-1, 1, (count, 3, 2))).astype(np.int64)
     xy[::10, 2] = 2 * xy[::10, 1] - xy[::10, 0]  # collinear
     xy[5::100, 1] = xy[5::100, 0]  # repeated
-    xy[1::7] = xy[1::7] // 128 * 128  # corners on pixel centers and edges
-    xy = np.clip(xy, -struct_layout.GUARD_PIXELS * 256, struct_layout.GUARD_PIXELS * 256)
+    xy[1::7] = xy[1::7] // coverage.HALF * coverage.HALF  # corners on pixel centers and edges
+    xy[2::7] = xy[2::7] // PIXEL * PIXEL + coverage.HALF + rng.choice([-1, 0, 1, 255, 257], xy[2::7].shape)
+    xy = np.clip(xy, struct_layout.GUARD_LOW * PIXEL, struct_layout.GUARD_HIGH * PIXEL)
     return xy, np.exp2(rng.uniform(-3, 3, (count, 3)))
 
 
@@ -44,7 +45,7 @@ def separate(device, pipeline: Pipeline, xy: np.ndarray, z: np.ndarray, near: fl
 
 def aside(xy: np.ndarray) -> np.ndarray:
     """Return which triangles are entirely to one side of the image."""
-    return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * 256).all(axis=1)).any(axis=1)
+    return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * PIXEL).all(axis=1)).any(axis=1)
 
 
 def counters_of(device: Device) -> Buffer:
@@ -60,11 +61,22 @@ def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
     return found
 
 
+def assert_visible(
+    visible: np.ndarray, xy: np.ndarray, box: np.ndarray, culled: np.ndarray, covers: np.ndarray
+) -> None:
+    """Assert that triangles that cover a pixel, (F,) bool, are visible, culled ones are not, and one whose box is a single
+    pixel only if it covers that."""
+    is_visible = np.isin(np.arange(len(xy)), visible)
+    assert not (covers & ~is_visible).any()
+    assert not (is_visible & culled).any()
+    one_pixel = (box[:, :2] == box[:, 2:]).all(axis=1) & ~culled & (np.ptp(xy, axis=1) < PIXEL).all(axis=1)
+    assert np.array_equal(is_visible[one_pixel], covers[one_pixel])
+    assert 0 < covers[one_pixel].sum() < one_pixel.sum()
+
+
 @pytest.mark.sampled
 @pytest.mark.parametrize("cull", [0, 1])
 def test_areas_boxes_and_culls(device, cull):
-    """Triangles with a pixel are visible, culled ones are not; one whose box is a single pixel is visible only if it
-    covers that pixel."""
     xy, z = triangles()
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull)
     counters = separate(device, pipeline, xy, z)
@@ -72,14 +84,7 @@ def test_areas_boxes_and_culls(device, cull):
     visible = np.sort(pipeline.sort())
     assert counters["visible"] == len(visible) == len(np.unique(visible))
     assert 200 < len(visible) < 1500
-    is_visible = np.isin(np.arange(len(xy)), visible)
-    covers = drawn(xy, expected.box, expected.culled)
-    assert not (covers & ~is_visible).any()
-    assert not (is_visible & expected.culled).any()
-    one_pixel = (expected.box[:, :2] == expected.box[:, 2:]).all(axis=1) & ~expected.culled
-    one_pixel &= (np.ptp(xy, axis=1) < 256).all(axis=1)
-    assert np.array_equal(is_visible[one_pixel], covers[one_pixel])
-    assert 0 < covers[one_pixel].sum() < one_pixel.sum()
+    assert_visible(visible, xy, expected.box, expected.culled, drawn(xy, expected.box, expected.culled))
     bounds = pipeline.made.bounds.to_host()[visible]
     boxes, one, edges = narrowed(xy, expected.box)
     assert np.array_equal(boxes_of(bounds), boxes[visible])
@@ -92,7 +97,7 @@ def test_areas_boxes_and_culls(device, cull):
     made = pipeline.made.triangles.to_host()[visible]
     assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[visible])
     assert np.array_equal(made["piece_and_turn"], -2 + (expected.area[visible] < 0))
-    assert np.array_equal(made["inverse_area"], np.float32(256) / np.abs(expected.area[visible]).astype(np.float32))
+    assert np.array_equal(made["inverse_area"], np.float32(PIXEL) / np.abs(expected.area[visible]).astype(np.float32))
     assert np.array_equal(made["w"], (1.0 / z[visible]).astype(np.float32))
     assert np.array_equal(bounds["nearest"], made["w"].max(axis=1))
     assert np.array_equal(made["face"], visible)
@@ -101,22 +106,16 @@ def test_areas_boxes_and_culls(device, cull):
 @pytest.mark.sampled
 @pytest.mark.parametrize("count", [2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
 def test_boxes_and_culls_of_several_samples(device, count):
-    """The box is the union of all samples' boxes. Triangles with a pixel at any sample are visible; one whose box is a
-    single pixel only if it covers that pixel at a sample."""
+    """The box is the union of all samples' boxes, and a pixel is covered at any sample."""
     (xy, z), places = triangles(), positions(count)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=samples_at(places), OWNERS=1, SAMPLES=1)
     counters = separate(device, pipeline, xy, z)
     visible = np.sort(pipeline.sort())
-    is_visible = np.isin(np.arange(len(xy)), visible)
     box, covers = hull(xy, places, (COLUMNS, ROWS)), np.zeros(len(xy), bool)
     for moved in seen_from(xy, places):
         covers |= drawn(moved, *coverage.setup(moved, COLUMNS, ROWS)[1:])
     culled = (coverage.signed_area(xy) == 0) | (box[:, 2:] < box[:, :2]).any(axis=1)
-    assert not (covers & ~is_visible).any()
-    assert not (is_visible & culled).any()
-    one_pixel = (box[:, :2] == box[:, 2:]).all(axis=1) & ~culled & (np.ptp(xy, axis=1) < 256).all(axis=1)
-    assert np.array_equal(is_visible[one_pixel], covers[one_pixel])
-    assert 0 < covers[one_pixel].sum() < one_pixel.sum()
+    assert_visible(visible, xy, box, culled, covers)
     bounds = pipeline.made.bounds.to_host()[visible]
     assert np.array_equal(boxes_of(bounds), box[visible])
     assert (bounds["only"] == np.inf).all()
@@ -130,7 +129,7 @@ def test_counters_say_why(device, cull):
     xy, z = triangles()
     counters = separate(device, Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull), xy, z)
     area, _, _ = coverage.setup(xy, COLUMNS, ROWS)
-    first, last = -((128 - xy.min(axis=1)) // 256), (xy.max(axis=1) - 128) // 256
+    first, last = -((coverage.HALF - xy.min(axis=1)) // PIXEL), (xy.max(axis=1) - coverage.HALF) // PIXEL
     beside = aside(xy)
     line = (area == 0) & ~beside
     back = (area < 0) & bool(cull) & ~beside
@@ -152,11 +151,11 @@ def test_counters_say_why(device, cull):
 def test_faces_that_cross_are_left_to_the_clipper(device):
     """One or two corners behind the near plane, or one beyond the guard band; never faces entirely outside the
     image."""
-    inside = [[10 * 256, 10 * 256], [40 * 256, 10 * 256], [20 * 256, 30 * 256]]
-    far = [[-LIMIT, 10 * 256], [40 * 256, 10 * 256], [20 * 256, 30 * 256]]
-    left = [[-LIMIT, 10 * 256], [-5, 10 * 256], [-5, 30 * 256]]
-    edge = [[0, 10 * 256], [-5, 10 * 256], [-5, 30 * 256]]
-    high = [[10 * 256, LIMIT], [40 * 256, ROWS * 256 + 1], [20 * 256, ROWS * 256 + 1]]
+    inside = [[10 * PIXEL, 10 * PIXEL], [40 * PIXEL, 10 * PIXEL], [20 * PIXEL, 30 * PIXEL]]
+    far = [[-LIMIT, 10 * PIXEL], [40 * PIXEL, 10 * PIXEL], [20 * PIXEL, 30 * PIXEL]]
+    left = [[-LIMIT, 10 * PIXEL], [-5, 10 * PIXEL], [-5, 30 * PIXEL]]
+    edge = [[0, 10 * PIXEL], [-5, 10 * PIXEL], [-5, 30 * PIXEL]]
+    high = [[10 * PIXEL, LIMIT], [40 * PIXEL, ROWS * PIXEL + 1], [20 * PIXEL, ROWS * PIXEL + 1]]
     xy = np.array([inside] * 5 + [far, left, edge, high, far])
     z = np.full((10, 3), 2.0)
     z[1, 0], z[2, :2], z[3], z[4, 1], z[9] = 0.5, 0.5, 0.5, -1.0, 0.5
@@ -171,7 +170,7 @@ def test_faces_that_cross_are_left_to_the_clipper(device):
 
 
 def test_the_near_plane_itself_is_before_the_eye(device):
-    xy = np.array([[[0, 0], [9000, 0], [0, 9000]]] * 2)
+    xy = np.array([[[0, 0], [35 * PIXEL, 0], [0, 35 * PIXEL]]] * 2)
     z = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, np.nextafter(1.0, 0.0)]])
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
     counters = separate(device, pipeline, xy, z, near=1.0)
@@ -183,7 +182,7 @@ DEPTHS = (0.0, -0.0, 5e-324, 1e-30, np.nextafter(1.0, 0), 1.0, np.nextafter(1.0,
 
 def deep(device, z: np.ndarray, **features: int) -> tuple[Pipeline, np.ndarray]:
     """Set up visible triangles of these depths (F, 3), with the near plane far behind the eye."""
-    xy = np.tile(np.array([[[0, 0], [9000, 0], [0, 9000]]]), (len(z), 1, 1))
+    xy = np.tile(np.array([[[0, 0], [35 * PIXEL, 0], [0, 35 * PIXEL]]]), (len(z), 1, 1))
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, **features)
     assert separate(device, pipeline, xy, z, near=-np.inf)["visible"] == len(z)
     return pipeline, z
@@ -220,7 +219,7 @@ def test_depth_keys_order_nearest_corners(device):
 def test_shared_vertices_and_a_count_that_fills_no_run(device):
     """Faces through an index buffer; 256 faces per work-item, so 257 leave one for the next."""
     for count in (1, 255, 256, 257, 1000):
-        xy = np.array([[0, 0], [9000, 0], [0, 9000], [9000, 9000]])
+        xy = np.array([[0, 0], [35, 0], [0, 35], [35, 35]]) * PIXEL
         faces = np.tile(np.array([[0, 1, 2], [1, 3, 2]]), (count, 1))[:count]
         pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
         counters = pipeline.set_up(vertices_at(device, xy, np.arange(1.0, 5.0)), faces)
@@ -264,7 +263,7 @@ def test_setup_pieces(device, first_face):
 def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     """setup_count and fill_lists give the triangles of setup, in the order of faces, and list them in the same tiles."""
     xy, z = triangles()
-    xy[7] = [[LIMIT, 0], [1280, 1280], [2304, 5000]]  # to clip
+    xy[7] = [[LIMIT, 0], [5 * PIXEL, 5 * PIXEL], [9 * PIXEL, 20 * PIXEL]]  # to clip
     places = samples_at(positions(3)) if ways.get("SAMPLES") else None
     features = {"OWNERS": 1, "DEPTH_TEST": 1, **ways}
     ordered = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, **features)

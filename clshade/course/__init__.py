@@ -238,7 +238,7 @@ def gouraud_shading(verts_p: ArrayLike, verts_c: ArrayLike, X: ArrayLike) -> Flo
 
     Notes
     -----
-    A pixel is drawn if its center is inside the triangle, whose corners are rounded to 1/256 pixel;
+    A pixel is drawn if its center is inside the triangle, whose corners are rounded to 1/65536 pixel;
     for centers on an edge the top-left rule decides, so triangles that share an edge draw no pixel
     twice and leave none out.
     """

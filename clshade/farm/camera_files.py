@@ -198,11 +198,7 @@ def _is_matrix(value: Any, shapes: tuple[tuple[int, int], ...]) -> bool:
 
 @arguments(path=checked_path, cameras=items)
 def write_cameras(
-    path: Path,
-    cameras: Iterable[Camera],
-    *,
-    pixel_center: float = 0.5,
-    convention: pinhole.Convention = "opencv",
+    path: Path, cameras: Iterable[Camera], *, pixel_center: float = 0.5, convention: pinhole.Convention = "opencv"
 ) -> None:
     """Write cameras as a JSON file that `read_cameras` reads: with K and pose, orthographic ones with Camera's fields.
 

@@ -375,12 +375,7 @@ def _compare_size(pattern: Pattern, files: Sequence[FileKind], number: int, came
 
 
 def _results(
-    job: Job,
-    tasks: Iterable[Task],
-    workers: int,
-    scheduler: str | None,
-    timeout: float,
-    frame_timeout: float | None,
+    job: Job, tasks: Iterable[Task], workers: int, scheduler: str | None, timeout: float, frame_timeout: float | None
 ) -> Iterator[DrawnFrame | Lost | Silent]:
     if scheduler is not None:
         if importlib.util.find_spec("distributed") is None:

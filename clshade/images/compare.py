@@ -308,12 +308,7 @@ def _measures(group: Group, reference: Group) -> dict[str, float | None]:
             squared += float(np.square(error).sum())
             relative += relmse(value, expected) * value.size
     count = max(count, 1)
-    return {
-        "maximum": maximum,
-        "mean": total / count,
-        "rmse": math.sqrt(squared / count),
-        "relmse": relative / count,
-    }
+    return {"maximum": maximum, "mean": total / count, "rmse": math.sqrt(squared / count), "relmse": relative / count}
 
 
 def _seen_measures(picture: Picture, group: Group, reference: Group) -> dict[str, float | None]:

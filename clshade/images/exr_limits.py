@@ -19,9 +19,8 @@ MAX_PIXELS = 1 << 28  # 16384 x 16384: the largest image that can be rendered, a
 # Channels -> the header attribute with their value outside the data window.
 OUTSIDE: dict[str, str] = {name: f"{name}Background" for name, row in LAYER_TABLE.items() if row.background != 0.0}
 OUTSIDE["Z"] = "Zbackground"
-MAX_SHOWN = (
-    1 << 35
-)  # bytes of all channels of the display window: all layers of the largest image, 32 of 2^30, flows included
+# Bytes of all channels of the display window: all layers of the largest image, 32 of 2^30, flows included.
+MAX_SHOWN = 1 << 35
 
 # The highest compression ratios that the formats allow: RLE has runs of 128 in 2 bytes; deflate (zip) 258 bytes in 2
 # bits; PXR24 first drops one byte of 4; PIZ's Huffman code repeats 2 bytes 256 times in 10 bits; B44A has 32 bytes in 3

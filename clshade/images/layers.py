@@ -109,9 +109,7 @@ LAYER_TABLE: dict[Layer, LayerRow] = {
         words=("material", "materials"),
     ),
     "barycentrics": LayerRow(
-        "weights of the face's corners, in the mesh's order; their sum is 1",
-        components="UVW",
-        reads=("mirrored",),
+        "weights of the face's corners, in the mesh's order; their sum is 1", components="UVW", reads=("mirrored",)
     ),
     "scalar": LayerRow(
         "the number that `scalars` names, before its color map; NaN where there is none",

@@ -8,7 +8,7 @@ from ..base.arrays import Floats, Integers
 from ..scene.camera import Camera
 from ..scene.environment import Environment
 from .microfacet import REACH
-from .transform import SUBPIXELS, camera_frame
+from .transform import SAMPLE_STEPS, camera_frame
 from .vectors import unit
 
 
@@ -18,8 +18,8 @@ def rays(camera: Camera, x: Integers, y: Integers) -> Floats:
     if camera.orthographic:
         return np.tile(axes[2], (len(x), 1))
     (height, width), (columns, rows), principal = camera.plane, camera.resolution, camera.principal
-    right = (x / (SUBPIXELS * columns) - principal[0]) * (width / camera.focal)
-    up = (y / (SUBPIXELS * rows) - principal[1]) * (height / camera.focal)
+    right = (x / (SAMPLE_STEPS * columns) - principal[0]) * (width / camera.focal)
+    up = (y / (SAMPLE_STEPS * rows) - principal[1]) * (height / camera.focal)
     directions: Floats = unit(right[:, None] * axes[0] + up[:, None] * axes[1] + axes[2])
     return directions
 

@@ -7,6 +7,7 @@ barycentric coordinates in the original triangle.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from ..base.arrays import Bools, Floats, Integers
 from .transform import Lens, project, snap
 
-GUARD = 32767.0  # pixels; snapped coordinates then stay below 2^23
+GUARD = (-8191.0, 24575.0)  # pixels: differences of snapped coordinates then stay below 2^31
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,31 +63,32 @@ def clip_near(points: Floats, weights: Floats, near: float) -> tuple[Floats, Flo
     return points, weights
 
 
-def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Floats]:
-    """Return the part with u >= -GUARD, u <= GUARD, v >= -GUARD, v <= GUARD, clipped in that order; needs z > 0."""
+def guard_planes(lens: Lens) -> Iterator[tuple[int, float, float, float]]:
+    """Yield axis, side, slope and offset of the guard band's left, right, lower and upper plane. Inside is side*(slope*x +
+    offset*z) >= 0, as u = slope*x/z + principal; orthographic z is 1."""
     for axis in (0, 1):
-        extent, pixels, principal = (
-            lens.plane[1 - axis],
-            lens.resolution[axis],
-            lens.principal[axis] * lens.resolution[axis],
-        )
-        slope = pixels / extent if lens.orthographic else (lens.focal * pixels) / extent
-        for side in (1.0, -1.0):
-            # u = slope*x/z + principal; u >= -GUARD is slope*x + (GUARD + principal)*z >= 0. Orthographic: z is 1.
-            depth = 1.0 if lens.orthographic else points[:, 2]
-            distance = side * (slope * points[:, axis]) + (GUARD + side * principal) * depth
-            points, weights, crossing = clip_polygon(points, weights, distance)
-            # A crossing lies at u = -side*GUARD; on an edge from -1e38 to 1e38 no digit of that is left.
-            depth = 1.0 if lens.orthographic else points[crossing, 2]
-            points[crossing, axis] = -side * (GUARD + side * principal) * depth / slope
-            if len(points) == 0:
-                return points, weights
+        slope = (1.0 if lens.orthographic else lens.focal) * lens.resolution[axis] / lens.plane[1 - axis]
+        for side, limit in zip((1.0, -1.0), GUARD, strict=True):
+            yield axis, side, slope, lens.principal[axis] * lens.resolution[axis] - limit
+
+
+def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Floats]:
+    """Return the part with u and v in the guard band; needs z > 0."""
+    for axis, side, slope, offset in guard_planes(lens):
+        depth = 1.0 if lens.orthographic else points[:, 2]
+        distance = side * (slope * points[:, axis]) + side * offset * depth
+        points, weights, crossing = clip_polygon(points, weights, distance)
+        # A crossing lies on the plane; on an edge from -1e38 to 1e38 no digit of that is left.
+        depth = 1.0 if lens.orthographic else points[crossing, 2]
+        points[crossing, axis] = -offset * depth / slope
+        if len(points) == 0:
+            break
     return points, weights
 
 
 def beyond_guard(uv: Floats) -> Bools:
     """Return which triangles (or polygons) have a vertex outside the guard band; uv: (..., n, 2)."""
-    return np.asarray(~(np.abs(uv) <= GUARD).all(axis=(-1, -2)))
+    return np.asarray(~((uv >= GUARD[0]) & (uv <= GUARD[1])).all(axis=(-1, -2)))
 
 
 def clip_face(corners: Floats, near: float, lens: Lens) -> list[tuple[Floats, Floats]]:
@@ -126,7 +128,7 @@ def pieces(corners: Floats, near: float, lens: Lens) -> Pieces:
     return Pieces(
         face=all_faces[order],
         # Rounding can put a crossing of an edge 1e36 long beyond the guard band: clamp it, as `snap` requires.
-        xy=snap(np.clip(project(all_points, *lens), -GUARD, GUARD)),
+        xy=snap(np.clip(project(all_points, *lens), *GUARD)),
         z=all_points[:, :, 2],
         weights=np.concatenate(weights)[order],
     )

@@ -1,7 +1,7 @@
 """Which pixels a triangle covers, in exact integer arithmetic, and which triangle comes first.
 
-Corners are snapped image coordinates xy (..., 3, 2), int64, in 1/256 pixel with y up. Column c, row r (from the
-bottom) has its center at (256*c + 128, 256*r + 128).
+Corners are snapped image coordinates xy (..., 3, 2), int64, in 1/65536 pixel with y up. Column c, row r (from the
+bottom) has its center at (65536*c + 32768, 65536*r + 32768).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HALF = SUBPIXELS // 2
 class Setup(NamedTuple):
     """What is known of triangles before rasterization.
 
-    area: (...) twice the signed area, in 1/256^2 square pixels, positive when counterclockwise.
+    area: (...) twice the signed area, in 1/65536^2 square pixels, positive when counterclockwise.
     box: (..., 4) columns and rows whose centers the bounding box holds, within the image: first column, first row,
         last column, last row, both ends included; a last below its first means none.
     culled: (...) True where nothing can be drawn: no area, no pixel center in the box, or a culled back face.
@@ -107,24 +107,6 @@ def painter_order(z: Floats, alive: Bools) -> Integers:
     """
     index = np.flatnonzero(alive)
     return index[np.lexsort((-index, painter_depth(z[index])))]
-
-
-def tile_lists(
-    order: Integers, boxes: Integers, tile: int | tuple[int, int], columns: int, rows: int
-) -> list[Integers]:
-    """Return for each tile the triangles whose bounding box overlaps it, in the given order.
-
-    order: indices of triangles. boxes: (F, 4) as of `setup`, not empty for those in `order`. tile: size in pixels, or
-    (width, height). Tiles are counted from the bottom-left corner, row by row; one array of indices each.
-    """
-    width, height = (tile, tile) if isinstance(tile, int) else tile
-    first_column, first_row, last_column, last_row = boxes[order].T
-    lists = []
-    for bottom in range(0, rows, height):
-        in_row = (first_row < bottom + height) & (last_row >= bottom)
-        for left in range(0, columns, width):
-            lists.append(order[in_row & (first_column < left + width) & (last_column >= left)])
-    return lists
 
 
 def samples(

@@ -12,7 +12,7 @@ from ..scene.model import DirectionalLight, Light, PointLight, Scene, Settings
 from . import sampling, shadows
 from .corners import Corners, gather
 from .signs import orientation
-from .transform import SUBPIXELS, camera_frame, lens_of, near_distance, project, to_camera
+from .transform import SAMPLE_STEPS, camera_frame, lens_of, near_distance, project, to_camera
 from .vectors import cross, dot, length, power_of_two
 
 ROUNDING = 2.0**-48  # of places and depths, relative to the lengths that they come from
@@ -47,7 +47,7 @@ def flow(
     casters, corners = shadows.Casters.of(gather(scene)), gather(other)
     place = sampling.places(settings.samples)[0]
     rows, columns = pixel
-    x, y = SUBPIXELS * columns + place[0], SUBPIXELS * (scene.camera.resolution[1] - 1 - rows) + place[1]
+    x, y = SAMPLE_STEPS * columns + place[0], SAMPLE_STEPS * (scene.camera.resolution[1] - 1 - rows) + place[1]
     at = shadows.at_pixels(casters, scene.camera, face, x, y)
     weights = _areas((start[face] - casters.origin) / casters.scale, at.point)
 

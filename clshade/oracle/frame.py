@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats, Integers, UInt32s
+from ..base.arrays import Bools, Floats, Integers, UInt32s
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
 from . import backdrop, coverage, sampling, shade, transform
@@ -23,8 +23,8 @@ BATCH = 1 << 15  # pixels shaded at a time
 
 # From pieces (K,) with edge functions (K, 3) at a pixel to (K,) bool: which are opaque there.
 Opaque = Callable[[Integers, Integers], Bools]
-# From triangles (T, 3, 2) with boxes (T, 4) to indices of triangle and covered pixel, (S,), and edge functions (S, 3).
-Drawn = Callable[[Integers, Integers], Iterator[tuple[Integers, Integers, Integers]]]
+# What `coverage.samples_at` is.
+Covered = Callable[[Integers, Integers, Integers, Integers], Iterator[tuple[Integers, Integers, Integers]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class Prepared:
     z: Floats
     pieces: Pieces
     setup: coverage.Setup
-    place: tuple[int, int] = (coverage.HALF, coverage.HALF)
+    place: Integers
 
 
 def prepare(scene: Scene, settings: Settings) -> Prepared:
@@ -88,7 +88,7 @@ def prepare(scene: Scene, settings: Settings) -> Prepared:
     points = transform.to_camera(corners.world, camera.eye, axes)
     near = transform.near_distance(corners.world.reshape(-1, 3), camera.eye, camera.lookat, settings.near)
     cut = pieces(points, near, transform.lens_of(camera))
-    return Prepared(corners, points[:, :, 2], cut, set_up(scene, settings, corners, cut))
+    return Prepared(corners, points[:, :, 2], cut, set_up(scene, settings, corners, cut), sampling.places(1)[0])
 
 
 def set_up(scene: Scene, settings: Settings, corners: Corners, cut: Pieces) -> coverage.Setup:
@@ -112,75 +112,53 @@ def _lines(scene: Scene, settings: Settings, center: Prepared, columns: Integers
     return samples_with_lines(scene, settings, center.corners.world, center.pieces, center.z, front_only, pixels)
 
 
+def moved(xy: Integers, place: Integers) -> Integers:
+    """Return corners (..., 3, 2) as a sample at a place (..., 2), 1/256 px from its pixel's lower left corner, sees them:
+    moved the other way, so that it is at the center."""
+    return xy + (coverage.HALF - place * (transform.SUBPIXELS // transform.SAMPLE_STEPS))
+
+
+def edge_functions_within(xy: Integers, column: Integers, row: Integers) -> Integers:
+    """Return edge functions (K, 3), at least 0: the mean of samples in a line, rounded, may lie beside their triangle."""
+    return np.maximum(coverage.edge_functions(xy, column, row), 0)
+
+
 def samples_of(scene: Scene, settings: Settings, prepared: Prepared) -> list[Prepared]:
     """Return the scene as each sample of the pixels sees it, nearest to the center first: a sample off the center sees
     what the center sees of the scene shifted the other way."""
     views = []
     for place in sampling.places(settings.samples):
-        cut = replace(prepared.pieces, xy=prepared.pieces.xy + (coverage.HALF - place))
-        at = int(place[0]), int(place[1])
-        views.append(replace(prepared, pieces=cut, setup=set_up(scene, settings, prepared.corners, cut), place=at))
+        cut = replace(prepared.pieces, xy=moved(prepared.pieces.xy, place))
+        views.append(replace(prepared, pieces=cut, setup=set_up(scene, settings, prepared.corners, cut), place=place))
     return views
 
 
 def owners(
     prepared: Prepared,
     visibility: str,
-    resolution: tuple[int, int],
-    opaque: Opaque | None = None,
-    orthographic: bool = False,
-) -> Integers:
-    """Return the piece visible at each pixel, -1 for none: (M, N), row 0 at the BOTTOM.
-
-    `painter`: the first in painter's order of the faces. `depth`: the nearest at the pixel, of equals the later.
-    opaque: from pieces (K,) with edge functions (K, 3) at a pixel to (K,) bool, which are opaque there; None: all.
-    """
-    columns, rows = resolution
-
-    def drawn(xy: Integers, boxes: Integers) -> Iterator[tuple[Integers, Integers, Integers]]:
-        for k, column, row, edges in coverage.samples(xy, boxes):
-            yield k, row * columns + column, edges
-
-    return visible(prepared, visibility, columns * rows, drawn, opaque, orthographic).reshape(rows, columns)
-
-
-def owners_at(
-    prepared: Prepared,
-    visibility: str,
     column: Integers,
     row: Integers,
     opaque: Opaque | None = None,
     orthographic: bool = False,
+    covered: Covered = coverage.samples_at,
 ) -> Integers:
-    """Return the same at pixels (column, row from the BOTTOM), (Q,) each: (Q,)."""
+    """Return the piece visible at each of the pixels (column, row from the BOTTOM), (Q,) each, -1 for none: (Q,).
 
-    def drawn(xy: Integers, boxes: Integers) -> Iterator[tuple[Integers, Integers, Integers]]:
-        return coverage.samples_at(xy, boxes, column, row)
-
-    return visible(prepared, visibility, len(column), drawn, opaque, orthographic)
-
-
-def visible(
-    prepared: Prepared,
-    visibility: str,
-    count: int,
-    drawn: Drawn,
-    opaque: Opaque | None = None,
-    orthographic: bool = False,
-) -> Integers:
-    """Return the piece visible at each of `count` pixels. drawn: which piece covers which pixel."""
+    `painter`: the first in painter's order of the faces. `depth`: the nearest at the pixel, of equals the later.
+    opaque: from pieces (K,) with edge functions (K, 3) at a pixel to (K,) bool, which are opaque there; None: all.
+    """
     cut, alive = prepared.pieces, ~prepared.setup.culled
     if visibility == "painter":
         order = coverage.painter_order(prepared.z[cut.face], alive)
-        rank = np.full(count, len(order))
-        for k, pixel, edges in drawn(cut.xy[order], prepared.setup.box[order]):
+        rank = np.full(len(column), len(order))
+        for k, pixel, edges in covered(cut.xy[order], prepared.setup.box[order], column, row):
             seen = slice(None) if opaque is None else opaque(order[k], edges)
             np.minimum.at(rank, pixel[seen], k[seen])
         first: Integers = np.append(order, -1)[rank]
         return first
     order = np.flatnonzero(alive)
-    owner, nearest = np.full(count, -1), np.full(count, np.inf)
-    for k, pixel, edges in drawn(cut.xy[order], prepared.setup.box[order]):
+    owner, nearest = np.full(len(column), -1), np.full(len(column), np.inf)
+    for k, pixel, edges in covered(cut.xy[order], prepared.setup.box[order], column, row):
         seen = slice(None) if opaque is None else opaque(order[k], edges)
         k, pixel, edges = k[seen], pixel[seen], edges[seen]
         z = shade.depth(edges, cut.z[order[k]], orthographic)
@@ -232,42 +210,26 @@ def weight_condition(prepared: Prepared, piece: Integers, reach: Floats, orthogr
 
 
 def face_weight_steps(
-    scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
+    scene: Scene, settings: Settings, cut: Pieces, piece: Integers, xy: Integers, column: Integers, row: Integers
 ) -> tuple[Floats, Floats]:
     """Return the derivatives of `face_weights` to the right and up, (K, 3) each, at pixels (column, row from the
-    bottom) on their pieces, (K,) each."""
-    cut = prepared.pieces
+    bottom) on their pieces, (K,) each, whose corners are xy (K, 3, 2)."""
     interpolation = "affine" if scene.camera.orthographic else settings.interpolation
-    edges = coverage.edge_functions(cut.xy[piece], column, row)
+    edges = coverage.edge_functions(xy, column, row)
     found = []
     for columns, rows in ((1, 0), (0, 1)):
         # Edge functions are linear: the next pixel's differ from this one's by their derivative.
-        change = coverage.edge_functions(cut.xy[piece], column + columns, row + rows) - edges
-        on_piece = shade.barycentric_steps(edges, change, cut.z[piece], interpolation)
+        change = coverage.edge_functions(xy, column + columns, row + rows) - edges
+        on_piece = shade.barycentric_steps(np.maximum(edges, 0), change, cut.z[piece], interpolation)
         found.append((on_piece[:, :, None] * cut.weights[piece]).sum(axis=1))
     return found[0], found[1]
 
 
 def render(scene: Scene, settings: Settings) -> OracleFrame:
     """Render the frame of a scene's own camera."""
-    scene = without_colors(scene, settings.scalars)
-    camera = scene.camera
-    columns, rows = camera.resolution
-    center = prepare(scene, settings)
-    views = samples_of(scene, settings, center)
-    grid_rows, grid_columns = np.divmod(np.arange(rows * columns), columns)
-    upward = rows - 1 - grid_rows
-    found = []
-    for view in views:
-        opaque = opaque_test(scene, settings, view)
-        owner = owners(view, settings.visibility, camera.resolution, opaque, camera.orthographic)
-        found.append(owner[upward, grid_columns])
-    flat = _resolved(scene, settings, center, views, np.array(found), grid_columns, upward)
-    return OracleFrame(*(_grid(getattr(flat, f.name), rows, columns) for f in fields(OracleFrame)))
-
-
-def _grid(values: Array, rows: int, columns: int) -> Array:
-    return values.reshape(rows, columns, *values.shape[1:])
+    columns, rows = scene.camera.resolution
+    flat = sample(scene, settings, *np.divmod(np.arange(rows * columns), columns))
+    return OracleFrame(*(each.reshape(rows, columns, *each.shape[1:]) for each in vars(flat).values()))
 
 
 def sample(scene: Scene, settings: Settings, rows: Integers, columns: Integers) -> OracleFrame:
@@ -284,7 +246,7 @@ def sample(scene: Scene, settings: Settings, rows: Integers, columns: Integers) 
     found = []
     for view in views:
         opaque = opaque_test(scene, settings, view)
-        found.append(owners_at(view, settings.visibility, columns, upward, opaque, camera.orthographic))
+        found.append(owners(view, settings.visibility, columns, upward, opaque, camera.orthographic))
     return _resolved(scene, settings, center, views, np.array(found), columns, upward)
 
 
@@ -304,34 +266,29 @@ def _resolved(
     lines = _lines(scene, settings, center, columns, upward)
     if any(mesh.blends for mesh in scene.meshes):
         return _composited(scene, settings, center, views, owner, (columns, upward), lines)
-    nearest = _shaded(scene, settings, views[0], owner[0], columns, upward)
+    nearest = _shaded(scene, settings, center, owner[0], columns, upward, views[0].place)
     if len(views) == 1:
         if lines is None:
             return nearest
-        return _with_lines(settings, nearest, lines[0], _background(scene, settings, views[0], columns, upward))
-    total = _background(scene, settings, views[0], columns, upward)
+        return _with_lines(settings, nearest, lines[0], _background(scene, settings, columns, upward, views[0].place))
+    total = _background(scene, settings, columns, upward, views[0].place)
     if lines is not None:
         owner = np.where((lines > 0) | settings.edges.only, -1, owner)  # type: ignore[union-attr]
-    where = sampling.lit_at(owner, settings.sample_shading)
     empty = owner < 0 if lines is None else (owner < 0) & (lines == 0)
     parts: list[tuple[Integers, Integers, OracleFrame]] = [(np.arange(owner.shape[1]), empty.sum(axis=0), total)]
     if settings.background == "environment":
         parts = []
         for view, open_ in zip(views, empty, strict=True):
             mine = np.flatnonzero(open_)
-            behind = _background(scene, settings, view, columns[mine], upward[mine])
+            behind = _background(scene, settings, columns[mine], upward[mine], view.place)
             parts.append((mine, np.ones(len(mine), np.int64), behind))
     if lines is not None:
         for kind, color in _line_colors(settings):
             share = (lines == kind).sum(axis=0)
             seen: Integers = np.flatnonzero(share)
             parts.append((seen, share[seen], _plain(color, len(seen))))
-    for s, view in enumerate([*views, center]):
-        share = ((where == s) & (owner >= 0)).sum(axis=0)
-        lit: Integers = np.flatnonzero(share)
-        parts.append(
-            (lit, share[lit], _shaded(scene, settings, view, owner[s % len(views), lit], columns[lit], upward[lit]))
-        )
+    light = _lit_samples(scene, settings, center, owner, (columns, upward))
+    parts += [(lit, samples.sum(axis=0), part) for lit, samples, part in light]
     weights = [share / len(views) * sampling.weight(part.rgb, settings.resolve) for _, share, part in parts]
     if settings.resolve == "weighted" and scene.background is None:
         weights[0] = np.zeros_like(weights[0])  # without a background only covered samples have a color to weigh
@@ -352,6 +309,23 @@ def _resolved(
         exponent[lit] = np.maximum(exponent[lit], part.exponent)
     measures = {"budget": budget, "conditions": conditions, "jump": jump, "exponent": exponent}
     return replace(total, rgb=rgb, alpha=alpha, id=nearest.id, Z=nearest.Z, **measures)
+
+
+def _lit_samples(
+    scene: Scene, settings: Settings, center: Prepared, owner: Integers, pixels: tuple[Integers, Integers]
+) -> list[tuple[Integers, Bools, OracleFrame]]:
+    """Light the owners (S, K), -1 for none, of pixels' samples: each once in a pixel, at the mean of its samples there, or
+    with sample_shading at each of them. Return indices of pixels (L,), the samples that share the light there (S, L), and
+    that light."""
+    samples = np.arange(len(owner))[:, None]
+    group = samples + np.zeros_like(owner) if settings.sample_shading else sampling.first_of(owner)
+    parts = []
+    for s in range(len(owner)):
+        lit: Integers = np.flatnonzero((group[s] == s) & (owner[s] >= 0))
+        share = group[:, lit] == s
+        at = pixels[0][lit], pixels[1][lit], sampling.mean_place(share)
+        parts.append((lit, share, _shaded(scene, settings, center, owner[s, lit], *at)))
+    return parts
 
 
 def fragments_at(
@@ -394,31 +368,27 @@ def _light_fragments(
     found: Fragments,
     pixels: tuple[Integers, Integers],
 ) -> _Lit:
-    """Light the fragments of sample s: at the center of their pixels if their pieces cover all samples, else at the sample
-    nearest the center of those they cover; with sample_shading at s."""
+    """Light the fragments of sample s: at the mean of the samples that their pieces cover in a pixel; with sample_shading at
+    s."""
     column, row = pixels[0][found.pixel], pixels[1][found.pixel]
-    where = np.full(len(found.piece), s)
-    if len(views) > 1 and not settings.sample_shading:
-        covers = []
-        for view in views:
+    lit = np.arange(len(views))[:, None] == np.full(len(found.piece), s)
+    if not settings.sample_shading:
+        for covers, view in zip(lit, views, strict=True):
             xy = view.pieces.xy[found.piece]
-            covers.append(coverage.covered(xy, coverage.edge_functions(xy, column, row)))
-        where = np.where(np.all(covers, axis=0), len(views), np.argmax(covers, axis=0))
-    count = len(found.piece)
+            covers[:] = coverage.covered(xy, coverage.edge_functions(xy, column, row))
+    place, count = sampling.mean_place(lit), len(found.piece)
     shaded = Shaded(*(np.zeros((count, *shape)) for shape in ((3,), (3,), (4,), (3,), ())))
     alpha, most, varies = np.zeros(count), np.zeros(count), np.zeros(count, bool)
-    for w, view in enumerate([*views, center]):
-        mine = np.flatnonzero(where == w)
-        for some in np.array_split(mine, max(1, -(-len(mine) // batch_size(scene, settings)))):
-            if not len(some):
-                continue
-            piece, at = found.piece[some], (column[some], row[some])
-            part, _ = _shade_batch(scene, settings, view, piece, *at)
-            for f in fields(Shaded):
-                getattr(shaded, f.name)[some] = getattr(part, f.name)
-            edges = coverage.edge_functions(view.pieces.xy[piece], *at)
-            weights = face_weights(scene, settings, view, piece, edges)
-            alpha[some], most[some], varies[some] = alphas(scene, view.corners, view.pieces.face[piece], weights)
+    size = batch_size(scene, settings)
+    for start in range(0, count, size):
+        some = slice(start, start + size)
+        piece, at = found.piece[some], (column[some], row[some])
+        part, _ = _shade_batch(scene, settings, center, piece, *at, place[some])
+        for f in fields(Shaded):
+            getattr(shaded, f.name)[some] = getattr(part, f.name)
+        edges = edge_functions_within(moved(center.pieces.xy[piece], place[some, None]), *at)
+        weights = face_weights(scene, settings, center, piece, edges)
+        alpha[some], most[some], varies[some] = alphas(scene, center.corners, center.pieces.face[piece], weights)
     return _Lit(shaded, np.clip(alpha, 0.0, 1.0), most, varies)
 
 
@@ -487,26 +457,25 @@ def _composited(
     taken = np.zeros_like(owner) if lines is None else lines
     only = settings.edges is not None and settings.edges.only
     opaque = owner if len(views) == 1 else np.where((taken > 0) | only, -1, owner)
-    where = sampling.lit_at(opaque, settings.sample_shading)
+    light = _lit_samples(scene, settings, center, opaque, pixels)
     samples, unsure = [], np.zeros(owner.shape[1], bool)
     for s, view in enumerate(views):
         found = fragments_at(scene, settings, view, owner[s], pixels)
         lit = _light_fragments(scene, settings, center, views, s, found, pixels)
         unsure |= found.unsure
-        frame = _background(scene, settings, view, *pixels)
-        for w, lit_view in enumerate([*views, center]):
-            mine = np.flatnonzero((where[s] == w) & (opaque[s] >= 0))
-            part = _shaded(scene, settings, lit_view, opaque[s, mine], pixels[0][mine], pixels[1][mine])
+        frame = _background(scene, settings, *pixels, view.place)
+        for mine, share, part in light:
+            seen = mine[share[s]]
             for name in ("rgb", "alpha", "budget", "conditions", "jump", "exponent"):
-                getattr(frame, name)[mine] = getattr(part, name)
+                getattr(frame, name)[seen] = getattr(part, name)[share[s]]
         _over(frame, found, lit)
         if s == 0:
             shown, doubtful = shown_owners(settings, owner[0], found, lit)
             unsure |= doubtful
-            nearest = _shaded(scene, settings, views[0], shown, *pixels)
+            nearest = _shaded(scene, settings, center, shown, *pixels, view.place)
         frame = replace(frame, id=nearest.id, Z=nearest.Z)
         if lines is not None:
-            frame = _with_lines(settings, frame, taken[s], _background(scene, settings, view, *pixels))
+            frame = _with_lines(settings, frame, taken[s], _background(scene, settings, *pixels, view.place))
         samples.append(frame)
     if len(samples) == 1:
         return replace(samples[0], unsure=unsure)
@@ -568,17 +537,25 @@ def opaque_test(scene: Scene, settings: Settings, prepared: Prepared) -> Opaque 
 
 
 def _shaded(
-    scene: Scene, settings: Settings, prepared: Prepared, owner: Integers, columns: Integers, upward: Integers
+    scene: Scene,
+    settings: Settings,
+    center: Prepared,
+    owner: Integers,
+    columns: Integers,
+    upward: Integers,
+    place: Integers,
 ) -> OracleFrame:
-    """Shade pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none; (K,) each."""
-    frame = _background(scene, settings, prepared, columns, upward)
-    drawn = np.flatnonzero(owner >= 0)
+    """Shade pixels (columns, upward: rows from the bottom) of pieces `owner`, -1 for none, (K,) each, at a place in each,
+    (K, 2), or in all, (2,)."""
+    frame = _background(scene, settings, columns, upward, place)
+    drawn, place = np.flatnonzero(owner >= 0), np.broadcast_to(place, (len(owner), 2))
     size = batch_size(scene, settings)
     for start in range(0, len(drawn), size):
         batch = drawn[start : start + size]
-        shaded, z = _shade_batch(scene, settings, prepared, owner[batch], columns[batch], upward[batch])
+        at = columns[batch], upward[batch], place[batch]
+        shaded, z = _shade_batch(scene, settings, center, owner[batch], *at)
         frame.alpha[batch] = 1.0
-        frame.id[batch] = prepared.pieces.face[owner[batch]] + 1
+        frame.id[batch] = center.pieces.face[owner[batch]] + 1
         frame.Z[batch] = z
         for f in fields(Shaded):
             getattr(frame, f.name)[batch] = getattr(shaded, f.name)
@@ -605,12 +582,12 @@ def _with_lines(settings: Settings, frame: OracleFrame, lines: Integers, empty: 
     return frame
 
 
-def _background(scene: Scene, settings: Settings, view: Prepared, columns: Integers, upward: Integers) -> OracleFrame:
-    """Return what is behind the surfaces at the view's sample of pixels (columns, upward: rows from the bottom), (K,)."""
+def _background(scene: Scene, settings: Settings, columns: Integers, upward: Integers, place: Integers) -> OracleFrame:
+    """Return what is behind the surfaces at a place of pixels (columns, upward: rows from the bottom), (K,)."""
     frame = _plain(np.zeros(3) if scene.background is None else scene.background, len(columns))
     if settings.background != "environment" or scene.environment is None:
         return frame
-    x, y = (transform.SUBPIXELS * each + place for each, place in zip((columns, upward), view.place, strict=True))
+    x, y = transform.SAMPLE_STEPS * np.stack([columns, upward]) + place.T.reshape(2, -1)
     rgb, budget = backdrop.seen(scene.environment, backdrop.rays(scene.camera, x, y), settings.precision)
     return replace(frame, rgb=rgb, budget=budget)
 
@@ -638,20 +615,28 @@ def batch_size(scene: Scene, settings: Settings) -> int:
 
 
 def _shade_batch(
-    scene: Scene, settings: Settings, prepared: Prepared, piece: Integers, column: Integers, row: Integers
+    scene: Scene,
+    settings: Settings,
+    center: Prepared,
+    piece: Integers,
+    column: Integers,
+    row: Integers,
+    place: Integers,
 ) -> tuple[Shaded, Floats]:
-    """Shade pixels (column, row from the bottom) on their pieces, (K,) each; return also their depths (K,)."""
-    cut = prepared.pieces
-    edges = coverage.edge_functions(cut.xy[piece], column, row)
-    weights = face_weights(scene, settings, prepared, piece, edges)
-    behind = prepared.setup.area[piece] < 0
+    """Shade pixels (column, row from the bottom) on their pieces, (K,) each, at their places (K, 2); return also their
+    depths (K,)."""
+    cut = center.pieces
+    xy = moved(cut.xy[piece], place[:, None])
+    edges = edge_functions_within(xy, column, row)
+    weights = face_weights(scene, settings, center, piece, edges)
+    behind = center.setup.area[piece] < 0
     steps = None
     if settings.texture_filter == "trilinear":
-        steps = face_weight_steps(scene, settings, prepared, piece, column, row)
-    reach = np.abs(prepared.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
-    condition = weight_condition(prepared, piece, reach, scene.camera.orthographic)
-    at = transform.SUBPIXELS * column + prepared.place[0], transform.SUBPIXELS * row + prepared.place[1]
-    shaded = shade_pixels(scene, settings, prepared.corners, cut.face[piece], weights, behind, steps, condition, at)
+        steps = face_weight_steps(scene, settings, cut, piece, xy, column, row)
+    reach = np.abs(center.corners.world[cut.face[piece]] - scene.camera.eye).max(axis=(1, 2))
+    condition = weight_condition(center, piece, reach, scene.camera.orthographic)
+    at = transform.SAMPLE_STEPS * column + place[:, 0], transform.SAMPLE_STEPS * row + place[:, 1]
+    shaded = shade_pixels(scene, settings, center.corners, cut.face[piece], weights, behind, steps, condition, at)
     return shaded, shade.depth(edges, cut.z[piece], scene.camera.orthographic)
 
 

@@ -18,7 +18,7 @@ from .frame import (
     face_weights,
     layer_owners,
     opaque_test,
-    owners_at,
+    owners,
     prepare,
     samples_of,
     weight_condition,
@@ -26,7 +26,7 @@ from .frame import (
 from .maps import maps, turned_length, turned_normals
 from .microfacet import REACH
 from .pixels import blend, seen_at_pixels, shade_pixels
-from .transform import SUBPIXELS, mirroring
+from .transform import SAMPLE_STEPS, mirroring
 from .vectors import length, unit
 
 # The background of what is not 0 there.
@@ -143,7 +143,7 @@ def sample_layers(scene: Scene, settings: Settings, rows: Integers, columns: Int
     upward = camera.resolution[1] - 1 - np.asarray(rows, np.int64)
     view = samples_of(scene, settings, prepare(scene, settings))[0]
     opaque = opaque_test(scene, settings, view)
-    owner = owners_at(view, settings.visibility, columns, upward, opaque, camera.orthographic)
+    owner = owners(view, settings.visibility, columns, upward, opaque, camera.orthographic)
     owner, _ = layer_owners(scene, settings, owner, (columns, upward))
     shown = np.flatnonzero(owner >= 0)
     found: OracleLayers | None = None
@@ -180,7 +180,7 @@ def _batch(
     normal = np.where((behind & two_sided)[:, None], -normal, normal)
     steps = None
     if settings.texture_filter == "trilinear":
-        steps = face_weight_steps(scene, settings, view, piece, column, row)
+        steps = face_weight_steps(scene, settings, view.pieces, piece, view.pieces.xy[piece], column, row)
     reach = np.abs(corners.world[face] - eye).max(axis=(1, 2))
     condition = weight_condition(view, piece, reach, scene.camera.orthographic)
     any_normal = (corners.normals[face] != 0.0).any(axis=(1, 2))
@@ -235,6 +235,6 @@ def _open(
     """Return the share of the rays of ambient occlusion that meet nothing, (K,)."""
     if "AO" not in settings.layers:
         return ambient_occlusion.Openness(np.zeros(len(face)), np.zeros(len(face)), 1.0)
-    place = SUBPIXELS * column + view.place[0], SUBPIXELS * row + view.place[1]
+    place = SAMPLE_STEPS * column + view.place[0], SAMPLE_STEPS * row + view.place[1]
     seen = seen_at_pixels(scene, view.corners, face, behind, place)
     return ambient_occlusion.openness(seen, scene, settings, REACH[settings.precision], place)

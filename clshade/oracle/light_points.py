@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.arrays import Array, Floats, Integers
-from .transform import SUBPIXELS
+from .transform import SAMPLE_STEPS
 from .vectors import cross, dot, length, unit
 
 WHOLE = 2**32
@@ -32,10 +32,10 @@ def coordinates(points: int) -> Integers:
 def shifts(place: Integers) -> Integers:
     """Return by how much the pixels shift u and v, (K, 2). place: (K, 2) where they are lit, 1/256 px from the lower left
     corner of the image."""
-    pixel, part = np.divmod(np.asarray(place, np.int64), SUBPIXELS)
+    pixel, part = np.divmod(np.asarray(place, np.int64), SAMPLE_STEPS)
     step = [2**8 * round(2**24 / GENERALIZED_RATIO**power) for power in (1, 2, 3, 4)]
-    u = pixel[:, 0] * step[0] + pixel[:, 1] * step[3] + part[:, 1] * (WHOLE // SUBPIXELS)
-    v = pixel[:, 0] * step[2] + pixel[:, 1] * step[1] + part[:, 0] * (WHOLE // SUBPIXELS)
+    u = pixel[:, 0] * step[0] + pixel[:, 1] * step[3] + part[:, 1] * (WHOLE // SAMPLE_STEPS)
+    v = pixel[:, 0] * step[2] + pixel[:, 1] * step[1] + part[:, 0] * (WHOLE // SAMPLE_STEPS)
     return np.asarray(np.stack([u, v], axis=1) % WHOLE)
 
 

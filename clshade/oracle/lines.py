@@ -14,10 +14,10 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.model import Edges, Scene, Settings
-from .clip import GUARD, Pieces
-from .coverage import signed_area
+from .clip import GUARD, Pieces, beyond_guard, guard_planes
+from .coverage import HALF, signed_area
 from .sampling import places
-from .transform import SUBPIXELS, Lens, camera_frame, lens_of, near_distance, painter_depth, project, snap, to_camera
+from .transform import SAMPLE_STEPS, Lens, camera_frame, lens_of, near_distance, painter_depth, project, snap, to_camera
 from .vectors import cross, dot
 
 INSET = 64  # 1/256 px from the ends of a line, at most up to its middle
@@ -41,8 +41,8 @@ class MeshEdges:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """xy: (L, 2, 2) snapped ends. w: (L, 2) 1/depth, orthographic -depth; in painter's order minus the rank of the first
-    face. edge: (L,)."""
+    """xy: (L, 2, 2) snapped ends, 1/256 px. w: (L, 2) 1/depth, orthographic -depth; in painter's order minus the rank of
+    the first face. edge: (L,)."""
 
     xy: Integers
     w: Floats
@@ -121,20 +121,16 @@ def clip_segment(points: Floats, near: float, lens: Lens) -> Floats | None:
         return None
     points, made = found
     points[made, 2] = near
-    if (np.abs(project(points, *lens)) <= GUARD).all():
+    if not beyond_guard(project(points, *lens)):
         return points
-    for axis in (0, 1):
-        pixels = lens.resolution[axis]
-        slope = (1.0 if lens.orthographic else lens.focal) * pixels / lens.plane[1 - axis]
-        center = lens.principal[axis] * pixels
-        for side in (1.0, -1.0):
-            depth = np.ones(2) if lens.orthographic else points[:, 2]
-            found = _cut(points, (GUARD + side * center) * depth + side * slope * points[:, axis])
-            if found is None:
-                return None
-            points, made = found
-            depth = np.ones(2) if lens.orthographic else points[:, 2]
-            points[made, axis] = -side * (GUARD + side * center) * depth[made] / slope
+    for axis, side, slope, offset in guard_planes(lens):
+        depth = np.ones(2) if lens.orthographic else points[:, 2]
+        found = _cut(points, side * (slope * points[:, axis]) + side * offset * depth)
+        if found is None:
+            return None
+        points, made = found
+        depth = np.ones(2) if lens.orthographic else points[:, 2]
+        points[made, axis] = -offset * depth[made] / slope
     return points
 
 
@@ -143,7 +139,7 @@ def lines_of(ends: Floats, edge: Integers, scene: Scene, near: float) -> Lines:
     camera, lens = scene.camera, lens_of(scene.camera)
     points = to_camera(ends, camera.eye, camera_frame(camera.eye, camera.lookat, camera.up))
     with np.errstate(all="ignore"):
-        simple = (points[..., 2] >= near).all(axis=1) & (np.abs(project(points, *lens)) <= GUARD).all(axis=(1, 2))
+        simple = (points[..., 2] >= near).all(axis=1) & ~beyond_guard(project(points, *lens))
         kept, numbers = [points[simple]], [edge[simple]]
         for k in np.flatnonzero(~simple):
             cut = clip_segment(points[k], near, lens)
@@ -152,7 +148,13 @@ def lines_of(ends: Floats, edge: Integers, scene: Scene, near: float) -> Lines:
                 numbers.append(edge[k : k + 1])
     points = np.concatenate(kept)
     w = -points[..., 2] if lens.orthographic else 1.0 / points[..., 2]
-    return Lines(snap(np.clip(project(points, *lens), -GUARD, GUARD)), w, np.concatenate(numbers))
+    return Lines(on_line_grid(snap(np.clip(project(points, *lens), *GUARD))), w, np.concatenate(numbers))
+
+
+def on_line_grid(xy: Integers) -> Integers:
+    """Round snapped coordinates to the samples' grid, 1/256 px, on which lines are covered and hidden: halves up."""
+    step = 2 * HALF // SAMPLE_STEPS
+    return (xy + step // 2) // step
 
 
 def samples_with_lines(
@@ -175,9 +177,10 @@ def samples_with_lines(
     if asked is None or not len(edges.ends):
         return shown
     drawn = np.flatnonzero(drawn_edges(edges, world, asked, scene, front_only))
-    near = near_distance(world.reshape(-1, 3), scene.camera.eye, scene.camera.lookat, settings.near)
-    lines = lines_of(edges.ends[drawn], drawn, scene, near)
-    area = signed_area(cut.xy)
+    before = near_distance(world.reshape(-1, 3), scene.camera.eye, scene.camera.lookat, settings.near)
+    lines = lines_of(edges.ends[drawn], drawn, scene, before)
+    corners = on_line_grid(cut.xy)
+    area = signed_area(corners)
     hiding = np.flatnonzero((area != 0) & ~((front_only[cut.face]) & (area < 0)))
     w = -cut.z if scene.camera.orthographic else 1.0 / cut.z
     if settings.visibility == "painter":
@@ -192,18 +195,17 @@ def samples_with_lines(
     offsets = places(settings.samples)
 
     def points(mine: Integers) -> Integers:
-        corner = np.stack([pixels[0][mine], pixels[1][mine]], axis=1) * SUBPIXELS
+        corner = np.stack([pixels[0][mine], pixels[1][mine]], axis=1) * SAMPLE_STEPS
         return (corner[None] + offsets[:, None]).reshape(-1, 2)
 
-    for mine, near_lines, near_pieces in _cells(pixels, points, lines.xy, cut.xy, hiding, asked.steps):
+    for mine, near_lines, near in _cells(pixels, points, lines.xy, corners, hiding, asked.steps):
         p = points(mine)
         kinds = np.zeros(len(p), np.int64)
         for sample, line in _covered(p, lines.xy[near_lines], asked.steps):
             line = near_lines[line]
             q, depth = nearest_points(p[sample], lines.xy[line], lines.w[line])
             owner = lines.edge[line] * len(world)
-            hidden = _hidden(q, depth, cut.xy[near_pieces], w[near_pieces], owner, cut.face[near_pieces], own, settings)
-            seen = ~hidden
+            seen = ~_hidden(q, depth, corners[near], w[near], owner, cut.face[near], own, settings)
             np.maximum.at(kinds, sample[seen], np.where(marked[line[seen]], MARKED, LINE))
         shown[:, mine] = kinds.reshape(settings.samples, -1)
     return shown

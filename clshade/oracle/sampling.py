@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Floats, Integers
-from .transform import SUBPIXELS
+from ..base.arrays import Bools, Floats, Integers
+from .transform import SAMPLE_STEPS
 
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
 
@@ -13,28 +13,32 @@ GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
 def places(samples: int) -> Integers:
     """Return (S, 2) int64: positions within a pixel, 1/256 px from its lower left corner, nearest to its center first.
 
-    x = (i + 1/2)/S and y = fraction of 1/2 + (i - (S - 1)/2)/phi for i = 0, ..., S - 1, rounded to the grid.
+    x = (i + 1/2)/S for i = 0, ..., S - 1; y = (i modulo n + 1 - x)/n for S = n n = 4, 9, 16, else the fraction of
+    1/2 + (i - (S - 1)/2)/phi; rounded to the grid.
     """
-    found = []
+    found, rows = [], {4: 2, 9: 3, 16: 4}.get(samples)
     for i in range(samples):
         x, y = (i + 0.5) / samples, (0.5 + (i - (samples - 1) / 2.0) / GOLDEN_RATIO) % 1.0
-        found.append([min(int(np.rint(t * SUBPIXELS)), SUBPIXELS - 1) for t in (x, y)])
-    center = SUBPIXELS // 2
+        if rows is not None:
+            y = (i % rows + 1.0 - x) / rows
+        found.append([min(int(np.rint(t * SAMPLE_STEPS)), SAMPLE_STEPS - 1) for t in (x, y)])
+    center = SAMPLE_STEPS // 2
     found.sort(key=lambda place: (place[0] - center) ** 2 + (place[1] - center) ** 2)  # keeps the order of equal ones
     return np.array(found)
 
 
-def lit_at(owner: Integers, every: bool) -> Integers:
-    """Return the sample at which each sample's owner is lit, (S, K): the first one it owns, or S, for the center, if it owns
-    them all; with `every` the sample itself.
+def first_of(owner: Integers) -> Integers:
+    """Return for each sample the first one with its owner, (S, K). owner: (S, K) the owners of K pixels' samples, nearest to
+    the center first."""
+    return np.array([np.argmax(owner[: s + 1] == owner[s], axis=0) for s in range(len(owner))])
 
-    owner: (S, K) the owners of K pixels' samples, nearest to the center first.
-    """
-    index = np.arange(len(owner))[:, None] + np.zeros_like(owner)
-    if every:
-        return index
-    first = np.array([np.argmax(owner[: s + 1] == owner[s], axis=0) for s in range(len(owner))])
-    return np.where((owner == owner[0]).all(axis=0), len(owner), first)
+
+def mean_place(lit: Bools) -> Integers:
+    """Return the mean of the places of samples, (K, 2) int64, rounded to whole 1/256 px, halves up. lit: (S, K), which
+    samples of K pixels, at least one each."""
+    count, total = lit.sum(axis=0)[:, None], lit.T @ places(len(lit))
+    mean: Integers = (2 * total + count) // (2 * count)
+    return mean
 
 
 def weight(rgb: Floats, resolve: str) -> Floats:

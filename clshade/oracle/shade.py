@@ -50,11 +50,11 @@ def barycentric_steps(edges: Array, steps: Array, z: Floats, interpolation: str)
 def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
     """Return the depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
     e = np.asarray(edges, dtype=np.float64)
-    if orthographic:
-        share = e * z
-        return (share[..., 0] + share[..., 1] + share[..., 2]) / (e[..., 0] + e[..., 1] + e[..., 2])
-    inverse = e / z
-    return (e[..., 0] + e[..., 1] + e[..., 2]) / (inverse[..., 0] + inverse[..., 1] + inverse[..., 2])
+    # Relative to the farthest corner: a face parallel to the image has its corners' very depth.
+    farthest = np.max(z, axis=-1, keepdims=True)
+    share = e * (z - farthest if orthographic else farthest / z - 1.0)
+    mean = (share[..., 0] + share[..., 1] + share[..., 2]) / (e[..., 0] + e[..., 1] + e[..., 2])
+    return np.asarray(farthest[..., 0] + mean if orthographic else farthest[..., 0] / (1.0 + mean))
 
 
 def reflected(
@@ -190,12 +190,7 @@ def light_condition(
 
 
 def steepness(
-    point: Floats,
-    normal: Floats,
-    surface: Surface,
-    eye: Floats,
-    light_positions: Floats,
-    shapes: Sequence[Shape] = (),
+    point: Floats, normal: Floats, surface: Surface, eye: Floats, light_positions: Floats, shapes: Sequence[Shape] = ()
 ) -> Floats:
     """Return how much the terms of the surface amplify errors of directions, at least 1, by the worst light."""
     steepest = np.ones(np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1])

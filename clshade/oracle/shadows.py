@@ -21,7 +21,7 @@ from ..scene.lights import Light, PlacedLight
 from .corners import Corners
 from .lights import position_of
 from .signs import orientation
-from .transform import SUBPIXELS, camera_frame
+from .transform import SAMPLE_STEPS, camera_frame
 from .vectors import cross, dot, length, power_of_two, unit
 
 # How far pairs of float32 may be off (kernels/shadow_predicate.clh): a coordinate, of the scene's size; and a determinant,
@@ -118,8 +118,8 @@ def at_pixels(casters: Casters, camera: Camera, face: Integers, x: Integers, y: 
     """
     axes = camera_frame(camera.eye, camera.lookat, camera.up)
     (height, width), (columns, rows), principal = camera.plane, camera.resolution, camera.principal
-    right = (x / (SUBPIXELS * columns) - principal[0]) * width
-    up = (y / (SUBPIXELS * rows) - principal[1]) * height
+    right = (x / (SAMPLE_STEPS * columns) - principal[0]) * width
+    up = (y / (SAMPLE_STEPS * rows) - principal[1]) * height
     across = right[:, None] * axes[0] + up[:, None] * axes[1]
     start = np.broadcast_to((camera.eye - casters.origin) / casters.scale, across.shape)
     if camera.orthographic:
@@ -227,13 +227,7 @@ class _Tests:
     """The tests of receivers (K,) with triangles (K,), all relative to the receivers."""
 
     def __init__(
-        self,
-        casters: Casters,
-        position: Floats,
-        light_off: Floats,
-        parallel: bool,
-        at: Receivers,
-        triangle: Integers,
+        self, casters: Casters, position: Floats, light_off: Floats, parallel: bool, at: Receivers, triangle: Integers
     ) -> None:
         self.casters, self.at, self.triangle, self.parallel = casters, at, triangle, parallel
         self.corners = casters.corners[triangle] - at.point[:, None]

@@ -1,6 +1,6 @@
 """From world space to the image: camera frame, projection, snapping, depth. All float64, no fused operations.
 
-Image coordinates (u, v) are in pixels with (0, 0) at the bottom-left corner; snapped ones are whole 1/256 pixels.
+Image coordinates (u, v) are in pixels with (0, 0) at the bottom-left corner; snapped ones are whole 1/65536 pixels.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from ..base.arrays import Bools, Floats, Integers, Reals
 from ..scene.camera import Camera
 from .vectors import cross, dot, length, power_of_two, unit
 
-SUBPIXELS = 256  # snapped steps per pixel
+SUBPIXELS = 1 << 16  # snapped steps per pixel
+SAMPLE_STEPS = 256  # samples lie at multiples of 1/256 pixel
 NEAR_FRACTION = 1e-4  # of the scene's bounding radius
 
 
@@ -105,7 +106,7 @@ def project(
 
 
 def snap(uv: Floats) -> Integers:
-    """Round image coordinates to whole 1/256 pixels, int64: the nearest, halves to even."""
+    """Round image coordinates to whole 1/65536 pixels, int64: the nearest, halves to even."""
     return np.rint(uv * SUBPIXELS).astype(np.int64)
 
 

@@ -10,7 +10,7 @@ from ..base.arrays import Array
 from ..scene.environment import Environment
 from .camera_space import CameraSpace
 from .shading_tables import to_real
-from .struct_layout import SUBPIXEL_BITS, Structs
+from .struct_layout import SAMPLE_BITS, Structs
 
 _ROWS = 256  # of the image, converted at a time
 _MOST = 2.0**100  # of the table: sums of its numbers stay within float32's range
@@ -61,7 +61,7 @@ def write_rays(image: np.void, environment: Environment, space: CameraSpace, rea
     parallel. u - u0 is taken in whole 1/256 px, exactly, so that x and y are accurate relative to themselves.
     """
     camera, raster = space.camera, space.raster
-    steps = 1 << SUBPIXEL_BITS
+    steps = 1 << SAMPLE_BITS
     pixels, principal = np.array(raster.resolution, np.float64), np.array(raster.principal)
     center = np.clip(principal * pixels * steps, -float(_MOST_CENTER), float(_MOST_CENTER))
     whole = np.rint(center)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.camera import Camera
 from ..scene.image_part import Raster, raster_of
-from .struct_layout import GUARD_PIXELS, SUBPIXEL_BITS
+from .struct_layout import GUARD_HIGH, GUARD_LOW, SUBPIXEL_BITS
 
 
 @dataclass(frozen=True)
@@ -43,24 +44,30 @@ def image_positions(points: Array, camera: Camera) -> Array:
 def beyond_guard_band(points: Array, camera: Camera) -> Bools:
     """Return whether camera-space points (..., 3) before the eye lie beyond the guard band, along each axis (..., 2)."""
     corner = raster_of(camera).corner
-    beyond: Bools = np.abs(image_positions(points, camera) - corner) > GUARD_PIXELS
+    place = image_positions(points, camera) - corner
+    beyond: Bools = ~((place >= GUARD_LOW) & (place <= GUARD_HIGH))
     return beyond
 
 
 def snap(positions: Array, raster: Raster) -> Integers:
-    """Round image coordinates to 1/256 px from the drawn part's first pixel, int64, ties to even, clamped to the guard
+    """Round image coordinates to 1/65536 px from the drawn part's first pixel, int64, ties to even, clamped to the guard
     band."""
     corner = np.array(raster.corner, np.float64)
-    held = np.clip(positions, corner - GUARD_PIXELS, corner + GUARD_PIXELS)
+    held = np.clip(positions, corner + GUARD_LOW, corner + GUARD_HIGH)
     snapped: Integers = np.rint(held * (1 << SUBPIXEL_BITS)).astype(np.int64)
     return snapped - (np.array(raster.first, np.int64) << SUBPIXEL_BITS)
 
 
-def guarded_lens(raster: Raster, focal: float, axis: int) -> tuple[float, float]:
-    """Return slope and center of an axis: at x/z = t an image coordinate is slope t + center, from the corner of the region
-    that the guard band surrounds. focal: 1 in a parallel projection, where z counts as 1."""
-    size = raster.resolution[axis]
-    return focal * size / raster.plane[1 - axis], raster.principal[axis] * size - raster.corner[axis]
+def guard_planes(camera: Camera) -> Iterator[tuple[int, float, float, float]]:
+    """Yield axis, side, slope and offset of the guard band's left, right, lower and upper plane: what is inside has
+    side*(slope*x + offset*z) >= 0; in a parallel projection z counts as 1."""
+    raster = raster_of(camera)
+    for axis in (0, 1):
+        size = raster.resolution[axis]
+        slope = (1.0 if camera.orthographic else camera.focal) * size / raster.plane[1 - axis]
+        center = raster.principal[axis] * size - raster.corner[axis]
+        for side, limit in ((1.0, GUARD_LOW), (-1.0, GUARD_HIGH)):
+            yield axis, side, slope, center - limit
 
 
 def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:
@@ -115,25 +122,19 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
     weights = np.broadcast_to(np.eye(3), (n, 3, 3))
     polygons, counts, made = _cut(np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near)
     polygons[..., 2] = np.where(made, near, polygons[..., 2])
-    raster = raster_of(camera)
-    lengths = 1.0 if camera.orthographic else camera.focal
-    for axis in (0, 1):
-        slope, center = guarded_lens(raster, lengths, axis)
-        for side in (1.0, -1.0):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                beyond = beyond_guard_band(polygons[..., :3], camera)
-            used = np.arange(polygons.shape[1]) < counts[:, None]
-            far = np.asarray((beyond.any(axis=2) & used).any(axis=1))
-            if not far.any():
-                break
-            # side +1: position >= -GUARD, side -1: position <= GUARD; times the depth in perspective
-            depth = 1.0 if camera.orthographic else polygons[..., 2]
-            distance = (GUARD_PIXELS + side * center) * depth + side * slope * polygons[..., axis]
-            polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
-            # Exactly on the plane: on an edge from -1e38 to 1e38 rounding could give any point at all.
-            depth = 1.0 if camera.orthographic else polygons[..., 2]
-            on_plane = -side * (GUARD_PIXELS + side * center) * depth / slope
-            polygons[..., axis] = np.where(made, on_plane, polygons[..., axis])
+    for axis, side, slope, offset in guard_planes(camera):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            beyond = beyond_guard_band(polygons[..., :3], camera)
+        used = np.arange(polygons.shape[1]) < counts[:, None]
+        far = np.asarray((beyond.any(axis=2) & used).any(axis=1))
+        if not far.any():
+            break
+        depth = 1.0 if camera.orthographic else polygons[..., 2]
+        distance = side * (slope * polygons[..., axis]) + side * offset * depth
+        polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
+        # Exactly on the plane: on an edge from -1e38 to 1e38 rounding could give any point at all.
+        depth = 1.0 if camera.orthographic else polygons[..., 2]
+        polygons[..., axis] = np.where(made, -offset * depth / slope, polygons[..., axis])
     return _fans(polygons, counts)
 
 

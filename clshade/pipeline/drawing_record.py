@@ -26,8 +26,10 @@ from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalars import Scalars
 from .kernel_files import kernels_digest
+from .struct_layout import SUBPIXEL_BITS
 
 RECORD, SEAL = "clshade", "clshadeSeal"  # names of the header's attributes
+_STEPS, _FIRST_STEPS = 1 << SUBPIXEL_BITS, 256  # of snapped corners, per pixel: now, and when records did not name them
 _PICTURE_TYPES = {"tonemap": str, "exposure": float, "colorbar": bool}
 _STORAGE_TYPES = {"png": dict, "half": bool, "compression": str, "crop": bool}
 # What the EXR's writer adds to the header is not sealed.
@@ -90,6 +92,7 @@ def record_of(
         "settings": {name: plain_value(value) for name, value in vars(settings).items() if value != usual[name]},
         "storage": {**_values(storage), "png": _values(storage.png)},
         "kernels": kernels_digest(),
+        "subpixels": _STEPS,
         "device": device,
         "command": command,
     }
@@ -136,6 +139,10 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
         raise file_error(owner, f"header: {RECORD}", expected, "none")
     value = parse_text(text.encode("utf-8", "replace"), owner, "the record of a drawing", unique=True)
     get = partial(_get, value, owner)
+    steps = get("subpixels", int, None) or _FIRST_STEPS
+    if steps != _STEPS:
+        drawn = f"1/{steps} px, as another version of clshade drew it, which alone can verify it"
+        raise file_error(owner, f"header: {RECORD}.subpixels", f"corners snapped to 1/{_STEPS} px", drawn)
     scene = get("scene", dict)
     if set(scene) != set(PARTS) or not all(isinstance(each, str) for each in scene.values()):
         raise file_error(owner, f"{RECORD}.scene", f"digests of {', '.join(PARTS)}", found_text(scene))

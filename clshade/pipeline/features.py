@@ -301,8 +301,7 @@ FEATURES = (
     Feature("SAMPLE_SHADING", chosen=lambda d: d.settings.samples > 1 and d.settings.sample_shading),
     Feature("WEIGHTED", chosen=lambda d: d.settings.samples > 1 and d.settings.resolve == "weighted"),
     Feature(
-        "PERSPECTIVE",
-        chosen=lambda d: d.settings.interpolation == "perspective" and not d.scene.camera.orthographic,
+        "PERSPECTIVE", chosen=lambda d: d.settings.interpolation == "perspective" and not d.scene.camera.orthographic
     ),
     Feature("CENTROID", chosen=lambda d: d.settings.lighting_at == "centroid"),
     Feature("TINTED", chosen=lambda d: d.settings.ambient == "tinted"),
@@ -484,7 +483,7 @@ FEATURES = (
                 and not d.needs("BLEND")
                 and not d.instanced,
                 "the depth test decides",
-            ),
+            )
         ),
     ),
 )

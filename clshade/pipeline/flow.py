@@ -20,7 +20,7 @@ from .frame import Frame
 from .hierarchy import Hierarchy
 from .opencl.device import Device, shared_device
 from .placements import mirrors
-from .struct_layout import SUBPIXEL_BITS
+from .struct_layout import SAMPLE_BITS
 
 View: TypeAlias = Camera | Scene | Frame
 
@@ -116,7 +116,7 @@ def _check_faces(scene: Scene, other: Scene) -> None:
 def _bands(frame: Frame) -> Iterator[tuple[slice, tuple[Floats, Floats]]]:
     """Yield rows of the image, and directions and origins of the rays of their samples nearest the center."""
     count, columns = frame["id"].shape
-    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SUBPIXEL_BITS)).tolist()
+    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SAMPLE_BITS)).tolist()
     step = max(1, _BAND // columns)
     for start in range(0, count, step):
         rows = slice(start, start + step)

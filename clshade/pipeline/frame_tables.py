@@ -61,7 +61,7 @@ class TableWriter:
             image["needs"] = resident.features.needs
             image["columns"], image["rows"], image["first"] = columns, rows, first
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
-            places = self._places
+            places = self._places << struct_layout.SUBPIXEL_BITS - struct_layout.SAMPLE_BITS
             image["samples"] = len(places)
             image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
             image["least"], image["most"] = places.min(axis=0), places.max(axis=0)

@@ -13,7 +13,7 @@ _HALF_ULP = 1.5 * 2.0**52  # adding and subtracting it rounds to the nearest int
 def _snap(pixels: Array, view: Array, axis: int) -> Array:
     with np.errstate(invalid="ignore"):
         from_region = pixels - view["guarded"][axis]
-        inside = np.abs(from_region) <= struct_layout.GUARD_PIXELS
+        inside = (from_region >= struct_layout.GUARD_LOW) & (from_region <= struct_layout.GUARD_HIGH)
     snapped = (np.where(inside, pixels, 0.0) * (1 << struct_layout.SUBPIXEL_BITS) + _HALF_ULP) - _HALF_ULP
     limit = np.where(from_region > 0.0, struct_layout.SNAP_LIMIT, -struct_layout.SNAP_LIMIT)
     return np.where(inside, snapped - view["first"][axis], limit).astype(np.int32)

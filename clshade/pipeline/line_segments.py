@@ -9,7 +9,7 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers
 from . import clip
 from .camera_space import CameraSpace
-from .struct_layout import GUARD_PIXELS, LINE_INSET, MOST_DEPTH, SNAP_LIMIT, SUBPIXEL_BITS, Structs
+from .struct_layout import LINE_INSET, MOST_DEPTH, SAMPLE_BITS, SNAP_LIMIT, SUBPIXEL_BITS, Structs
 
 _LEAST_CELL, _LARGEST_CELL = 10, 12  # bits of 1/256 px: 4 to 16 px
 _MOST_CELLS = 1 << 20
@@ -34,18 +34,14 @@ def _cut(points: Floats, distance: Floats) -> tuple[Floats, Bools]:
 def _cut_to_guard_band(points: Floats, space: CameraSpace) -> tuple[Floats, Integers]:
     """Cut segments (L, 2, 3) before the eye to the guard band; return those that are left, and their indices."""
     camera, index = space.camera, np.arange(len(points))
-    lengths = 1.0 if camera.orthographic else camera.focal
-    for axis in (0, 1):
-        slope, center = clip.guarded_lens(space.raster, lengths, axis)
-        for side in (1.0, -1.0):
-            depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
-            distance = (GUARD_PIXELS + side * center) * depth + side * slope * points[..., axis]
-            kept = (distance >= 0.0).any(axis=1)
-            points, made = _cut(points[kept], distance[kept])
-            index = index[kept]
-            depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
-            on_plane = -side * (GUARD_PIXELS + side * center) * depth / slope
-            points[..., axis] = np.where(made, on_plane, points[..., axis])
+    for axis, side, slope, offset in clip.guard_planes(camera):
+        depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
+        distance = side * (slope * points[..., axis]) + side * offset * depth
+        kept = (distance >= 0.0).any(axis=1)
+        points, made = _cut(points[kept], distance[kept])
+        index = index[kept]
+        depth = np.ones(points.shape[:2]) if camera.orthographic else points[..., 2]
+        points[..., axis] = np.where(made, -offset * depth / slope, points[..., axis])
     return points, index
 
 
@@ -76,6 +72,12 @@ def _scaled_w(z: Floats, space: CameraSpace) -> Floats:
     return -depth if space.camera.orthographic else 1.0 / depth
 
 
+def _on_line_grid(snapped: Integers) -> Integers:
+    """Round snapped positions to the samples' grid, 1/256 px, on which lines cover them: halves up."""
+    shift = SUBPIXEL_BITS - SAMPLE_BITS
+    return (snapped + (1 << shift - 1)) >> shift
+
+
 def segments(
     ends: Integers, positions: Array, vertices: Array, space: CameraSpace, width: int, structs: Structs
 ) -> tuple[Array, Integers]:
@@ -86,18 +88,19 @@ def segments(
     the lines, 1/256 px.
     """
     before = vertices["depth"] >= space.near
-    at = np.stack([vertices["x"], vertices["y"]], axis=-1)
+    at = np.stack([vertices["x"], vertices["y"]], axis=-1).astype(np.int64)
     whole = (before & (np.abs(at) < SNAP_LIMIT).all(axis=1))[ends].all(axis=1)
     z = np.where(before, vertices["depth"], space.near)  # only those before the near plane are read
     index = np.flatnonzero(whole)
-    xy, w = at[ends[index]], _scaled_w(z, space)[ends[index]]
+    xy, w = _on_line_grid(at[ends[index]]), _scaled_w(z, space)[ends[index]]
     rest = np.flatnonzero(before[ends].any(axis=1) & ~whole)
     if len(rest):
         points, left = _clipped(space.points(positions[ends[rest]]), space)
         index = np.concatenate([index, rest[left]])
-        xy = np.concatenate([xy, clip.snap(clip.image_positions(points, space.camera), space.raster)])
+        snapped = clip.snap(clip.image_positions(points, space.camera), space.raster)
+        xy = np.concatenate([xy, _on_line_grid(snapped)])
         w = np.concatenate([w, _scaled_w(points[..., 2], space)])
-    size = np.array(space.camera.resolution) << SUBPIXEL_BITS
+    size = np.array(space.camera.resolution) << SAMPLE_BITS
     reach = (width + 1) // 2
     low, high = np.minimum(xy[:, 0], xy[:, 1]), np.maximum(xy[:, 0], xy[:, 1])
     seen = ((high >= -reach) & (low <= size + reach)).all(axis=1)
@@ -114,7 +117,7 @@ def segments(
 def line_grid(lines: Array, space: CameraSpace, width: int, structs: Structs) -> Array:
     """Return the one row of `structs.LineGrid`: cells about as long as the lines (L,), over the image and as far
     around it as a line reaches. The cells change only how long the search for what hides a line takes."""
-    reach, size = (width + 1) // 2, np.array(space.camera.resolution, np.int64) << SUBPIXEL_BITS
+    reach, size = (width + 1) // 2, np.array(space.camera.resolution, np.int64) << SAMPLE_BITS
     dx, dy = (lines[name][:, 1].astype(np.float64) - lines[name][:, 0] for name in ("x", "y"))
     length = float(np.sqrt(dx * dx + dy * dy).mean()) if len(lines) else 0.0
     bits = min(max(math.ceil(math.log2(max(length, 1.0))), _LEAST_CELL), _LARGEST_CELL)

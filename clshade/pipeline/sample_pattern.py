@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
 
 from ..base.arrays import Integers
-from .struct_layout import SUBPIXEL_BITS
+from .struct_layout import SAMPLE_BITS
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
-_GRID = 1 << SUBPIXEL_BITS
+_GRID = 1 << SAMPLE_BITS
 
 
 @cache
 def positions(samples: int) -> Integers:
     """Return (S, 2) int: x and y of a pixel's samples from its lower left corner, 1/256 px, nearest to the center first.
 
-    Sample i of S lies at x = (i + 1/2)/S, y = the fractional part of 1/2 + (i - (S - 1)/2)/phi, phi the golden ratio,
-    rounded to the grid: the Kronecker sequence of the golden ratio, whose discrepancy is low for every S, shifted to be
-    symmetric about the center. One sample is the center. Of samples equally near to the center the one with the smaller i
-    is first.
+    Sample i of S lies at x = (i + 1/2)/S. 4, 9 and 16 samples, n x n, are a rotated grid: y = (j + 1 - x)/n, j = i modulo n.
+    Others are the Kronecker sequence of the golden ratio phi, whose discrepancy is low for every S: y = the fractional part
+    of 1/2 + (i - (S - 1)/2)/phi. Both are symmetric about the center, and rounded to the grid. One sample is the center. Of
+    samples equally near to the center the one with the smaller i is first.
     """
     i = np.arange(samples)
     x, y = (i + 0.5) / samples, (0.5 + (i - (samples - 1) / 2.0) * GOLDEN) % 1.0
+    if samples in (4, 9, 16):
+        rows = math.isqrt(samples)
+        y = (i % rows + 1.0 - x) / rows
     placed = np.minimum(np.rint(np.stack([x, y], axis=1) * _GRID).astype(np.int64), _GRID - 1)
     offset = placed - _GRID // 2
     ordered: Integers = placed[np.argsort((offset * offset).sum(axis=1), kind="stable")]

@@ -43,13 +43,7 @@ class SceneDrawing:
     """
 
     def __init__(
-        self,
-        device: Device,
-        scene: Scene,
-        settings: Settings,
-        features: Features,
-        packed: Packed,
-        lanes: int | None,
+        self, device: Device, scene: Scene, settings: Settings, features: Features, packed: Packed, lanes: int | None
     ) -> None:
         self.device, self.scene, self.settings, self.features = device, scene, settings, features
         of_layers = layer_features(features, packed.layers.asked)

@@ -12,7 +12,7 @@ from ..scene.model import Light
 from .camera_space import CameraSpace
 from .hierarchy import CasterFrame, split
 from .light_points import sides_of
-from .struct_layout import SHADOW_REACH, SINGLE, SUBPIXEL_BITS
+from .struct_layout import SAMPLE_BITS, SHADOW_REACH, SINGLE
 
 _FARTHEST = 2.0**90  # products of three coordinates stay within float32's range
 
@@ -22,7 +22,7 @@ def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> N
 
     Rays are counted from the pixel at the whole image's center, by whole 1/256 px that float32 holds.
     """
-    camera, raster, steps = space.camera, space.raster, 1 << SUBPIXEL_BITS
+    camera, raster, steps = space.camera, space.raster, 1 << SAMPLE_BITS
     across, upward, forward = space.axes
     columns, rows = raster.resolution
     center = columns * steps // 2, rows * steps // 2

@@ -143,8 +143,8 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
     """
     polygon = [[Fraction(x) for x in (*uv, *row)] for uv, row in zip(corners.tolist(), np.eye(3).tolist(), strict=True)]
     for axis in (0, 1):
-        for side in (1, -1):
-            distance = [struct_layout.GUARD_PIXELS + side * corner[axis] for corner in polygon]
+        for side, limit in ((1, struct_layout.GUARD_LOW), (-1, struct_layout.GUARD_HIGH)):
+            distance = [side * (corner[axis] - limit) for corner in polygon]
             kept = []
             for i, (corner, d) in enumerate(zip(polygon, distance, strict=True)):
                 following, d_following = polygon[i + 1 - len(polygon)], distance[i + 1 - len(polygon)]
@@ -160,7 +160,7 @@ def _clipped(corners: Array) -> list[list[Fraction]]:
 def _pieces(corners: Array) -> Array:
     """Return `struct_layout.SINGLE.Piece` rows of a triangle (3, 2), image coordinates: itself, or its parts in the guard
     band."""
-    if (np.abs(corners) <= struct_layout.GUARD_PIXELS).all():
+    if ((corners >= struct_layout.GUARD_LOW) & (corners <= struct_layout.GUARD_HIGH)).all():
         table = np.zeros(1, struct_layout.SINGLE.Piece)
         snapped = np.rint(corners * _SUBPIXELS)
         table["x"], table["y"], table["weights"] = snapped[:, 0], snapped[:, 1], np.eye(3).reshape(-1)

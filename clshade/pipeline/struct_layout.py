@@ -10,16 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..scene.image_light.brdf_table import SIDE as BRDF_SIDE
-from ..scene.image_light.specular import LEVELS, OFF_MIRROR
+from ..scene import metallic_roughness
+from ..scene.image_light import brdf_table, specular
 from ..scene.material import TERMS
-from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
+from ..scene.metallic_roughness import MAPS
 from .light_rows import MEMBERS as LIGHT_MEMBERS
 
-SUBPIXEL_BITS = 8  # snapped positions count 1/256 px
-GUARD_PIXELS = 32767  # largest |u|, |v| of a vertex without clipping: edge steps stay below 2^24
-# Means "beyond the guard band" in snapped positions, which within it are less than 49152 px from a part of an image.
-SNAP_LIMIT = 50000 << SUBPIXEL_BITS
+SUBPIXEL_BITS = 16  # snapped positions count 1/65536 px
+SAMPLE_BITS = 8  # samples lie at multiples of 1/256 px
+# The guard band: image coordinates, from the corner of the region that is drawn, of a vertex without clipping. Two corners
+# are less than 2^15 px apart, so that differences of snapped positions are ints.
+GUARD_LOW, GUARD_HIGH = -8191, 24575
+# Means "beyond the guard band" in snapped positions, which within it are at most 24575 px from any part of an image.
+SNAP_LIMIT = 32767 << SUBPIXEL_BITS
 TILE_SIZE = 16  # pixels per side
 FEW_PIXELS = 4  # boxes of up to so many are rasterized pixel by pixel, larger ones by blocks
 MOST_SAMPLES = 64  # per pixel
@@ -41,40 +44,19 @@ LIGHT_SHIFTS = {
 SHADOW_REACH = 2.0**15  # coordinates of casters are at most this, in the units of shadows
 SHADOW_GRID = 2.0**-31  # and multiples of this: differences have 47 bits, which a pair of float32 holds
 RECEIVER_UNITS = 9  # of SHADOW_GRID: how far off its face's plane a receiver may lie along each axis
-OCCLUSION_W = (
-    0.125  # w of the ends of rays of ambient occlusion, whose coordinates are below SHADOW_REACH / OCCLUSION_W
-)
+OCCLUSION_W = 0.125  # of the ends of rays of ambient occlusion, whose coordinates are below SHADOW_REACH / OCCLUSION_W
 MOST_HIERARCHY_LEVELS = 7  # of nodes: 16^8 triangles
 CURVE_BITS = 36  # of a caster's place along Hilbert's curve, 12 an axis
 HIERARCHY_RUN = 4096  # casters that are put in a better order than that curve's
 SIZE_BITS = 2  # of its class of size
+LEAST_ALPHA = metallic_roughness.LEAST_ROUGHNESS**2
+ENVIRONMENT_LEVELS = specular.LEVELS
+BRDF_SIDE = brdf_table.SIDE
+OFF_MIRROR = specular.OFF_MIRROR
 
 CONSTANTS = {
-    "SUBPIXEL_BITS": SUBPIXEL_BITS,
-    "GUARD_PIXELS": GUARD_PIXELS,
-    "SNAP_LIMIT": SNAP_LIMIT,
-    "TILE_SIZE": TILE_SIZE,
-    "FEW_PIXELS": FEW_PIXELS,
-    "MOST_SAMPLES": MOST_SAMPLES,
-    "LINE_INSET": LINE_INSET,
-    "CURVE_BITS": CURVE_BITS,
-    "HIERARCHY_RUN": HIERARCHY_RUN,
-    "SIZE_BITS": SIZE_BITS,
+    **{name: value for name, value in globals().items() if isinstance(value, (int, float))},  # all of the above
     **LIGHT_SHIFTS,
-    "MOST_LEVELS": MOST_LEVELS,
-    "MOST_LENGTH": MOST_LENGTH,
-    "MOST_DEPTH": MOST_DEPTH,
-    "SHADOW_REACH": SHADOW_REACH,
-    "MOST_HIERARCHY_LEVELS": MOST_HIERARCHY_LEVELS,
-    "SHADOW_GRID": SHADOW_GRID,
-    "RECEIVER_UNITS": RECEIVER_UNITS,
-    "OCCLUSION_W": OCCLUSION_W,
-    "LEAST_ALPHA": LEAST_ROUGHNESS**2,
-    "ENVIRONMENT_LEVELS": LEVELS,
-    "BRDF_SIDE": BRDF_SIDE,
-    "OFF_MIRROR": OFF_MIRROR,
-    "NAN_POSITION": NAN_POSITION,
-    "WHITE_POSITION": WHITE_POSITION,
     **{f"TERM_{each.feature}": index for index, each in enumerate(TERMS.values())},
     "TERMS": len(TERMS),
     **{f"MAP_{each.name}": index for index, each in enumerate(MAPS.values())},
@@ -100,20 +82,20 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("double", "columns", 1, "N, of the whole image if a part of one is drawn"),
         ("double", "rows", 1, "M, likewise"),
         ("double", "guarded", 2, "lower left corner of the region that the guard band surrounds, column and row"),
-        ("double", "first", 2, "column and row of the drawn part's lower left pixel, in 1/256 px"),
+        ("double", "first", 2, "column and row of the drawn part's lower left pixel, in 1/65536 px"),
         ("double", "near", 1, "scene units"),
         ("double", "scale", 1, "power of two that brings eye-relative positions to about 1"),
     ],
     "Vertex": [
         ("double", "depth", 1, "camera z, scene units"),
-        ("int", "x", 1, "snapped, 1/256 px; meaningless before the near plane"),
-        ("int", "y", 1, "snapped, 1/256 px, up"),
+        ("int", "x", 1, "snapped, 1/65536 px; meaningless before the near plane"),
+        ("int", "y", 1, "snapped, 1/65536 px, up"),
         ("real", "w", 1, "1/depth, scaled; orthographic: minus the scaled depth"),
         ("real", "w_low", 1, "what rounding leaves of w"),
     ],
     "Triangle": [
-        ("int", "x", 3, "snapped corners, 1/256 px"),
-        ("int", "y", 3, "snapped corners, 1/256 px, up"),
+        ("int", "x", 3, "snapped corners, 1/65536 px"),
+        ("int", "y", 3, "snapped corners, 1/65536 px, up"),
         ("real", "w", 3, "1/depth of the corners, scaled"),
         (
             "int",
@@ -122,7 +104,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
             "2 * p + 1 if clockwise, else 2 * p; p: index of the clipped piece, -1 for a whole face",
         ),
         ("int", "face", 1, "index in the scene's face order"),
-        ("real", "inverse_area", 1, "256 over twice the area in (1/256 px)^2"),
+        ("real", "inverse_area", 1, "2^16 over twice the area in (1/65536 px)^2"),
     ],
     "Bounds": [
         (
@@ -144,8 +126,8 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("double", "key_depth", 1, "the depth it is sorted by, scene units"),
         ("real", "w", 3, "1/depth of the piece's corners, scaled"),
         ("real", "w_low", 3, "what rounding leaves of w"),
-        ("int", "x", 3, "snapped corners, 1/256 px"),
-        ("int", "y", 3, "snapped corners, 1/256 px, up"),
+        ("int", "x", 3, "snapped corners, 1/65536 px"),
+        ("int", "y", 3, "snapped corners, 1/65536 px, up"),
         ("int", "face", 1, "index in the scene's face order"),
         ("real", "weights", 9, "row j: the piece's corner j as a mean of the face's corners"),
         ("real", "weights_low", 9, "what rounding leaves of weights"),
@@ -209,8 +191,8 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "alpha_pad", 2, ""),
     ],
     "Environment": [
-        ("int", "offset", LEVELS, "of each level's first texel in the table of radiance"),
-        ("int", "side", LEVELS, "texels a side without the border of one texel"),
+        ("int", "offset", ENVIRONMENT_LEVELS, "of each level's first texel in the table of radiance"),
+        ("int", "side", ENVIRONMENT_LEVELS, "texels a side without the border of one texel"),
         ("int", "pad", 2, ""),
         ("real", "irradiance", 27, "over pi: factors of x, y, z, xx, yy, zz, xy, yz, zx of the normal, linear RGB"),
         ("real", "pad2", 1, ""),
@@ -240,8 +222,8 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "tiles", 1, "tiles in all"),
         ("int", "lights", 1, "count"),
         ("int", "samples", 1, "a pixel; with SAMPLES"),
-        ("int", "sample_x", MOST_SAMPLES, "nearest to the center first, 1/256 px from the pixel's left"),
-        ("int", "sample_y", MOST_SAMPLES, "1/256 px from the pixel's lower end"),
+        ("int", "sample_x", MOST_SAMPLES, "nearest to the center first, 1/65536 px from the pixel's left"),
+        ("int", "sample_y", MOST_SAMPLES, "1/65536 px from the pixel's lower end"),
         ("int", "least", 2, "least of sample_x, of sample_y"),
         ("int", "most", 2, "most of sample_x, of sample_y"),
         ("int", "transparent", 1, "whether there is no background"),
@@ -251,7 +233,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "unlit", 1, "whether colors are taken as they are, shader nolight, where they are lit nonetheless"),
         ("int", "backdrop_columns", 1, "pixels of the environment that is the background; with BACKDROP"),
         ("int", "backdrop_rows", 1, "pixels"),
-        ("int", "ray_center", 2, "where the viewing direction meets the image, snapped, 1/256 px"),
+        ("int", "ray_center", 2, "where the viewing direction meets the image, 1/256 px"),
         ("real", "background", 3, "linear RGB"),
         ("real", "unscale", 1, "turns a scaled depth into scene units"),
         ("real", "light_unit", 1, "what light is counted in: a power of two"),

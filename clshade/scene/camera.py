@@ -28,10 +28,7 @@ def _pair(owner: str, name: str, expected: str, value: Any) -> tuple[Any, Any]:
 def checked_resolution(owner: str, value: Any, most: int = MAX_RESOLUTION) -> tuple[int, int]:
     """Return columns and rows of an image, (N, M), 1 to `most` each. Raises InputError for anything else."""
     columns, rows = _pair(owner, "resolution", "two whole numbers (N, M)", value)
-    return (
-        integer(owner, "resolution N", columns, 1, most),
-        integer(owner, "resolution M", rows, 1, most),
-    )
+    return (integer(owner, "resolution N", columns, 1, most), integer(owner, "resolution M", rows, 1, most))
 
 
 def height_seen(who: str, name: str, degrees: Any) -> float:
@@ -132,12 +129,7 @@ class Camera:
 
     @classmethod
     def from_fov(
-        cls,
-        eye: ArrayLike,
-        lookat: ArrayLike,
-        up: ArrayLike,
-        fov: float,
-        resolution: tuple[int, int] = (800, 600),
+        cls, eye: ArrayLike, lookat: ArrayLike, up: ArrayLike, fov: float, resolution: tuple[int, int] = (800, 600)
     ) -> Camera:
         """Create a camera with square pixels from a vertical field of view.
 

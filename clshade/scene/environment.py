@@ -57,12 +57,7 @@ class Environment:
     if TYPE_CHECKING:
 
         def __init__(
-            self,
-            image: ArrayLike,
-            rotation: float = 0.0,
-            intensity: float = 1.0,
-            up: ArrayLike = ...,
-            name: str = "",
+            self, image: ArrayLike, rotation: float = 0.0, intensity: float = 1.0, up: ArrayLike = ..., name: str = ""
         ) -> None: ...
 
     def __post_init__(self) -> None:

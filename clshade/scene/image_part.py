@@ -1,6 +1,6 @@
 """Cameras of parts of an image: what they show has the bits of that part of the whole image.
 
-Their lens alone would not do: positions computed from it are rounded otherwise, now and then across a step of 1/256 px.
+Their lens alone would not do: positions computed from it are rounded otherwise, now and then to another 1/65536 px.
 """
 
 from __future__ import annotations

@@ -197,9 +197,8 @@ class Settings:
         1,
         MAX_SAMPLES,
         "samples per pixel",
-        "They lie at `clshade.pipeline.sample_pattern.positions`. A triangle is shaded once per pixel: at the center if "
-        "it covers all samples, else at the covered sample nearest the center. Layers are those of the sample nearest "
-        "the center.",
+        "They lie at `clshade.pipeline.sample_pattern.positions`. A triangle is lit once per pixel, at the mean of the "
+        "samples that it covers. Layers are those of the sample nearest the center.",
     )
     sample_shading: bool = declare.flag(False, "light every sample")
     resolve: Resolve = declare.choice(

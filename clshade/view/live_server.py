@@ -153,9 +153,8 @@ class LiveServer:
         finally:
             self.clients.discard(client)
             if client.session is not None:
-                self.drawing.submit(
-                    client.session.close
-                )  # without waiting for pictures before it: the view may be ending
+                # Without waiting for pictures before it: the view may be ending.
+                self.drawing.submit(client.session.close)
         return ws
 
     async def in_drawing(self, function: Callable[..., Any], *arguments: Any) -> Any:

@@ -124,10 +124,10 @@ def test_corners_far_away(shader, far):
     """A triangle through the image with one corner at (20, 10) and two far away, clipped at the guard band."""
     verts_p = np.array([[20.25, 10.25], [far, 0.3 * far], [-0.7 * far, far]])
     weights = weights_of(verts_p)
-    # Corners of the clipped piece are rounded to 1/256 pixel: edges, and weights with them, may move as much.
+    # Corners of the clipped piece are rounded to 1/65536 pixel: edges, and weights with them, may move as much.
     with np.errstate(over="ignore"):
         step = np.abs(np.diff(weights, axis=1)).max(axis=(0, 1)) + np.abs(np.diff(weights, axis=0)).max(axis=(0, 1))
-    margin = step / 64.0 + 1e-12 / far
+    margin = step / 16384.0 + 1e-12 / far
     inside, outside = (weights > margin).all(axis=2), (weights < -margin).any(axis=2)
     assert inside.sum() > 100
     assert outside.sum() > 100

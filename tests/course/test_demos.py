@@ -119,18 +119,11 @@ def test_the_sheets_show_every_figure(drawn, name, panels):
     picture = png.read(drawn / name).astype(float)
     height = sheet.PANEL * 64 // 80
     step = height + sheet.TITLE + sheet.CAPTION
-    assert picture.shape == (
-        sheet.HEAD + step * (panels // 4),
-        (sheet.PANEL + sheet.GAP) * 4,
-        3,
-    )
+    assert picture.shape == (sheet.HEAD + step * (panels // 4), (sheet.PANEL + sheet.GAP) * 4, 3)
     first = 1 if name == "demo.png" else 17
     files = sorted(drawn.glob("figure*.png"))
     for k in range(panels):
-        x, y = (
-            k % 4 * (sheet.PANEL + sheet.GAP) + sheet.GAP // 2,
-            sheet.HEAD + k // 4 * step + sheet.TITLE,
-        )
+        x, y = (k % 4 * (sheet.PANEL + sheet.GAP) + sheet.GAP // 2, sheet.HEAD + k // 4 * step + sheet.TITLE)
         shown = picture[y : y + height, x : x + sheet.PANEL]
         assert picture[y + height + 2 : y + height + sheet.CAPTION, x : x + sheet.PANEL].min() < 128.0
         assert picture[y - sheet.TITLE : y - 2, x : x + sheet.PANEL].min() < 128.0

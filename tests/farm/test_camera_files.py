@@ -44,7 +44,7 @@ def test_a_file_has_the_cameras_of_from_matrix(tmp_path, convention, center):
 @pytest.mark.parametrize("convention", FLIP)
 @pytest.mark.parametrize("center", [0.5, 0])
 def test_opencv_projects_points_where_cameras_of_a_file_draw_them(tmp_path, convention, center):
-    """Written, read and written again: within 1/256 px of K and the pose that were given."""
+    """Written, read and written again: where K and the pose that were given say."""
     cv2 = pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
     from clshade.scene.geometry import camera_matrices
 

@@ -149,9 +149,8 @@ def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
     for each in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
         found.append(each)
         if len(found) == COUNT // 3:
-            stopped = int(
-                each.worker.rpartition(":")[2]
-            )  # not one that may still be compiling, for which it has longer
+            # Not one that may still be compiling, for which it has longer.
+            stopped = int(each.worker.rpartition(":")[2])
             os.kill(stopped, signal.SIGSTOP)
     assert sorted(each.number for each in found if isinstance(each, DrawnFrame)) == list(range(1, COUNT + 1))
     lost = [each for each in found if isinstance(each, Lost)]

@@ -69,9 +69,8 @@ def test_directions_and_positions():
     pixels, note = thumbnails(split("N", "XYZ", normals.astype(np.float16)))["N"]
     assert note == "(n + 1)/2"
     assert (pixels[0] == 0).all()
-    assert (
-        np.abs(pixels[1:].astype(float) - 255 * (normals[1:] + 1) / 2).max() <= 0.5 + 255 / 2 * 2.0**-11
-    )  # half's ulp
+    # Half's ulp:
+    assert np.abs(pixels[1:].astype(float) - 255 * (normals[1:] + 1) / 2).max() <= 0.5 + 255 / 2 * 2.0**-11
     points = 2.0 * normals
     points[1, 1] = np.nan
     pixels, note = thumbnails(split("P", "XYZ", points))["P"]

@@ -34,7 +34,7 @@ def teapot_frame(preset: str = "standard", layers: tuple[str, ...] = LAYERS) -> 
 def random_triangles(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return snapped triangles of all sizes in 50 x 40 pixels, partly outside."""
     generator = np.random.default_rng(seed)
-    xy = generator.integers(-2000, 14000, (60, 3, 2))
+    xy = generator.integers(-8 * coverage.SUBPIXELS, 55 * coverage.SUBPIXELS, (60, 3, 2))
     setup = coverage.setup(xy, 50, 40)
     return xy[~setup.culled], setup.box[~setup.culled]
 

@@ -92,9 +92,9 @@ def test_clshade_agrees_with_the_exact_answer_to_its_grid(opened):
     scene = script.SCENES["teapot"]((64, 48))
     frame = clshade.render(scene, device=opened, layers=("Z",))
     errors = script.exact_errors(script.Picture(frame.rgb, frame["Z"], frame.alpha), script.exact(scene))
-    assert errors["wrong"] <= 2
-    assert errors["depth"] < 1e-3
-    assert errors["color"] < 1e-3
+    assert errors["wrong"] == 0
+    assert errors["depth"] < 4e-6  # of corners on 1/256 px: 4e-4
+    assert errors["color"] < 2e-5
 
 
 @pytest.mark.long

@@ -152,11 +152,7 @@ SCENES = {
     "camera": lambda scene, random: replace(scene, camera=replace(scene.camera, eye=next_to(scene.camera.eye))),
     "mesh left out": lambda scene, random: replace(scene, meshes=(*scene.meshes[1:], Mesh(np.eye(3), [[0, 1, 2]]))),
 }
-OTHERS = {
-    "header attribute": changed_attribute,
-    "header record": changed_record,
-    "PNG code": changed_code,
-}
+OTHERS = {"header attribute": changed_attribute, "header record": changed_record, "PNG code": changed_code}
 
 
 def missed(folder: Path, count: int, half: bool = False) -> tuple[list[str], int]:

@@ -44,7 +44,7 @@ def test_the_reference_approaches_the_covered_area(device):
     found = reference(scene, base_settings(scene), device)
     assert found.rgb.shape == (40, 40, 3)
     assert found.samples == 256
-    # About 60 pixels contain an edge; vertices are snapped to 1/256 px, and a pixel's coverage is a multiple of 1/256.
+    # About 60 pixels contain an edge, and a pixel's coverage is a multiple of 1/256.
     assert found.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
     assert 0.0 < found.error < 0.02
 
@@ -75,7 +75,7 @@ def test_the_mean_of_a_larger_image_is_the_mean_of_samples_on_a_grid(device):
 
 
 def test_tiles_make_the_same_image(device, monkeypatch):
-    """A moved principal point and a smaller plane: only the rounding of vertices to 1/256 px may differ, which moves
+    """A moved principal point and a smaller plane: only the rounding of vertices to 1/65536 px may differ, which moves
     edges so little that none crosses a sample here."""
     scene = triangle()
     scene = replace(scene, camera=replace(scene.camera, principal=(0.45, 0.6), plane=(1.1, 0.9)))

@@ -179,9 +179,8 @@ def test_the_fastest_within_a_tolerance(device):
     assert set(drawn(chosen)) == FIGURES.keys() - {"samples-64", "shaded-4", "shaded-16", "shaded-64"}
     assert select(sphere(), tolerance=0.00735, device=device).used.variant.name == "samples-4"  # as errors are known
     assert select(sphere(), tolerance=0.0072, device=device).used.variant.name == "shaded-4"
-    assert (
-        select(sphere(), tolerance=0.05, device=device).used.variant.name == "unchanged"
-    )  # of equally fast ones the best
+    # Of equally fast ones the best:
+    assert select(sphere(), tolerance=0.05, device=device).used.variant.name == "unchanged"
 
 
 @pytest.mark.usefixtures("unmeasured")

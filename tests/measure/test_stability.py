@@ -87,7 +87,7 @@ def rational_mask(xy: np.ndarray, columns: int, rows: int) -> np.ndarray:
     below it.
     """
     mask = np.zeros((rows, columns), bool)
-    corners = [[Fraction(int(value), 256) for value in corner] for corner in xy]
+    corners = [[Fraction(int(value), flat.SUB) for value in corner] for corner in xy]
     low, high = min(c[1] for c in corners), max(c[1] for c in corners)
     for row in range(max(math.floor(low - Fraction(1, 2)), 0), min(math.ceil(high), rows - 1) + 1):
         y = row + Fraction(1, 2)
@@ -107,7 +107,7 @@ def test_integer_coverage_is_rational_coverage():
     for size in (1, 4, 16):
         xy, _ = triangles_of_size(np.random.default_rng(size), size, 300)
         for corners in xy:
-            moved = corners - 256 * (corners.min(axis=0) // 256)
+            moved = corners - flat.SUB * (corners.min(axis=0) // flat.SUB)
             columns, rows = size + 2, size + 1
             integers = flat.exact(moved[None], (columns, rows))[::-1] > 0
             assert np.array_equal(rational_mask(moved, columns, rows), integers)
@@ -115,7 +115,7 @@ def test_integer_coverage_is_rational_coverage():
 
 def test_rational_coverage_notices_an_edge():
     """A square's right column and bottom row of centers lie on its edges, and do not belong to it."""
-    square = np.array([[128, 128], [1152, 128], [128, 1152]])
+    square = flat.HALF * np.array([[1, 1], [9, 1], [1, 9]])
     mask = rational_mask(square, 6, 6)
     assert not mask[0].any()
     assert mask[1, :3].all()

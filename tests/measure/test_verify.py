@@ -86,9 +86,11 @@ def test_seeds_are_fresh_and_repeat_a_sample(tmp_path):
 
 
 def written_again(path: Path, record=None, storage=None, half=False, **planes: np.ndarray) -> None:
-    """Write an EXR with other fields of its record, and the seal that belongs to it, with other channels or as half."""
+    """Write an EXR with other fields of its record, None for none, and the seal that belongs to it, with other channels or
+    as half."""
     before, header = exr.read(path)
     new = {**json.loads(header[RECORD]), **(record or {})}
+    new = {name: value for name, value in new.items() if value is not None}
     new["storage"] = {**new["storage"], **(storage or {})}
     metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
     exr.write(path, {**before, **planes}, metadata=sealed(metadata, new), half=half)
@@ -169,6 +171,15 @@ def test_records_that_cannot_be_are_refused(tmp_path, record, storage):
     path = saved(tmp_path)
     written_again(path, record, storage)
     expected = r"\.scene: expected digests of meshes, materials" if record else r"clshade\.storage"
+    with pytest.raises(InputError, match=expected):
+        clshade.verify(path, scene())
+
+
+@pytest.mark.parametrize("steps", [None, 256])
+def test_an_image_of_coarser_corners_is_refused_in_one_sentence(tmp_path, steps):
+    path = saved(tmp_path)
+    written_again(path, {"subpixels": steps})
+    expected = "header: clshade.subpixels: expected corners snapped to 1/65536 px, found 1/256 px, as another version"
     with pytest.raises(InputError, match=expected):
         clshade.verify(path, scene())
 

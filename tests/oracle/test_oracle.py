@@ -14,6 +14,8 @@ from clshade.oracle.terms import Surface
 
 VIEW = (1.0, (1.0, 1.0), (32, 32))  # focal, plane, resolution
 
+PIXEL = coverage.SUBPIXELS
+
 
 def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
     return np.allclose(found, expected, rtol=rtol, atol=atol)
@@ -38,7 +40,7 @@ def test_camera_frame_is_right_handed_and_unmirrored():
 def test_projection_and_snapping():
     uv = transform.project(np.array([[0.0, 0, 5], [1, 1, 2], [-1, 0, 4]]), 1.0, (1.0, 2.0), (100, 50))
     assert np.array_equal(uv, [[50, 25], [75, 50], [37.5, 25]])
-    halves = np.array([0.5, 1.5, 2.5, -0.5, -1.5]) / 256
+    halves = np.array([0.5, 1.5, 2.5, -0.5, -1.5]) / PIXEL
     assert transform.snap(halves).tolist() == [0, 2, 2, 0, -2]
     assert transform.near_distance(np.array([[0.0, 0, 0], [3, 4, 0]]), np.zeros(3), np.ones(3)) == 2.5e-4
     assert transform.near_distance(np.ones((1, 3)), np.zeros(3), np.array([0, 0, 2.0])) == 2e-4
@@ -134,7 +136,7 @@ def test_pieces_pass_drop_and_cut():
     assert set(cut.face.tolist()) == {0, 2, 3}
     assert np.array_equal(cut.weights[2], np.eye(3))
     assert (cut.z >= 0.1).all()
-    assert (np.abs(cut.xy) <= clip.GUARD * 256).all()
+    assert ((cut.xy >= clip.GUARD[0] * PIXEL) & (cut.xy <= clip.GUARD[1] * PIXEL)).all()
     assert (
         sum(coverage.triangle_mask(xy, 32, 32).astype(int) for xy in cut.xy[cut.face == 3]).tolist() == [[1] * 32] * 32
     )
@@ -144,10 +146,12 @@ def test_guard_band_of_an_oblong_image():
     corners = np.array([[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]])
     view = (2.0, (1.0, 4.0), (64, 20))
     cut = clip.pieces(corners[None], 0.1, transform.Lens(*view))
-    assert np.abs(cut.xy[..., 0]).max() == np.abs(cut.xy[..., 1]).max() == clip.GUARD * 256
+    low, high = (limit * PIXEL for limit in clip.GUARD)
+    assert (cut.xy.min(axis=(0, 1)) == low).all()
+    assert (cut.xy.max(axis=(0, 1)) == high).all()
     assert sum(coverage.triangle_mask(xy, 64, 20).astype(int) for xy in cut.xy).tolist() == [[1] * 64] * 20
     back = transform.project(cut.weights @ corners, *view)
-    assert close(back * 256, cut.xy, rtol=0, atol=0.51)
+    assert close(back * PIXEL, cut.xy, rtol=0, atol=0.51)
 
 
 # Coverage
@@ -159,7 +163,8 @@ def exact_mask(xy, columns: int, rows: int) -> np.ndarray:
     mask = np.zeros((rows, columns), bool)
     for row in range(rows):
         for column in range(columns):
-            p = Fraction(256 * column + 128) + Fraction(1, 10**20), Fraction(256 * row + 128) - Fraction(1, 10**40)
+            x, y = PIXEL * column + coverage.HALF, PIXEL * row + coverage.HALF
+            p = Fraction(x) + Fraction(1, 10**20), Fraction(y) - Fraction(1, 10**40)
             turns = []
             for i in range(3):
                 (ax, ay), (bx, by) = xy[i], xy[(i + 1) % 3]
@@ -171,8 +176,12 @@ def exact_mask(xy, columns: int, rows: int) -> np.ndarray:
 def test_coverage_equals_exact_arithmetic():
     rng = np.random.default_rng(3)
     for index in range(300):
-        step = (1, 64, 128)[index % 3]  # coarse grids put many centers on edges and corners
-        xy = rng.integers(-600 // step, 2000 // step, (3, 2)) * step
+        step = (1, PIXEL // 4, PIXEL // 2, PIXEL)[index % 4]  # coarse grids put many centers on edges and corners
+        xy = rng.integers(-2 * PIXEL // step, 8 * PIXEL // step, (3, 2)) * step
+        if step == PIXEL:  # or beside them
+            xy += coverage.HALF + rng.choice([-1, 0, 1, 255, 257], (3, 2))
+        if index % 3 == 0:
+            xy[0] = rng.integers(*(int(limit) * PIXEL for limit in clip.GUARD), 2)
         mask = coverage.triangle_mask(xy, 6, 5)
         assert np.array_equal(mask, exact_mask(xy.tolist(), 6, 5)), xy.tolist()
         assert np.array_equal(mask, coverage.triangle_mask(xy[[0, 2, 1]], 6, 5))
@@ -186,25 +195,17 @@ def test_coverage_equals_exact_arithmetic():
         assert (edges.sum(axis=-1) == abs(area)).all()
 
 
-def test_edges_own_their_points():
-    box = np.array([[128, 128], [128 + 512, 128], [128 + 512, 128 + 512], [128, 128 + 512]])
-    mask = coverage.triangle_mask(box[[0, 1, 2]], 4, 4) | coverage.triangle_mask(box[[0, 2, 3]], 4, 4)
-    expected = np.zeros((4, 4), bool)
-    expected[1:3, 0:2] = True  # the top row and the left column belong to it, bottom and right do not
-    assert np.array_equal(mask, expected)
-
-
 @pytest.mark.parametrize("turn", range(12))
 def test_shared_edges_are_drawn_once(turn):
     """A disc of twelve needles around a pixel center, and a ring of quads outside: no overlap, no hole."""
     angle = (np.arange(12) + turn / 12) * math.pi / 6
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    inner, outer = (np.rint(16.5 * 256 + r * 256 * ring).astype(int) for r in (6, 15))
+    inner, outer = (np.rint(PIXEL * (16.5 + r * ring)).astype(int) for r in (6, 15))
     count = np.zeros((33, 33), int)
     for i in range(12):
         j = (i + 1) % 12
         for xy in (
-            [[16 * 256 + 128] * 2, inner[i], inner[j]],
+            [[16 * PIXEL + coverage.HALF] * 2, inner[i], inner[j]],
             [inner[i], outer[i], inner[j]],
             [inner[j], outer[i], outer[j]],
         ):
@@ -217,9 +218,11 @@ def test_shared_edges_are_drawn_once(turn):
 
 
 def test_setup_culls():
-    ccw = np.array([[0, 0], [1024, 0], [0, 1024]])
-    both = coverage.setup(np.array([ccw, ccw[::-1], ccw * 0, ccw // 9 + 129, ccw + 9999]), 4, 4, cull=True)
-    assert both.area.tolist()[:3] == [1024**2, -(1024**2), 0]
+    side = 4 * PIXEL
+    ccw = np.array([[0, 0], [side, 0], [0, side]])
+    between, beside = ccw // 9 + coverage.HALF + 1, ccw + 10 * side
+    both = coverage.setup(np.array([ccw, ccw[::-1], ccw * 0, between, beside]), 4, 4, cull=True)
+    assert both.area.tolist()[:3] == [side**2, -(side**2), 0]
     assert both.box[0].tolist() == [0, 0, 3, 3]
     assert both.culled.tolist() == [False, True, True, True, True]
     assert not coverage.setup(ccw[::-1], 4, 4).culled
@@ -227,7 +230,7 @@ def test_setup_culls():
 
 def test_samples_are_the_masks():
     rng = np.random.default_rng(4)
-    xy = rng.integers(-900, 6000, (40, 3, 2))
+    xy = rng.integers(-4 * PIXEL, 24 * PIXEL, (40, 3, 2))
     setup = coverage.setup(xy, 20, 17)
     alive = np.flatnonzero(~setup.culled)
     for limit in (1, 50, 10**6):
@@ -237,13 +240,10 @@ def test_samples_are_the_masks():
         assert np.array_equal(found, [coverage.triangle_mask(t, 20, 17) for t in xy[alive]])
 
 
-def test_painter_order_and_tile_lists():
+def test_painter_order():
     z = np.array([[1.0, 2, 3], [3, 1, 2], [0, 0, 0], [-0.0, 0, 0], [9, 9, 9], [2, 2, 2 + 2**-49]])
     order = coverage.painter_order(z, np.array([1, 1, 1, 1, 0, 1], bool))
     assert order.tolist() == [3, 2, 1, 0, 5]
-    boxes = np.array([[0, 0, 0, 0], [7, 7, 8, 8], [0, 0, 9, 9], [9, 0, 9, 0]])
-    lists = coverage.tile_lists(np.array([2, 0, 3, 1]), boxes, 8, 10, 10)
-    assert [tile.tolist() for tile in lists] == [[2, 0, 1], [2, 3, 1], [2, 1], [2, 1]]
 
 
 # Shading

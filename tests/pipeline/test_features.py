@@ -178,11 +178,7 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
             {"shader": "nolight"},
             {"ALPHA_TEST", "VERTEX_ALPHA"},
         ),
-        (
-            scene(CUT),
-            {"shader": "nolight", **AT_VERTEX},
-            {"UV_INDICES", "ALPHA_TEST"},
-        ),
+        (scene(CUT), {"shader": "nolight", **AT_VERTEX}, {"UV_INDICES", "ALPHA_TEST"}),
     ],
 )
 def test_what_is_needed_is_used_and_all_else_has_a_reason(given, fields, used):

@@ -140,8 +140,8 @@ def test_nothing_moves(opened):
     shown = frame["id"] > 0
     found = clshade.flow(frame, frame, device=opened)
     assert (found.vectors[shown] == 0.0).all()
-    # Squares of a pixel may show what is hidden at another place of it, by at most 1/256 px of snapping.
-    assert found.occluded[shown].mean() < 0.005
+    # Snapping moves edges by up to 1/131072 px: here none crosses a sample, which would see what is hidden from it.
+    assert not found.occluded[shown].any()
     assert_oracles(frame, found)
 
 

@@ -137,8 +137,8 @@ def test_parts_of_larger_images_do_not_depend_on_how_they_are_cut(device, speckl
 
 
 def test_parts_of_larger_images_are_the_oracles(device, speckled):
-    """Each by a camera of its own lens, which rounds positions otherwise by 1e-11 px: none of these crosses a step of
-    1/256 px. Across the seam a triangle has the same ids as if both sides had been drawn at once."""
+    """Each by a camera of its own lens, which rounds positions otherwise by 1e-11 px: none of these rounds to another
+    1/65536 px. Across the seam a triangle has the same ids as if both sides had been drawn at once."""
     with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
         for left, top in ((-40, -40), (0, -40), (-40, 0), (0, 0)):
             frame = renderer.render(part_near_the_corner(speckled, left, top, 40, 40))
@@ -154,9 +154,11 @@ def test_parts_of_larger_images_are_the_oracles(device, speckled):
 
 
 def test_positions_of_shifted_corners_fit_their_ranges():
-    """kernels/edge.clh: within the guard band, from any part of a region, less than what means beyond it, and than 2^24."""
-    farthest = struct_layout.GUARD_PIXELS + 16384 << struct_layout.SUBPIXEL_BITS
-    assert farthest < struct_layout.SNAP_LIMIT < 1 << 24
+    """kernels/edge.clh: within the guard band, from any part of a region, less than what means beyond it, and than 2^31; two
+    of them differ by less than 2^31."""
+    farthest = max(struct_layout.GUARD_HIGH, 16384 - struct_layout.GUARD_LOW) << struct_layout.SUBPIXEL_BITS
+    assert farthest < struct_layout.SNAP_LIMIT <= 2**31 - (1 << struct_layout.SUBPIXEL_BITS)
+    assert struct_layout.GUARD_HIGH - struct_layout.GUARD_LOW << struct_layout.SUBPIXEL_BITS < 2**31
 
 
 def test_the_raster_of_a_part():
@@ -173,12 +175,7 @@ def test_the_raster_of_a_part():
 
 @pytest.mark.parametrize(
     ("part", "field"),
-    [
-        ((-1, 0, 5, 5), "left"),
-        ((0, 0, 0, 5), "left"),
-        ((0, 2995, 5, 6), "top"),
-        ((16_380, 0, 5, 5), "left"),
-    ],
+    [((-1, 0, 5, 5), "left"), ((0, 0, 0, 5), "left"), ((0, 2995, 5, 6), "top"), ((16_380, 0, 5, 5), "left")],
 )
 def test_parts_outside_the_image_or_across_regions_are_refused(part, field):
     whole = whole_camera(clshade.builtin("icosphere").camera, (20_000, 3_000))

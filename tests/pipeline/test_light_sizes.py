@@ -130,9 +130,8 @@ def test_a_small_or_distant_sphere_is_a_point(device):
 
 @pytest.mark.long
 def test_a_rectangle_shines_from_its_front_only(device):
-    light = RectangleLight(
-        (0.3, -0.2, 1.5), (0.5, 0.1, 0.0), (-0.1, 0.4, 0.0)
-    )  # right x up points up, away from the floor
+    # right x up points up, away from the floor.
+    light = RectangleLight((0.3, -0.2, 1.5), (0.5, 0.1, 0.0), (-0.1, 0.4, 0.0))
     turned = replace(light, right=light.up, up=light.right)
     assert draw(device, lit_by(turned, material=MATTE), forced={"AMBIENT", "SPECULAR"}).rgb.max() > 0.2
     assert (draw(device, lit_by(light, material=MATTE), forced={"AMBIENT", "SPECULAR"}).rgb == 0.0).all()

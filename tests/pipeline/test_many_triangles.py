@@ -15,11 +15,7 @@ pytestmark = pytest.mark.long
 
 BEFORE = 1 << 24  # faces without area before the others
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (96, 64))
-OPTIONS = [
-    {},
-    {"visibility": "painter", "interpolation": "affine"},
-    {"shader": "gouraud", "shadows": True},
-]
+OPTIONS = [{}, {"visibility": "painter", "interpolation": "affine"}, {"shader": "gouraud", "shadows": True}]
 
 
 def soup(before: int) -> Scene:

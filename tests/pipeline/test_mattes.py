@@ -62,14 +62,12 @@ def test_they_are_the_oracles(device, samples):
     found = clshade.cryptomatte(frame, device=device)
     scene, settings = frame.scene, frame.settings
     views = oracle.samples_of(scene, settings, oracle.prepare(scene, settings))
-    resolution = scene.camera.resolution
+    columns, rows = scene.camera.resolution
+    row, column = np.divmod(np.arange(rows * columns), columns)
     mesh_of = np.append(views[0].corners.mesh[views[0].pieces.face] + 1, 0)
-    owners = np.array(
-        [
-            oracle.owners(view, settings.visibility, resolution, oracle.opaque_test(scene, settings, view))
-            for view in views
-        ]
-    )[:, ::-1]
+    opaque = [oracle.opaque_test(scene, settings, view) for view in views]
+    owners = [oracle.owners(view, "depth", column, row, test) for view, test in zip(views, opaque, strict=True)]
+    owners = np.array(owners).reshape(-1, rows, columns)[:, ::-1]
     names_of = {k: mesh.name or f"object {k}" for k, mesh in enumerate(scene.meshes, 1)}
     expected = matte("CryptoObject", mesh_of[owners].astype(np.uint32), names_of)
     assert found["object"].metadata == expected.metadata

@@ -18,6 +18,7 @@ from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
+from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Texture
 
@@ -141,10 +142,12 @@ def test_weighted_samples(device, precision):
 @pytest.mark.sampled
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
-    """Cut along different diagonals, so that the depths of a pixel differ only by rounding."""
+    """Cut along different diagonals, so that the depths of a pixel differ only by rounding: corners lie on the grid, to
+    which they would be moved each by itself."""
     corners = np.array([[-1.0, -1.0, 0.3], [1.0, -1.0, -0.2], [1.0, 1.0, -0.3], [-1.0, 1.0, 0.2]])
     meshes = [Mesh(corners, faces) for faces in ([[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]])]
-    scene = Scene(tuple(meshes), CAMERA.with_resolution((160, 120)), LIGHTS)
+    camera = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (3.75, 5.0), (160, 120), orthographic=True)
+    scene = Scene(tuple(meshes), camera, LIGHTS)
     for samples in (1, 4):
         frame = draw(device, scene, precision=precision, samples=samples, shader="nolight")
         assert frame.alpha.any()

@@ -24,24 +24,24 @@ from clshade.scene.model import Scene, Texture
 
 pytestmark = pytest.mark.optimized
 
-SHADOWED_TEAPOT = "e7f7478c1ac6482b"
+SHADOWED_TEAPOT = "851d5468d84f2cf2"
 # (scene, field of the settings, value); otherwise the preset `standard`.
 VARIANTS = {
-    ("torus_knot", "samples", 5): "cca50022d326a2d3",
-    ("box_room", "precision", "float64"): "5b6582138bb71d2a",
-    ("teapot", "texture_filter", "trilinear"): "c2e91fba441b2cab",
+    ("torus_knot", "samples", 5): "ce5bdcdc2faf43a9",
+    ("box_room", "precision", "float64"): "6633c1e76fde73f2",
+    ("teapot", "texture_filter", "trilinear"): "d88bf021ea1ed2b4",
     ("teapot", "shadows", True): SHADOWED_TEAPOT,
 }
 # The same for several fields together: (scene, the fields' names and values).
 COMBINED = {
-    ("torus_knot", ("samples", 5), ("resolve", "weighted")): "34cae387820be4f5",
-    ("torus_knot", ("samples", 7), ("sample_shading", True)): "259491f30b381eef",
-    ("box_room", ("samples", 3), ("precision", "float64")): "b008318580b76089",
-    ("teapot", ("samples", 4), ("texture_filter", "trilinear")): "b059ee709aced3d8",
+    ("torus_knot", ("samples", 5), ("resolve", "weighted")): "99e958479eb5dd95",
+    ("torus_knot", ("samples", 7), ("sample_shading", True)): "87a147373822762e",
+    ("box_room", ("samples", 3), ("precision", "float64")): "c068ffa725a2f9ca",
+    ("teapot", ("samples", 4), ("texture_filter", "trilinear")): "3b7775801e324cab",
 }
 # A file of glTF by preset, without shadows; that of `standard` is older than shader pbr.
-SPHERES = {"standard": "2d145a880ca35a5d", "pbr": "153ffa04bd48d5d3"}
-SHADOWED_SPHERES = "23d334313d497186"  # of the preset pbr, as it is
+SPHERES = {"standard": "1e67308c7a5624b2", "pbr": "45d7817443088c9f"}
+SHADOWED_SPHERES = "8e8cd8622d0a5074"  # of the preset pbr, as it is
 # Other programs of golden images: every number of lanes, with and without light, in either order.
 OTHERS = [
     *((key, {"forced": OPTIONAL}) for key in GOLDEN if key[0] in ("teapot", "course")),

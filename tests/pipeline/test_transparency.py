@@ -152,10 +152,7 @@ def test_layers_that_float32_does_not_tell_apart(device, nearer_first):
     corners = np.array([[-1.0, -1, 0.3], [1, -1, 0.9], [1, 1, 1.7], [-1, 1, 1.1]])
     panes = [
         Mesh(corners + [0, 0, ahead], faces, material=Material(color=color, blend=True, opacity=0.5))
-        for ahead, faces, color in (
-            (0.0, [[0, 1, 2], [0, 2, 3]], RED),
-            (-4 * 2.0**-24, [[0, 1, 3], [1, 2, 3]], GREEN),
-        )
+        for ahead, faces, color in ((0.0, [[0, 1, 2], [0, 2, 3]], RED), (-4 * 2.0**-24, [[0, 1, 3], [1, 2, 3]], GREEN))
     ]
     camera = replace(CAMERA, orthographic=True, plane=(1.7, 1.7), resolution=(40, 40))
     frame = draw(device, Scene(panes[:: -1 if nearer_first else 1], camera, background=None), shader="nolight")

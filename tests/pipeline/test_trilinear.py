@@ -314,9 +314,8 @@ def test_the_larger_of_the_two_directions_decides(device):
     frame = draw(device, aligned(image))
     level = smaller_levels(image)[1]  # 4 x 16 texels
     columns = reference.bilerp(np.stack(np.meshgrid((np.arange(16) + 0.5) / 16, (np.arange(16) + 0.5) / 16), -1), level)
-    assert (
-        np.abs(frame.rgb - columns[::-1]).max() <= 8 * 2.0**-24
-    )  # error of the kernels' mean of four, as in test_kernel_bilerp
+    # The error of the kernels' mean of four, as in test_kernel_bilerp.
+    assert np.abs(frame.rgb - columns[::-1]).max() <= 8 * 2.0**-24
 
 
 @pytest.mark.long

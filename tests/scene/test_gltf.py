@@ -296,9 +296,7 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
     document.add("materials", {})
     document.json["extensionsUsed"] = ["KHR_materials_clearcoat", "KHR_texture_transform"]
     scene, messages = told(document.glb(tmp_path / "a.glb"))
-    assert set(scene.ignored) == {
-        *("KHR_materials_clearcoat", "points and lines"),
-    }
+    assert set(scene.ignored) == {*("KHR_materials_clearcoat", "points and lines")}
     assert len(messages) == 1
     assert "a.glb: not rendered: " in messages[0]
     document.json["extensionsRequired"] = ["KHR_animation_pointer"]

@@ -142,8 +142,7 @@ def studio(tmp_path, *, camera: bool, light: bool) -> str:
 
 
 @pytest.mark.parametrize(
-    ("camera", "light", "fit", "early"),
-    [(1, 1, False, 1), (1, 0, False, 8), (0, 1, False, 8), (1, 1, True, 8)],
+    ("camera", "light", "fit", "early"), [(1, 1, False, 1), (1, 0, False, 8), (0, 1, False, 8), (1, 1, True, 8)]
 )
 def test_poses_are_computed_late_where_nothing_is_chosen_by_them(tmp_path, monkeypatch, camera, light, fit, early):
     path = studio(tmp_path, camera=bool(camera), light=bool(light))

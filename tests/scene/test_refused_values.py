@@ -89,10 +89,7 @@ CASES = {
         "Material: ka: expected a number or three finite numbers, found [1.0]",
     ),
     "n of an array": (lambda: Material(n=[1.0]), "Material: n: expected a number from 0 to 1e9, found [1.0]"),
-    "focal=True": (
-        lambda: Camera(*EYE, True, (1, 1)),
-        "Camera: focal: expected a finite number above 0, found True",
-    ),
+    "focal=True": (lambda: Camera(*EYE, True, (1, 1)), "Camera: focal: expected a finite number above 0, found True"),
     "n of a flag": (lambda: Material(n=np.True_), "Material: n: expected a number from 0 to 1e9, found "),
     "ka=True": (lambda: Material(ka=True), "Material: ka: expected a number or three finite numbers, found True"),
     "kd of flags": (lambda: Material(kd=(True, False, True)), "Material: kd: expected a number or three finite"),

@@ -19,17 +19,7 @@ from processes import python, started
 from scene_files import refusal
 
 import clshade
-from clshade import (
-    Camera,
-    DirectionalLight,
-    Environment,
-    Material,
-    Mesh,
-    MetallicRoughness,
-    PointLight,
-    Scene,
-    Texture,
-)
+from clshade import Camera, DirectionalLight, Environment, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture
 from clshade.errors import InputError, OutputError
 from clshade.scene.formats import scene_json, scene_json_writer
 from clshade.scene.formats.load import load
@@ -40,10 +30,7 @@ from clshade.scene.metallic_roughness import MAPS
 VERTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.1]])
 FACES = [[0, 1, 2], [1, 3, 2]]
 CAMERA = Camera((0.5, 0.5, 4), (0.5, 0.5, 0), (0, 1, 0), 1.0, (0.6, 0.8), (32, 24))
-CLASSES = (
-    *(Scene, Mesh, Material, MetallicRoughness, Texture, Camera, Environment),
-    *LIGHTS,
-)
+CLASSES = (*(Scene, Mesh, Material, MetallicRoughness, Texture, Camera, Environment), *LIGHTS)
 
 
 def texture(seed: int = 0, **fields: Any) -> Texture:

@@ -153,8 +153,9 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
 def samples_at(places: Array) -> dict[str, Any]:
     """Return the members of structs.Image that define the sample positions (S, 2), in 1/256 px."""
     kept = np.zeros((2, struct_layout.MOST_SAMPLES), np.int32)
-    kept[:, : len(places)] = places.T
-    rest = {"least": places.min(axis=0), "most": places.max(axis=0)}
+    snapped = places << struct_layout.SUBPIXEL_BITS - struct_layout.SAMPLE_BITS
+    kept[:, : len(places)] = snapped.T
+    rest = {"least": snapped.min(axis=0), "most": snapped.max(axis=0)}
     return {"samples": len(places), "sample_x": kept[0], "sample_y": kept[1], **rest}
 
 

@@ -109,12 +109,7 @@ def _colors_agree(
 
 
 def assert_depths_within(
-    Z: Array,
-    oracle: OracleFrame,
-    roundings: float | None = None,
-    *,
-    dtype: Any = np.float32,
-    skip: Array | None = None,
+    Z: Array, oracle: OracleFrame, roundings: float | None = None, *, dtype: Any = np.float32, skip: Array | None = None
 ) -> float:
     """Assert that depths are within `roundings` (None: as the type allows) of the oracle's, and +inf exactly in the
     background.

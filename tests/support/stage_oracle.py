@@ -11,6 +11,7 @@ from kernel_stages import Pipeline, coefficients, float32, four, light_rows, mat
 
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
 from clshade.oracle.terms import Surface
+from clshade.oracle.transform import SAMPLE_STEPS
 from clshade.pipeline import struct_layout
 from clshade.scene.material import TERMS
 
@@ -66,9 +67,9 @@ def patches(resolution: tuple[int, int], count: int = 300, seed: int = 1) -> Inp
     xy = rng.uniform(0, 1, (count, 1, 2)) + 0.25 * np.exp2(rng.uniform(-4, 1, (count, 1, 1))) * rng.normal(
         size=(count, 3, 2)
     )
-    xy = np.rint(xy * [columns, rows] * 256).astype(np.int64)
+    xy = np.rint(xy * [columns, rows] * coverage.SUBPIXELS).astype(np.int64)
     # A square image plane of side 1 at distance 1: a point at depth z has x = z * (u / columns - 1/2).
-    flat = z[..., None] * (xy / (256.0 * np.array([columns, rows])) - 0.5)
+    flat = z[..., None] * (xy / (coverage.SUBPIXELS * np.array([columns, rows])) - 0.5)
     points = float32(np.concatenate([flat, z[..., None]], axis=2))
     normals = -points / np.linalg.norm(points, axis=2, keepdims=True) + 0.4 * rng.normal(size=(count, 3, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
@@ -92,8 +93,9 @@ def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str,
     """Return the oracle's owner of each pixel, -1 for none, (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3,
     2)."""
     pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
-    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution))  # type: ignore[arg-type]
-    return frame.owners(prepared, visibility, resolution, orthographic=orthographic)
+    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution), None)  # type: ignore[arg-type]
+    row, column = np.divmod(np.arange(resolution[0] * resolution[1]), resolution[0])
+    return frame.owners(prepared, visibility, column, row, orthographic=orthographic).reshape(resolution[::-1])
 
 
 def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
@@ -102,7 +104,8 @@ def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
     xy: (F, 3, 2) snapped. boxes: those of `coverage.setup`. Also returns which triangles these are (F,), and their edge
     functions there (F, 3), 0 for the others.
     """
-    across = (xy.max(axis=1) - 128) // 256 + (128 - xy.min(axis=1)) // 256 + 1
+    half, pixel = coverage.HALF, coverage.SUBPIXELS
+    across = (xy.max(axis=1) - half) // pixel + (half - xy.min(axis=1)) // pixel + 1
     pixels = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2] + 1, 0), axis=1)
     few = np.flatnonzero((across <= struct_layout.FEW_PIXELS).all(axis=1) & (pixels <= struct_layout.FEW_PIXELS))
     boxes, edges, times = boxes.copy(), np.zeros((len(xy), 3), np.int64), np.zeros(len(xy), int)
@@ -116,10 +119,13 @@ def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
     return boxes, one, np.where(one[:, None], edges, 0)
 
 
+SAMPLE = coverage.SUBPIXELS // SAMPLE_STEPS  # of the samples' grid
+
+
 def seen_from(xy: Array, places: Array) -> list[Array]:
-    """Return snapped corners (F, 3, 2) relative to each sample position (S, 2) of a pixel: moved so that the sample is
-    at the pixel's center."""
-    return [xy + (coverage.HALF - place) for place in places]
+    """Return snapped corners (F, 3, 2) relative to each sample position (S, 2), 1/256 px, of a pixel: moved so that the
+    sample is at the pixel's center."""
+    return [xy + (coverage.HALF - SAMPLE * place) for place in places]
 
 
 def hull(xy: Array, places: Array, resolution: tuple[int, int]) -> Array:

@@ -79,11 +79,7 @@ def centers(frame, bits: int, **weights: float) -> np.ndarray:
 @needs_av
 @pytest.mark.parametrize(
     ("ending", "bits", "codec", "pixel_format"),
-    [
-        (".mp4", 8, "h264", "yuv420p"),
-        (".mp4", 10, "hevc", "yuv420p10le"),
-        (".webm", 8, "vp9", "yuv420p"),
-    ],
+    [(".mp4", 8, "h264", "yuv420p"), (".mp4", 10, "hevc", "yuv420p10le"), (".webm", 8, "vp9", "yuv420p")],
 )
 def test_a_video_read_back(ending, bits, codec, pixel_format):
     import av

@@ -48,10 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="folder for tables and figure (default: report)",
     )
     study.add_argument(
-        "--format",
-        type=names(FORMATS),
-        metavar="NAME,...",
-        help=f"of the figure: {','.join(FORMATS)} (default: png)",
+        "--format", type=names(FORMATS), metavar="NAME,...", help=f"of the figure: {','.join(FORMATS)} (default: png)"
     )
     study.add_argument("--html", action="store_true", default=None, help="also one page with tables and pictures")
     study.add_argument("--only", nargs="+", default=(), metavar="NAME", help="these variants only")

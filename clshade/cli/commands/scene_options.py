@@ -132,12 +132,7 @@ def scene_changes(parser: argparse.ArgumentParser, group: argparse._ArgumentGrou
         action=argparse.BooleanOptionalAction,
         help="a round matte floor below the scene, which fades into the background (default: with the look studio)",
     )
-    group.add_argument(
-        "--resolution",
-        type=resolution,
-        metavar="W,H",
-        help=f"pixels, also WxH (default: {size})",
-    )
+    group.add_argument("--resolution", type=resolution, metavar="W,H", help=f"pixels, also WxH (default: {size})")
     lights = parser.add_argument_group(LIGHTS)
     lights.add_argument(
         "--lights",

@@ -17,17 +17,16 @@ FLOAT32_TINY = float(np.finfo(np.float32).tiny)  # a device may flush smaller va
 # 1/depths within 2^-40 as equal, as double-single values, which are accurate to 2^-43: an owner is at most 1.25 * 2^-40
 # behind the nearest face. 2^-38 allows for chains of three such ties.
 DEPTH_TIE = 2.0**-38
-# Z = 1/sum(b_i * 1/z_i), each a float32: edge function, 1/area and their product (3 roundings), 1/z_i and the product
-# with it (2), two sums (2), the reciprocal (1). All terms are positive, so nothing is amplified.
-DEPTH_ROUNDINGS = 8
-DEPTH_ROUNDINGS_FLOAT64 = 16  # the oracle has as many of its own
+# Z = 1/(sum(E_i * 1/z_i) * 1/area), whose terms are positive: of E_i (kernels/edge.clh) 2 roundings, of 1/z_i, the product
+# and two sums 4, of the area, its reciprocal and the product 3, of Z 1. Of the oracle's mean ratio of depths 9, of Z 3.
+DEPTH_ROUNDINGS = 10
+DEPTH_ROUNDINGS_FLOAT64 = 10 + 12
 # Largest color error in units of `color_bound`, by precision. fast: the lengths of its directions are off by 4.7e-6
 # each, its power by 7.4e-6 and 6.3e-6; a highlight amplifies errors of directions by at most 2.4*sqrt(n):
 # 2.5e-5*sqrt(n), 420 * 2^-24.
 ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
-# In float32, texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times
-# the texels across the image, add up to one bound when coordinates span this many texels. The 32 include one such
-# bound.
+# In float32, texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times the
+# texels across the image, add up to one bound when coordinates span this many texels. The 32 include one such bound.
 TEXELS_PER_BOUND = 2.0**-24 / (8.0 * 2.0**-48)
 # fast interpolates texture coordinates in float32: this many further bounds per texel of the larger side.
 FAST_PER_TEXEL = 16.0

@@ -12,7 +12,7 @@ import numpy as np
 from ...base.arrays import Bools, Floats, Integers
 from ...oracle import coverage
 from ...oracle.corners import Corners
-from ...oracle.frame import Prepared, face_weights, prepare, set_up, visible
+from ...oracle.frame import Prepared, face_weights, owners, prepare, set_up
 from ...oracle.pixels import shade_pixels
 from ...oracle.terms import RIGHT, Steps
 from ...scene.model import Scene, Settings
@@ -52,7 +52,7 @@ ONE_PIXEL = Reach()
 class Drawing:
     """How an image is made. A mistake returns a drawing with other steps.
 
-    order: from corner depths (F, 3) to those that painter's order means. snap: of image coordinates (K, 3, 2), 1/256 px, one
+    order: from corner depths (F, 3) to those that painter's order means. snap: of snapped coordinates (K, 3, 2), one
     after another. reach: of triangles. corners: of the faces' attributes, one after another. light: its steps. compose: from
     the drawing and a function that shades drawings to colors (K, 3). place: from rows (from the TOP), columns and shape (M,
     N) to the pixels that are shown there, the last first. shown: from linear colors (K, 3) to values that are then clipped
@@ -150,9 +150,9 @@ class Canvas:
             cut = replace(prepared.pieces, xy=_through(drawing.snap, prepared.pieces.xy))
             prepared = replace(prepared, pieces=cut, setup=set_up(scene, settings, prepared.corners, cut))
         upward = height - 1 - rows
-        covered = partial(_covered, reach=drawing.reach, column=columns, upward=upward)
         ordered = replace(prepared, z=drawing.order(prepared.z))
-        return _Visible(prepared, visible(ordered, settings.visibility, len(rows), covered), columns, upward)
+        owner = owners(ordered, settings.visibility, columns, upward, covered=partial(_covered, reach=drawing.reach))
+        return _Visible(prepared, owner, columns, upward)
 
 
 def _of_all_pixels(drawing: Drawing, colors: Callable[[Canvas, Drawing], Floats]) -> Floats:
@@ -176,7 +176,7 @@ def as_codes(values: Floats) -> Floats:
 
 
 def _covered(
-    xy: Integers, boxes: Integers, reach: Reach, column: Integers, upward: Integers
+    xy: Integers, boxes: Integers, column: Integers, upward: Integers, reach: Reach
 ) -> Iterator[tuple[Integers, Integers, Integers]]:
     """Yield which triangles cover, in their reach, which pixels (Q,), as `coverage.samples_at` does, all at once."""
     hits = [np.zeros(0, np.int64)]

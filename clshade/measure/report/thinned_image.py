@@ -35,7 +35,7 @@ class Window(NamedTuple):
 
     def camera(self, camera: Camera, scale: int = 1) -> Camera:
         """Return the camera of this part of the image, drawn `scale` times as large. It sees the pixels of the whole image,
-        as far as projecting rounds to the same 1/256 px."""
+        as far as projecting rounds to the same 1/65536 px."""
         columns, rows = camera.resolution
         (height, width), (right, up) = camera.plane, camera.principal
         below = rows - self.top - self.height

@@ -179,8 +179,8 @@ def power(rows: Sequence[Row], way: str, axis: Axis) -> Power | None:
 
 
 def plain_float32(scene: Scene) -> Floats32 | None:
-    """Draw one mesh naively in float32 from world coordinates on. Return the image (M, N, 4), with corners on the grid of
-    1/256 px that the oracle has too; None where corners lie behind the eye."""
+    """Draw one mesh naively in float32 from world coordinates on. Return the image (M, N, 4), with corners on the
+    oracle's grid of 1/65536 px; None where corners lie behind the eye."""
     mesh, camera = scene.meshes[0], scene.camera
     columns, rows = camera.resolution
     normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals

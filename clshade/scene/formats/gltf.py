@@ -129,13 +129,7 @@ class GltfFile:
             self.ignored.append("cameras but the first")
         lights, light_scale = lights_of(nodes.lights, sphere, self.ignored)
         scene = framing.framed(
-            meshes,
-            self.name,
-            self.options.resolution,
-            up=self.options.up,
-            camera=camera,
-            lights=lights,
-            sphere=sphere,
+            meshes, self.name, self.options.resolution, up=self.options.up, camera=camera, lights=lights, sphere=sphere
         )
         scene = replace(scene, preset="pbr", light_scale=light_scale, animations=names_of(self.document))
         return warn_ignored(scene, self.owner, self.ignored)

@@ -192,11 +192,7 @@ class MaterialWriter:
             png.encode(file, codes, _PNG_LEVEL)
             image = self._image(file.getvalue(), texture.name)
             wraps: Any = ("clamp", "clamp") if texture.lookup == "course" else texture.wrap
-            sampler = {
-                "magFilter": _FILTERS[texture.filter],
-                "wrapS": _WRAPS[wraps[0]],
-                "wrapT": _WRAPS[wraps[1]],
-            }
+            sampler = {"magFilter": _FILTERS[texture.filter], "wrapS": _WRAPS[wraps[0]], "wrapT": _WRAPS[wraps[1]]}
             entry = {**named(texture.name), "sampler": self.glb.shared("samplers", sampler), "source": image}
             self._textures[key] = self.glb.shared("textures", entry), scale
         return self._textures[key]

@@ -44,13 +44,7 @@ class ImageRegression:
     """
 
     def __init__(
-        self,
-        test: pytest.Item,
-        *,
-        update: bool,
-        references: bool,
-        out: Path | None,
-        temporary: Callable[[str], Path],
+        self, test: pytest.Item, *, update: bool, references: bool, out: Path | None, temporary: Callable[[str], Path]
     ) -> None:
         self._test, self._update, self._references = test, update, references
         self._out, self._temporary = out, temporary

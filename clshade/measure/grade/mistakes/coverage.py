@@ -24,11 +24,11 @@ def _shift(xy: Integers, by: tuple[int, int]) -> Integers:
 
 
 def _shifts(size: int) -> dict[str, Edit]:
-    """Return shifts to all sides by so many 1/256 px."""
+    """Return shifts to all sides by so many steps of snapped positions."""
     return {words: then(snap=partial(_shift, by=(size * x, size * y))) for words, x, y in _COMPASS}
 
 
-SUBPIXEL_SHIFTS = _shifts(1)
+SUBPIXEL_SHIFTS = _shifts(SUBPIXELS // 256)
 
 
 def _corner(xy: Integers) -> Integers:
