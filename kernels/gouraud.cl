@@ -2,8 +2,7 @@
 #include "tile.clh"
 
 #if !AT_PIXELS
-// The light at the three corners of each visible triangle, without the `plain` ambient term. A work-item does LANES of
-// them.
+// The light at the corners of each visible triangle, without the `plain` ambient term. A work-item does LANES of them.
 ITEM_BY_ITEM
 kernel void gouraud_corners(SURFACE_PARAMETERS,
                             global const uint *order,     // T, visible triangles

@@ -9,6 +9,7 @@
 #include "samples.clh"
 
 #if FP64
+#define ROUNDED_TWICE (1.0 + 0x1p-8)  // 1/256 px and 1/65536 px, in 1/256 px
 #define COVER_SLACK 0x1p-12   // 1/256 px by which triangles reach further: points on a common side belong to one at least
 #define MOST_HIDERS 24
 #define EQUAL_DEPTH 0x1p-40  // relative difference of 1/depths up to which they count as equal
@@ -246,8 +247,8 @@ INLINE EdgeAt edge_at_point(const HidingTriangle *t, int k, LinePoint q)
     return e;
 }
 
-// Above 0 where the triangle is nearer than point q wherever within 1/512 px its corners, and the line's ends, were before they
-// were snapped: by more than it changes over 1/256 px to the right and up.
+// Above 0 where the triangle is nearer than point q wherever its corners, and the line's ends, were before they were rounded to
+// 1/65536 px and then to 1/256 px: by more than it changes over the sum of both to the right and up.
 INLINE double lead_at(const HidingTriangle *t, LinePoint q)
 {
 #if DEPTH_TEST
@@ -260,7 +261,7 @@ INLINE double lead_at(const HidingTriangle *t, LinePoint q)
         slope_y += (double)change.y * nearer;
     }
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
-    return ahead - ((fabs(slope_x) + fabs(slope_y)) + (EQUAL_DEPTH * fabs(q.w)) * fabs((double)area));
+    return ahead - ((fabs(slope_x) + fabs(slope_y)) * ROUNDED_TWICE + (EQUAL_DEPTH * fabs(q.w)) * fabs((double)area));
 #else
     return 1.0;  // its rank was compared
 #endif

@@ -138,8 +138,7 @@ INLINE void list_to_clip(fixeds cut, const int *face, global int *to_clip, globa
     }
 }
 
-// A work-item processes SETUP_RUN faces, LANES at a time, and appends their keys in one block; the sort makes the order of
-// blocks irrelevant.
+// A work-item processes SETUP_RUN faces, LANES at a time, and appends their keys in one block: the sort orders all keys.
 ITEM_BY_ITEM
 kernel void setup(global const int *faces,         // F x 3, vertices
                   global const Vertex *vertices,   // V, from project

@@ -1,5 +1,4 @@
-// The layers of SURFACE_LAYERS (clshade/pipeline/layer_outputs.py) at each pixel's sample nearest the center. Never averaged
-// over samples.
+// The layers of SURFACE_LAYERS (clshade/pipeline/layer_outputs.py) at each pixel's sample nearest the center, never a mean.
 #include "surface.clh"
 #include "samples.clh"
 #include "layer_blocks.clh"

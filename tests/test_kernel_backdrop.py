@@ -7,7 +7,7 @@ import pytest
 from kernel_stages import OTHER_LANES, Probe, bits
 
 from clshade.oracle.backdrop import seen
-from clshade.pipeline.backdrop import backdrop_table, write_size
+from clshade.pipeline.shading_tables import backdrop_table, write_backdrop_size
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.scene.environment import Environment
 
@@ -56,7 +56,7 @@ def probe(device, lanes: int | None = None) -> Probe:
 
 def radiance(device, image: np.ndarray, lanes: int | None = None) -> np.ndarray:
     environment, row = Environment(image), np.zeros(1, SINGLE.Image)
-    write_size(row[0], environment)
+    write_backdrop_size(row[0], environment)
     columns = (np.ascontiguousarray(c) for c in directions().T)
     return probe(device, lanes)("toward", *columns, row, backdrop_table(environment, SINGLE), width=3)
 

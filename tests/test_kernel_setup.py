@@ -10,11 +10,10 @@ from stage_oracle import hull, narrowed, seen_from
 from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
-from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.frame_state import FrameInFlight
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.sample_pattern import positions
-from clshade.pipeline.tile_lists import TileLists
+from clshade.pipeline.tile_lists import TileLists, front_to_back
 from clshade.pipeline.triangle_source import SceneFaces
 
 COLUMNS, ROWS = 61, 43

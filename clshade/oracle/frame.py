@@ -118,8 +118,8 @@ def moved(xy: Integers, place: Integers) -> Integers:
     return xy + (coverage.HALF - place * (transform.SUBPIXELS // transform.SAMPLE_STEPS))
 
 
-def edge_functions_within(xy: Integers, column: Integers, row: Integers) -> Integers:
-    """Return edge functions (K, 3), at least 0: the mean of samples in a line, rounded, may lie beside their triangle."""
+def edge_functions_clamped(xy: Integers, column: Integers, row: Integers) -> Integers:
+    """Return edge functions (K, 3), clamped to 0: the mean of samples in a line, rounded, may lie beside their triangle."""
     return np.maximum(coverage.edge_functions(xy, column, row), 0)
 
 
@@ -371,7 +371,8 @@ def _light_fragments(
     """Light the fragments of sample s: at the mean of the samples that their pieces cover in a pixel; with sample_shading at
     s."""
     column, row = pixels[0][found.pixel], pixels[1][found.pixel]
-    lit = np.arange(len(views))[:, None] == np.full(len(found.piece), s)
+    lit = np.zeros((len(views), len(found.piece)), bool)
+    lit[s] = True
     if not settings.sample_shading:
         for covers, view in zip(lit, views, strict=True):
             xy = view.pieces.xy[found.piece]
@@ -386,7 +387,7 @@ def _light_fragments(
         part, _ = _shade_batch(scene, settings, center, piece, *at, place[some])
         for f in fields(Shaded):
             getattr(shaded, f.name)[some] = getattr(part, f.name)
-        edges = edge_functions_within(moved(center.pieces.xy[piece], place[some, None]), *at)
+        edges = edge_functions_clamped(moved(center.pieces.xy[piece], place[some, None]), *at)
         weights = face_weights(scene, settings, center, piece, edges)
         alpha[some], most[some], varies[some] = alphas(scene, center.corners, center.pieces.face[piece], weights)
     return _Lit(shaded, np.clip(alpha, 0.0, 1.0), most, varies)
@@ -627,7 +628,7 @@ def _shade_batch(
     depths (K,)."""
     cut = center.pieces
     xy = moved(cut.xy[piece], place[:, None])
-    edges = edge_functions_within(xy, column, row)
+    edges = edge_functions_clamped(xy, column, row)
     weights = face_weights(scene, settings, center, piece, edges)
     behind = center.setup.area[piece] < 0
     steps = None

@@ -199,8 +199,9 @@ def _batch(
     relative = corners.world[face] - eye
 
     unlit = shade_pixels(scene, replace(settings, shader="nolight"), corners, face, weights, behind, steps, condition)
-    mirrored = [np.repeat(mirroring(np.asarray(mesh.instances)), len(mesh.faces)) for mesh in scene.meshes]
-    in_order = np.where(np.concatenate(mirrored)[face, None], weights[:, [0, 2, 1]], weights)
+    by_mesh = [np.repeat(mirroring(np.asarray(mesh.instances)), len(mesh.faces)) for mesh in scene.meshes]
+    mirrored = np.concatenate([np.zeros(0, bool), *by_mesh])  # of a scene without meshes, too
+    in_order = np.where(mirrored[face, None], weights[:, [0, 2, 1]], weights)
     # At most twice the largest number of the layer's type, as the layer interpolates them.
     most = np.inf if settings.precision == "float64" else np.ldexp(1.0, np.finfo(np.float32).maxexp + 1)
     scalars = np.clip(corners.scalars[face], -most, most)

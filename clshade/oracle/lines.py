@@ -15,13 +15,25 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.model import Edges, Scene, Settings
 from .clip import GUARD, Pieces, beyond_guard, guard_planes
-from .coverage import HALF, signed_area
+from .coverage import signed_area
 from .sampling import places
-from .transform import SAMPLE_STEPS, Lens, camera_frame, lens_of, near_distance, painter_depth, project, snap, to_camera
+from .transform import (
+    SAMPLE_STEPS,
+    SUBPIXELS,
+    Lens,
+    camera_frame,
+    lens_of,
+    near_distance,
+    painter_depth,
+    project,
+    snap,
+    to_camera,
+)
 from .vectors import cross, dot
 
 INSET = 64  # 1/256 px from the ends of a line, at most up to its middle
 SLACK = 2.0**-12  # 1/256 px by which triangles cover more
+ROUNDED_TWICE = 1.0 + 2.0**-8  # 1/256 px and 1/65536 px, in 1/256 px
 EQUAL = 2.0**-40  # relative difference of 1/depths that count as equal
 CELLS = (128, 8)  # pixels looked at together: of large cells the small ones
 BATCH = 1 << 20  # pairs compared at a time
@@ -153,7 +165,7 @@ def lines_of(ends: Floats, edge: Integers, scene: Scene, near: float) -> Lines:
 
 def on_line_grid(xy: Integers) -> Integers:
     """Round snapped coordinates to the samples' grid, 1/256 px, on which lines are covered and hidden: halves up."""
-    step = 2 * HALF // SAMPLE_STEPS
+    step = SUBPIXELS // SAMPLE_STEPS
     return (xy + step // 2) // step
 
 
@@ -302,7 +314,7 @@ def _hidden(
         if settings.visibility == "painter":
             before = w[some, 0] > depth[:, None]
         else:
-            least = (np.abs(slope_x) + np.abs(slope_y)) + (EQUAL * np.abs(depth[:, None])) * area[some]
+            least = (np.abs(slope_x) + np.abs(slope_y)) * ROUNDED_TWICE + (EQUAL * np.abs(depth[:, None])) * area[some]
             before = ahead - least > 0.0
         at, triangle = np.nonzero(covers & before)
         foreign = ~np.isin(edge[at] + face[some][triangle], own)

@@ -50,11 +50,11 @@ def barycentric_steps(edges: Array, steps: Array, z: Floats, interpolation: str)
 def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
     """Return the depth (...) at a point of a triangle: 1/z is linear in the image; in parallel projection z is."""
     e = np.asarray(edges, dtype=np.float64)
-    # Relative to the farthest corner: a face parallel to the image has its corners' very depth.
-    farthest = np.max(z, axis=-1, keepdims=True)
-    share = e * (z - farthest if orthographic else farthest / z - 1.0)
+    # A face parallel to the image has its corners' very depth, and no term is negative.
+    first = np.min(z, axis=-1, keepdims=True) if orthographic else np.max(z, axis=-1, keepdims=True)
+    share = e * (z - first if orthographic else first / z - 1.0)
     mean = (share[..., 0] + share[..., 1] + share[..., 2]) / (e[..., 0] + e[..., 1] + e[..., 2])
-    return np.asarray(farthest[..., 0] + mean if orthographic else farthest[..., 0] / (1.0 + mean))
+    return np.asarray(first[..., 0] + mean if orthographic else first[..., 0] / (1.0 + mean))
 
 
 def reflected(

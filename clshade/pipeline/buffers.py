@@ -15,11 +15,11 @@ import pyopencl as cl
 from ..base.arrays import Array
 from ..errors import DeviceError
 from . import struct_layout
-from .depth_sort import index_bits
 from .opencl.device import Device
 
 _FLAGS = cl.mem_flags
 ALIGNMENT = 64  # bytes, of a vector of 16 float32; kernels load four float64 at once, for which NumPy does not align
+LEAST_INDEX_BITS = 24
 
 
 @cache
@@ -96,9 +96,8 @@ class Buffer:
         self.array = array
         size = self.array.nbytes
         if size > device.max_allocation:
-            raise DeviceError(
-                f"{device.name}: one buffer needs {size} bytes, the device allows {device.max_allocation}"
-            )
+            limit = f"the device allows {device.max_allocation}"
+            raise DeviceError(f"{device.name}: one buffer needs {size} bytes, {limit}")
         try:
             if size == 0:
                 self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
@@ -166,11 +165,16 @@ class VertexBuffers:
         self.relative = Buffer.empty(device, (count, 4), structs.real)
 
 
+def index_bits(count: int) -> int:
+    """Return how many low bits of sort keys hold the index of a triangle, of so many."""
+    return max((count - 1).bit_length(), LEAST_INDEX_BITS)
+
+
 class TriangleBuffers:
     """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them; or of
     `setup_count`, which takes no keys and has `slack` more triangles.
 
-    index_bits: of the keys, see `depth_sort`.
+    index_bits: of the keys, see `index_bits`.
     """
 
     def __init__(

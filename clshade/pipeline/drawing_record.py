@@ -139,9 +139,9 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
         raise file_error(owner, f"header: {RECORD}", expected, "none")
     value = parse_text(text.encode("utf-8", "replace"), owner, "the record of a drawing", unique=True)
     get = partial(_get, value, owner)
-    steps = get("subpixels", int, None) or _FIRST_STEPS
+    steps = get("subpixels", int, _FIRST_STEPS)
     if steps != _STEPS:
-        drawn = f"1/{steps} px, as another version of clshade drew it, which alone can verify it"
+        drawn = f"1/{steps} px: only the version of clshade that drew the image can verify it"
         raise file_error(owner, f"header: {RECORD}.subpixels", f"corners snapped to 1/{_STEPS} px", drawn)
     scene = get("scene", dict)
     if set(scene) != set(PARTS) or not all(isinstance(each, str) for each in scene.values()):

@@ -40,9 +40,8 @@ def effective_settings(
     camera; the other fields replace those of `settings`, or of the preset (default: the scene's own). A distance of
     ambient occlusion that is None becomes a number if there is any."""
     if not isinstance(scene, Scene):
-        raise value_error(
-            "render", "scene", "a Scene, such as clshade.load(path) or clshade.builtin(name) gives", scene
-        )
+        expected = "a Scene, such as clshade.load(path) or clshade.builtin(name) gives"
+        raise value_error("render", "scene", expected, scene)
     allowed = (*Settings.__dataclass_fields__, *_KEYWORDS)
     known("render", fields, allowed, words=_KEYWORD_WORDS, remarks=_KEYWORD_REMARKS)
     if resolution is not None:
@@ -138,10 +137,7 @@ def changed_fields(settings: Settings, scene: Scene, preset: Preset, **given: An
     """Return the fields of Settings that `render` has to be given with this preset to draw the scene with these settings.
     given: those that it is given in any case."""
     values, last = vars(settings), ("ambient_occlusion", "sample_shading")  # whose usual values depend on others
-    for name in (
-        *(each for each in values if each not in (*last, *given)),
-        *(each for each in last if each not in given),
-    ):
+    for name in [each for each in (*(each for each in values if each not in last), *last) if each not in given]:
         usual = {**vars(Settings.from_preset(preset)), **picture_fields(scene, preset, **given)}
         if values[name] != usual[name]:
             given[name] = values[name]

@@ -72,10 +72,9 @@ def shows_environment(scene: Scene, settings: Settings) -> bool:
 def no_environment(scene: Scene) -> str:
     """Return why no environment lights the scene, "" if one does."""
     environment = scene.environment
-    return _first(
-        (environment is None, "no environment"),
-        (environment is not None and not (environment.intensity and environment.image.any()), "it is black"),
-    )
+    if environment is None:
+        return "no environment"
+    return "" if environment.intensity and environment.image.any() else "it is black"
 
 
 def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
@@ -118,11 +117,15 @@ def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
     return bool((most > 1.0).any())
 
 
+def _has_levels(texture: Texture) -> bool:
+    return texture.lookup == "standard" and max(texture.image.shape[:2]) > 1
+
+
 def _any_nonzero(values: Iterable[np.ndarray]) -> bool:
     return any(value.any() for value in values)
 
 
-def _first(*reasons: tuple[bool, str]) -> str:
+def _first(*reasons: tuple[object, str]) -> str:
     """Return the text of the first condition that holds; "" if none does."""
     return next((text for holds, text in reasons if holds), "")
 
@@ -231,8 +234,8 @@ class Drawn:
     def no_power(self) -> str:
         absent = self.no_terms(POWERED)
         used = any(m.n != 1.0 and _any_nonzero(getattr(m, name) for name in POWERED) for m in self.materials)
-        of_pbr, no_term = self.shader == "pbr", bool(absent)
-        return _first((of_pbr, "shader pbr"), (no_term, f"no specular term: {absent}"), (not used, "no exponent but 1"))
+        of_pbr = self.shader == "pbr"
+        return _first((of_pbr, "shader pbr"), (absent, f"no specular term: {absent}"), (not used, "no exponent but 1"))
 
     @cached_property
     def no_normals(self) -> str:
@@ -242,9 +245,8 @@ class Drawn:
 
     def no_light(self, has: Callable[[Light], bool], why: str) -> str:
         """Return why nothing is needed that only some lights have."""
-        return self.no_normals or _first(
-            (not any(has(each) for each in self.scene.lights if each.intensity.any()), why)
-        )
+        needed = any(has(each) for each in self.scene.lights if each.intensity.any())
+        return self.no_normals or ("" if needed else why)
 
     def no_colors(self) -> str:
         plain = all(map(_is_white, self.meshes))
@@ -317,13 +319,11 @@ FEATURES = (
     Feature(
         "AMBIENT",
         "ambient light",
-        lambda d: (
-            d.unlit
-            or _first(
-                (not d.ambient.any(), "no ambient light"),
-                (not _any_nonzero(m.ka for m in d.materials), "ka is 0"),
-                (not _any_nonzero(m.ka * d.ambient for m in d.materials), "ka*Ia is 0"),
-            )
+        lambda d: _first(
+            (d.unlit, d.unlit),
+            (not d.ambient.any(), "no ambient light"),
+            (not _any_nonzero(m.ka for m in d.materials), "ka is 0"),
+            (not _any_nonzero(m.ka * d.ambient for m in d.materials), "ka*Ia is 0"),
         ),
     ),
     *(Feature(term.feature, term.work, partial(Drawn.no_term, name=name)) for name, term in TERMS.items()),
@@ -379,7 +379,7 @@ FEATURES = (
         "NORMAL_INDICES",
         "indices of normals",
         lambda d: (
-            d.no_normals or _first((not any(uses_normal_indices(d.scene, m) for m in d.meshes), "a normal per vertex"))
+            d.no_normals or ("" if any(uses_normal_indices(d.scene, m) for m in d.meshes) else "a normal per vertex")
         ),
     ),
     Feature("VERTEX_COLORS", "colors of vertices", Drawn.no_colors),
@@ -404,15 +404,10 @@ FEATURES = (
     Feature(
         "MIPMAPS",
         "mip-map levels",
-        lambda d: (
-            d.no_lookup
-            or _first(
-                (d.settings.texture_filter == "bilinear", "texture_filter bilinear"),
-                (
-                    not any(t.lookup == "standard" and max(t.image.shape[:2]) > 1 for t in d.looked_up),
-                    "textures of one texel or with the course's lookup",
-                ),
-            )
+        lambda d: _first(
+            (d.no_lookup, d.no_lookup),
+            (d.settings.texture_filter == "bilinear", "texture_filter bilinear"),
+            (not any(map(_has_levels, d.looked_up)), "textures of one texel or with the course's lookup"),
         ),
     ),
     Feature("ALPHA_TEST", "alpha test", lambda d: _first((not any(m.tests_alpha for m in d.meshes), "no alpha test"))),
@@ -421,7 +416,7 @@ FEATURES = (
         "nearest texels",
         lambda d: (
             d.no_lookup
-            or _first((all(each.filter != "nearest" for each in d.looked_up), "no texture with the filter nearest"))
+            or _first((all(t.filter != "nearest" for t in d.looked_up), "no texture with the filter nearest"))
         ),
     ),
     *(Feature(f"{each.name}_MAP", f"{each.words}s", partial(Drawn.no_map, name=name)) for name, each in MAPS.items()),

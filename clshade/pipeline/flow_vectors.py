@@ -54,13 +54,6 @@ class Flow:
         ----------
         path : str or path-like
             File name ending in .flo.
-
-        Raises
-        ------
-        InputError
-            If the name ends otherwise.
-        OutputError
-            If the file cannot be written.
         """
         name = checked_path("Flow.save", "path", path)
         if not os.fspath(name).lower().endswith(".flo"):

@@ -206,9 +206,8 @@ class Frame:
             ``pixel_center`` as for `Camera.from_matrix`, and ``resolution``, (2,), N and M. An
             orthographic camera has ``plane`` (2,) in place of K. ``metadata`` is a text, JSON.
         """
-        return frame_files.named_arrays(
-            self.scene.camera, self._rgba, self.channels(), self.metadata(deterministic=deterministic)
-        )
+        metadata = self.metadata(deterministic=deterministic)
+        return frame_files.named_arrays(self.scene.camera, self._rgba, self.channels(), metadata)
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """Return the tone-mapped 8-bit image.
@@ -226,11 +225,6 @@ class Frame:
         ndarray of uint8, (M, N, 3) or (M, N, 4)
             The image; without a background with straight alpha: the color is divided by the
             coverage before it is tone-mapped, and alpha is the coverage times 255, rounded.
-
-        Raises
-        ------
-        InputError
-            If the operator or the exposure is refused.
         """
         operator = default_tonemap(self.scene) if tonemap is None else tonemap
         if self.scene.background is None:
@@ -284,13 +278,6 @@ class Frame:
         -------
         clshade.view.page.Page
             The page: ``html`` is its text, ``save(path)`` writes it.
-
-        Raises
-        ------
-        InputError
-            If the operator or the exposure is refused.
-        OutputError
-            If the file cannot be written.
         """
         return exchange.get("notebook").view_frame(self, path, tonemap, exposure)
 
@@ -382,18 +369,6 @@ class Frame:
         ----------
         path, files, tonemap, exposure, half, compression, crop, deterministic, colorbar, depth_scale
             See `save`.
-
-        Returns
-        -------
-        list of str
-            The warnings.
-
-        Raises
-        ------
-        InputError
-            If an argument is refused.
-        OutputError
-            If a file cannot be written.
         """
         from ..images import depth_png, exr, npz, png
 
@@ -415,10 +390,8 @@ class Frame:
             storage = drawing_record.Storage.of(self.scene, options)
             record = drawing_record.record_of(self.scene, self.settings, storage, device=device, command=self.command)
             metadata = drawing_record.sealed(self.metadata(deterministic=deterministic), record)
-            window: Literal["covered", "drawn"] | None = "covered" if crop else "drawn"
             tiled = isinstance(self.scene.camera, PartCamera)  # its pixels can then be joined with those of other parts
-            if tiled:
-                window = None
+            window: Literal["covered", "drawn"] | None = None if tiled else "covered" if crop else "drawn"
             return exr.encode(
                 file,
                 self.channels(),

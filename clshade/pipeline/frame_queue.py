@@ -79,9 +79,8 @@ class FrameQueue:
         }
         image = self._outputs["rgba"]
         together = image.array if image.is_direct else image.array[:1]
-        self._streams = together[..., 0].size >= STREAMED_PIXELS and (
-            _is_aligned(image.array, ALIGNMENT) or not image.is_direct
-        )
+        begins_lines = _is_aligned(image.array, ALIGNMENT) or not image.is_direct
+        self._streams = together[..., 0].size >= STREAMED_PIXELS and begins_lines
         shape = image.array.shape[1:3]
         self._owners = [drawing.pool.take(shape, np.int32) for _ in range(2) if drawing.features["OWNERS"]]
         self._tables = drawing.tables, drawing.tables.twin()

@@ -16,7 +16,7 @@ from ..scene.geometry import row_blocks, vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
-from .light_table import typical_intensities
+from .light_points import typical_intensities
 from .placements import (
     about_one,
     mirroring,
@@ -121,11 +121,8 @@ class Copies:
 
     @classmethod
     def of(cls, numbers: Sequence[int], meshes: Sequence[Mesh]) -> Copies:
-        matrices = (
-            np.concatenate([np.asarray(mesh.instances) for mesh in meshes])
-            if meshes[1:]
-            else np.asarray(meshes[0].instances)
-        )
+        placements = [np.asarray(mesh.instances) for mesh in meshes]
+        matrices = np.concatenate(placements) if meshes[1:] else placements[0]
         verts, faces = _concatenated(meshes, "verts"), _joined_indices(meshes, "faces", "verts")
         verts, faces, kept = without_unused(verts, faces)
         sizes = np.array([(len(mesh.verts), len(mesh.faces)) for mesh in meshes]).T
@@ -195,9 +192,8 @@ class Copies:
         """Return the sets of texture coordinates: of the vertices in use, or all where faces have indices of their own."""
         every: list[tuple[Any, ...]] = [(mesh.uvs, *mesh.more_uvs) for mesh in self.meshes]
         if self.mesh.uv_faces is None:
-            every = [
-                tuple(rows[: len(mesh.verts)] for rows in own) for mesh, own in zip(self.meshes, every, strict=True)
-            ]
+            counts = [len(mesh.verts) for mesh in self.meshes]
+            every = [tuple(rows[:count] for rows in own) for count, own in zip(counts, every, strict=True)]
         sets = [rows[0] if len(rows) == 1 else np.concatenate(rows) for rows in zip(*every, strict=True)]
         return [self.own(rows) for rows in sets] if self.mesh.uv_faces is None else sets
 
@@ -336,9 +332,8 @@ class Gatherer:
             factors = factors if len(factors) == 1 else np.repeat(factors, each.sizes[0], axis=0)
             rows = np.full((len(own), 4), WHITE_POSITION, self._structs.real)
             for block in row_blocks(len(own)):
-                rows[block, :3] = to_real(
-                    own[block] * (factors if len(factors) == 1 else factors[block]), self._structs.real
-                )
+                factor = factors if len(factors) == 1 else factors[block]
+                rows[block, :3] = to_real(own[block] * factor, self._structs.real)
             positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
             if positions is not None and positions.ndim == 1:
                 rows[:, 3] = each.own(positions)
@@ -404,13 +399,10 @@ class Gatherer:
 
     def per_copy(self, first: Sequence[int]) -> Array:
         """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
-        return joined(
-            [
-                each.per_face(first, np.uint32) + np.repeat(np.arange(each.count), len(each.faces))
-                for each in self.copies
-            ],
-            np.uint32,
-        )
+        parts = []
+        for each in self.copies:
+            parts.append(each.per_face(first, np.uint32) + np.repeat(np.arange(each.count), len(each.faces)))
+        return joined(parts, np.uint32)
 
     def face_materials(self) -> Array:
         numbers = {key: i for i, key in enumerate(self.materials)}
@@ -427,9 +419,8 @@ class Gatherer:
             brightest = max(brightest, float(color) * max(float(texel), 1.0))
         around = self.scene.environment if pbr else None
         radiance = 0.0 if around is None else float(around.image.max()) * around.intensity
-        return light_unit(
-            self.materials.values(), intensities, self.scene.ambient, brightest, pbr=pbr, radiance=radiance
-        )
+        lit = self.materials.values(), intensities, self.scene.ambient, brightest
+        return light_unit(*lit, pbr=pbr, radiance=radiance)
 
     def material_table(self, ambient_unit: float, at_corners: bool) -> Array:
         """Return the material table. at_corners: whether the texels are in the corners' colors and need no lookup at
@@ -437,9 +428,8 @@ class Gatherer:
 
         If a lookup is forced, materials without a texture (or an alpha test) look up white (or its alpha).
         """
-        table = material_table(
-            list(self.materials.values()), self.textures, self.scene.ambient / ambient_unit, self._structs
-        )
+        materials, ambient = list(self.materials.values()), self.scene.ambient / ambient_unit
+        table = material_table(materials, self.textures, ambient, self._structs)
         table["texture"][(table["texture"] < 0) | at_corners] = self._white if "TEXTURED" in self._forced else -1
         if "ALPHA_TEST" in self._forced:
             table["alpha_texture"][table["alpha_texture"] < 0] = self._white

@@ -197,7 +197,8 @@ class Hierarchy:
         points, faces: as of `shadowed`. ends: (K, N, 3), N points for each receiver, or directions toward them.
         """
         fans = self.fans(points, faces, ends, directional)
-        self.trace_fans(fans)
+        casters = (self.vertices, self.faces, self.nodes, self.leaves, self.casters)
+        self._stages.shadow_fans(fans.points, fans.receivers, fans.ends, casters, fans.dark, fans.w)
         found: Bools = fans.dark.to_host()[: ends.shape[0], : ends.shape[1]] != 0
         return found
 
@@ -217,12 +218,6 @@ class Hierarchy:
             0.0 if directional else w,
             Buffer.empty(self._device, (count, many), np.int32),
         )
-
-    def trace_fans(self, fans: ShadowFans) -> None:
-        """Write to `fans.dark` which rays meet a caster, and wait until that is done."""
-        casters = (self.vertices, self.faces, self.nodes, self.leaves, self.casters)
-        self._stages.shadow_fans(fans.points, fans.receivers, fans.ends, casters, fans.dark, fans.w)
-        finish(self._device)
 
 
 @dataclass(frozen=True)

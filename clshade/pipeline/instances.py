@@ -96,10 +96,8 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
         for side in (False, True):
             mine = each.mirrored == side
             if mine.any():
-                rows["first_vertex"][mine], own_face[mine] = (
-                    first_vertex[each.number, side],
-                    first_face[each.number, side],
-                )
+                rows["first_vertex"][mine] = first_vertex[each.number, side]
+                own_face[mine] = first_face[each.number, side]
         rows["first_face"] = own_face
         rows["face_shift"] = _as_int32(first + len(each.faces) * np.arange(each.count) - own_face)
         first += each.count * len(each.faces)
@@ -174,14 +172,11 @@ class _Launches:
     """The launches of one stage, with the time of all."""
 
     def __init__(self) -> None:
-        self._events: list[Any] = []
-
-    def add(self, event: Any) -> None:
-        self._events.append(event)
+        self.events: list[Any] = []
 
     @property
     def profile(self) -> SimpleNamespace:
-        return SimpleNamespace(start=0, end=sum(each.profile.end - each.profile.start for each in self._events))
+        return SimpleNamespace(start=0, end=sum(each.profile.end - each.profile.start for each in self.events))
 
 
 class Instances(TriangleSource):
@@ -279,10 +274,8 @@ class Instances(TriangleSource):
         self._listed = _UNKNOWN  # until all of it is written
         with self._placing.listed.writing(len(listed)) as rows:
             rows[:] = listed
-        for starts, counts in (
-            (self._placing.vertex_starts, self._tables.vertices),
-            (self._placing.face_starts, faces),
-        ):
+        placing, vertices = self._placing, self._tables.vertices
+        for starts, counts in ((placing.vertex_starts, vertices), (placing.face_starts, faces)):
             with starts.writing(len(listed) + 1) as rows:
                 rows[0] = 0
                 np.cumsum(counts[listed], out=rows[1:])
@@ -312,9 +305,9 @@ class Instances(TriangleSource):
         for block in self._blocks():
             first, last = block
             count = int(vertex_starts[last] - vertex_starts[first])
-            placed.add(self.stages.place(self._positions, self._placing, view, self._vertices, block, count))
+            placed.events.append(self.stages.place(self._positions, self._placing, view, self._vertices, block, count))
             count = int(face_starts[last] - face_starts[first])
-            set_up.add(self.stages.setup_instances(*inputs, block, count, self.sides))
+            set_up.events.append(self.stages.setup_instances(*inputs, block, count, self.sides))
         frame.events["project"], frame.events["setup"] = placed, set_up
 
     def to_clip(self, count: int) -> Faces:

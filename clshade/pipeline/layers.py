@@ -111,7 +111,6 @@ class Layers:
             if exponent:
                 most = np.finfo(scalars.dtype).max
                 with np.errstate(over="ignore", under="ignore"):
-                    np.clip(
-                        np.ldexp(scalars.astype(np.float64), exponent), -most, most, out=scalars, casting="same_kind"
-                    )
+                    scaled = np.ldexp(scalars.astype(np.float64), exponent)
+                    np.clip(scaled, -most, most, out=scalars, casting="same_kind")
             scalars[none] = np.nan

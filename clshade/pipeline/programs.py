@@ -27,6 +27,10 @@ from .struct_layout import header
 
 # Correctly rounded division and square root if the device offers them; every source turns contraction off by a pragma.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
+# PoCL 3.0, PyPI's, optimizes twice: when it builds a program, and at its first launch. With these options building takes 2/3
+# of the time, the first launch 4/5, and frames as long as before. PoCL checks options word by word, and clang splits them at
+# any white space: a macro that nobody reads brings them through.
+_LESS_OPTIMIZED = "-DLESS_OPTIMIZED\t-O1\t-fno-unroll-loops"
 QUICK = "CLSHADE_QUICK_BUILD"  # environment variable: if set, kernels are not optimized; the bits are the same
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
 
@@ -235,12 +239,15 @@ def _build_error(device: Device, error: Exception) -> DeviceError:
 
 
 def compiler_options(device: Device) -> list[str]:
-    """Return the options of every build: the language, and correctly rounded division and square root where there are."""
+    """Return the options of every build: the language, correctly rounded division and square root where there are, and how
+    much is optimized."""
     import pyopencl as cl
 
     exact = device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
-    quick = os.environ.get(QUICK)
-    return ["-cl-std=CL1.2", *([_EXACT] if exact else []), *(["-cl-opt-disable"] if quick else [])]
+    options = ["-cl-std=CL1.2", *([_EXACT] if exact else [])]
+    if os.environ.get(QUICK):
+        return [*options, "-cl-opt-disable"]
+    return [*options, _LESS_OPTIMIZED] if device.keeps_programs and device.driver.startswith("3.0") else options
 
 
 def _rewritten(source: str, options: Sequence[str]) -> str | None:

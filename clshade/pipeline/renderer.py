@@ -8,7 +8,7 @@ import os
 import pickle
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,9 @@ from ..base.arrays import Array, Integers
 from ..base.validation import arguments, items, known, one_of, set_fields
 from ..errors import ClshadeError, DeviceError
 from ..scene.camera import Camera
-from ..scene.model import Scene, Settings
+from ..scene.environment import Environment
+from ..scene.metallic_roughness import MetallicRoughness
+from ..scene.model import Material, Scene, Settings, Texture
 from ..scene.settings import LAYERS, Preset, RenderOptions
 from . import programs, scene_buffers
 from .buffers import Pool, finish
@@ -53,13 +55,31 @@ def _seen_by(scene: Scene, camera: Camera) -> Scene:
 _TRIAL_SIZE, _TRIAL_FACES = (64, 48), 1 << 18
 
 
+def _with_small_images(value: Any, known: dict[int, Any]) -> Any:
+    """Return a texture or environment with 2x2 texels at most, all as bright as its brightest: it takes the same programs.
+    Or a material that has such. known: what was returned before, by id."""
+    if id(value) not in known:
+        small = value
+        if isinstance(value, (Texture, Environment)):
+            small = replace(value, image=np.broadcast_to(value.image.max(axis=(0, 1)), value.image[:2, :2].shape))
+        elif isinstance(value, (Material, MetallicRoughness)):
+            parts = {each.name: _with_small_images(getattr(value, each.name), known) for each in fields(value)}
+            small = replace(value, **parts)
+        known[id(value)] = small
+    return known[id(value)]
+
+
 def _trial(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes:
     """Return pickled arguments of a renderer that needs the same programs for a small image; empty for a large scene, and
-    for one of the user's own types that cannot be pickled."""
+    for one of the user's own types that cannot be copied or pickled."""
     if scene.face_count > _TRIAL_FACES:
         return b""
-    seen = _seen_by(scene, replace(scene.camera, resolution=_TRIAL_SIZE))
     with contextlib.suppress(Exception):
+        seen, meshes, known = copy.copy(scene), tuple(map(copy.copy, scene.meshes)), dict[int, Any]()
+        for mesh in meshes:
+            set_fields(mesh, material=_with_small_images(mesh.material, known))
+        camera = replace(scene.camera, resolution=_TRIAL_SIZE)
+        set_fields(seen, camera=camera, meshes=meshes, environment=_with_small_images(scene.environment, known))
         return pickle.dumps({"scene": seen, "settings": settings, "forced": forced})
     return b""
 

@@ -1,4 +1,4 @@
-"""A scene on a device: what does not change from frame to frame."""
+"""A scene on a device: what does not change from frame to frame, and the tables that the host writes for each frame."""
 
 from __future__ import annotations
 
@@ -7,20 +7,83 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array
-from ..scene.model import Scene, Settings
-from . import light_points, scene_buffers
+from ..base.arrays import Array, Floats
+from ..scene.environment import Environment
+from ..scene.lights import PlacedLight
+from ..scene.model import Light, Scene, Settings
+from . import sample_pattern, scene_buffers, shading_tables, struct_layout
 from .buffers import Buffer
-from .camera_space import Extent
+from .camera_space import CameraSpace, Extent
 from .features import Features, casts_alpha, looks_up
-from .hierarchy import CasterFrame, Hierarchy
+from .frame_state import FrameTables, SceneFrame
+from .hierarchy import CasterFrame, Hierarchy, split
 from .instances import Instances
 from .launches import Stages, lookup_stages
-from .light_table import LightTable
+from .light_points import AXIS, LightTable, disc_radii, sides_of, write_pattern
 from .scene_buffers import Packed
-from .shadow_view import shadow_factors, shadow_lights
-from .struct_layout import SHADOW_REACH, Structs
+from .struct_layout import SAMPLE_BITS, SHADOW_REACH, SINGLE, Structs
 from .triangle_source import SceneFaces, TriangleSource
+
+_LARGEST = 2.0**90  # products of three coordinates stay within float32's range
+_NARROWEST = 2.0**-40  # of the viewing direction's part of a ray: the part across the image is at most 1
+_MOST_CENTER = 1 << 30  # 1/256 px
+
+
+def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> None:
+    """Fill a row of structs.ShadowView for a camera.
+
+    Rays are counted from the pixel at the whole image's center, by whole 1/256 px that float32 holds.
+    """
+    camera, raster, steps = space.camera, space.raster, 1 << SAMPLE_BITS
+    across, upward, forward = space.axes
+    columns, rows = raster.resolution
+    center = columns * steps // 2, rows * steps // 2
+    (height, width), principal = raster.plane, raster.principal
+    start = (camera.eye - frame.origin) * frame.unit
+    right, up = width / (columns * steps) * across, height / (rows * steps) * upward
+    middle = (center[0] - principal[0] * columns * steps) * right + (center[1] - principal[1] * rows * steps) * up
+    if camera.orthographic:
+        start, along = start + middle * frame.unit, forward
+        right, up = right * frame.unit, up * frame.unit
+    else:
+        along = middle + camera.focal * forward
+        largest = max(float(np.abs(along).max()), width, height)
+        along, right, up = along / largest, right / largest, up / largest
+    for name, vector in (("start", start), ("along", along), ("right", right), ("up", up)):
+        row[name], row[f"{name}_low"] = np.split(split(np.clip(vector, -_LARGEST, _LARGEST)), 2)
+    row["center"] = [middle - steps * first for middle, first in zip(center, raster.first, strict=True)]
+
+
+def shadow_lights(lights: tuple[Light, ...], frame: CasterFrame) -> Array:
+    """Return rows of structs.ShadowLight of the lights that shine, in their order, at least one."""
+    rows = [frame.light(_homogeneous(light), _size(light)) for light in lights if light.intensity.any()]
+    return np.concatenate(rows) if rows else np.zeros(1, SINGLE.ShadowLight)
+
+
+def shadow_factors(lights: tuple[Light, ...], frame: CasterFrame) -> Floats:
+    """Return what turns lengths into the units of the rows of `shadow_lights`, one of each light that shines: the frame's
+    unit times w, which the row has as 0 if it is too small."""
+    factors = []
+    for light in lights:
+        if light.intensity.any():
+            w = 0.0
+            if isinstance(light, PlacedLight):
+                moved = (np.asarray(light.position, np.float64) - frame.origin) * frame.unit
+                reach = float(np.abs(moved).max()) + _size(light) * frame.unit
+                w = 1.0 if reach <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(reach)[1]
+            factors.append(frame.unit * w)
+    return np.array(factors)
+
+
+def _size(light: Light) -> float:
+    """Return how far from its position a light reaches."""
+    return float(np.abs(sides_of(light)).sum()) if isinstance(light, PlacedLight) else 0.0
+
+
+def _homogeneous(light: Light) -> Floats:
+    """Return the position of a light, w = 1, or the unit vector toward a directional one, w = 0."""
+    return np.append(light.position, 1.0) if isinstance(light, PlacedLight) else np.append(-light.axis, 0.0)
+
 
 # Tables of Packed that pixel stages read under the same names.
 _TABLES = (
@@ -28,7 +91,7 @@ _TABLES = (
     *("backdrop", "alphas"),
 )
 _PLACED = ("normals", "tangents")  # read as object_normals and object_tangents of instances
-_FARTHEST = 4.0 * SHADOW_REACH  # longer than any diagonal of the casters' box, so that longer rays meet no more
+_LONGEST = 4.0 * SHADOW_REACH  # longer than any diagonal of the casters' box, so that longer rays meet no more
 _LEAST = 2.0**-60  # shorter rays end where they begin
 
 
@@ -39,17 +102,18 @@ def hemisphere_row(settings: Settings, frame: CasterFrame, structs: Structs) -> 
     if not settings.ambient_occlusion or settings.ao_distance is None:
         return rows
     row = rows[0]
-    row["points"], row["sphere"], row["axis"] = settings.ambient_occlusion, 1, light_points.AXIS
-    row["right"], row["up"] = light_points.disc_radii()
+    row["points"], row["sphere"], row["axis"] = settings.ambient_occlusion, 1, AXIS
+    row["right"], row["up"] = disc_radii()
     with np.errstate(over="ignore"):
-        distance = float(np.minimum(np.float64(settings.ao_distance) * frame.unit, _FARTHEST))
+        distance = float(np.minimum(np.float64(settings.ao_distance) * frame.unit, _LONGEST))
     row["shadow_scale"] = distance if distance >= _LEAST else 0.0
-    light_points.write_pattern(row, settings.ambient_occlusion)
+    write_pattern(row, settings.ambient_occlusion)
     return rows
 
 
 class ResidentScene:
-    """The buffers of a scene, for as long as it is drawn.
+    """The buffers of a scene, for as long as it is drawn, and the tables of its frames. Each of those may be written while
+    kernels run that do not read it.
 
     Parameters are those of `SceneDrawing`, and of_layers: features of the layers' program, None without one. Raises
     DeviceError if the scene does not fit into the device's memory.
@@ -57,6 +121,7 @@ class ResidentScene:
     structs: of the kernels. extent: of the scene, None without faces. source: of its triangles. inputs: of the pixel stages,
     by name, all but those that a frame makes. faces: (F, 3). lights, casters: what the tables of a frame are made from;
     casters None where nothing casts shadows. map_colors: number of colors of the color map. nbytes: of device memory.
+    places: where the next frames' pixels are sampled, see `Renderer.place_samples`.
     """
 
     def __init__(
@@ -70,6 +135,7 @@ class ResidentScene:
     ) -> None:
         self.stages, self.scene, self.settings, self.features = stages, scene, settings, features
         self.device, self.structs = stages.device, stages.structs
+        self.places = sample_pattern.positions(settings.samples)
         scene_buffers.check_device(self.device, packed, self.structs)
         self.extent = Extent.of(packed.low, packed.high) if len(packed.faces) else None
         self.map_colors = 0 if packed.color_map is None else len(packed.color_map) - 4
@@ -135,3 +201,95 @@ class ResidentScene:
         stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
         colors[rows, :3] *= looked_up.to_host()[:, :3]
         return colors
+
+    def new_tables(self) -> FrameTables:
+        """Return tables of which nothing is written yet."""
+        device, structs = self.device, self.structs
+        rows = (structs.View, structs.Image, structs.ShadowView, structs.Counters)
+        view, image, shadow_view, counters = (Buffer(device, np.zeros(1, kind)) for kind in rows)
+        lights = Buffer(device, np.zeros_like(self.lights.table))
+        return FrameTables(view, image, lights, shadow_view if self.casters else None, counters)
+
+    def write_view(self, frame: SceneFrame) -> None:
+        """Write what the projection reads, and set the counters to 0."""
+        with frame.tables.view.writing(waits=False) as table:
+            frame.space.write_view(table[0])
+            table[0]["needs"] = self.features.needs
+        with frame.counted.writing(waits=False) as table:
+            table[:] = 0
+
+    def write_image(self, frame: SceneFrame, room: int) -> None:
+        """Write what setup and later stages read. room: entries that the tile lists have room for."""
+        settings, background, real = self.settings, self.scene.background, self.structs.real
+        columns, rows = resolution = frame.resolution
+        first = frame.space.raster.first
+        # Pixels below lines are written twice.
+        streamed = frame.streams and columns % 4 == 0 and settings.edges is None
+        known = resolution, first, room, streamed, self.places.tobytes()
+        with frame.image.writing(waits=False) as table:
+            image = table[0]
+            image["unscale"] = shading_tables.to_real(np.float64(1.0) / frame.space.scale, real)
+            image["to_eye"] = -frame.space.axes[2]
+            around = self.scene.environment if self.features["BACKDROP"] else None
+            if around is not None:
+                _write_backdrop_rays(image, around, frame.space, real)
+            if frame.tables.image_of == known:
+                return
+            frame.tables.image_of = None
+            image["needs"] = self.features.needs
+            image["columns"], image["rows"], image["first"] = columns, rows, first
+            image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
+            places = self.places << struct_layout.SUBPIXEL_BITS - struct_layout.SAMPLE_BITS
+            image["samples"] = len(places)
+            image["sample_x"][: len(places)], image["sample_y"][: len(places)] = places.T
+            image["least"], image["most"] = places.min(axis=0), places.max(axis=0)
+            image["lights"], image["list_capacity"] = self.lights.count, room
+            image["streamed"] = streamed
+            if settings.edges is not None:
+                image["line_color"] = settings.edges.color
+                image["marked_color"] = settings.edges.nonmanifold_color
+            if around is not None:
+                shading_tables.write_backdrop_size(image, around)
+            image["map_colors"] = self.map_colors
+            image["unlit"] = settings.shader == "nolight"
+            image["transparent"] = background is None
+            if background is not None:
+                image["background"] = shading_tables.to_real(background, real)
+            image["light_unit"] = self.lights.unit
+            image["layer_alpha"] = shading_tables.to_real(np.float64(settings.layer_alpha), real)
+        frame.tables.image_of = known
+
+    def write_lights(self, frame: SceneFrame) -> None:
+        """Write what only shading reads: lights and shadows, relative to the eye."""
+        lights, casters = self.lights, self.casters
+        if lights.count:
+            rows = lights.rows(frame.space.camera.eye, frame.space.scale)
+            with frame.tables.lights.writing(waits=False) as table:
+                table[:] = rows
+        if casters is not None and frame.tables.shadow_view is not None:
+            with frame.tables.shadow_view.writing(waits=False) as table:
+                write_shadow_view(table[0], frame.space, casters.frame)
+
+
+def _write_backdrop_rays(image: np.void, environment: Environment, space: CameraSpace, real: type[np.floating]) -> None:
+    """Fill a row of structs.Image with the rays through the image of a camera.
+
+    A ray at u, v is proportional to (x, y, f) in camera space: x = (u - u0) W/(N focal), y = (v - v0) H/(M focal) and f = 1,
+    all three divided by the largest x or y in the image if that is above 1. Rays of an orthographic camera are all
+    parallel. u - u0 is taken in whole 1/256 px, exactly, so that x and y are accurate relative to themselves.
+    """
+    camera, raster = space.camera, space.raster
+    steps = 1 << struct_layout.SAMPLE_BITS
+    pixels, principal = np.array(raster.resolution, np.float64), np.array(raster.principal)
+    center = np.clip(principal * pixels * steps, -float(_MOST_CENTER), float(_MOST_CENTER))
+    whole = np.rint(center)
+    with np.errstate(over="ignore"):
+        pitch = np.minimum(np.array(raster.plane[::-1]) / (pixels * camera.focal), 1e150)
+        largest = (np.maximum(np.abs(principal), np.abs(1.0 - principal)) * pixels * pitch).max()
+    scale = 1.0 / max(1.0, min(float(largest), 1e300))
+    step = np.zeros(2) if camera.orthographic else pitch * scale / steps
+    forward = 1.0 if camera.orthographic else max(scale, _NARROWEST)
+    image["ray_center"] = whole.astype(np.int32) - steps * np.array(raster.first, np.int32)
+    image["ray_step"] = shading_tables.to_real(step, real)
+    image["ray_offset"] = shading_tables.to_real((whole - principal * pixels * steps) * step, real)
+    image["ray_axes"] = shading_tables.to_real(environment.axes @ space.axes.T * (1.0, 1.0, forward), real).reshape(-1)

@@ -15,14 +15,13 @@ from ..scene.geometry import half_diagonal
 from ..scene.model import Scene, Settings
 from ..scene.scalar_colors import without_colors
 from . import struct_layout
-from .backdrop import backdrop_table
 from .features import Features, derive, looked_up_at_corners, looks_up
 from .gather import Gatherer
 from .instances import InstanceTables, draws_from_one_copy, instance_tables, placed_extent
 from .layer_buffers import LayerTables, layer_tables
 from .opencl.device import Device
 from .scalar_tables import ScalarTables, color_table
-from .shading_tables import environment_tables, texture_tables
+from .shading_tables import backdrop_table, environment_tables, texture_tables
 from .struct_layout import Structs
 
 
@@ -104,9 +103,8 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     found: dict[str, Any] = dict.fromkeys(Packed.__dataclass_fields__)
     if len(faces):
         if features.needs_any("TERMS"):
-            found["normals"], found["normal_faces"] = gatherer.normals(
-                bool(features["NORMAL_INDICES"]), bends=bool(features["SHADOWS"])
-            )
+            indexed, bends = bool(features["NORMAL_INDICES"]), bool(features["SHADOWS"])
+            found["normals"], found["normal_faces"] = gatherer.normals(indexed, bends=bends)
         if features["VERTEX_COLORS"] or features["CORNER_COLORS"]:
             found["colors"] = gatherer.colors(bool(features["CORNER_COLORS"]))
         if features["SCALARS"]:

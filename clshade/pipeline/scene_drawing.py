@@ -9,22 +9,18 @@ from ..base.arrays import Array, Integers
 from ..scene.model import Scene, Settings
 from . import scene_buffers
 from .buffers import Buffer, Pool, finish
-from .clipped_triangles import Clipping
-from .depth_order import DepthOrder
+from .clip import Clipping
 from .features import Features, ignored
 from .frame_state import SceneFrame
-from .frame_tables import TableWriter
 from .launches import scene_stages
 from .layer_buffers import layer_features
 from .layers import Layers
 from .lines import Lines
 from .opencl.device import Device
-from .pixel_pass import PixelPass
 from .resident_scene import ResidentScene
 from .scene_buffers import Packed
-from .sorted_pass import SortedPass
 from .surface_inputs import SurfaceInputs
-from .tile_lists import TileLists
+from .tile_lists import DepthOrder, TileLists, draw_sorted
 from .triangle_source import SceneFaces, Triangles
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
@@ -51,7 +47,6 @@ class SceneDrawing:
         self.pool, depth_test = Pool(device), bool(features["DEPTH_TEST"])
         self._resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)
         self._source, self.extent = resident.source, resident.extent
-        self._writer = TableWriter(resident)
         # The layers' texture coordinates include these, and also those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
         if packed.layers.uvs is not None:
@@ -59,16 +54,15 @@ class SceneDrawing:
         uv_faces = packed.faces if uv_faces is None else uv_faces
         self._clipping = Clipping(self._source, uvs, uv_faces, depth_test=depth_test)
         transparent = scene_buffers.faces_with(packed, "blends") if features["BLEND"] else None
-        order = DepthOrder(device, self._source, painter=not depth_test, transparent=transparent)
-        self._lists, self._pixels = TileLists(stages), PixelPass(stages)
-        self._sorted = SortedPass(order, self._lists, self._pixels)
+        self._order = DepthOrder(device, self._source, painter=not depth_test, transparent=transparent)
+        self._lists = TileLists(stages)
         self._lines: Lines | None = None
         if settings.edges is not None and isinstance(self._source, SceneFaces):
             front_only = scene_buffers.faces_with(packed, "front_only") | bool(features["CULL"])
             self._lines = Lines(self._source, settings.edges, front_only)
         self.layers = Layers(stages, self.pool, settings.layers, packed.layers)
         self.scene_bytes = resident.nbytes + self.layers.nbytes
-        self.tables = self._writer.new_tables()
+        self.tables = resident.new_tables()
         self._clips = False  # whether the last frame had faces to clip
 
     def _begin(self, frame: SceneFrame) -> None:
@@ -79,26 +73,25 @@ class SceneDrawing:
             self._draw_sorted(frame)
             return
         assert isinstance(source, SceneFaces)
-        self._writer.write_view(frame)
+        self._resident.write_view(frame)
         source.project(frame)
-        self._writer.write_image(frame, self._lists.room)
+        self._resident.write_image(frame, self._lists.room)
         self._lists.set_up(source, frame)
-        self._writer.write_lights(frame)
+        self._resident.write_lights(frame)
         self._fill_and_shade(frame)
 
     def _draw_sorted(self, frame: SceneFrame) -> None:
         """Draw the triangles in the order of their depths."""
         frame.events.clear()  # those of a frame that was given up
-        self._writer.write_view(frame)
+        self._resident.write_view(frame)
         self._source.project(frame)
-        self._writer.write_image(frame, self._lists.room)
+        self._resident.write_image(frame, self._lists.room)
         self._source.set_up(frame)
-        self._writer.write_lights(frame)
+        self._resident.write_lights(frame)
         triangles = self._clipping.clip(frame)
-        shown = (
-            None if self._lines is None else self._lines.draw(triangles, frame, painter=not self.features["DEPTH_TEST"])
-        )
-        self._sorted.draw(triangles, self._inputs(triangles, frame), frame, shown)
+        painter = not self.features["DEPTH_TEST"]
+        shown = None if self._lines is None else self._lines.draw(triangles, frame, painter=painter)
+        draw_sorted(self._order, self._lists, triangles, self._inputs(triangles, frame), frame, shown)
         assert frame.counters is not None
         self._clips = bool(frame.counters["to_clip"])
         for name, count in self._source.culled.items():
@@ -108,7 +101,7 @@ class SceneDrawing:
         """Enqueue the lists and the pixels of faces in their order."""
         self._lists.fill_unsorted(self._source.made, frame)
         triangles = self._clipping.nothing_clipped(self._source.room)
-        self._pixels.draw(self._inputs(triangles, frame), self._lists, frame)
+        self._lists.shade(self._inputs(triangles, frame), frame)
 
     def _complete(self, frame: SceneFrame) -> None:
         """Wait for the frame that `_begin` has begun, the last one enqueued, and draw it again if lists lack room, or sorted
@@ -168,7 +161,7 @@ class SceneDrawing:
 
     def place_samples(self, places: Integers) -> None:
         """Set where the next frames' pixels are sampled, see `Renderer.place_samples`."""
-        self._writer.place_samples(places)
+        self._resident.places = places
 
     def sizes(self) -> dict[str, int]:
         """Return the numbers of triangles and vertices, those of all instances."""

@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..base.arrays import Array, Floats
 from ..scene.environment import Environment
+from ..scene.image_light import octahedral
 from ..scene.image_light.brdf_table import brdf_table
 from ..scene.image_light.light import image_light
-from ..scene.image_light.octahedral import padded
 from ..scene.material import TERMS
 from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
 from ..scene.model import Material, Mesh, Texture
 from . import struct_layout
-from .mipmaps import levels_below
+from .kept_arrays import kept
 from .struct_layout import Structs
 
 Real = type[np.floating]
@@ -73,9 +76,7 @@ def material_table(
     for name, field in (("metallic", "metallic"), ("roughness", "roughness"), ("f90", "specular")):
         table[name] = [getattr(each, field) for each in facets]
     table["diffuse"] = reals([each.diffuse for each in materials])
-    table["f0"], table["emission"] = (
-        reals([getattr(f, name) for f in facets]) for name in ("dielectric_f0", "emission")
-    )
+    table["f0"], table["emission"] = reals([f.dielectric_f0 for f in facets]), reals([f.emission for f in facets])
     table["two_sided"] = [each.two_sided for each in materials]
     table["front_only"] = [each.sides == "front" for each in materials]
     table["texture"] = texture_numbers([each.texture for each in materials])
@@ -170,10 +171,18 @@ def scale_for(extent: float) -> float:
 _BLACK = Environment(np.zeros((1, 1, 3)))
 
 
-def environment_tables(environment: Environment | None, unit: float, structs: Structs) -> tuple[Array, Array]:
+def environment_tables(environment: Environment | None, unit: float, structs: Structs) -> tuple[Array, ...]:
     """Return a row of structs.Environment, and the table that it points into, (R, 4) reals: that of the BRDF, with its
     last row and column twice, then the levels with a border of one texel. unit: of light. None: black."""
-    light = image_light(environment or _BLACK)
+    environment = environment or _BLACK
+    image, up = environment.image, environment.up.tolist()
+    sizes = image.shape, environment.rotation, environment.intensity, up, unit, structs.Environment.descr
+    code = [Path(__file__), *sorted(Path(octahedral.__file__).parent.glob("*.py"))]
+    return kept(code, [repr(sizes).encode(), image.tobytes()], partial(_environment_tables, environment, unit, structs))
+
+
+def _environment_tables(environment: Environment, unit: float, structs: Structs) -> tuple[Array, Array]:
+    light = image_light(environment)
     row = np.zeros(1, structs.Environment)
     row["irradiance"] = to_real(light.irradiance / unit, structs.real).reshape(-1)
     share = brdf_table().copy()
@@ -182,7 +191,7 @@ def environment_tables(environment: Environment | None, unit: float, structs: St
     offset = len(parts[0])
     for number, level in enumerate(light.levels):
         row["offset"][0, number], row["side"][0, number] = offset, len(level)
-        parts.append(padded(level).reshape(-1, 3) / unit)
+        parts.append(octahedral.padded(level).reshape(-1, 3) / unit)
         offset += len(parts[-1])
     table = np.zeros((offset, 4), structs.real)
     table[:, :3] = to_real(np.concatenate(parts), structs.real)
@@ -225,3 +234,98 @@ def usable(mesh: Mesh) -> Material:
     if facets is not None and any(getattr(facets, name) is not None for name in lost):
         material = replace(material, pbr=replace(facets, **lost))
     return material
+
+
+BAND = 1 << 18  # values of the larger level halved at a time, in float64: they stay in the cache
+
+_levels: WeakKeyDictionary[Texture, list[Array]] = WeakKeyDictionary()
+
+
+def levels_below(texture: Texture) -> list[Array]:
+    """Return `smaller_levels` of a texture without its alpha; kept as long as the texture lives."""
+    if texture not in _levels:
+        _levels[texture] = smaller_levels(texture.image[..., :3])
+    return _levels[texture]
+
+
+def smaller_levels(image: Array) -> list[Array]:
+    """Return the levels below an image (h, w, C), float32, from the largest, max(h // 2, 1) by max(w // 2, 1), to 1 x 1.
+
+    A texel is the mean, in linear light, of the area of the previous level that it covers: the box filter, also for odd
+    sizes. Computed in float64 from level to level, rounded once, so that a constant image has constant levels.
+    """
+    values, levels = image, []
+    while max(values.shape[:2]) > 1:
+        values = _half_size(values)
+        levels.append(values.astype(np.float32))
+    return levels
+
+
+def _half_size(values: Array) -> Array:
+    """Return the next level of (h, w, C), float64. Works in bands of rows, so that only the result is held whole in
+    float64."""
+    height, width, channels = values.shape
+    rows = max(height // 2, 1)
+    half = np.empty((rows, max(width // 2, 1), channels))
+    band = max(1, BAND // (2 * width * channels))
+    for start in range(0, rows, band):
+        stop = min(start + band, rows)
+        halved = _halved(values, start, stop)
+        half[start:stop] = _halved(halved.swapaxes(0, 1), 0, half.shape[1]).swapaxes(0, 1)
+    return half
+
+
+def _halved(rows: Array, start: int, stop: int) -> Array:
+    """Return rows `start` to `stop` of an image with half as many rows, rounded down, but at least one; float64.
+
+    Of 2m+1 rows each new one covers 2 + 1/m. The i-th has (m-i)/m of the first, all of the second and (i+1)/m of the third
+    of its three: a polyphase box filter, as in the remarks on OpenGL's ARB_texture_non_power_of_two.
+    """
+    m = len(rows) // 2
+    if m == 0:
+        return rows.astype(np.float64)
+    if len(rows) == 2 * m:
+        part = rows[2 * start : 2 * stop].astype(np.float64, copy=False)
+        return (part[0::2] + part[1::2]) * 0.5
+    part = rows[2 * start : 2 * stop + 1].astype(np.float64, copy=False)
+    i = np.arange(start, stop, dtype=np.float64)[:, None, None]
+    return ((m - i) * part[:-1:2] + m * part[1::2] + (i + 1.0) * part[2::2]) / (2 * m + 1)
+
+
+_ROWS = 256  # of the backdrop's image, converted at a time
+_MOST_RADIANCE = 2.0**100  # of the backdrop's table: sums of its numbers stay within float32's range
+
+
+def backdrop_table(environment: Environment, structs: Structs) -> Array:
+    """Return the radiance over `backdrop_unit`, ((h + 3) * (w + 2), 4) reals, row by row.
+
+    A column more on each side continues the image around the seam. The first row and the last but one are the poles: the
+    mean of the image's first and last row. The last row is read, with a weight of 0, at the lower pole.
+    """
+    height, width, _ = environment.image.shape
+    factor = environment.intensity / backdrop_unit(environment)
+    table = np.zeros((height + 3, width + 2, 4), structs.real)
+
+    def put(place: int, rows: Array) -> None:
+        inside = to_real(rows * factor, structs.real)
+        table[place : place + len(rows), 1:-1, :3] = inside
+        table[place : place + len(rows), 0, :3], table[place : place + len(rows), -1, :3] = inside[:, -1], inside[:, 0]
+
+    for first in range(0, height, _ROWS):
+        put(1 + first, environment.image[first : first + _ROWS].astype(np.float64))
+    for place, row in ((0, 0), (height + 1, -1), (height + 2, -1)):
+        pole = environment.image[row].astype(np.float64).mean(axis=0)
+        put(place, np.broadcast_to(pole, (1, width, 3)))
+    return table.reshape(-1, 4)
+
+
+def backdrop_unit(environment: Environment) -> float:
+    """Return what the table is counted in: 1 for all but extreme radiance, a power of two."""
+    most = float(environment.image.max()) * environment.intensity
+    return max(1.0, 2.0 ** math.ceil(math.log2(most / _MOST_RADIANCE))) if most > 0.0 else 1.0
+
+
+def write_backdrop_size(image: np.void, environment: Environment) -> None:
+    """Fill a row of structs.Image with what `backdrop_table` holds."""
+    image["backdrop_rows"], image["backdrop_columns"] = environment.image.shape[:2]
+    image["backdrop_unit"] = backdrop_unit(environment)

@@ -13,16 +13,13 @@ from ..scene.model import Material, Texture
 from ..scene.settings import Shader
 from . import shading_tables, struct_layout
 from .buffers import Buffer, TriangleBuffers
-from .depth_order import DepthOrder
 from .features import Features, derive_alone
 from .frame_state import FrameInFlight
 from .launches import Stages, lookup_stages, scene_stages
 from .opencl.device import Device
-from .pixel_pass import PixelPass
 from .programs import build
-from .sorted_pass import SortedPass
 from .surface_inputs import SurfaceInputs
-from .tile_lists import TileLists
+from .tile_lists import DepthOrder, TileLists, draw_sorted
 from .triangle_source import Triangles
 
 _SUBPIXELS = 1 << struct_layout.SUBPIXEL_BITS
@@ -59,9 +56,8 @@ class _Lit:
     def __init__(self, device: Device, around: PointLighting, colors: Array) -> None:
         shining = around.intensities.any(axis=1)
         self.count = int(shining.sum())
-        self.unit = shading_tables.light_unit(
-            [around.material], around.intensities, np.zeros(3), float(colors.max(initial=0.0))
-        )
+        brightest = float(colors.max(initial=0.0))
+        self.unit = shading_tables.light_unit([around.material], around.intensities, np.zeros(3), brightest)
         scale = shading_tables.scale_for(reach(around))
         self.relative = np.zeros((1, 4), np.float32)
         self.relative[0, :3] = shading_tables.to_real((around.point - around.eye) * scale)
@@ -104,11 +100,8 @@ def light_point(device: Device, around: PointLighting, normal: Floats, color: Fl
     stages = _light_stages(device, _features("phong", around))
     lit = _Lit(device, around, color)
     # Every buffer stays referenced until the kernels are done: its memory is freed with it.
-    points, normals, colors = (
-        Buffer(device, lit.relative),
-        _four(device, unit(normal[None])),
-        _four(device, color[None]),
-    )
+    points, normals = Buffer(device, lit.relative), _four(device, unit(normal[None]))
+    colors = _four(device, color[None])
     result = Buffer.empty(device, (1, 4), np.float32)
     needed = _features("phong", around).needs
     stages.light(points, normals, colors, lit.materials, lit.lights, needed, result, lit.unit, lit.count, 1)
@@ -253,6 +246,5 @@ def _draw(
         lights=lit.lights,
         image=image,
     )
-    row = SortedPass(DepthOrder(device), TileLists(stages), PixelPass(stages))
-    row.draw(Triangles(made, visible, on_device), inputs, frame)
+    draw_sorted(DepthOrder(device), TileLists(stages), Triangles(made, visible, on_device), inputs, frame)
     return rgba.to_host()

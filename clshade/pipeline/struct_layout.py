@@ -14,7 +14,6 @@ from ..scene import metallic_roughness
 from ..scene.image_light import brdf_table, specular
 from ..scene.material import TERMS
 from ..scene.metallic_roughness import MAPS
-from .light_rows import MEMBERS as LIGHT_MEMBERS
 
 SUBPIXEL_BITS = 16  # snapped positions count 1/65536 px
 SAMPLE_BITS = 8  # samples lie at multiples of 1/256 px
@@ -97,22 +96,12 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "x", 3, "snapped corners, 1/65536 px"),
         ("int", "y", 3, "snapped corners, 1/65536 px, up"),
         ("real", "w", 3, "1/depth of the corners, scaled"),
-        (
-            "int",
-            "piece_and_turn",
-            1,
-            "2 * p + 1 if clockwise, else 2 * p; p: index of the clipped piece, -1 for a whole face",
-        ),
+        ("int", "piece_and_turn", 1, "2 * p + 1 if clockwise, else 2 * p; p: its clipped piece, -1 for a whole face"),
         ("int", "face", 1, "index in the scene's face order"),
         ("real", "inverse_area", 1, "2^16 over twice the area in (1/65536 px)^2"),
     ],
     "Bounds": [
-        (
-            "ulong",
-            "box",
-            1,
-            "16 bits each, lowest first: first column and row, last column and row with a sample in the box",
-        ),
+        ("ulong", "box", 1, "16 bits each, lowest first: first column, first row, last column, last row with a sample"),
         ("real", "nearest", 1, "the largest w of the corners"),
         ("real", "only", 1, "its w at the one pixel that it covers, infinity where that is not so or not known"),
     ],
@@ -144,7 +133,25 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "face_shift", 1, "from its mesh's faces to the scene's, modulo 2^32"),
         ("int", "number", 1, "of the layer instance_id"),
     ],
-    "Light": LIGHT_MEMBERS,
+    "Light": [  # zeros are a plain point
+        ("real", "position", 3, "relative to the eye, world axes, scaled; directional: unit, toward the light"),
+        ("real", "directional", 1, "1 for a directional light, else 0"),
+        ("real", "intensity", 3, "linear RGB; attenuated: at a scaled distance of 1"),
+        ("real", "inverse_range", 1, "1/range, scaled; 0 for none"),
+        ("real", "axis", 3, "unit, world axes: of the cone, away from the light; or of a light of finite size"),
+        ("real", "cone_cosine", 1, "of the outer angle"),
+        ("real", "cone_scale", 1, "1 over the difference of the inner and the outer cosine"),
+        ("int", "cone", 1, "whether it is a spot"),
+        ("int", "attenuated", 1, "whether it decreases with the square of the distance"),
+        ("int", "points", 1, "that stand for a light of finite size, 0 for none"),
+        ("int", "sphere", 1, "whether it is a sphere, else a rectangle whose normal is axis"),
+        ("real", "right", 3, "scaled: half a side of a rectangle, or a radius of a sphere's disc with normal axis"),
+        ("real", "up", 3, "scaled: half the other side, or the radius at right angles"),
+        ("real", "shadow_scale", 1, "turns right and up into the units of its ShadowLight; with SHADOWS"),
+        ("real", "center_scale", 1, "turns position into the units of right and up, a power of two, 1 or less"),
+        ("int", "first_point", 2, "in the unit square, fractions of 2^32"),
+        ("int", "point_step", 2, "from point to point"),
+    ],
     "ShadowLight": [
         ("float", "high", 3, "of its position relative to the casters' origin, in the units of shadows, times w"),
         ("float", "w", 1, "1, a smaller power of two for a distant light, 0 for a directional one: toward it"),
@@ -206,12 +213,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("int", "levels", 1, "how many there are, 1 without mip-mapping"),
         ("int", "nearest", 1, "whether the nearest texel is shown"),
         ("int", "uv_offset", 1, "of its coordinates among those of all sets"),
-        (
-            "int",
-            "alike",
-            1,
-            "the first texture that is looked up alike: of the same size, wrap modes, filter, coordinates",
-        ),
+        ("int", "alike", 1, "the first texture with its size, wrap modes, lookup, filter and coordinates"),
     ],
     "Image": [
         ("ulong", "needs", 1, "a bit for each feature that the frame needs, see features.clh"),
@@ -244,12 +246,7 @@ _STRUCTS: dict[str, list[tuple[str, str, int, str]]] = {
         ("real", "backdrop_unit", 1, "what the table of the background is counted in: a power of two"),
         ("real", "ray_step", 2, "how far a ray turns to the right and up per 1/256 px, over the length of ray_axes"),
         ("real", "ray_offset", 2, "how far it is turned at ray_center"),
-        (
-            "real",
-            "ray_axes",
-            9,
-            "rows: the environment's front, left and top; columns: camera x, y, the viewing direction",
-        ),
+        ("real", "ray_axes", 9, "rows: the environment's front, left, top; columns: camera x, y, viewing direction"),
     ],
     "Line": [
         ("double", "w", 2, "1/depth of its ends, scaled; with painter's order minus the first rank of its faces"),

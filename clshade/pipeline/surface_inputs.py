@@ -24,15 +24,10 @@ class SurfaceInputs(NamedTuple):
     pieces: Annotated[Buffer | None, "Piece"] = None  # C, from the host
     normals: Annotated[Buffer | None, "real4"] = None  # K, unit or 0, world axes
     normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; None: `faces`
-    colors: Annotated[Buffer | None, "real4"] = (
-        None  # V with VERTEX_COLORS, F x 3 with CORNER_COLORS, linear RGB; position in the color map
-    )
-    color_map: Annotated[Buffer | None, "real4"] = (
-        None  # below, map_colors, above, NaN, white: linear RGB; with SCALARS
-    )
-    uvs: Annotated[Buffer | None, "real4"] = (
-        None  # T, texture coordinates u, v and their rounding errors; T more for each further set
-    )
+    # V with VERTEX_COLORS, F x 3 with CORNER_COLORS: linear RGB, position in the color map
+    colors: Annotated[Buffer | None, "real4"] = None
+    color_map: Annotated[Buffer | None, "real4"] = None  # below, map_colors, above, NaN, white; with SCALARS
+    uvs: Annotated[Buffer | None, "real4"] = None  # T of each set, u, v and their rounding errors
     uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; None: `faces`
     tangents: Annotated[Buffer | None, "real4"] = None  # unit or 0, and the bitangent's side; with NORMAL_MAP
     tangent_faces: Annotated[Buffer | None, "int"] = None  # F x 3, tangents; with NORMAL_MAP

@@ -1,16 +1,100 @@
-"""The lists of triangles per tile: counted, scanned and written on the device."""
+"""From triangles that are set up to pixels: the order of their depths, the lists of triangles per tile, the pixel stage."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Array, Bools, UInt32s
 from ..errors import DeviceError
-from .buffers import Buffer, TriangleBuffers
+from .buffers import LEAST_INDEX_BITS, Buffer, TriangleBuffers
+from .features import needs
 from .frame_state import FrameInFlight
 from .launches import Chunks, Stages
-from .triangle_source import SceneFaces, Triangles
+from .opencl.device import Device
+from .programs import running_time
+from .surface_inputs import SurfaceInputs
+from .triangle_source import SceneFaces, Triangles, TriangleSource
+
+
+def front_to_back(
+    keys: Array, exact: Callable[[Array], tuple[Array, Array]] | None = None, bits: int = LEAST_INDEX_BITS
+) -> UInt32s:
+    """Return the indices of triangles, nearest first; of equal depths the later face first.
+
+    keys: (T,) uint64 of setup.cl, sorted in place: the depth's top bits over the complement of the index.
+    exact: returns the float64 depths and the faces of the triangles given by index; used where the top bits are equal.
+        None: triangles with equal top bits may come in any order.
+    bits: of the index, at most 32.
+    Returns (T,) uint32.
+    """
+    keys.sort()
+    low_words = keys.view(np.uint32)[0 if sys.byteorder == "little" else 1 :: 2]
+    order: UInt32s = ~low_words & np.uint32((1 << bits) - 1)
+    if exact is None or len(keys) < 2:
+        return order
+    depth_bits = keys >> np.uint64(bits)
+    same = depth_bits[1:] == depth_bits[:-1]
+    if same.any():
+        tied = np.zeros(len(keys), bool)
+        tied[1:] |= same
+        tied[:-1] |= same
+        rows = np.flatnonzero(tied)
+        depth, face = exact(order[rows])
+        order[rows] = order[rows][np.lexsort((-face, depth, depth_bits[rows]))]
+    return order
+
+
+class DepthOrder:
+    """Sorts the triangles of a frame on the host, in memory that is kept from frame to frame.
+
+    source: of the triangles; None for those of no scene, of which none are transparent. painter: whether painter's order
+    decides, which takes exact depths. transparent: (F,) by face, None if none is.
+
+    ranks: (T,) uint32, the place of each triangle in painter's order; None unless transparent ones need it.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        source: TriangleSource | None = None,
+        *,
+        painter: bool = False,
+        transparent: Bools | None = None,
+    ) -> None:
+        self._device, self._source, self._painter, self._transparent = device, source, painter, transparent
+        self._order = Buffer.empty(device, 0, np.uint32)
+        self.ranks: Buffer | None = None
+
+    def sort(self, triangles: Triangles, frame: FrameInFlight) -> Buffer:
+        """Return the visible triangles, nearest first; if some are transparent, these after the others."""
+        start = running_time()
+        visible, made, source = triangles.visible, triangles.made, self._source
+        if len(self._order.array) < visible:
+            self._order = Buffer.empty(self._device, visible + visible // 2, np.uint32)
+        exact = partial(source.painter_depths, triangles) if source is not None and self._painter else None
+        order = front_to_back(made.keys.to_host(visible), exact, made.index_bits)
+        if source is not None and self._transparent is not None:
+            if self._painter:
+                self._write_ranks(order, len(made.triangles.array))
+            late = self._transparent[source.faces_of(triangles, order)]
+            order = np.concatenate([order[~late], order[late]])
+        with self._order.writing(visible) as rows:
+            rows[:] = order
+        frame.is_sorted = visible > 0
+        frame.host_ms["sort"] = (running_time() - start) * 1e3
+        return self._order
+
+    def _write_ranks(self, order: Array, room: int) -> None:
+        if self.ranks is None or len(self.ranks.array) < room:
+            self.ranks = Buffer.empty(self._device, room, np.uint32)
+        with self.ranks.writing() as rows:
+            rows[order] = np.arange(len(order), dtype=np.uint32)
+
 
 _LEAST_CHUNK = 16  # triangles: few may cover many tiles
 _LARGE_CHUNK = 1 << 14  # each chunk counts all tiles: more than two per compute unit are at least so large
@@ -22,10 +106,10 @@ _MOST_ENTRIES = (1 << 31) - 1  # kernels count them in an int32; 32 GiB
 
 
 class TileLists:
-    """The tile lists, whose memory is kept from frame to frame.
+    """The tile lists and the pixels lit from them, in memory that is kept from frame to frame.
 
     A frame calls `count` and `fill` for triangles in a given order, or `set_up` and `fill_unsorted` for faces in theirs;
-    the pixel stage follows.
+    `shade` follows.
 
     starts: (tiles + 1,) where each tile's list begins. entries: the lists, concatenated.
     Filling does nothing, and the pixel stage gives no pixel an owner, if there is no room for all entries. Then, and only
@@ -34,6 +118,7 @@ class TileLists:
 
     def __init__(self, stages: Stages) -> None:
         self._stages = stages
+        self._corner_light: Buffer | None = None  # of Gouraud's shading
         self._usual_chunks = 2 * stages.device.compute_units if stages.device.is_cpu else _MOST_CHUNKS
         self._most_chunks = max(self._usual_chunks, _MOST_CHUNKS)
         self.starts = self._empty(0, np.uint32)
@@ -121,3 +206,51 @@ class TileLists:
             raise DeviceError(f"{device.name}: {limit}: draw fewer triangles, or a smaller image")
         most = min(device.max_allocation // kind.itemsize, _MOST_ENTRIES)
         self.entries = self._empty(max(entries, min(entries + entries // 2, most)), kind)
+
+    def shade(
+        self,
+        inputs: SurfaceInputs,
+        frame: FrameInFlight,
+        *,
+        order: Buffer | None = None,
+        visible: int = 0,
+        shown: Buffer | None = None,
+    ) -> None:
+        """Enqueue the pixel stage. order: (T,) the triangles whose corners Gouraud's shading lights first, of which there
+        are `visible`. shown: the samples that show lines."""
+        stages, features, events = self._stages, self._stages.pixel_features, frame.events
+        tile = (self.entries, self.starts, frame.rgba, frame.owners, frame.counted, shown)
+        name = "phong" if features["PHONG"] else "pbr" if features["PBR"] else "gouraud"
+        if name == "gouraud" and order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
+            corners, light = 3 * len(inputs.triangles.array), self._corner_light
+            if light is None or len(light.array) < corners:
+                light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
+            inputs = inputs._replace(corner_light=light)
+            events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
+        events[name] = stages.shade(name, inputs, tile, frame.tiles)
+        frame.inputs = inputs
+
+
+def draw_sorted(
+    depths: DepthOrder,
+    lists: TileLists,
+    triangles: Triangles,
+    inputs: SurfaceInputs,
+    frame: FrameInFlight,
+    shown: Buffer | None = None,
+) -> None:
+    """Draw the visible triangles in the order of their depths, and read the frame's counters. inputs: of the pixel stage.
+    shown: the samples that show lines."""
+    order = depths.sort(triangles, frame)
+    inputs = inputs._replace(ranks=depths.ranks)
+    lists.count(order, triangles, frame)
+    if not lists.room and triangles.visible:
+        lists.make_room_for(int(frame.read_counters()["entries"]), frame)
+    while True:
+        lists.fill(order, triangles, frame)
+        lists.shade(inputs, frame, order=order, visible=triangles.visible, shown=shown)
+        frame.counters = frame.read_counters()
+        entries = int(frame.counters["entries"])
+        if entries <= lists.room:
+            return
+        lists.make_room_for(entries, frame)

@@ -72,13 +72,6 @@ class Visible:
         ----------
         path : str or path-like
             File name ending in .csv or .json.
-
-        Raises
-        ------
-        InputError
-            If the name ends otherwise.
-        OutputError
-            If the file cannot be written.
         """
         name = checked_path("Visible.save", "path", path)
         ending = os.path.splitext(name)[1].lower()
@@ -125,13 +118,6 @@ def visible(
     Visible
         A table of counts and shares, and the masks if asked for.
 
-    Raises
-    ------
-    InputError
-        If an argument is refused.
-    DeviceError
-        If no OpenCL device works.
-
     Notes
     -----
     Pixels are counted at their centers, as those of the layer instance_id with one sample. Each instance
@@ -160,13 +146,8 @@ def visible(
     found = np.zeros((count if many else 0, height, columns), bool)
     for group in _groups(placed):
         numbers = [each.number for each in group]
-        for place, image in _drawn(
-            replace(scene, meshes=tuple(mesh for each in group for mesh in each.meshes)),
-            group,
-            settings,
-            device,
-            beyond,
-        ):
+        shown = replace(scene, meshes=tuple(mesh for each in group for mesh in each.meshes))
+        for place, image in _drawn(shown, group, settings, device, beyond):
             pixels = _counted(image, len(group))[1:]
             (around if any(place) else alone)[numbers] += pixels
             if many and not any(place):
@@ -191,9 +172,8 @@ def _bare(mesh: Mesh) -> Mesh:
     """Return a mesh that covers the same pixels, without what only its colors need."""
     own = mesh.material
     if mesh.tests_alpha or mesh.blends:
-        return replace(
-            mesh, material=replace(own, pbr=None), normals=None, normal_faces=None, tangents=None, tangent_faces=None
-        )
+        plain = replace(own, pbr=None)
+        return replace(mesh, material=plain, normals=None, normal_faces=None, tangents=None, tangent_faces=None)
     return Mesh(
         mesh.verts,
         mesh.faces,
@@ -228,9 +208,8 @@ def _instances(scene: Scene) -> Iterator[_Instance]:
     parts: dict[tuple[int, int], list[Mesh]] = {}
     for first, object_number, mesh in zip(first_instances(scene), object_numbers(scene), scene.meshes, strict=True):
         for k, matrix in enumerate(np.asarray(mesh.instances)):
-            own = replace(
-                mesh, instances=matrix[None], instance_names=mesh.instance_names[k : k + 1], part_of=f"{first + k}"
-            )
+            name = mesh.instance_names[k : k + 1]
+            own = replace(mesh, instances=matrix[None], instance_names=name, part_of=f"{first + k}")
             parts.setdefault((first + k, object_number), []).append(own)
     for (number, object_number), meshes in sorted(parts.items()):
         boxes = np.array([_box(mesh, scene.camera) for mesh in meshes])

@@ -12,8 +12,7 @@ from .builtin.studio import studio, without_stand_ins
 from .fitting import sphere_of_box
 from .framing import UPS, Up, up_of
 from .geometry import bounding_box
-from .image_light.irradiance import irradiance_at
-from .image_light.light import image_light
+from .image_light.irradiance import irradiance_at, irradiance_coefficients
 from .lights import DirectionalLight, Light
 from .model import Material, Mesh, Scene, Settings
 
@@ -129,7 +128,7 @@ def _light(scene: Scene, settings: Settings, verts: Floats, up: Floats) -> tuple
     for each in scene.lights:
         light += _arriving(each, verts, up)[:, None] * each.intensity
     if settings.shader == "pbr" and scene.environment is not None:
-        light += irradiance_at(image_light(scene.environment).irradiance, up)
+        light += irradiance_at(irradiance_coefficients(scene.environment), up)
     return light, nothing if settings.ambient == "tinted" else ambient
 
 

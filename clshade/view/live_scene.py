@@ -204,7 +204,7 @@ class LiveScene:
         if look != "studio":
             return with_ground(scene, up, settings)
         shadow = False if settings.ambient_occlusion else self._contact_shadow or True
-        scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=settings, device=self.source.device)
+        scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=settings)
         self._contact_shadow = scene.meshes[-1].material.texture or self._contact_shadow
         return scene
 

@@ -8,7 +8,6 @@ import shutil
 import pytest
 from command_line import assert_refused, needs_device, run
 
-from clshade.errors import DeviceError
 from clshade.images import exr
 from clshade.pipeline import renderer
 from clshade.pipeline.drawing_record import RECORD, sealed
@@ -76,18 +75,11 @@ def test_commands_of_strangers_do_nothing(folder, capsys):
 
 
 @needs_device
-def test_a_contact_shadow_is_computed_again(folder, monkeypatch, capsys):
-    """Or refused, where there is no device to do so."""
+def test_a_contact_shadow_is_computed_again_without_a_device(folder, monkeypatch, capsys):
     (folder / "solid.obj").write_text(CUBE)
     assert run(capsys, "render", "solid.obj", "-o", "out", *SMALL)[0] == 0
-    code, out, _ = run(capsys, "verify", "out.exr", "--all")
-    assert (code, "contact shadow" in out) == (0, True)
-
-    def no_device(*_, **__):
-        raise DeviceError("no OpenCL device")
-
-    monkeypatch.setattr(renderer, "Renderer", no_device)
-    assert_refused(run(capsys, "verify", "out.exr"), "contact shadow")
+    monkeypatch.setattr(renderer, "Renderer", None)
+    assert run(capsys, "verify", "out.exr", "--all")[0] == 0
 
 
 @pytest.mark.parametrize("name", ["none.exr", "text.exr"])

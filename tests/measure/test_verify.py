@@ -179,7 +179,7 @@ def test_records_that_cannot_be_are_refused(tmp_path, record, storage):
 def test_an_image_of_coarser_corners_is_refused_in_one_sentence(tmp_path, steps):
     path = saved(tmp_path)
     written_again(path, {"subpixels": steps})
-    expected = "header: clshade.subpixels: expected corners snapped to 1/65536 px, found 1/256 px, as another version"
+    expected = "header: clshade.subpixels: expected corners snapped to 1/65536 px, found 1/256 px: only the version"
     with pytest.raises(InputError, match=expected):
         clshade.verify(path, scene())
 

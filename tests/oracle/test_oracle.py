@@ -249,6 +249,16 @@ def test_painter_order():
 # Shading
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_depths_much_nearer_than_a_corner_keep_their_digits(orthographic):
+    e, z = (2**40 - 3, 2, 1), (2.0**-30, 5.0, 7.0)
+    terms = [
+        Fraction(k) * Fraction(d) if orthographic else Fraction(k) / Fraction(d) for k, d in zip(e, z, strict=True)
+    ]
+    exact = sum(terms) / 2**40 if orthographic else 2**40 / sum(terms)
+    assert abs(Fraction(float(shade.depth(np.array(e), np.array(z), orthographic))) / exact - 1) < 8 * 2.0**-53
+
+
 def test_barycentrics_and_depth_at_the_middle_of_an_edge():
     edges, z = np.array([5, 5, 0]), np.array([1.0, 3.0, 7.0])
     assert shade.barycentrics(edges, z, "affine").tolist() == [0.5, 0.5, 0]

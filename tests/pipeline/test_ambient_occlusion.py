@@ -225,14 +225,6 @@ def test_an_error_is_noticed(device):
 # Bits
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("lanes", [1, 4, 8])
-def test_lanes_do_not_change_a_bit(device, lanes):
-    scene = glass(in_an_environment(scene_of()))
-    frames = [draw(device, scene, preset="pbr", lanes=count) for count in (16, lanes)]
-    assert same_bits(*frames)
-
-
 def test_without_it_nothing_changes(device):
     """No rays: the same features, hence the same programs, whatever their length; the feature forced on: the same bits."""
     options = {"ambient_occlusion": 0, "layers": ("id",)}

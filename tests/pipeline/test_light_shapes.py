@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices import needs_float64
-from kernel_stages import OTHER_LANES
 from lit_floor import CAMERA, MATTE, bounds_of, draw, lit_by
 
 from clshade import DirectionalLight, PointLight, SpotLight
@@ -119,13 +118,6 @@ def test_a_light_far_away(device, light):
     bright = replace(far, intensity=(1, 1, 1) if far is light else (3e38,) * 3)
     frame = draw(device, lit_by(bright))
     assert bounds_of(frame) < 3.0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("lanes", OTHER_LANES)
-def test_lanes_do_not_change_a_bit(device, lanes):
-    scene = lit_by(*LIGHTS.values())
-    assert same_bits(draw(device, scene), draw(device, scene, lanes=lanes))
 
 
 def test_plain_points_leave_it_out_and_have_the_same_bits_with_it(device):

@@ -18,7 +18,7 @@ from clshade.pipeline import light_points, struct_layout
 from clshade.pipeline.frame import same_bits
 from clshade.pipeline.hierarchy import CasterFrame
 from clshade.pipeline.renderer import Renderer
-from clshade.pipeline.shadow_view import shadow_factors, shadow_lights
+from clshade.pipeline.resident_scene import shadow_factors, shadow_lights
 from clshade.scene.model import Material, Mesh, Scene
 
 LIGHTS = {

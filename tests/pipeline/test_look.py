@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import clshade
-from clshade import Camera, Mesh, Scene, with_look
+from clshade import Camera, Material, Mesh, Scene, Texture, with_look
 from clshade.errors import InputError
 from clshade.pipeline.look import BACKGROUND
 from clshade.scene.framing import UPS
@@ -28,7 +30,7 @@ def disc(middle: tuple[float, float], height: float, radius: float) -> Mesh:
 def scene_of(*meshes: Mesh, turn: np.ndarray | None = None) -> Scene:
     """Return the meshes above the plane y = 0, or turned by a rotation."""
     turn = np.eye(3) if turn is None else turn
-    meshes = tuple(Mesh(np.asarray(m.verts, np.float64) @ turn.T, m.faces) for m in meshes)
+    meshes = tuple(replace(m, verts=np.asarray(m.verts, np.float64) @ turn.T) for m in meshes)
     camera = Camera(turn @ CAMERA.eye, turn @ CAMERA.lookat, turn @ CAMERA.up, 1.0, CAMERA.plane, CAMERA.resolution)
     return Scene(meshes, camera, (clshade.PointLight((1, 2, 3), (1, 1, 1)),), own_lights=False)
 
@@ -68,9 +70,9 @@ def test_the_studio_without_a_shadow():
 
 
 @pytest.mark.parametrize(("height", "expected"), [(0.5, 0.2), (1.0, 0.5)])
-def test_under_a_disc_the_sky_is_open_as_its_form_factor_says(opened, height, expected):
+def test_under_a_disc_the_sky_is_open_as_its_form_factor_says(height, expected):
     """A disc of radius a at height h covers a^2 / (a^2 + h^2) of the light from above a point below its middle."""
-    found = with_look(scene_of(FOOT, disc((0, 0), height, 1.0)), "studio", device=opened.name)
+    found = with_look(scene_of(FOOT, disc((0, 0), height, 1.0)), "studio")
     assert open_at(found, (0.0, 0.0, 0.0)) == pytest.approx(expected, abs=0.03)
     assert open_at(found, (2.2, 0.0, 0.0)) > 0.9
     image = found.meshes[-1].material.texture.image
@@ -79,31 +81,109 @@ def test_under_a_disc_the_sky_is_open_as_its_form_factor_says(opened, height, ex
 
 
 @pytest.mark.parametrize("up", list(UPS))
-def test_a_shadow_lies_below_what_casts_it(opened, up):
+def test_a_shadow_lies_below_what_casts_it(up):
     turn = np.array(UPS[up], np.float64).T  # from x, y, z to the axes of this `up`
     scene = scene_of(FOOT, disc((0.9, 0.5), 0.15, 0.4), turn=turn)
-    found = with_look(scene, "studio", device=opened.name, up=up)
+    found = with_look(scene, "studio", up=up)
     shares = [open_at(found, turn @ place) for place in ((0.9, 0, 0.5), (-0.9, 0, 0.5), (0.9, 0, -0.5), (0.5, 0, 0.9))]
     assert shares[0] < 0.2
     assert min(shares[1:]) > 0.6
 
 
 def test_the_picture_agrees_with_the_oracle(opened):
-    found = with_look(scene_of(FOOT, disc((0, 0), 0.4, 1.0)), "studio", device=opened.name)
+    found = with_look(scene_of(FOOT, disc((0, 0), 0.4, 1.0)), "studio")
     frame = clshade.render(found, device=opened.name, samples=1)
     assert clshade.check(frame, pixels="all").passed
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1.0, 1e6), (1e-20, 0.0), (1e20, 1e25)])
-def test_far_from_the_origin_and_at_any_size(opened, scale, shift):
-    near = with_look(scene_of(FOOT, disc((0, 0), 0.5, 1.0)), "studio", device=opened.name)
+def test_far_from_the_origin_and_at_any_size(scale, shift):
+    near = with_look(scene_of(FOOT, disc((0, 0), 0.5, 1.0)), "studio")
     moved = [Mesh(np.asarray(m.verts, np.float64) * scale + shift, m.faces) for m in near.meshes[:-1]]
     camera = Camera(CAMERA.eye * scale + shift, CAMERA.lookat * scale + shift, CAMERA.up, 1.0, CAMERA.plane, (32, 24))
-    far = with_look(Scene(moved, camera, own_lights=False), "studio", device=opened.name)
+    far = with_look(Scene(moved, camera, own_lights=False), "studio")
     images = [each.meshes[-1].material.texture.image for each in (near, far)]
     assert abs(images[0] - images[1]).max() < 0.1
 
 
-def test_nothing_casts_nothing(opened):
+def sheet(corners: list, **fields: object) -> Mesh:
+    return Mesh(corners, [(0, 1, 2), (0, 2, 3)], **fields)
+
+
+HALF = np.ones((1, 2, 4))
+HALF[0, 0, 3] = 0.0  # where u < 1/2 nothing is
+CHECKERS = np.ones((64, 64, 4))
+CHECKERS[..., 3] = np.add.outer(np.arange(64), np.arange(64)) % 2
+WIDE = [(-1, 0.2, -1), (1, 0.2, -1), (1, 0.2, 1), (-1, 0.2, 1)]
+
+
+@pytest.mark.parametrize(
+    ("fields", "alpha"),
+    [
+        ({"material": Material(blend=True, opacity=0.25)}, lambda x: 0.25 + 0.0 * x),
+        ({"material": Material(blend=True), "alphas": [0.0, 1.0, 1.0, 0.0]}, lambda x: (x + 1.0) / 2.0),
+        ({"material": Material(texture=Texture(HALF, filter="nearest"), alpha_cutoff=0.5)}, lambda x: x > 0.0),
+        ({"material": Material(texture=Texture(HALF), blend=True, opacity=0.5)}, lambda x: 0.5 * (x > 0.0)),
+        ({"material": Material(texture=Texture(HALF, lookup="course"), alpha_cutoff=0.5)}, lambda x: x > 0.0),
+        ({"material": Material(texture=Texture(CHECKERS), alpha_cutoff=0.5)}, lambda x: 0.5 + 0.0 * x),
+    ],
+)
+def test_what_lets_light_pass_darkens_the_ground_by_its_alpha(fields, alpha):
+    """The mean of alpha over the sheet, seen from below, where it covers h^2 / (pi d^4) of the light per area."""
+    uvs = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    found = with_look(scene_of(FOOT, sheet(WIDE, uvs=uvs, **fields)), "studio")
+    x, z = np.meshgrid(np.linspace(-1.0, 1.0, 401), np.linspace(-1.0, 1.0, 401))
+    for place in (-0.5, 0.0, 0.5):
+        covered = 0.04 / (np.pi * ((x - place) ** 2 + 0.04 + z * z) ** 2) / 200.0**2
+        expected = 1.0 - (covered * alpha(x)).sum()
+        assert open_at(found, (place, 0.0, 0.0)) == pytest.approx(expected, abs=0.05), place
+
+
+def test_two_sheets_of_glass_hold_back_as_their_product():
+    glass = {"material": Material(blend=True, opacity=0.5)}
+    above = [(x, 0.4, z) for x, _, z in WIDE]
+    one, two = (
+        with_look(scene_of(FOOT, *sheets), "studio")
+        for sheets in ([sheet(WIDE, **glass)], [sheet(WIDE, **glass), sheet(above, **glass)])
+    )
+    assert open_at(one, (0.0, 0.0, 0.0)) == pytest.approx(0.5, abs=0.03)
+    assert open_at(two, (0.0, 0.0, 0.0)) == pytest.approx(0.28, abs=0.04)
+
+
+def test_slivers_cast_what_they_cover():
+    x = np.linspace(-1.0, 1.0, 2001)
+    verts = np.concatenate([np.stack([x, np.full(2001, 0.2), np.full(2001, z)], axis=1) for z in (-1.0, 1.0)])
+    i = np.arange(2000)
+    faces = np.concatenate([np.stack([i, i + 1, i + 2001], axis=1), np.stack([i + 1, i + 2002, i + 2001], axis=1)])
+    images = [shadow_of(FOOT, mesh) for mesh in (sheet(WIDE), Mesh(verts, faces))]
+    assert abs(images[0] - images[1]).max() < 0.02
+
+
+def shadow_of(*meshes: Mesh) -> np.ndarray:
+    image: np.ndarray = with_look(scene_of(*meshes), "studio").meshes[-1].material.texture.image[..., 0]
+    return image
+
+
+def test_instances_cast_shadows_as_meshes_do():
+    """Mirrored ones too; none cast none; and what is higher than the rays reach darkens nothing."""
+    small = sheet([(-0.3, 0.2, -0.3), (0.3, 0.2, -0.3), (0.3, 0.2, 0.3), (-0.3, 0.2, 0.3)])
+    placements = np.tile(np.eye(4), (2, 1, 1))
+    placements[0, 0, 0], placements[0, 0, 3], placements[1, 0, 3] = -1.0, -1.0, 1.0
+    copies = [replace(small, verts=np.asarray(small.verts) + (x, 0.0, 0.0)) for x in (-1.0, 1.0)]
+    none = replace(small, instances=np.zeros((0, 4, 4)))
+    post = sheet([(-0.01, 0.0, 0.0), (0.01, 0.0, 0.0), (0.01, 9.0, 0.0), (-0.01, 9.0, 0.0)])
+    assert np.array_equal(shadow_of(FOOT, replace(small, instances=placements), none), shadow_of(FOOT, *copies))
+    high = replace(small, verts=np.asarray(small.verts) + (0.0, 8.7, 0.0))
+    assert np.array_equal(shadow_of(FOOT, post, high), shadow_of(FOOT, post))
+
+
+@pytest.mark.parametrize("u", [np.nan, np.inf, 3e38, -1e300])
+def test_texture_coordinates_without_a_meaning_do_no_harm(u):
+    material = Material(texture=Texture(HALF, wrap="mirror"), blend=True)
+    image = shadow_of(FOOT, sheet(WIDE, uvs=[(0.0, 0.0), (u, 0.0), (-u, 1.0), (0.0, 1.0)], material=material))
+    assert ((image >= 0.0) & (image <= 1.0)).all()
+
+
+def test_nothing_casts_nothing():
     empty = Scene((Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)),), CAMERA)
-    assert with_look(empty, "studio", device=opened.name).meshes[-1].material.texture is None
+    assert with_look(empty, "studio").meshes[-1].material.texture is None

@@ -8,7 +8,7 @@ from line_scenes import CUBE_FACES, cube
 
 from clshade.errors import InputError
 from clshade.oracle import lines as oracle
-from clshade.pipeline.mesh_edges import always_drawn, face_normals, facing, mesh_edges, outlines, weld
+from clshade.pipeline.lines import always_drawn, face_normals, facing, mesh_edges, outlines, weld
 from clshade.scene.edges import Edges
 from clshade.scene.model import Settings
 

@@ -11,8 +11,7 @@ import pytest
 
 from clshade.oracle import texture
 from clshade.pipeline import struct_layout
-from clshade.pipeline.mipmaps import BAND, levels_below, smaller_levels
-from clshade.pipeline.shading_tables import texture_tables
+from clshade.pipeline.shading_tables import BAND, levels_below, smaller_levels, texture_tables
 from clshade.scene.model import Texture
 
 SIZES = ((1, 1), (1, 5), (7, 1), (2, 2), (3, 3), (16, 9), (37, 53), (64, 64), (96, 80))  # columns, rows
@@ -79,7 +78,7 @@ def test_bands_of_rows_change_no_bit(monkeypatch, size):
     image = image_of(size)
     found = smaller_levels(image)
     for band in (1, 1 << 40):
-        monkeypatch.setattr("clshade.pipeline.mipmaps.BAND", band)
+        monkeypatch.setattr("clshade.pipeline.shading_tables.BAND", band)
         for level, same in zip(found, smaller_levels(image), strict=True):
             assert level.tobytes() == same.tobytes()
 

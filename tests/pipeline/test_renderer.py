@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -16,16 +17,35 @@ from processes import PEAK
 
 import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.pipeline import clipped_triangles
+from clshade.pipeline import clip, renderer, scene_buffers
 from clshade.pipeline.buffers import Buffer, Pool, aligned
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
-from clshade.scene.model import Mesh, Scene
+from clshade.scene.environment import Environment
+from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.model import Material, Mesh, Scene, Settings, Texture
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
 TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
 SCENE = Scene((TRIANGLE,), CAMERA)
+
+
+def test_a_trial_frame_takes_the_programs_of_the_scene():
+    """With images of four texels, also where a corner of an image is black; empty where a type cannot be copied."""
+    sky, image = np.zeros((8, 16, 3)), np.zeros((8, 8, 4))
+    sky[4, 9], image[7, 7] = 3.0, (2.0, 1.0, 1.0, 1.0)
+    texture = Texture(image)
+    pbr = MetallicRoughness(emission_texture=Texture(image[..., :3] / 2.0))
+    mesh = replace(TRIANGLE, uvs=np.zeros((3, 2)), material=Material(texture=texture, pbr=pbr))
+    scene = Scene((mesh, mesh), CAMERA, environment=Environment(sky), preset="pbr")
+    settings = Settings.from_preset("pbr")
+    trial = pickle.loads(renderer._trial(scene, settings, ()))["scene"]
+    features = [scene_buffers.pack(each, settings, forced=(), has_fp64=True).features for each in (scene, trial)]
+    assert features[0] == features[1]
+    assert trial.meshes[0].material.texture.image.shape == trial.environment.image.shape[:2] + (4,) == (2, 2, 4)
+    own = type("OwnMaterial", (Material,), {"__init__": lambda self: Material.__init__(self)})()
+    assert renderer._trial(Scene((replace(TRIANGLE, material=own),), CAMERA), settings, ()) == b""
 
 
 @pytest.mark.parametrize("shape", [(7,), (5, 3), (5, 4), (2, 8)])
@@ -127,7 +147,7 @@ def test_pieces_beyond_the_most_triangles_are_refused(device, monkeypatch):
     mesh = Mesh(np.array([[-9.0, -9, 5], [9, -9, -5], [0, 9, -5]]), np.array([[0, 1, 2], [0, 2, 1]]))
     with Renderer(Scene((mesh,), CAMERA), device=device) as renderer:
         assert renderer.render().stats["clipped"] == 2
-        monkeypatch.setattr(clipped_triangles, "MAX_FACES", 2)
+        monkeypatch.setattr(clip, "MAX_FACES", 2)
         with pytest.raises(InputError, match="at most 2 triangles, pieces of clipped ones included, found 2 and"):
             renderer.render()
 

@@ -146,18 +146,6 @@ def test_scalars_that_are_not_shown_change_nothing(device):
     assert first.stats["bytes"] == second.stats["bytes"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("lanes", [1, 4, 8])
-def test_lanes_do_not_change_a_bit(device, lanes):
-    scene = Scene((wave(), floor()), ASIDE, LIGHT)
-    first, other = (
-        drawn(device, scene, lanes=count, layers=("Z", "id", "albedo", "scalar")) for count in (None, lanes)
-    )
-    assert np.array_equal(first["scalar"], other["scalar"], equal_nan=True)
-    assert np.array_equal(first["albedo"], other["albedo"])
-    assert np.array_equal(first.rgba, other.rgba)
-
-
 EXTREMES = [(1.0, 1e30), (1e9, 1e9 + 1e-3), (5e-324, 1e-310), (-1.7e308, 1.7e308), (0.5, 0.5), (0.0, 1e-300)]
 
 

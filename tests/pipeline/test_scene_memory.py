@@ -12,7 +12,7 @@ import clshade
 from clshade.base import host_memory
 from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
-from clshade.pipeline import buffers, depth_sort, hierarchy, scene_buffers, struct_layout, tile_lists
+from clshade.pipeline import buffers, hierarchy, scene_buffers, struct_layout, tile_lists
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.tile_lists import TileLists
 from clshade.scene import model
@@ -99,7 +99,7 @@ def test_the_most_faces_are_within_the_kernels_numbers():
     assert 2 * most + 1 < 1 << 31
     assert most + 0x00800000 < 0x7F800000
     assert most <= 16 ** (struct_layout.MOST_HIERARCHY_LEVELS + 1)
-    mantissa = 64 - depth_sort.index_bits(most) - 12
+    mantissa = 64 - buffers.index_bits(most) - 12
     assert mantissa > 22  # sorted to 2^-22 of a depth, as the kernels have it
     per_axis = (64 - struct_layout.SIZE_BITS - hierarchy._index_bits(most)) / 3
     assert per_axis >= 10  # cells of Hilbert's curve, 2^10 along each axis

@@ -57,16 +57,16 @@ def test_whole_disparities_shift_the_image(device):
         assert (moved_id > 0).sum() > 600
         assert np.array_equal((moved_id + 1) // 2, (right_id[band] + 1) // 2)
         seen = moved_id > 0
-        # Z is constant on a bar; 8 roundings of 2^-24.
-        assert np.abs(moved[seen] / depth - 1).max() <= 8 * 2.0**-24
-        assert np.abs(right[band][seen] / depth - 1).max() <= 8 * 2.0**-24
+        # Z is constant on a bar; 10 roundings of 2^-24.
+        assert np.abs(moved[seen] / depth - 1).max() <= 10 * 2.0**-24
+        assert np.abs(right[band][seen] / depth - 1).max() <= 10 * 2.0**-24
 
 
 def test_a_pixel_of_the_left_image_is_found_in_the_right_one(device):
     """Of a slanted plane 1/Z is linear in the image, so between two pixels of the right one it is interpolated exactly; at
-    where the left depth says, its own depth says the same disparity, within 1/16384 px: vertices are snapped by up to
+    where the left depth says, its own depth says the same disparity, within 1/12000 px: vertices are snapped by up to
     1/131072 px along either axis in each image, where disparities change by less than 1/4 px a pixel, and each 1/Z has up
-    to 8 roundings of 2^-24, of 46 px of disparity."""
+    to 10 roundings of 2^-24, of 46 px of disparity."""
     local = np.array([[-1.1, -0.9, 2.6], [1.3, -1.0, 4.1], [1.2, 1.1, 4.9], [-1.0, 0.8, 3.2]])
     local[3, 2] = (
         local[0, 2]
@@ -90,7 +90,7 @@ def test_a_pixel_of_the_left_image_is_found_in_the_right_one(device):
     inverse = (1 - part) / right[rows, first] + part / right[rows, first + 1]
     error = np.abs(disparity(1 / inverse) - (columns - there))
     assert np.ptp(there - columns) > 10
-    assert error.max() < 1 / 16384
+    assert error.max() < 1 / 12000
 
 
 @pytest.mark.parametrize("convergence", [None, 5.0])

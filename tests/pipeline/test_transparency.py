@@ -12,10 +12,10 @@ from kernel_stages import OTHER_LANES
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.pipeline.depth_order import DepthOrder
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.tile_lists import DepthOrder
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 

@@ -17,10 +17,9 @@ from clshade.errors import InputError
 from clshade.measure.stability.cases import lit
 from clshade.oracle import texture as reference
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.mipmaps import smaller_levels
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.renderer import Renderer
-from clshade.pipeline.shading_tables import texture_tables
+from clshade.pipeline.shading_tables import smaller_levels, texture_tables
 from clshade.scene.camera import Camera
 from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Settings, Texture
 

@@ -38,10 +38,10 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 
 def scene_of(*arguments: object) -> clshade.Scene:
-    """Return the scene selected by a command line of `render`; a contact shadow, which takes a device, is nowhere dark."""
+    """Return the scene selected by a command line of `render`; a contact shadow, which takes a while, is nowhere dark."""
     given = with_values(["render", *map(str, arguments)])
     parsed = _parser(given).parse_args(given)
-    with mock.patch.object(look, "_open_sky", return_value=np.ones((2, 2))):
+    with mock.patch.object(look, "_share_of_light", return_value=np.ones((2, 2))):
         return scene_options.load_scene(parsed, parsed.scenes[0])
 
 

@@ -11,12 +11,12 @@ import pytest
 from clshade.oracle import transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
-from clshade.pipeline.depth_sort import front_to_back
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
 from clshade.pipeline.launches import Chunks, Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
 from clshade.pipeline.surface_inputs import SurfaceInputs
+from clshade.pipeline.tile_lists import front_to_back
 from clshade.scene.camera import Camera
 from clshade.scene.material import TERMS
 

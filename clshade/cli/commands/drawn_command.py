@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import DeviceError, InputError
+from ...errors import InputError
 from .arguments import with_values
 
 if TYPE_CHECKING:
@@ -61,33 +61,14 @@ def _beside(name: str | None, folder: Path) -> str | None:
     return str(folder / name)
 
 
-def drawn_scenes(arguments: argparse.Namespace, *, is_drawn_so: bool) -> tuple[list[Scene], str]:
-    """Return the scenes that a command draws, and a remark on how they were made, "" for none. is_drawn_so: whether it drew
-    the image; else it may show the file as it is. Raises InputError for a scene that only a device can complete, if there
-    is none."""
-    from .scene_options import lit, placed, read_scene, wants_contact_shadow
+def drawn_scenes(arguments: argparse.Namespace, *, is_drawn_so: bool) -> list[Scene]:
+    """Return the scenes that a command draws. is_drawn_so: whether it drew the image; else it may show the file as it is."""
+    from .scene_options import lit, placed, read_scene
     from .view_options import views_of
 
     read = read_scene(arguments, arguments.scenes[0])
-    scene, look = lit(read, arguments)
-    is_completed = wants_contact_shadow(scene, look, arguments)
-    arguments.device = None  # where it is completed does not matter
-    try:
-        shown = placed(scene, look, arguments)
-    except (DeviceError, ImportError):
-        if not is_completed:
-            raise
-        if not is_drawn_so:
-            return [read], ""
-        raise InputError(
-            "verify: SCENE: cannot be completed without an OpenCL device, which computes the contact shadow of the look "
-            "studio: clshade.verify takes the Scene that was drawn; images with --no-ground or --look plain have none"
-        ) from None
-    views = [view for view, _ in views_of(shown, "view", arguments)]
-    remark = (
-        "the ground's contact shadow was computed by OpenCL again, as when the image was drawn" if is_completed else ""
-    )
-    return (views if is_drawn_so else [read, *views]), remark
+    views = [view for view, _ in views_of(placed(*lit(read, arguments), arguments), "view", arguments)]
+    return views if is_drawn_so else [read, *views]
 
 
 def command_faults(scene: Scene, record: Record, arguments: argparse.Namespace) -> list[str]:

@@ -429,9 +429,8 @@ def placed(
         refuse_grounded_edges(arguments)
         drawn = _as_drawn(scene, arguments)[1]
         if look == "studio":
-            device = getattr(arguments, "device", None)
-            shadow = not moving and wants_contact_shadow(scene, look, arguments)
-            scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=drawn, device=device)
+            shadow = not moving and not picture_settings(arguments, scene).get("ambient_occlusion")
+            scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=drawn)
         else:
             scene = with_ground(scene, up, drawn)
     return with_components(scene, arguments)
@@ -443,12 +442,6 @@ def wants_ground(look: Look, arguments: argparse.Namespace) -> bool:
 
     usual = has_ground(look, getattr(arguments, "edges", None))
     return usual if arguments.ground is None else bool(arguments.ground)
-
-
-def wants_contact_shadow(scene: Scene, look: Look, arguments: argparse.Namespace) -> bool:
-    """Return whether a scene of this look gets a contact shadow, which is computed by a device, if nothing moves."""
-    is_grounded = look == "studio" and wants_ground(look, arguments)
-    return is_grounded and not picture_settings(arguments, scene).get("ambient_occlusion")
 
 
 def refuse_grounded_edges(arguments: argparse.Namespace) -> None:

@@ -39,11 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     image = read_recorded(arguments.image)
     pixels: int | Literal["all"] = "all" if arguments.all else arguments.pixels
-    scenes, remark, faults = _scenes(image, arguments.scene)
+    scenes, faults = _scenes(image, arguments.scene)
     with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
         found = verified(image, scenes, pixels=pixels, seed=arguments.seed)
-    remarks = (*found.remarks, remark) if remark and found.pixels else found.remarks
-    found = replace(found, faults=(*found.faults, *faults), remarks=remarks)
+    found = replace(found, faults=(*found.faults, *faults))
     if arguments.json:
         import json
 
@@ -53,10 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE if found.passed else FAILED
 
 
-def _scenes(image: RecordedImage, given: str | None) -> tuple[list[Scene], str, list[str]]:
-    """Return the scenes that the image may show, with its camera, a remark on them, "" for none, and where the record is not
-    what its command says. given: a file or a built-in scene, or None: what the header's command says. Raises InputError if
-    there is none, or none that can be loaded."""
+def _scenes(image: RecordedImage, given: str | None) -> tuple[list[Scene], list[str]]:
+    """Return the scenes that the image may show, with its camera, and where the record is not what its command says. given:
+    a file or a built-in scene, or None: what the header's command says. Raises InputError if there is none, or none that
+    can be loaded."""
     from ...base import console
     from ...measure.verify.verify import builtin_of
     from .drawn_command import command_faults, drawn_scenes, parsed
@@ -65,14 +64,14 @@ def _scenes(image: RecordedImage, given: str | None) -> tuple[list[Scene], str, 
     faults: list[str] = []
     with console.at_level(console.QUIET):
         if record.command is None and given is None:
-            found, remark = [builtin_of(record)], ""
+            found = [builtin_of(record)]
         else:
             command = parsed(record.command, given, image.path.parent)
-            found, remark = drawn_scenes(command, is_drawn_so=record.command is not None)
+            found = drawn_scenes(command, is_drawn_so=record.command is not None)
             if record.command is not None:
                 each = [command_faults(scene, record, command) for scene in found]
                 faults = min(each, key=len)
                 found = [scene for scene, mine in zip(found, each, strict=True) if len(mine) == len(faults)]
     camera = record.camera
     assert camera is not None
-    return [replace(scene, camera=camera) for scene in found], remark, faults
+    return [replace(scene, camera=camera) for scene in found], faults

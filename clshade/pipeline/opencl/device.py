@@ -155,9 +155,8 @@ def chosen_devices(name: str | None = None) -> tuple[dict[DeviceInfo, Any], list
     name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
     handles = dict(found_devices(name))
     if not handles:
-        hint = (
-            f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if environment.is_users("OCL_ICD_VENDORS") else ""
-        )
+        is_set = environment.is_users("OCL_ICD_VENDORS")
+        hint = f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if is_set else ""
         raise DeviceError(f"no OpenCL device found{hint}: install {install_advice()}")
     chosen = candidates(list(handles), name)
     if not chosen:
@@ -318,11 +317,8 @@ def format_devices(infos: Sequence[DeviceInfo]) -> str:
         fp64 = "float64" if info.has_fp64 else "no float64"
         lines.append(f"{info.index}  {info.platform}: {info.name}")
         lines.append(f"     {kind}, {units}, {info.memory / 2**30:.1f} GiB, {fp64}, driver {info.driver}")
-        state = (
-            "works"
-            + (f" with {info.lanes} lanes" if info.lanes > 1 else "")
-            + (", the default" if info is default else "")
-        )
+        lanes = f" with {info.lanes} lanes" if info.lanes > 1 else ""
+        state = f"works{lanes}{', the default' if info is default else ''}"
         lines.append(f"     {state if info.works else 'does not work: ' + info.problem.removeprefix(f'{info} ')}")
         if info.narrowed:
             lines.append(f"     {info.narrowed.removeprefix(f'{info} ')}")

@@ -64,11 +64,9 @@ def fault(folder: Path) -> str:
         if free < ROOM:
             return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
         most = limit("RLIMIT_FSIZE")
-        return (
-            f"files of at most {most / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
-            if most < FILE
-            else ""
-        )
+        if most < FILE:
+            return f"files of at most {most / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
+        return ""
     except FileExistsError:
         return "not a folder"
     except (OSError, ValueError) as error:
@@ -334,13 +332,8 @@ def fingerprint(package: str) -> list[list[object]]:
     script and compiler support files, which PyPI's PoCL links its kernels with."""
     paths = [*glob.glob(os.path.join(package, ".libs", "libpocl*")), str(intel_library() or "")]
     paths += [shutil.which("ld") or "", shutil.which("x86_64-unknown-linux-gnu-ld") or ""]
-    for pattern in (
-        "/usr/lib/libc.so",
-        "/usr/lib64/libc.so",
-        "/usr/lib/*-linux-gnu*/libc.so",
-        "/usr/lib/gcc*/*/*/libgcc.a",
-    ):
-        paths += sorted(glob.glob(pattern))
+    for pattern in ("/libc.so", "64/libc.so", "/*-linux-gnu*/libc.so", "/gcc*/*/*/libgcc.a"):
+        paths += sorted(glob.glob(f"/usr/lib{pattern}"))
     result: list[list[object]] = []
     for path in filter(None, paths):
         try:

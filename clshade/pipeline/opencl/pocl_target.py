@@ -19,18 +19,10 @@ from collections.abc import Collection
 from functools import cache
 
 # Names in LLVM 14 of processors with the instructions of level 4 (AVX-512) and of level 3 (AVX2, FMA).
-_AVX512 = {
-    "skylake-avx512",
-    "cascadelake",
-    "cooperlake",
-    "cannonlake",
-    "icelake-client",
-    "icelake-server",
-    "tigerlake",
-    "rocketlake",
-    "sapphirerapids",
-}
-_AVX2 = {"haswell", "broadwell", "skylake", "alderlake", "znver1", "znver2", "znver3"}
+_AVX512 = (
+    "skylake-avx512 cascadelake cooperlake cannonlake icelake-client icelake-server tigerlake rocketlake sapphirerapids"
+)
+_AVX2 = "haswell broadwell skylake alderlake znver1 znver2 znver3"
 
 # What Linux calls the instructions of each level (x86-64 psABI, "Microarchitecture levels").
 _LEVELS = (
@@ -56,7 +48,7 @@ def level_of(flags: Collection[str]) -> int:
 def target_for(name: str, flags: Collection[str]) -> str:
     """Return the name to compile for, where LLVM gives the processor `name` and Linux gives it `flags`: mostly the same."""
     level = level_of(flags)
-    named = 4 if name in _AVX512 else 3 if name in _AVX2 else None
+    named = 4 if name in _AVX512.split() else 3 if name in _AVX2.split() else None
     if name == "generic" or (named is not None and named != level):
         return "x86-64" if level == 1 else f"x86-64-v{level}"
     return name

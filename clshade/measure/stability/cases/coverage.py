@@ -197,9 +197,9 @@ def huge_triangle(bench: Bench) -> Outcomes:
 
 
 def far_coordinates(bench: Bench) -> Outcomes:
-    """Corners beyond +-32768 px, and up to 1e38 and 1e100, in both projections: all pixels, or the oracle's."""
+    """Corners on both sides of the guard band, up to 1e38 and 1e100, in both projections: all pixels, or the oracle's."""
     size = (40, 30)
-    for reach in (32767.5, 32768.0, 40000.0, 2.0**31, 1e12, 1e20, 1e38, 1e100):
+    for reach in (8191.0, 8191.5, 24575.0, 24575.5, 32768.0, 2.0**31, 1e12, 1e20, 1e38, 1e100):
         corners = np.array([[-reach, -reach], [reach, -reach], [0.0, reach]])
         frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
         yield wrong_pixels(frame["id"], np.ones(size[::-1], np.uint32))

@@ -1,0 +1,211 @@
+"""The contact shadow of a ground: which share of the light from above reaches it past what stands on it.
+
+Surfaces count as the cells of a grid that they touch. All points of the ground look in the same directions, so what their
+rays meet a step further is the grid, shifted: no ray is traced. Only operations that IEEE 754 rounds are used, so that all
+machines compute equal numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+
+from ..base.arrays import Array, Bools, Floats, Floats32
+from ..scene.model import Mesh, Scene
+from .placements import placed_points
+
+TEXELS = 128  # squares of the ground to a side
+_RAYS = 128
+_FINE = 4  # cells to a square's side
+_SPACING = 0.5  # of the points that mark cells, cells
+_COUNTS = np.unique(np.rint(1.3 ** np.arange(27)).astype(int))  # of points along a side: few different ones, to 917
+_AT_ONCE = 1 << 17  # points, or faces
+_TURN = (-0.7373688780783197, 0.6754902942615238)  # cosine and sine of the golden angle
+
+
+def open_sky(scene: Scene, origin: Floats, axes: Floats, unit: float, reach: int) -> Floats:
+    """Return the share of the light from above that reaches squares of the ground, (TEXELS, TEXELS), rows along axes[1].
+
+    scene: what stands on the ground, no further than `reach` squares from the ground's middle. origin: the corner of the
+    first square. axes: (3, 3), unit vectors along the rows of squares, along their columns, and up; each along an axis of
+    the world. unit: the side of a square. reach: the length of the rays, squares.
+    """
+    solid = veils = _Grid(reach, bool)
+    for mesh, corners in _surfaces(scene, origin, axes * (_FINE / unit)):
+        if mesh is None:
+            solid.mark(corners)
+        else:
+            veils = _Grid(reach, np.float32) if veils is solid else veils
+            veils.mark_veil(corners, mesh)
+    total = np.zeros((TEXELS, TEXELS), np.float32)
+    for direction in _directions(_RAYS):
+        passed = ~solid.hidden(direction)
+        total += passed if veils is solid else passed * veils.passed(direction)
+    return total.astype(np.float64) / _RAYS
+
+
+def _directions(count: int) -> Floats:
+    """Return unit vectors above the plane z = 0, (count, 3), distributed as the cosine of the angle to its normal: one to
+    each ring of equal area, turned by the golden angle."""
+    share = (np.arange(count) + 0.5) / count
+    turn, directions = (1.0, 0.0), np.empty((count, 3))
+    for row, radius, height in zip(directions, np.sqrt(share), np.sqrt(1.0 - share), strict=True):
+        row[:] = radius * turn[0], radius * turn[1], height
+        turn = turn[0] * _TURN[0] - turn[1] * _TURN[1], turn[0] * _TURN[1] + turn[1] * _TURN[0]
+    return directions
+
+
+def _surfaces(scene: Scene, origin: Floats, axes: Floats) -> Iterator[tuple[Mesh | None, Floats32]]:
+    """Yield corners of triangles, not many more than _AT_ONCE: their places in cells, (F, 3, 3), and with the mesh, if it
+    lets light pass, u, v and alpha, (F, 3, 6)."""
+    pool: list[Floats32] = []
+    for mesh in scene.meshes:
+        for corners in _corners(mesh, origin, axes):
+            if corners.shape[2] > 3:
+                yield mesh, corners
+                continue
+            pool.append(corners)
+            if sum(map(len, pool)) >= _AT_ONCE:
+                yield None, np.concatenate(pool)
+                pool.clear()
+    if pool:
+        yield None, np.concatenate(pool)
+
+
+def _corners(mesh: Mesh, origin: Floats, axes: Floats) -> Iterator[Floats32]:
+    placements, uv_faces = np.asarray(mesh.instances), mesh.faces if mesh.uv_faces is None else mesh.uv_faces
+    uvs = np.zeros((len(mesh.verts), 2)) if mesh.uvs is None else mesh.uvs
+    alphas = np.ones(len(mesh.verts)) if mesh.alphas is None else mesh.alphas
+    few = max(1, _AT_ONCE // max(len(mesh.verts), len(mesh.faces), 1))
+    for first in range(0, len(placements), few):
+        matrices = placements[first : first + few]
+        places = ((placed_points(mesh.verts, matrices) - origin) @ axes.T).astype(np.float32)
+        for start in range(0, len(mesh.faces), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            corners: Floats32 = places.reshape(len(matrices), -1, 3)[:, mesh.faces[some]]
+            if mesh.blends or mesh.tests_alpha:
+                more = np.concatenate([uvs[uv_faces[some]], alphas[mesh.faces[some]][..., None]], axis=-1)
+                with np.errstate(over="ignore"):
+                    more = np.broadcast_to(more.astype(np.float32), corners.shape)
+                corners = np.concatenate([corners, more], axis=-1)
+            yield corners.reshape(-1, *corners.shape[2:])
+
+
+def _points(corners: Floats32) -> Iterator[Floats32]:
+    """Yield points of triangles, (K, C), at most _SPACING apart along both sides at the corner opposite to the longest,
+    for sides up to 458 cells: what rays reach is at most 320 wide."""
+    sides = corners[:, [2, 0, 1], :3] - corners[:, [1, 2, 0], :3]
+    length = np.sqrt((sides * sides).sum(axis=2))
+    rows, first = np.arange(len(corners)), length.argmax(axis=1)
+    second, third = (first + 1) % 3, (first + 2) % 3
+    i, j = (np.searchsorted(_COUNTS[:-1], length[rows, side] / _SPACING) for side in (third, second))
+    kind = i * len(_COUNTS) + j
+    order = np.argsort(kind, kind="stable")
+    kinds, starts = np.unique(kind[order], return_index=True)
+    for number, alike in zip(kinds.tolist(), np.split(order, starts[1:]), strict=True):
+        i, j = (_COUNTS[k] for k in divmod(number, len(_COUNTS)))
+        s, t = np.repeat((np.arange(i) + 0.5) / i, j), np.tile((np.arange(j) + 0.5) / j, i)
+        s, t = (s[s + t <= 1.0], t[s + t <= 1.0]) if i * j > 1 else (np.array([1.0 / 3.0]), np.array([1.0 / 3.0]))
+        s, t = s.astype(np.float32)[:, None], t.astype(np.float32)[:, None]
+        step = max(1, _AT_ONCE // len(s))
+        for start in range(0, len(alike), step):
+            some = alike[start : start + step]
+            a, b, c = (corners[some, corner[some]][:, None] for corner in (first, second, third))
+            yield (a + s * (b - a) + t * (c - a)).reshape(-1, corners.shape[2])
+
+
+def _alphas(mesh: Mesh, points: Floats32) -> Floats32:
+    """Return what share of the light points of a mesh hold back, (K,). points: (K, 3), u, v and the vertices' alpha."""
+    material, texture = mesh.material, mesh.material.texture
+    alpha = points[:, 2] * np.float32(material.opacity)
+    if texture is not None and mesh.uvs is not None and texture.image.shape[2] == 4:
+        texels = []
+        for axis, coordinate in enumerate(points.T[:2]):
+            wrap, size = "clamp" if texture.lookup == "course" else texture.wrap[axis], texture.image.shape[1 - axis]
+            place = (
+                np.clip(coordinate, 0.0, 1.0) if wrap == "clamp" else coordinate % (2.0 if wrap == "mirror" else 1.0)
+            )
+            place = np.minimum(place, 2.0 - place) if wrap == "mirror" else place
+            texels.append(np.minimum(np.nan_to_num(place) * size, size - 1).astype(np.int32))
+        alpha = alpha * texture.image[texels[1], texels[0], 3]
+    if material.alpha_cutoff is not None:
+        alpha = np.where(alpha >= material.alpha_cutoff, alpha if material.blend else np.float32(1.0), np.float32(0.0))
+    clipped: Floats32 = np.clip(alpha, 0.0, 1.0)
+    return clipped
+
+
+class _Grid:
+    """The cells that surfaces touch, or what share of the light they hold back. Cells at equal places in their squares lie
+    together: what the rays of neighboring squares meet at a step is a slice."""
+
+    def __init__(self, reach: int, kind: type) -> None:
+        """reach: of the rays, squares."""
+        self._high, self._side, self._first = reach * _FINE, 2 * reach, TEXELS // 2 - reach
+        # The last layer is for all that is higher.
+        self._cells: Array = np.zeros((self._high + 1, _FINE, _FINE, self._side, self._side), kind)
+        self._counts = np.zeros(self._cells.shape if kind is not bool else 0, np.float32)
+
+    def _indices(self, points: Floats32) -> Array:
+        x, y, z = points[:, :3].T
+        x, y = (np.clip(v - self._first * _FINE, 0, self._side * _FINE - 1).astype(np.int32) for v in (x, y))
+        z = np.clip(z, 0, self._high).astype(np.int32)
+        place = (z * _FINE + y % _FINE) * _FINE + x % _FINE
+        indices: Array = (place * self._side + y // _FINE) * self._side + x // _FINE
+        return indices
+
+    def mark(self, corners: Floats32) -> None:
+        """Mark the cells that opaque triangles touch."""
+        for points in _points(corners[corners[:, :, 2].min(axis=1) < self._high]):
+            self._cells.reshape(-1)[self._indices(points)] = True
+
+    def mark_veil(self, corners: Floats32, mesh: Mesh) -> None:
+        """Mark the cells that triangles of a mesh touch with the sum of its alpha over their points."""
+        with np.errstate(over="ignore", invalid="ignore"):  # of texture coordinates beyond float32
+            for points in _points(corners[corners[:, :, 2].min(axis=1) < self._high]):
+                cells, inverse, counts = np.unique(self._indices(points), return_inverse=True, return_counts=True)
+                self._cells.reshape(-1)[cells] += np.bincount(inverse, _alphas(mesh, points[:, 3:]))
+                self._counts.reshape(-1)[cells] += counts
+
+    @cached_property
+    def _layers(self) -> tuple[Array, list[bool]]:
+        """The cells that rays meet, (Z, _FINE, _FINE, side, side), alphas as means over points; which layers have any."""
+        cells = self._cells[:-1] / np.maximum(self._counts[:-1], 1.0) if len(self._counts) else self._cells[:-1]
+        return cells, np.any(cells, axis=(1, 2, 3, 4)).tolist()
+
+    def _met(self, direction: Floats) -> Iterator[tuple[tuple[slice, slice], Array]]:
+        """Yield which squares' rays cross the grid at each step, a cell along the longest axis, and the cells there."""
+        cells, filled = self._layers
+        longest = float(np.abs(direction).max())
+        steps = (np.arange(int(self._high * longest)) + 0.5) / longest
+        places = np.floor(np.array([_FINE / 2, _FINE / 2, 0.0]) + steps[:, None] * direction).astype(int)
+        places[:, :2] -= self._first * _FINE
+        for x, y, z in places.tolist():
+            row, column = y // _FINE, x // _FINE  # those of the first square's ray
+            top, left = max(0, -row), max(0, -column)
+            bottom, right = max(top, min(TEXELS, self._side - row)), max(left, min(TEXELS, self._side - column))
+            bottom = bottom if filled[z] else top
+            layer = cells[z, y % _FINE, x % _FINE]
+            yield (
+                (slice(top, bottom), slice(left, right)),
+                layer[top + row : bottom + row, left + column : right + column],
+            )
+
+    def hidden(self, direction: Floats) -> Bools:
+        """Return of which squares something stands in this direction, (TEXELS, TEXELS)."""
+        hidden = np.zeros((TEXELS, TEXELS), bool)
+        for window, cells in self._met(direction):
+            if cells.size:
+                np.logical_or(hidden[window], cells, out=hidden[window])
+        return hidden
+
+    def passed(self, direction: Floats) -> Floats32:
+        """Return the share of light that arrives from this direction. A surface counts where a ray enters its cells."""
+        passed, before = np.ones((TEXELS, TEXELS), np.float32), np.zeros((TEXELS, TEXELS), np.float32)
+        for window, cells in self._met(direction):
+            now = np.zeros_like(before)
+            now[window] = cells
+            passed *= 1.0 - np.maximum(now - before, 0.0)
+            before = now
+        return passed
