@@ -160,8 +160,7 @@ def test_slivers_cast_what_they_cover():
 
 
 def shadow_of(*meshes: Mesh) -> np.ndarray:
-    image: np.ndarray = with_look(scene_of(*meshes), "studio").meshes[-1].material.texture.image[..., 0]
-    return image
+    return np.asarray(with_look(scene_of(*meshes), "studio").meshes[-1].material.texture.image[..., 0])
 
 
 def test_instances_cast_shadows_as_meshes_do():
