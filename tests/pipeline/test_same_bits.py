@@ -29,7 +29,7 @@ SHADOWED_TEAPOT = "851d5468d84f2cf2"
 VARIANTS = {
     ("torus_knot", "samples", 5): "ce5bdcdc2faf43a9",
     ("box_room", "precision", "float64"): "6633c1e76fde73f2",
-    ("teapot", "texture_filter", "trilinear"): "d88bf021ea1ed2b4",
+    ("teapot", "texture_filter", "trilinear"): "9b7dcfea01db44eb",
     ("teapot", "shadows", True): SHADOWED_TEAPOT,
 }
 # The same for several fields together: (scene, the fields' names and values).
