@@ -389,6 +389,6 @@ def test_points_of_lights_below_a_lamp(device, capsys, tmp_path):
     found = json.loads((tmp_path / "report.json").read_text())
     assert found["settings"] == {"shadows": True}
     one, many = found["variants"]
-    assert many["rmse"] < one["rmse"] / 2
+    assert many["rmse"] < 0.6 * one["rmse"]  # edges of one sample a pixel remain
     assert (tmp_path / "report.png").stat().st_size > 10000
     assert "Where the error comes from" in out

@@ -75,7 +75,7 @@ def test_a_real_study_chooses(device):
     best = select(sphere(), budget=1e6, device=device)
     drawn = {tried.variant.name for tried in best.tried}
     assert drawn == {"unchanged", *sum(LADDER, ())} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
-    assert best.used.variant.name == "shaded-64"
+    assert best.used.variant.name == "samples-64"
     tolerance = 2.0 * best.used.error
     kept = select(sphere(), tolerance=tolerance, device=device)
     image = render(sphere(), settings=kept.settings, device=device).rgb
