@@ -41,7 +41,7 @@ _HOMES = {
     "flow": "clshade.pipeline.flow",
     "visible": "clshade.pipeline.visible",
     "Views": "clshade.pipeline.many_views",
-    "with_look": "clshade.pipeline.look",
+    "with_look": "clshade.scene.look",
     "check": "clshade.measure.check.check",
     "verify": "clshade.measure.verify.verify",
     "course": "clshade.course",  # a module itself
@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     from .measure.verify.verify import verify as verify
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
-    from .pipeline.look import with_look as with_look
     from .pipeline.many_views import Views as Views
     from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
@@ -83,6 +82,7 @@ if TYPE_CHECKING:
     from .scene.lights import PointLight as PointLight
     from .scene.lights import RectangleLight as RectangleLight
     from .scene.lights import SpotLight as SpotLight
+    from .scene.look import with_look as with_look
     from .scene.model import Material as Material
     from .scene.model import Mesh as Mesh
     from .scene.model import MetallicRoughness as MetallicRoughness

@@ -36,7 +36,7 @@ Ambient: TypeAlias = Literal["plain", "tinted"]
 Resolve: TypeAlias = Literal["mean", "weighted"]
 Precision: TypeAlias = Literal["fast", "float32", "float64"]
 Preset: TypeAlias = Literal["course", "standard", "pbr"]
-Look: TypeAlias = Literal["studio", "plain", "course"]  # of a scene, see `pipeline.look`
+Look: TypeAlias = Literal["studio", "plain", "course"]  # of a scene, see `scene.look`
 NamedBackground: TypeAlias = Literal["scene", "environment"]
 
 SHADERS: tuple[Shader, ...] = get_args(Shader)

@@ -11,7 +11,6 @@ from ..base.input_files import stamp
 from ..pipeline.effective_settings import effective_settings, picture_fields
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import SavingOptions
-from ..pipeline.look import has_ground, with_look
 from ..pipeline.renderer import Renderer
 from ..scene.adjust_camera import adjusted, camera_of
 from ..scene.adjust_lights import scaled_lights
@@ -20,6 +19,7 @@ from ..scene.camera import Camera
 from ..scene.environment import Environment
 from ..scene.framing import Up, up_of
 from ..scene.ground import with_ground
+from ..scene.look import has_ground, with_look
 from ..scene.model import Scene, Texture
 from ..scene.settings import Layer, Look, Settings
 

@@ -17,7 +17,7 @@ import clshade
 from clshade.cli.commands import scene_options
 from clshade.cli.commands.arguments import with_values
 from clshade.cli.main import _parser, main
-from clshade.pipeline import look
+from clshade.scene import look
 
 # With these options the scene needs the program that tests of frames build anyway.
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course", "--layers", "Z,id")

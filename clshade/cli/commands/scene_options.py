@@ -412,9 +412,9 @@ def placed(
     scene: Scene, look: Look, arguments: argparse.Namespace, *, turning: bool = False, moving: bool = False
 ) -> Scene:
     """Return a scene that is `lit`, with the camera, ground and components of the command line."""
-    from ...pipeline.look import with_look
     from ...scene import adjust_camera, framing
     from ...scene.ground import with_ground
+    from ...scene.look import with_look
 
     up = arguments.up or framing.up_of(scene.camera)
     for option, purpose in (("light_intensity", "multiply"), ("light_radius", "give a size")):
@@ -438,7 +438,7 @@ def placed(
 
 def wants_ground(look: Look, arguments: argparse.Namespace) -> bool:
     """Return whether a scene of this look gets a ground."""
-    from ...pipeline.look import has_ground
+    from ...scene.look import has_ground
 
     usual = has_ground(look, getattr(arguments, "edges", None))
     return usual if arguments.ground is None else bool(arguments.ground)
@@ -453,8 +453,8 @@ def refuse_grounded_edges(arguments: argparse.Namespace) -> None:
 def lit(scene: Scene, arguments: argparse.Namespace) -> tuple[Scene, Look]:
     """Return the scene with the lights and the environment of the command line, as its look shows it without a ground, and
     this look."""
-    from ...pipeline.look import with_look
     from ...scene.framing import up_of
+    from ...scene.look import with_look
 
     scene = _with_environment(with_lights(scene, arguments), arguments)
     look = look_of(scene, arguments)

@@ -10,9 +10,9 @@ import pytest
 import clshade
 from clshade import Camera, Material, Mesh, Scene, Texture, with_look
 from clshade.errors import InputError
-from clshade.pipeline.look import BACKGROUND
 from clshade.scene.framing import UPS
 from clshade.scene.ground import MATERIAL
+from clshade.scene.look import BACKGROUND
 
 CAMERA = Camera((3.0, 3.0, 8.0), (0.0, 0.5, 0.0), (0.0, 1.0, 0.0), 1.0, (0.6, 0.8), (32, 24))
 FOOT = Mesh([(-0.01, 0, 0), (0.01, 0, 0), (0, 0, 0.01)], [(0, 1, 2)])  # what touches the ground

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..base.arrays import Floats
 from ..base.validation import arguments, choice, flag
-from ..scene.builtin.studio import studio
-from ..scene.fitting import sphere_of_box
-from ..scene.framing import UPS, Up, up_of
-from ..scene.geometry import bounding_box
-from ..scene.ground import objects_of, with_ground
-from ..scene.model import Scene, Settings, Texture
-from ..scene.settings import LOOKS, Look
+from .builtin.studio import studio
 from .contact_shadow import TEXELS, open_sky
+from .fitting import sphere_of_box
+from .framing import UPS, Up, up_of
+from .geometry import bounding_box
+from .ground import objects_of, with_ground
+from .model import Scene, Settings, Texture
+from .settings import LOOKS, Look
 
 BACKGROUND = 0.6  # of the studio, linear: a light gray, code 203 of sRGB
 _GRAY = 0.8  # of its ground: in the middle about as bright as the background

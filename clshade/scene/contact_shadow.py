@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Floats32
-from ..scene.model import Mesh, Scene
-from .placements import placed_points
+from .model import Mesh, Scene
 
 TEXELS = 128  # squares of the ground to a side
 _RAYS = 128
@@ -33,12 +32,10 @@ def open_sky(scene: Scene, origin: Floats, axes: Floats, unit: float, reach: int
     the world. unit: the side of a square. reach: the length of the rays, squares.
     """
     solid = veils = _Grid(reach, bool)
-    for mesh, corners in _surfaces(scene, origin, axes * (_FINE / unit)):
-        if mesh is None:
-            solid.mark(corners)
-        else:
-            veils = _Grid(reach, np.float32) if veils is solid else veils
-            veils.mark_veil(corners, mesh)
+    for veil, corners in _surfaces(scene, origin, axes * (_FINE / unit)):
+        if veil is not None and veils is solid:
+            veils = _Grid(reach, np.float32)
+        (solid if veil is None else veils).mark(corners, veil)
     total = np.zeros((TEXELS, TEXELS), np.float32)
     for direction in _directions(_RAYS):
         passed = ~solid.hidden(direction)
@@ -78,13 +75,15 @@ def _corners(mesh: Mesh, origin: Floats, axes: Floats) -> Iterator[Floats32]:
     placements, uv_faces = np.asarray(mesh.instances), mesh.faces if mesh.uv_faces is None else mesh.uv_faces
     uvs = np.zeros((len(mesh.verts), 2)) if mesh.uvs is None else mesh.uvs
     alphas = np.ones(len(mesh.verts)) if mesh.alphas is None else mesh.alphas
+    x, y, z = mesh.verts.astype(np.float64).T[..., None]
     few = max(1, _AT_ONCE // max(len(mesh.verts), len(mesh.faces), 1))
     for first in range(0, len(placements), few):
-        matrices = placements[first : first + few]
-        places = ((placed_points(mesh.verts, matrices) - origin) @ axes.T).astype(np.float32)
+        matrix = placements[first : first + few, None, :3]
+        placed = (matrix[..., 0] * x + matrix[..., 1] * y) + matrix[..., 2] * z + matrix[..., 3]
+        places = ((placed - origin) @ axes.T).astype(np.float32)
         for start in range(0, len(mesh.faces), _AT_ONCE):
             some = slice(start, start + _AT_ONCE)
-            corners: Floats32 = places.reshape(len(matrices), -1, 3)[:, mesh.faces[some]]
+            corners: Floats32 = places[:, mesh.faces[some]]
             if mesh.blends or mesh.tests_alpha:
                 more = np.concatenate([uvs[uv_faces[some]], alphas[mesh.faces[some]][..., None]], axis=-1)
                 with np.errstate(over="ignore"):
@@ -155,18 +154,18 @@ class _Grid:
         indices: Array = (place * self._side + y // _FINE) * self._side + x // _FINE
         return indices
 
-    def mark(self, corners: Floats32) -> None:
-        """Mark the cells that opaque triangles touch."""
-        for points in _points(corners[corners[:, :, 2].min(axis=1) < self._high]):
-            self._cells.reshape(-1)[self._indices(points)] = True
-
-    def mark_veil(self, corners: Floats32, mesh: Mesh) -> None:
-        """Mark the cells that triangles of a mesh touch with the sum of its alpha over their points."""
+    def mark(self, corners: Floats32, veil: Mesh | None) -> None:
+        """Mark the cells that triangles touch; those of a mesh that lets light pass with the sum of its alpha over points."""
+        cells, counts = self._cells.reshape(-1), self._counts.reshape(-1)
         with np.errstate(over="ignore", invalid="ignore"):  # of texture coordinates beyond float32
             for points in _points(corners[corners[:, :, 2].min(axis=1) < self._high]):
-                cells, inverse, counts = np.unique(self._indices(points), return_inverse=True, return_counts=True)
-                self._cells.reshape(-1)[cells] += np.bincount(inverse, _alphas(mesh, points[:, 3:]))
-                self._counts.reshape(-1)[cells] += counts
+                touched = self._indices(points)
+                if veil is None:
+                    cells[touched] = True
+                    continue
+                where, inverse, times = np.unique(touched, return_inverse=True, return_counts=True)
+                cells[where] += np.bincount(inverse, _alphas(veil, points[:, 3:]))
+                counts[where] += times
 
     @cached_property
     def _layers(self) -> tuple[Array, list[bool]]:
