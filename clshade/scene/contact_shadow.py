@@ -155,7 +155,7 @@ class _Grid:
         return indices
 
     def mark(self, corners: Floats32, veil: Mesh | None) -> None:
-        """Mark the cells that triangles touch; those of a mesh that lets light pass with the sum of its alpha over points."""
+        """Mark the cells that triangles touch; of a mesh that lets light pass with sums of its alpha."""
         cells, counts = self._cells.reshape(-1), self._counts.reshape(-1)
         with np.errstate(over="ignore", invalid="ignore"):  # of texture coordinates beyond float32
             for points in _points(corners[corners[:, :, 2].min(axis=1) < self._high]):
