@@ -325,7 +325,7 @@ def test_comparators_accept_rounding(case):
         ("ids differ: 1 of", lambda f: f.layers["id"].__setitem__((16, 16), 401)),
         ("ids differ", lambda f: f.layers.update(id=np.roll(f.layers["id"], 1, axis=1))),
         ("alpha differs: 1 of", lambda f: f.alpha.__setitem__((16, 16), 0.5)),
-        ("depths off", lambda f: f.layers["Z"].__setitem__((16, 16), f.layers["Z"][16, 16] * (1 + 9.5 * 2**-24))),
+        ("depths off", lambda f: f.layers["Z"].__setitem__((16, 16), f.layers["Z"][16, 16] * (1 + 11.5 * 2**-24))),
         ("depths off", lambda f: f.layers["Z"].__setitem__((16, 16), np.inf)),
         ("colors off", lambda f: f.rgb.__setitem__((16, 16, 2), f.rgb[16, 16, 2] + 0.01)),
         ("colors off", lambda f: setattr(f, "rgb", f.rgb[:, ::-1].copy())),
