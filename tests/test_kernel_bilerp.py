@@ -39,6 +39,12 @@ def image_of(size: tuple[int, int]) -> np.ndarray:
 TEXTURES = [Texture(image_of(size), wrap, lookup) for size in SIZES for lookup, wrap in KINDS]
 
 
+def run(stages: Stages, inputs: list[Buffer], colors: Buffer) -> None:
+    values = dict(zip(("uvs", "texture_of", "textures", "texels"), inputs, strict=True))
+    count = len(colors.array)
+    stages.run("bilerp", stages.vectors(count), values, colors=colors, count=count)
+
+
 def look_up(device, uv: np.ndarray, which: np.ndarray, lanes: int | None = None) -> np.ndarray:
     """Run the stage: colors (K, 3) of lookups at uv (K, 2) float64 in TEXTURES[which]."""
     stages = Stages(device, build(device, mask(), ("bilerp.cl",), lanes=lanes))
@@ -47,7 +53,7 @@ def look_up(device, uv: np.ndarray, which: np.ndarray, lanes: int | None = None)
     table, texels = texture_tables(TEXTURES)
     inputs = [Buffer(device, array) for array in (pairs, which.astype(np.int32), table, texels)]
     colors = Buffer(device, np.full((len(uv), 4), np.nan, np.float32))
-    stages.bilerp(*inputs, colors, len(uv))
+    run(stages, inputs, colors)
     return colors.to_host()[:, :3]
 
 
@@ -123,7 +129,7 @@ def test_undefined_low_parts_count_as_zero(device):
         for index in range(len(KINDS) * 4, len(KINDS) * 5):  # those of 16 x 9 texels
             inputs = [Buffer(device, a) for a in (pairs, np.array([index], np.int32), table, texels)]
             colors = Buffer(device, np.zeros((1, 4), np.float32))
-            stages.bilerp(*inputs, colors, 1)
+            run(stages, inputs, colors)
             assert np.abs(colors.to_host()[0, :3] - expected_of(uv, np.array([index]))).max() <= MEAN
 
 
@@ -317,7 +323,8 @@ found = []
 for place in (np.array, at_the_end):
     inputs = [Buffer(device, place(array)) for array in (uvs, np.zeros(5, np.int32), table, texels)]
     colors = Buffer(device, place(np.zeros((5, 4), np.float32)))
-    stages.bilerp(*inputs, colors, 5)
+    values = dict(zip(("uvs", "texture_of", "textures", "texels"), inputs))
+    stages.run("bilerp", stages.vectors(5), values, colors=colors, count=5)
     found.append(colors.to_host().tobytes())
 print(found[0] == found[1])
 """

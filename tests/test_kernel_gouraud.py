@@ -37,7 +37,9 @@ def corners(pipeline: Pipeline, inputs) -> np.ndarray:
     """Return the output of gouraud_corners, (F, 3, 4); NaN for triangles that are not visible."""
     light = Buffer(pipeline.device, np.full((3 * len(inputs.z), 4), np.nan, np.float32))
     surface = pipeline.surface(**inputs.arrays())
-    pipeline.stages.gouraud_corners(surface, pipeline.order, light, pipeline.visible)
+    size = pipeline.stages.vectors(pipeline.visible)
+    own = {"order": pipeline.order, "to_light": light, "count": pipeline.visible}
+    pipeline.stages.run("gouraud_corners", size, surface.values(), **own)
     return light.to_host().reshape(-1, 3, 4)
 
 

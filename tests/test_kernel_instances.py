@@ -14,7 +14,7 @@ from layer_scenes import crowd, matrices
 from clshade.pipeline import instances, placements, scene_buffers
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.camera_space import CameraSpace, Extent
-from clshade.pipeline.launches import Stages
+from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.layer_buffers import first_instances
 from clshade.pipeline.programs import build_text
 from clshade.pipeline.struct_layout import SINGLE
@@ -65,10 +65,11 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     view = view_of(device, camera, space.near, space.scale, DOUBLE_POSITIONS=packed.positions.dtype == np.float64)
     image = image_of(device, camera.resolution, needs=mask(SIDES=1).needs)
     counted = Buffer(device, np.zeros(1, SINGLE.Counters))
-    frame = SimpleNamespace(space=space, tables=SimpleNamespace(view=view), image=image, counted=counted, events={})
+    values = {"image": image, "counters": counted}
+    frame = SimpleNamespace(space=space, tables=SimpleNamespace(view=view), counted=counted, values=values, events={})
     positions, faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
-    sides = Buffer(device, packed.face_materials), Buffer(device, packed.materials)
-    painter = not stages._features["DEPTH_TEST"]
+    sides = {name: Buffer(device, getattr(packed, name)) for name in ("face_materials", "materials")}
+    painter = not stages.features["DEPTH_TEST"]
     if table is None:
         source = SceneFaces(stages, positions, faces, sides)
     else:
@@ -126,8 +127,9 @@ def assert_layers(device, stages: Stages, found: SimpleNamespace, scene: Scene) 
     given, rows = Buffer(device, owners), Buffer(device, found.table.rows)
     ids, numbers = (Buffer(device, np.full(len(owners), 7, np.uint32)) for _ in range(2))
     triangles = found.source.made.triangles
-    stages.layer_of_owners("layer_id_of_instances", count, given, triangles, found.of_triangles, rows, ids)
-    stages.layer_of_owners("layer_instance_id", count, given, found.of_triangles, rows, numbers)
+    values = {"owners": given, "triangles": triangles, "triangle_instances": found.of_triangles, "instances": rows}
+    for name, own in (("layer_id_of_instances", {"ids": ids}), ("layer_instance_id", {"numbers": numbers})):
+        stages.run(name, items(count), values, **own, count=count)
     faces, instance = found.rows["face"], []
     for mesh, first in zip(scene.meshes, first_instances(scene), strict=True):
         instance += [first + k for k in range(len(mesh.instances)) for _ in mesh.faces]

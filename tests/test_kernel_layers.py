@@ -10,7 +10,7 @@ from stage_oracle import as_kernels_see, owners_of
 from clshade.oracle import coverage, shade
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.launches import Stages
+from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.programs import build
 
 
@@ -41,8 +41,9 @@ def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarr
     image = image_of(device, owners.shape[::-1], unscale=unscale)
     ids = Buffer(device, np.full(owners.shape, 77, np.uint32))
     depths = Buffer(device, np.full(owners.shape, np.nan, np.float32))
-    stages.layer_of_owners("layer_id", owners.size, own, table, ids)
-    stages.layer_z(own, table, image, depths, int(image.array["tiles"][0]))
+    values, tiles = {"owners": own, "triangles": table, "image": image}, int(image.array["tiles"][0])
+    stages.run("layer_id", items(owners.size), values, ids=ids, count=owners.size)
+    stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=depths)
     return ids.to_host(), depths.to_host()
 
 

@@ -40,7 +40,9 @@ def reflect(
     inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
     inputs += [Buffer(device, material_rows(**(material or {}))), Buffer(device, rows)]
     found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    stages.light(*inputs, chosen.needs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
+    values = dict(zip(("points", "normals", "colors", "materials", "lights"), inputs, strict=True))
+    numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(np.atleast_2d(lights[0])), "count": len(points)}
+    stages.run("light", stages.vectors(len(points)), values, lit=found, **numbers)
     return found.to_host()[:, :3]
 
 

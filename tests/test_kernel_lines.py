@@ -12,8 +12,9 @@ from kernel_stages import image_of, mask, samples_at, split, vertices_at
 
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.launches import Hiding, Stages
+from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.programs import build
+from clshade.pipeline.triangle_source import NO_SIDES
 
 STRUCTS = struct_layout.SINGLE
 COLUMNS, ROWS = 40, 30
@@ -69,36 +70,42 @@ class Drawing:
         clipped["w"], clipped["w_low"] = split(1.0 / depths[3 * whole :].reshape(-1, 3))
         clipped["face"] = np.arange(whole, len(xy))
         rank = None if ranks is None else Buffer(device, np.asarray(ranks, np.int32))
-        face_buffer = Buffer(device, faces)
-        self.hiding = Hiding(
-            face_buffer, self.kept.projected, Buffer(device, clipped), None, None, rank, Buffer(device, view), whole
-        )
         reach, size = (width + 1) // 2, np.array([COLUMNS, ROWS]) << 8
         self.margin = -(-reach // (1 << bits))
         grid = np.zeros(1, STRUCTS.LineGrid)
         grid["cell_bits"], grid["margin"], grid["width"] = bits, self.margin, width
         self.across, self.up = (-(-size // (1 << bits)) + 2 * self.margin).tolist()
         grid["across"], grid["up"] = self.across, self.up
-        self.grid, self.bits, self.cells = Buffer(device, grid), bits, self.across * self.up
-        self.image = image_of(device, (COLUMNS, ROWS), **samples_at(places))
-        self.edge_faces = Buffer(device, np.asarray(edge_faces, np.int32))
-        self.table = Buffer(device, lines)
+        self.bits, self.cells, self.triangles = bits, self.across * self.up, len(xy)
+        self.values = {
+            **NO_SIDES,
+            "faces": Buffer(device, faces),
+            "vertices": self.kept.projected,
+            "pieces": Buffer(device, clipped),
+            "ranks": rank,
+            "view": Buffer(device, view),
+            "face_count": whole,
+            "grid": Buffer(device, grid),
+            "image": image_of(device, (COLUMNS, ROWS), **samples_at(places)),
+            "edge_faces": Buffer(device, np.asarray(edge_faces, np.int32)),
+            "lines": Buffer(device, lines),
+        }
 
     def lists(self) -> tuple[list[Buffer], list[Buffer]]:
         """Return where each cell's list of lines, and of triangles, begins, and the lists, which must be full."""
         starts, lists = [], []
-        for stage, inputs, dtype in (
-            (self.stages.list_lines, (self.table, self.grid), np.uint32),
-            (self.stages.list_hiders, (self.hiding, self.grid), STRUCTS.Hider),
+        for kernel, name, count, dtype in (
+            ("list_lines", "listed", len(self.lines), np.uint32),
+            ("list_hiders", "hiders", self.triangles, STRUCTS.Hider),
         ):
-            count = (len(self.lines),) if dtype is np.uint32 else ()
             cursors = Buffer(self.device, np.zeros(self.cells, np.uint32))
-            stage(*inputs, cursors, None, *count)
+            values = {**self.values, "cursors": cursors, "count": count}
+            self.stages.run(kernel, items(count), values, **{name: None}, writes=False)
             begin = np.concatenate([[0], np.cumsum(cursors.to_host())]).astype(np.uint32)
             with cursors.writing() as rows:
                 rows[:] = begin[:-1]
             entries = Buffer.empty(self.device, int(begin[-1]), dtype)
-            stage(*inputs, cursors, entries, *count)
+            self.stages.run(kernel, items(count), values, **{name: entries}, writes=True)
             assert np.array_equal(cursors.to_host(), begin[1:])
             entries.to_host()
             starts.append(Buffer(self.device, begin))
@@ -115,16 +122,13 @@ class Drawing:
     def cell(self, x: int, y: int) -> int:
         return ((y >> self.bits) + self.margin) * self.across + (x >> self.bits) + self.margin
 
-    def shown(self, items: int | None = None) -> np.ndarray:
-        """Return the samples that show lines, (ROWS, COLUMNS, 2) uint64, row 0 at the BOTTOM. items: of a work-group."""
+    def shown(self, group: int | None = None) -> np.ndarray:
+        """Return the samples that show lines, (ROWS, COLUMNS, 2) uint64, row 0 at the BOTTOM. group: work-items of one."""
         starts, lists = self.lists()
         shown = Buffer(self.device, np.zeros((ROWS, COLUMNS, 2), np.uint64))
-        arguments = (self.table, self.edge_faces, starts[0], lists[0], starts[1], lists[1])
-        if items is None:
-            self.stages.line_samples(self.hiding, self.image, self.grid, arguments, shown, self.cells)
-        else:
-            size = (self.cells * items,)
-            self.stages._launch("line_samples", size, (items,), *self.hiding, self.image, self.grid, *arguments, shown)
+        own = {"line_starts": starts[0], "listed": lists[0], "starts": starts[1], "hiders": lists[1], "shown": shown}
+        group = group or (1 if self.device.is_cpu else 64)
+        self.stages.run("line_samples", (self.cells * group, group), self.values, **own)
         return shown.to_host()[::-1].copy()
 
 
@@ -306,13 +310,13 @@ def test_many_triangles_hide_together(device, count):
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("items", [1, 8])
-def test_cells_and_work_groups_do_not_change_a_bit(device, items):
+@pytest.mark.parametrize("group", [1, 8])
+def test_cells_and_work_groups_do_not_change_a_bit(device, group):
     xy = np.concatenate([triangles_around(), slivers(90)])
     z = np.random.default_rng(4).uniform(NEAR, 2.0 * FAR, (len(xy), 3))
     lines = lines_at(random_ends(60))
     places = np.array([[64, 64], [192, 192]])
-    found = [Drawing(device, lines, xy, z, places=places, bits=bits).shown(items) for bits in (8, 10, 12)]
+    found = [Drawing(device, lines, xy, z, places=places, bits=bits).shown(group) for bits in (8, 10, 12)]
     expected = Drawing(device, lines, xy, z, places=places).shown()
     assert all(np.array_equal(each, expected) for each in found)
     bare = Drawing(device, lines, places=places).shown()

@@ -32,7 +32,9 @@ def reflect(device, points, normals, lights, pbr, *, colors=None, lanes=None) ->
     inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
     inputs += [Buffer(device, rows), Buffer(device, light_rows(*map(np.atleast_2d, lights)))]
     found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    stages.light(*inputs, chosen.needs, found, 1.0, len(np.atleast_2d(lights[0])), len(points))
+    values = dict(zip(("points", "normals", "colors", "materials", "lights"), inputs, strict=True))
+    numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(np.atleast_2d(lights[0])), "count": len(points)}
+    stages.run("light", stages.vectors(len(points)), values, lit=found, **numbers)
     return found.to_host()[:, :3]
 
 

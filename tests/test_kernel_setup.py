@@ -14,7 +14,7 @@ from clshade.pipeline.frame_state import FrameInFlight
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.sample_pattern import positions
 from clshade.pipeline.tile_lists import TileLists, front_to_back
-from clshade.pipeline.triangle_source import SceneFaces
+from clshade.pipeline.triangle_source import SceneFaces, set_up_pieces
 
 COLUMNS, ROWS = 61, 43
 LIMIT, PIXEL = struct_layout.SNAP_LIMIT, coverage.SUBPIXELS
@@ -241,7 +241,8 @@ def test_setup_pieces(device, first_face):
     table["key_depth"] = z[:, 1]
     table["face"] = first_face + np.arange(len(xy)) % 7
     pieces = Buffer(device, table)
-    pipeline.stages.setup_pieces(pieces, pipeline.image, made, counted, face_count, len(xy))
+    frame = FrameInFlight(pipeline.image, counted, counted)
+    set_up_pieces(pipeline.stages, pieces, frame, made, face_count)
     counters = counted.to_host()[0]
     expected = coverage.setup(xy, COLUMNS, ROWS)
     keys = made.keys.to_host(int(counters["visible"])).copy()

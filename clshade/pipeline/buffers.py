@@ -196,6 +196,12 @@ class TriangleBuffers:
         """Size of all that is in use."""
         return sum(each.array.nbytes for each in vars(self).values() if isinstance(each, Buffer))
 
+    @property
+    def values(self) -> dict[str, Any]:
+        """The arguments of kernels by name, but for `keys` and `sorted_bounds`, for which not all need memory."""
+        own = {"triangles": self.triangles, "bounds": self.bounds}
+        return {**own, "to_clip": self.to_clip, "index_bits": self.index_bits}
+
     @cached_property
     def keys(self) -> Buffer:
         """The sort keys (faces + pieces,) of `setup` and `setup_pieces`."""

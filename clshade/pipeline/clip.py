@@ -16,7 +16,7 @@ from .buffers import Buffer
 from .frame_state import SceneFrame
 from .programs import running_time
 from .struct_layout import GUARD_HIGH, GUARD_LOW, MOST_DEPTH, SUBPIXEL_BITS, Structs
-from .triangle_source import Faces, Triangles, TriangleSource
+from .triangle_source import Faces, Triangles, TriangleSource, set_up_pieces
 
 
 @dataclass(frozen=True)
@@ -229,8 +229,7 @@ class Clipping:
         if count:
             pieces = Buffer(stages.device, table)
             source.add_pieces(faces, sources)
-            arguments = (pieces, frame.image, source.made, frame.counted, source.room, count, source.sides)
-            stages.setup_pieces(*arguments)
+            set_up_pieces(stages, pieces, frame, source.made, source.room, source.sides)
             counters = frame.read_counters()
         frame.host_ms["clip"] = (running_time() - start) * 1e3
         return Triangles(source.made, int(counters["visible"]), pieces)

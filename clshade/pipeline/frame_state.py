@@ -67,6 +67,11 @@ class FrameInFlight:
         return -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
 
     @property
+    def values(self) -> dict[str, Any]:
+        """The arguments of kernels by name."""
+        return {"image": self.image, "counters": self.counted}
+
+    @property
     def last(self) -> Any:
         """The event of the kernel enqueued last."""
         return next(reversed(self.events.values()))

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Floats32
 from .buffers import Buffer, finish
-from .launches import Stages, stages_of
+from .launches import Stages, items, stages_of
 from .opencl.device import Device, open_device
-from .struct_layout import CURVE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS
+from .struct_layout import CURVE_BITS, HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
 _LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
@@ -119,8 +119,8 @@ class Hierarchy:
         """Make the trees of opaque faces and of the others: leaves, nodes, the table of trees."""
         device, count = self._device, len(self.faces.array)
         keys = Buffer.empty(device, count, np.uint64)
-        bits = _index_bits(count)
-        stages.hierarchy_keys(self.vertices, self.faces, keys, bits, count)
+        mesh = {"vertices": self.vertices, "faces": self.faces, "index_bits": _index_bits(count)}
+        stages.run("hierarchy_keys", items(count, 16), mesh, keys=keys, face_count=count)
         found = keys.to_host()
         parts = [found] if veils is None else [found[~veils], found[veils]]
         for part in parts:
@@ -138,13 +138,15 @@ class Hierarchy:
                 first = row["first_node"][: len(sizes)] = node + np.cumsum([0, *sizes])[:-1]
                 for start in range(0, len(tree.array), _TOGETHER):
                     together = min(_TOGETHER, len(tree.array) - start)
-                    stages.hierarchy_runs(self.vertices, self.faces, tree, room, start, bits, together)
+                    size = (-(-together // HIERARCHY_RUN), 1)
+                    stages.run("hierarchy_runs", size, mesh, keys=tree, rows=room, first=start, count=together)
                 if sizes:
-                    ends = (leaf, many, node, sizes[0] * _WIDTH)
-                    stages.hierarchy_leaves(self.vertices, self.faces, tree, self.leaves, self.nodes, ends, bits)
+                    tables = {"keys": tree, "leaves": self.leaves, "nodes": self.nodes, "count": len(tree.array)}
+                    ends = {"first_leaf": leaf, "leaf_count": many, "first_node": node}
+                    stages.run("hierarchy_leaves", (sizes[0] * _WIDTH, 16), {**mesh, **tables}, **ends)
                 for k in range(1, len(sizes)):
-                    ends = (int(first[k - 1]), int(first[k]), sizes[k - 1], sizes[k] * _WIDTH)
-                    stages.hierarchy_level(self.nodes, *ends)
+                    ends = {"first": first[k - 1], "above": first[k], "below_count": sizes[k - 1]}
+                    stages.run("hierarchy_level", (sizes[k] * _WIDTH, 16), nodes=self.nodes, **ends)
                 leaf, node = leaf + many, node + sum(sizes)
         finally:
             finish(device)  # kernels use what is freed on return
@@ -187,8 +189,9 @@ class Hierarchy:
 
     def trace(self, rays: ShadowRays) -> None:
         """Write to `rays.dark` which rays meet a caster, and wait until that is done."""
-        casters = (self.vertices, self.faces, self.nodes, self.leaves, self.casters)
-        self._stages.shadow_rays(rays.points, rays.receivers, casters, rays.light, rays.dark, len(rays.dark.array))
+        count, stages = len(rays.dark.array), self._stages
+        values = {**vars(self), **vars(rays), "lights": rays.light, "stride": count}
+        stages.run("shadow_rays", stages.runs(count, stages.lanes), values)
         finish(self._device)
 
     def hidden(self, points: Floats, faces: Array, ends: Floats, directional: bool = False) -> Bools:
@@ -197,8 +200,9 @@ class Hierarchy:
         points, faces: as of `shadowed`. ends: (K, N, 3), N points for each receiver, or directions toward them.
         """
         fans = self.fans(points, faces, ends, directional)
-        casters = (self.vertices, self.faces, self.nodes, self.leaves, self.casters)
-        self._stages.shadow_fans(fans.points, fans.receivers, fans.ends, casters, fans.dark, fans.w)
+        (count, many), stages = fans.dark.array.shape, self._stages
+        values = {**vars(self), **vars(fans), "many": many, "stride": count}
+        stages.run("shadow_fans", stages.runs(count, stages.lanes), values)
         found: Bools = fans.dark.to_host()[: ends.shape[0], : ends.shape[1]] != 0
         return found
 

@@ -20,10 +20,10 @@ from .buffers import Buffer, VertexBuffers
 from .camera_space import CameraSpace
 from .frame_state import SceneFrame
 from .gather import Copies, Gatherer
-from .launches import Placing, Sides, Stages
+from .launches import Stages
 from .placements import placed_along, placed_each, plain
 from .struct_layout import Structs
-from .triangle_source import Faces, Triangles, TriangleSource
+from .triangle_source import Faces, Sides, Triangles, TriangleSource
 
 LEAST_COPIES = 1 << 16  # triangles that copies would add: with fewer, copies take little memory and less time
 _LEAST_ROOM = 1 << 16  # triangles that there is room for at first
@@ -205,12 +205,13 @@ class Instances(TriangleSource):
         super().__init__(stages, min(self._face_count, max(_LEAST_ROOM, each * pixels)), sides)
         count = len(tables.rows)
         self._positions, self._faces = positions, faces
-        self._placing = Placing(
-            Buffer(device, tables.rows),
-            Buffer(device, np.zeros(count, np.uint32)),
-            Buffer(device, np.zeros(count + 1, np.int64)),
-            Buffer(device, np.zeros(count + 1, np.int64)),
-        )
+        # listed: L numbers of those to draw. *_starts: L + 1, the number of vertices or faces of all listed before.
+        self._placing = {
+            "instances": Buffer(device, tables.rows),
+            "listed": Buffer(device, np.zeros(count, np.uint32)),
+            "vertex_starts": Buffer(device, np.zeros(count + 1, np.int64)),
+            "face_starts": Buffer(device, np.zeros(count + 1, np.int64)),
+        }
         self._listed = np.zeros(0, np.uint32)
         most = _BLOCK if device.is_cpu else _BLOCK_OF_GPU
         self._block = max(int(tables.vertices.max(initial=0)), min(most, self._vertex_count))
@@ -224,7 +225,7 @@ class Instances(TriangleSource):
     @property
     def resident_bytes(self) -> int:
         """Size of memory that does not depend on the frame."""
-        return sum(buffer.array.nbytes for buffer in (*self._placing, self._vertices))
+        return sum(buffer.array.nbytes for buffer in (*self._placing.values(), self._vertices))
 
     @property
     def nbytes(self) -> int:
@@ -241,7 +242,7 @@ class Instances(TriangleSource):
         return {
             "relative": self._none.relative,
             "triangle_instances": self._of_triangles,
-            "instances": self._placing.instances,
+            "instances": self._placing["instances"],
             "view": frame.tables.view,
             "object_positions": self._positions,
         }
@@ -272,17 +273,16 @@ class Instances(TriangleSource):
         if np.array_equal(listed, self._listed):
             return
         self._listed = _UNKNOWN  # until all of it is written
-        with self._placing.listed.writing(len(listed)) as rows:
+        with self._placing["listed"].writing(len(listed)) as rows:
             rows[:] = listed
-        placing, vertices = self._placing, self._tables.vertices
-        for starts, counts in ((placing.vertex_starts, vertices), (placing.face_starts, faces)):
-            with starts.writing(len(listed) + 1) as rows:
+        for name, counts in (("vertex_starts", self._tables.vertices), ("face_starts", faces)):
+            with self._placing[name].writing(len(listed) + 1) as rows:
                 rows[0] = 0
                 np.cumsum(counts[listed], out=rows[1:])
         self._listed = listed
 
     def _blocks(self) -> Iterator[tuple[int, int]]:
-        starts, count, first = self._placing.vertex_starts.array, len(self._listed), 0
+        starts, count, first = self._placing["vertex_starts"].array, len(self._listed), 0
         while first < count:
             last = int(np.searchsorted(starts[: count + 1], starts[first] + self._block, "right")) - 1
             last = min(max(last, first + 1), count)
@@ -299,15 +299,18 @@ class Instances(TriangleSource):
     def _set_up_blocks(self, frame: SceneFrame) -> None:
         """Append the visible triangles of the listed instances. The counters count those too for which there is no room."""
         placed, set_up = _Launches(), _Launches()
-        vertex_starts, face_starts = self._placing.vertex_starts.array, self._placing.face_starts.array
-        view, of_triangles = frame.tables.view, (self._of_triangles, self._depths)
-        inputs = (self._faces, self._vertices, self._placing, view, frame.image, self.made, frame.counted, of_triangles)
-        for block in self._blocks():
-            first, last = block
-            count = int(vertex_starts[last] - vertex_starts[first])
-            placed.events.append(self.stages.place(self._positions, self._placing, view, self._vertices, block, count))
-            count = int(face_starts[last] - face_starts[first])
-            set_up.events.append(self.stages.setup_instances(*inputs, block, count, self.sides))
+        run = self.stages.device.setup_run
+        values = {**frame.values, **self.made.values, **self.sides, **self._placing, "keys": self.made.keys}
+        values |= {"faces": self._faces, "vertices": self._vertices, "room": self.room, "run": run}
+        values |= {"positions": self._positions, "view": frame.tables.view}
+        values |= {"triangle_instances": self._of_triangles, "mean_depths": self._depths}
+        vertex_starts, face_starts = (self._placing[name].array for name in ("vertex_starts", "face_starts"))
+        kernels = ("place", vertex_starts, placed), ("setup_instances", face_starts, set_up)
+        for first, last in self._blocks():
+            for kernel, starts, launches in kernels:
+                begin, end = int(starts[first]), int(starts[last])
+                size = self.stages.runs(end - begin, run)
+                launches.events.append(self.stages.run(kernel, size, values, first=first, last=last))
         frame.events["project"], frame.events["setup"] = placed, set_up
 
     def to_clip(self, count: int) -> Faces:

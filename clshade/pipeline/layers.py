@@ -10,7 +10,7 @@ from ..base.arrays import Array
 from ..images.layers import LAYER_TABLE, Layer
 from .buffers import Buffer, Pool
 from .camera_space import CameraSpace
-from .launches import Stages
+from .launches import Stages, items
 from .layer_buffers import LayerTables
 from .layer_outputs import SURFACE_LAYERS
 from .struct_layout import NAN_POSITION
@@ -71,28 +71,28 @@ class Layers:
         self, found: dict[str, Buffer], surface: SurfaceInputs, owners: Buffer, tiles: int, events: dict[str, Any]
     ) -> None:
         """Enqueue the drawing of the layers into buffers; see `draw`."""
-        count = owners.array.size
+        count, stages = owners.array.size, self._stages
+        values: dict[str, Any] = {"owners": owners, "triangles": surface.triangles, "image": surface.image}
+        values |= {"triangle_instances": surface.triangle_instances, "instances": surface.instances}
         for name, buffer in found.items():
             if name == "Z":
-                events["layer_z"] = self._stages.layer_z(owners, surface.triangles, surface.image, buffer, tiles)
+                events["layer_z"] = stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=buffer)
             elif name not in SURFACE_LAYERS:
-                kernel, *tables = self._kernel_of(name, surface)
-                events[f"layer_{name}"] = self._stages.layer_of_owners(kernel, count, owners, *tables, buffer)
+                kernel, own = self._kernel_of(name, buffer, instanced=surface.instances is not None)
+                events[f"layer_{name}"] = stages.run(kernel, items(count), values, **own, count=count)
         if any(name in SURFACE_LAYERS for name in found):
-            inputs = surface._replace(**self._surface)
-            outputs = [found.get(name) for name in SURFACE_LAYERS]
-            own = self._own.get("mirrored"), self._own.get("scalars")
-            events["surface_layers"] = self._stages.surface_layers(inputs, owners, own, outputs, self._asked, tiles)
+            values |= surface._replace(**self._surface).values()
+            values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}
+            values |= {f"to_{name}": found.get(name) for name in SURFACE_LAYERS}
+            events["surface_layers"] = stages.run("surface_layers", stages.tiles("surface_layers", tiles), values)
 
-    def _kernel_of(self, name: str, surface: SurfaceInputs) -> tuple[Any, ...]:
-        """Return the kernel that makes a layer from owners, and the tables that it reads."""
-        if name == "id" and surface.instances is not None:
-            return "layer_id_of_instances", surface.triangles, surface.triangle_instances, surface.instances
-        if name == "instance_id" and surface.instances is not None:
-            return "layer_instance_id", surface.triangle_instances, surface.instances
+    def _kernel_of(self, name: str, buffer: Buffer, *, instanced: bool) -> tuple[str, dict[str, Buffer | None]]:
+        """Return the kernel that makes a layer from owners, and its arguments that others have not."""
         if name == "id":
-            return "layer_id", surface.triangles
-        return "layer_number", surface.triangles, self._own.get(name)
+            return "layer_id_of_instances" if instanced else "layer_id", {"ids": buffer}
+        if name == "instance_id" and instanced:
+            return "layer_instance_id", {"numbers": buffer}
+        return "layer_number", {"numbers": self._own.get(name), "shown": buffer}
 
     def finish(self, drawn: dict[str, Array], arrays: dict[str, Array], owners: Array, space: CameraSpace) -> None:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from . import clip
 from .buffers import Buffer, wait
 from .camera_space import CameraSpace
 from .frame_state import SceneFrame
-from .launches import Hiding
+from .launches import items
 from .struct_layout import LINE_INSET, MOST_DEPTH, SAMPLE_BITS, SNAP_LIMIT, SUBPIXEL_BITS, Structs
 from .triangle_source import SceneFaces, Triangles
 
@@ -286,7 +287,7 @@ class Lines:
 
         triangles: those that hide lines. painter: whether they do so in painter's order.
         """
-        space, events, vertices = frame.space, frame.events, self._source.vertices
+        space, events, source, vertices = frame.space, frame.events, self._source, self._source.vertices
         stages, device = self._stages, self._stages.device
         chosen = self._chosen(space)
         ends, projected = self._edges.ends[chosen], vertices.projected.to_host()
@@ -303,30 +304,33 @@ class Lines:
             if len(index):  # the first rank of each edge's faces
                 first = np.minimum.reduceat(rank[self._edges.faces], self._edges.starts).astype(np.float64)
                 lines["w"] = -first[index, None]
-        pieces, sides, view = triangles.pieces, self._source.sides, frame.tables.view
-        hiding = Hiding(self._source.faces, vertices.projected, pieces, *sides, ranks, view, self._source.room)
         grid = Buffer(device, line_grid(lines, space, self._asked.steps, stages.structs))
         columns, rows = space.camera.resolution
         shown = Buffer(device, np.zeros((rows, columns, 2), np.uint64))
-        table = Buffer(device, lines)
+        values: dict[str, Any] = {**frame.values, **source.sides, "faces": source.faces, "vertices": vertices.projected}
+        values |= {"pieces": triangles.pieces, "ranks": ranks, "view": frame.tables.view, "face_count": source.room}
+        values |= {"lines": Buffer(device, lines), "grid": grid, "edge_faces": self._edge_faces}
+        values |= {"listed": None, "hiders": None, "writes": False}  # only counted at first
         cells = int(grid.array[0]["across"]) * int(grid.array[0]["up"])
         cursors = [Buffer(device, np.zeros(cells, np.uint32)) for _ in range(2)]
-        stages.list_lines(table, grid, cursors[0], None, len(lines))
-        stages.list_hiders(hiding, grid, cursors[1], None)
+        counts = len(lines), source.room + len(triangles.pieces.array)
+        for name, cells_of, count in zip(("list_lines", "list_hiders"), cursors, counts, strict=True):
+            stages.run(name, items(count), values, cursors=cells_of, count=count)
         starts = []
         for buffer in cursors:
-            counts = buffer.to_host()
-            begin = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
+            begin = np.concatenate([[0], np.cumsum(buffer.to_host(), dtype=np.int64)])
             starts.append(Buffer(device, begin.astype(np.uint32)))
             with buffer.writing() as rows_of:
                 rows_of[:] = begin[:-1]
             if begin[-1] >= 1 << 32:
                 raise DeviceError(f"{device.name}: edges: expected lists of less than 2^32 entries, found {begin[-1]}")
         self._make_room(*(int(buffer.array[-1]) for buffer in starts))
-        events["list_lines"] = stages.list_lines(table, grid, cursors[0], self._listed, len(lines))
-        events["list_hiders"] = stages.list_hiders(hiding, grid, cursors[1], self._hiders)
-        lists = (table, self._edge_faces, starts[0], self._listed, starts[1], self._hiders)
-        events["line_samples"] = stages.line_samples(hiding, frame.image, grid, lists, shown, cells)
+        values |= {"listed": self._listed, "hiders": self._hiders, "writes": True}
+        for name, cells_of, count in zip(("list_lines", "list_hiders"), cursors, counts, strict=True):
+            events[name] = stages.run(name, items(count), values, cursors=cells_of, count=count)
+        values |= {"line_starts": starts[0], "starts": starts[1], "shown": shown}
+        group = 1 if device.is_cpu else 64
+        events["line_samples"] = stages.run("line_samples", (cells * group, group), values)
         wait(device, [events["line_samples"]])  # the tables are freed on return
         return shown
 

@@ -9,11 +9,13 @@ import re
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..base import console
 from ..base.atomic_files import write_bytes
@@ -32,6 +34,8 @@ _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
 # any white space: a macro that nobody reads brings them through.
 _LESS_OPTIMIZED = "-DLESS_OPTIMIZED\t-O1\t-fno-unroll-loops"
 QUICK = "CLSHADE_QUICK_BUILD"  # environment variable: if set, kernels are not optimized; the bits are the same
+_COMMENT = re.compile(r"//.*|/\*.*?\*/")
+_SCALARS = {"int": np.int32, "float": np.float32, "ulong": np.uint64}
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
 
 
@@ -67,8 +71,8 @@ class Program:
     """A built program. kernels: by name. seconds: the time to build it, or to load it if it was `stored` by us or by the
     runtime. warnings: the lines of the build log in which the compiler warns.
 
-    lock: held while a kernel's arguments are set and it is launched. set_by: who set the arguments of each kernel last.
-    launched: identifies the code of each launch that has completed (`Stages._launch`).
+    source: its text. lock: held while a kernel's arguments are set and it is launched. arguments: those of each kernel that
+    were set last. launched: identifies the code of each launch that has completed (`Stages.run`).
     """
 
     features: Features
@@ -77,12 +81,36 @@ class Program:
     kernels: dict[str, Any]
     stored: bool = False
     warnings: tuple[str, ...] = ()
+    source: str = ""
     lock: threading.Lock = field(default_factory=threading.Lock)
-    set_by: dict[str, object] = field(default_factory=dict)
+    arguments: dict[str, tuple[Any, ...]] = field(default_factory=dict)
     launched: set[tuple[Any, ...]] = field(default_factory=set)
+    _parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
+
+    def parameters(self, name: str) -> dict[str, Any]:
+        """Return the NumPy types of a kernel's parameters by their names, in order; None for pointers."""
+        if name not in self._parameters:
+            declared = re.split(rf"\bkernel void {name}\(", self.source)[1].split("{")[0]
+            real = np.float64 if self.features["DOUBLE"] else np.float32
+            self._parameters[name] = dict(self._declared(declared, {**_SCALARS, "real": real}))
+        return self._parameters[name]
+
+    def _declared(self, text: str, types: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+        """Yield the names of parameters, and their types, from OpenCL C that declares them."""
+        for each in _COMMENT.sub("", text).split(","):
+            *kind, name = re.findall(r"\w+|\*", each)
+            if kind:
+                yield name, None if "*" in kind else types[kind[-1]]
+            elif name == "SURFACE_PARAMETERS":  # declared under conditions
+                casters, instances = (bool(self.features[each]) for each in ("CASTERS", "INSTANCES"))
+                yield from dict.fromkeys(surface_inputs.parameters(casters=casters, instances=instances)).items()
+            else:
+                macro = re.search(rf"#define {name}\b((?:.*\\\n)*.*)", self.source)
+                assert macro is not None, name
+                yield from self._declared(macro[1], types)
 
 
 Rewriting = Callable[[str, Sequence[str]], "str | None"]
@@ -222,7 +250,7 @@ def _build(device: Device, features: Features, flat: str, lanes: int) -> Program
         for line in warned:
             console.detail(f"the compiler warns: {line}")
         taken = time.perf_counter() - start
-        _built[key] = Program(features, lanes, taken, kernels, stored, warned)
+        _built[key] = Program(features, lanes, taken, kernels, stored, warned, source)
         console.detail(
             f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
         )

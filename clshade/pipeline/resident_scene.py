@@ -22,7 +22,7 @@ from .launches import Stages, lookup_stages
 from .light_points import AXIS, LightTable, disc_radii, sides_of, write_pattern
 from .scene_buffers import Packed
 from .struct_layout import SAMPLE_BITS, SHADOW_REACH, SINGLE, Structs
-from .triangle_source import SceneFaces, TriangleSource
+from .triangle_source import NO_SIDES, SceneFaces, TriangleSource
 
 _LARGEST = 2.0**90  # products of three coordinates stay within float32's range
 _NARROWEST = 2.0**-40  # of the viewing direction's part of a ray: the part across the image is at most 1
@@ -167,7 +167,7 @@ class ResidentScene:
         """Return where the triangles come from, and the size of what stays of it."""
         positions = Buffer(self.device, packed.positions)
         sided = self.features["SIDES"]
-        sides = (self.inputs["face_materials"], self.inputs["materials"]) if sided else (None, None)
+        sides = {name: self.inputs[name] for name in NO_SIDES} if sided else NO_SIDES
         if packed.instances is None:
             return SceneFaces(self.stages, positions, self.faces, sides), positions.array.nbytes
         pixels, painter = math.prod(self.scene.camera.resolution), not self.features["DEPTH_TEST"]
@@ -198,7 +198,8 @@ class ResidentScene:
         table["nearest"] = 0  # see `ignored`
         textures, texels = Buffer(self.device, table), Buffer(self.device, np.asarray(packed.texels))
         stages = lookup_stages(self.device, self.features, self.stages.lanes)
-        stages.bilerp(uvs, texture_of, textures, texels, looked_up, len(rows))
+        values = {"uvs": uvs, "texture_of": texture_of, "textures": textures, "texels": texels, "colors": looked_up}
+        stages.run("bilerp", stages.vectors(len(rows)), values, count=len(rows))
         colors[rows, :3] *= looked_up.to_host()[:, :3]
         return colors
 

@@ -20,7 +20,7 @@ from .opencl.device import Device
 from .programs import build
 from .surface_inputs import SurfaceInputs
 from .tile_lists import DepthOrder, TileLists, draw_sorted
-from .triangle_source import Triangles
+from .triangle_source import Triangles, set_up_pieces
 
 _SUBPIXELS = 1 << struct_layout.SUBPIXEL_BITS
 _ONES = np.ones(3)
@@ -103,8 +103,9 @@ def light_point(device: Device, around: PointLighting, normal: Floats, color: Fl
     points, normals = Buffer(device, lit.relative), _four(device, unit(normal[None]))
     colors = _four(device, color[None])
     result = Buffer.empty(device, (1, 4), np.float32)
-    needed = _features("phong", around).needs
-    stages.light(points, normals, colors, lit.materials, lit.lights, needed, result, lit.unit, lit.count, 1)
+    inputs = {"points": points, "normals": normals, "colors": colors, "materials": lit.materials, "lights": lit.lights}
+    numbers = {"needs": _features("phong", around).needs, "unit": lit.unit, "light_count": lit.count, "count": 1}
+    stages.run("light", stages.vectors(1), inputs, lit=result, **numbers)
     return result.to_host()[0, :3].astype(np.float64)
 
 
@@ -115,14 +116,17 @@ class Lookup:
         self._device = device
         self._stages = lookup_stages(device, _features("nolight", NOWHERE))
         table, texels = shading_tables.texture_tables([texture])
-        self._textures, self._texels = Buffer(device, table), Buffer(device, texels)
+        self._tables = {"textures": Buffer(device, table), "texels": Buffer(device, texels)}
 
     def __call__(self, uvs: Floats) -> Floats:
         """Return the colors (K, 3), float64, at texture coordinates (K, 2)."""
         device, count = self._device, len(uvs)
         colors = Buffer.empty(device, (count, 4), np.float32)
-        inputs = Buffer(device, shading_tables.split(uvs)), Buffer(device, np.zeros(count, np.int32))
-        self._stages.bilerp(*inputs, self._textures, self._texels, colors, count)
+        own = {
+            "uvs": Buffer(device, shading_tables.split(uvs)),
+            "texture_of": Buffer(device, np.zeros(count, np.int32)),
+        }
+        self._stages.run("bilerp", self._stages.vectors(count), {**self._tables, **own}, colors=colors, count=count)
         return colors.to_host()[:, :3].astype(np.float64)
 
 
@@ -228,7 +232,7 @@ def _draw(
     rgba = Buffer.empty(device, (rows, columns, 4), np.float32)
     frame = FrameInFlight(image, Buffer(device, np.zeros(1, struct_layout.SINGLE.Counters)), rgba)
     on_device = Buffer(device, pieces)
-    stages.setup_pieces(on_device, image, made, frame.counted, 1, len(pieces))
+    set_up_pieces(stages, on_device, frame, made, 1)
     visible = int(frame.read_counters()["visible"])
     if not visible:
         return None

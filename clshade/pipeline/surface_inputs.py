@@ -55,17 +55,15 @@ class SurfaceInputs(NamedTuple):
     shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
     shadow_hemisphere: Annotated[Buffer | None, "Light"] = None  # 1, the rays of ambient occlusion: see hemisphere_row
 
-    def arguments(self, *, casters: bool, instances: bool = False) -> tuple[Buffer | None, ...]:
-        """Return the arguments of a kernel with or without CASTERS and INSTANCES."""
-        left_out = CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
-        return tuple(
-            self.faces if value is None and name in INDICES else value
-            for name, value in zip(self._fields, self, strict=True)
-            if name not in left_out
-        )
+    def values(self) -> dict[str, Buffer | None]:
+        """Return the arguments of a kernel by name."""
+        values = self._asdict()
+        for name in ("normal_faces", "uv_faces"):
+            if values[name] is None:
+                values[name] = self.faces
+        return values
 
 
-INDICES = ("normal_faces", "uv_faces")
 INSTANCES_ALONE = (
     "triangle_instances",
     "instances",
@@ -77,22 +75,28 @@ INSTANCES_ALONE = (
 CASTERS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
 
 
+def parameters(*, casters: bool, instances: bool) -> list[str]:
+    """Return the names of SURFACE_PARAMETERS, with CASTERS or with INSTANCES or without."""
+    left_out = CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
+    return [name for name in SurfaceInputs._fields if name not in left_out]
+
+
 @cache
 def macros() -> str:
     """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
     hints = get_type_hints(SurfaceInputs, include_extras=True)
-    every = {name: f"global const {hint.__metadata__[0]} *{name}" for name, hint in hints.items()}
 
-    def without(*names: str) -> str:
-        declared = {name: member for name, member in every.items() if name not in names}
+    def definitions(*, casters: bool = False, instances: bool = False) -> str:
+        names = parameters(casters=casters, instances=instances)
+        members = [f"global const {hints[name].__metadata__[0]} *{name}" for name in names]
         return (
-            f"#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
-            f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(declared)}}}\n"
-            f"#define SURFACE_MEMBERS ulong needs; {' '.join(f'{member};' for member in declared.values())}\n"
+            f"#define SURFACE_PARAMETERS {', '.join(members)}\n"
+            f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(names)}}}\n"
+            f"#define SURFACE_MEMBERS ulong needs; {' '.join(f'{member};' for member in members)}\n"
         )
 
     return (
-        f"#if CASTERS\n{without(*INSTANCES_ALONE)}"
-        f"#elif INSTANCES\n{without(*CASTERS_ALONE)}"
-        f"#else\n{without(*INSTANCES_ALONE, *CASTERS_ALONE)}#endif\n"
+        f"#if CASTERS\n{definitions(casters=True)}"
+        f"#elif INSTANCES\n{definitions(instances=True)}"
+        f"#else\n{definitions()}#endif\n"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..errors import DeviceError
 from .buffers import LEAST_INDEX_BITS, Buffer, TriangleBuffers
 from .features import needs
 from .frame_state import FrameInFlight
-from .launches import Chunks, Stages
+from .launches import Stages
 from .opencl.device import Device
 from .programs import running_time
 from .surface_inputs import SurfaceInputs
@@ -123,7 +123,8 @@ class TileLists:
         self._most_chunks = max(self._usual_chunks, _MOST_CHUNKS)
         self.starts = self._empty(0, np.uint32)
         self._sums, self.entries = self._empty(0, np.uint64), self._empty(0, stages.structs.Entry)
-        self._chunks = Chunks(0, 0, 0, self._empty(0, np.uint32), self._empty(self._most_chunks, np.uint32))
+        self._counts, self._made = self._empty(0, np.uint32), self._empty(self._most_chunks, np.uint32)
+        self._values: dict[str, Any] = {}  # arguments of kernels: chunks, each of which a work-item counts and writes
 
     def _empty(self, count: int, dtype: Any) -> Buffer:
         return Buffer.empty(self._stages.device, count, dtype)
@@ -133,19 +134,19 @@ class TileLists:
         """Number of entries that fit."""
         return len(self.entries.array)
 
-    def _split(self, count: int, tiles: int, multiple: int = 1) -> Chunks:
+    def _split(self, count: int, tiles: int, multiple: int = 1) -> None:
         """Split so many triangles into chunks of a multiple of triangles, with memory for the counts of the tiles."""
-        chunks = self._chunks
         most = min(max(self._usual_chunks, count // _LARGE_CHUNK), self._most_chunks, max(2, _COUNTS_BUDGET // tiles))
         number = max(1, min(count // _LEAST_CHUNK, most))
-        chunks.count, chunks.size = count, -(-count // (number * multiple)) * multiple
-        chunks.number = -(-count // chunks.size)
-        if len(chunks.counts.array) < chunks.number * (tiles + 1):
-            chunks.counts = self._empty(chunks.number * (tiles + 1), np.uint32)
-        parts = min(-(-chunks.number * tiles // _SCAN_RUN), _MOST_PARTS)
+        size = -(-count // (number * multiple)) * multiple
+        number = -(-count // size)
+        if len(self._counts.array) < number * (tiles + 1):
+            self._counts = self._empty(number * (tiles + 1), np.uint32)
+        parts = min(-(-number * tiles // _SCAN_RUN), _MOST_PARTS)
         if len(self._sums.array) != parts:
             self._sums = self._empty(parts, np.uint64)
-        return chunks
+        self._values = {"count": count, "chunk_size": size, "chunks": number, "made": self._made, "sums": self._sums}
+        self._values |= {"counts": self._counts, "cursors": self._counts, "starts": self.starts}
 
     def _make_starts(self, tiles: int) -> None:
         if len(self.starts.array) != tiles + 1:
@@ -153,11 +154,9 @@ class TileLists:
 
     def _scan(self, frame: FrameInFlight, *, stops_to_clip: bool) -> None:
         """Find where each tile's list begins, and each chunk's part of it."""
-        chunks, events = self._chunks, frame.events
-        if len(self._sums.array) > 1:
-            events["bin_sums"] = self._stages.bin_sums(frame.image, chunks, self._sums)
-        arguments = (frame.image, self._sums, chunks, self.starts, frame.counted, stops_to_clip)
-        events["bin_scan"] = self._stages.bin_scan(*arguments)
+        parts, values = len(self._sums.array), {"stops_to_clip": stops_to_clip}
+        for kernel in ("bin_sums", "bin_scan") if parts > 1 else ("bin_scan",):
+            frame.events[kernel] = self._run(kernel, frame, values, parts)
 
     def count(self, order: Buffer, triangles: Triangles, frame: FrameInFlight) -> None:
         """Count the entries of each tile, of the triangles in an order, and find where its list begins."""
@@ -166,29 +165,35 @@ class TileLists:
             with self.starts.writing() as rows:
                 rows[:] = 0
             return
-        chunks = self._split(triangles.visible, frame.tiles)
-        frame.events["bin_count"] = self._stages.bin_count(order, triangles.made, frame.image, chunks)
+        self._split(triangles.visible, frame.tiles)
+        values = {**triangles.made.values, "order": order, "sorted": triangles.made.sorted_bounds}
+        frame.events["bin_count"] = self._run("bin_count", frame, values)
         self._scan(frame, stops_to_clip=False)
 
     def fill(self, order: Buffer, triangles: Triangles, frame: FrameInFlight) -> None:
         """Write the lists."""
         if triangles.visible:
-            arguments = (order, triangles.made, frame.image, self._chunks, self.entries, frame.counted)
-            frame.events["bin_fill"] = self._stages.bin_fill(*arguments)
+            made = triangles.made
+            values = {**made.values, "order": order, "sorted": made.sorted_bounds, "lists": self.entries}
+            frame.events["bin_fill"] = self._run("bin_fill", frame, values)
 
     def set_up(self, source: SceneFaces, frame: FrameInFlight) -> None:
         """Set up the triangles of faces, count the entries of each tile, and find where its list begins. If there are
         faces to clip, the counters show more entries than any list has room for."""
         self._make_starts(frame.tiles)
-        chunks = self._split(source.room, frame.tiles, multiple=self._stages.lanes)
-        arguments = (source.faces, source.vertices, frame.image, source.made, frame.counted, chunks, source.sides)
-        frame.events["setup"] = self._stages.setup_count(*arguments)
+        self._split(source.room, frame.tiles, multiple=self._stages.lanes)
+        values = {**source.made.values, **source.sides, "faces": source.faces, "vertices": source.vertices.projected}
+        frame.events["setup"] = self._run("setup_count", frame, values)
         self._scan(frame, stops_to_clip=True)
 
     def fill_unsorted(self, made: TriangleBuffers, frame: FrameInFlight) -> None:
         """Write the lists after `set_up`."""
-        arguments = (made, frame.image, self._chunks, self.entries, frame.counted)
-        frame.events["bin_fill"] = self._stages.fill_lists(*arguments)
+        frame.events["bin_fill"] = self._run("fill_lists", frame, {**made.values, "lists": self.entries})
+
+    def _run(self, kernel: str, frame: FrameInFlight, values: Mapping[str, Any], items: int | None = None) -> Any:
+        """Enqueue a kernel, each work-item in a work-group of its own; by default there is one for each chunk."""
+        size = items or self._values["chunks"], 1
+        return self._stages.run(kernel, size, {**frame.values, **self._values, **values})
 
     def make_room_for(self, entries: int, frame: FrameInFlight) -> None:
         """Make room for the entries of a frame, whose lists are to be filled again. Raises DeviceError."""
@@ -219,15 +224,18 @@ class TileLists:
         """Enqueue the pixel stage. order: (T,) the triangles whose corners Gouraud's shading lights first, of which there
         are `visible`. shown: the samples that show lines."""
         stages, features, events = self._stages, self._stages.pixel_features, frame.events
-        tile = (self.entries, self.starts, frame.rgba, frame.owners, frame.counted, shown)
         name = "phong" if features["PHONG"] else "pbr" if features["PBR"] else "gouraud"
         if name == "gouraud" and order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
             corners, light = 3 * len(inputs.triangles.array), self._corner_light
             if light is None or len(light.array) < corners:
                 light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
             inputs = inputs._replace(corner_light=light)
-            events["gouraud_corners"] = stages.gouraud_corners(inputs, order, light, visible)
-        events[name] = stages.shade(name, inputs, tile, frame.tiles)
+            corner = {"order": order, "to_light": light, "count": visible}
+            size = stages.vectors(visible)
+            events["gouraud_corners"] = stages.run("gouraud_corners", size, inputs.values(), **corner)
+        values = {**inputs.values(), **frame.values, "lists": self.entries, "starts": self.starts, "shown": shown}
+        values |= {"rgba": frame.rgba, "owners": frame.owners}
+        events[name] = stages.run(name, stages.pixels(name, frame.tiles), values)
         frame.inputs = inputs
 
 

@@ -55,7 +55,7 @@ def _fuses(device: Device) -> bool:
     program = build_text(device, Features.of(), FUSED)
     x = np.repeat(np.array([1 + 2.0**-12, 1 + 2.0**-11], np.float32), device.lanes)
     given, found = Buffer(device, x), Buffer(device, np.zeros(device.lanes, np.float32))
-    Stages(device, program).fused_lanes(given, found)
+    Stages(device, program).run("fused_lanes", (1, 1), x=given, y=found)
     return bool((found.to_host() == np.float32(2.0**-24)).all())
 
 

@@ -3,14 +3,64 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..base.arrays import Array, Floats, Integers
-from .buffers import Buffer, TriangleBuffers, VertexBuffers
-from .frame_state import SceneFrame
-from .launches import Sides, Stages
+from . import host_projection
+from .buffers import Buffer, TriangleBuffers, VertexBuffers, wait
+from .features import needs
+from .frame_state import FrameInFlight, SceneFrame
+from .launches import Stages, items
+
+Sides = Mapping[str, "Buffer | None"]
+NO_SIDES: Sides = {"face_materials": None, "materials": None}
+
+
+def project(stages: Stages, positions: Buffer, view: Buffer, vertices: VertexBuffers) -> Any:
+    """Project the vertices. On a device without float64 the host does it, and there is no event."""
+    if stages.device.has_fp64:
+        count = len(positions.array)
+        values = {"positions": positions, "view": view, "vertices": vertices.projected, "relative": vertices.relative}
+        return stages.run("project", items(count), values, count=count)
+    orthographic = needs(view.array[0]["needs"], "ORTHOGRAPHIC")
+    with vertices.projected.writing() as projected, vertices.relative.writing() as relative:
+        host_projection.project(positions.array, view.array[0], orthographic, projected, relative)
+    return None
+
+
+def set_up(
+    stages: Stages, faces: Buffer, vertices: VertexBuffers, made: TriangleBuffers, values: Mapping[str, Any]
+) -> Any:
+    """Set up the triangles of faces, and write their keys. values: further arguments of the kernel by name."""
+    device, count, means = stages.device, len(faces.array), None
+    if not (device.has_fp64 or stages.features["DEPTH_TEST"]):
+        z = vertices.projected.array["depth"][faces.array]
+        means = Buffer(device, ((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)
+    inputs = {**values, "faces": faces, "vertices": vertices.projected, "mean_depths": means}
+    size = stages.runs(count, device.setup_run)
+    event = stages.run("setup", size, {**inputs, **made.values}, keys=made.keys, count=count)
+    if means is not None:
+        wait(device, [event])  # `means` is freed on return
+    return event
+
+
+def set_up_pieces(
+    stages: Stages,
+    pieces: Buffer,
+    frame: FrameInFlight,
+    made: TriangleBuffers,
+    face_count: int,
+    sides: Sides = NO_SIDES,
+) -> None:
+    """Set up the triangles of pieces, (C,) of structs.Piece, after those of so many faces."""
+    count = len(pieces.array)
+    values = {**frame.values, **made.values, **sides, "pieces": pieces, "face_count": face_count}
+    size = items(count, stages.lanes_of("setup_pieces"))
+    stages.run("setup_pieces", size, values, keys=made.keys, count=count)
 
 
 @dataclass(frozen=True)
@@ -39,7 +89,7 @@ class TriangleSource(ABC):
     """Projects a scene's vertices and sets up its triangles, in memory that is kept from frame to frame.
 
     room: number of faces that there is memory for at first. made: the memory of faces, and of pieces of clipped ones.
-    sides: see Sides.
+    sides: face_materials and materials, None unless some material is drawn from the front only.
     """
 
     def __init__(self, stages: Stages, room: int, sides: Sides) -> None:
@@ -125,13 +175,12 @@ class SceneFaces(TriangleSource):
 
     def project(self, frame: SceneFrame) -> None:
         if self.room:
-            count = len(self.positions.array)
-            frame.events["project"] = self.stages.project(self.positions, frame.tables.view, self.vertices, count)
+            frame.events["project"] = project(self.stages, self.positions, frame.tables.view, self.vertices)
 
     def set_up(self, frame: SceneFrame) -> None:
         if self.room:
-            arguments = (self.faces, self.vertices, frame.tables.view, frame.image, self.made, frame.counted, self.room)
-            frame.events["setup"] = self.stages.setup(*arguments, self.sides)
+            values = {**frame.values, **self.sides, "view": frame.tables.view}
+            frame.events["setup"] = set_up(self.stages, self.faces, self.vertices, self.made, values)
 
     def to_clip(self, count: int) -> Faces:
         numbers = np.sort(self.made.to_clip.to_host(count))

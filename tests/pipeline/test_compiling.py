@@ -19,7 +19,7 @@ from clshade.base import console
 from clshade.pipeline import programs
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.features import Features
-from clshade.pipeline.launches import Stages
+from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.opencl import environment
 from clshade.pipeline.opencl.cache_slots import MARK
 from clshade.pipeline.opencl.device import Device
@@ -160,10 +160,23 @@ def test_a_kernel_for_wide_grids_is_another(calls: list[tuple[str, bool]], opene
     for count in (64, 64, 70_000, 70_000):
         calls.clear()
         owners, numbers, shown = (Buffer(opened, np.zeros(count, np.int32)) for _ in range(3))
-        stages.layer_of_owners("layer_number", count, owners, owners, numbers, shown)
+        inputs = {"owners": owners, "numbers": numbers}
+        stages.run("layer_number", items(count), {**inputs, "shown": shown}, triangles=owners, count=count)
         opened.queue.finish()
         marked += [mark for _, mark in calls]
     assert marked == [True, False, True, False]
+
+
+@pytest.mark.parametrize("feature", ["DEPTH_TEST", "CASTERS", "INSTANCES"])
+def test_parameters_are_read_from_the_source(device: Device, feature: str) -> None:
+    """As many as the runtime counts, those of macros included."""
+    files = ("project.cl", "setup.cl", "bin.cl", "surface_layers.cl")
+    program = programs.build(device, Features.of({feature}), files, lanes=1)
+    for name, kernel in program.kernels.items():
+        assert len(program.parameters(name)) == kernel.num_args, name
+    assert program.parameters("bin_sums") == {"image": None, "counts": None, "sums": None, "chunks": np.int32}
+    surface = program.parameters("surface_layers")
+    assert ("shadow_nodes" in surface, "object_normals" in surface) == (feature == "CASTERS", feature == "INSTANCES")
 
 
 def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytest.MonkeyPatch) -> None:

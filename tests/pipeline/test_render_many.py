@@ -95,18 +95,18 @@ def test_the_next_frame_is_enqueued_before_the_last_is_complete(device, monkeypa
         cameras = [looking(-4.0) for _ in range(4)]
         renderer.render_many(cameras)
         happened = []
-        launch = Stages._launch
+        launch = Stages.run
 
-        def noted(self, name, *arguments):
+        def noted(self, name, *arguments, **values):
             happened.append(name)
-            return launch(self, name, *arguments)
+            return launch(self, name, *arguments, **values)
 
         def waited(*arguments):
             happened.append("wait")
             return wait(*arguments)
 
         wait = frame_queue.wait
-        monkeypatch.setattr(Stages, "_launch", noted)
+        monkeypatch.setattr(Stages, "run", noted)
         monkeypatch.setattr(frame_queue, "wait", waited)
         renderer.render_many(cameras)
     notable = [name for name in happened if name in ("project", "layer_z", "wait")]
@@ -286,7 +286,7 @@ def test_refusals_name_the_field_before_anything_is_drawn(device, case, monkeypa
     if case == "one memory for two":
         out = {**out, "Z": out["id"].view(np.float32)}
     with open_cloud(device) as renderer:
-        monkeypatch.setattr(Stages, "_launch", None)
+        monkeypatch.setattr(Stages, "run", None)
         with pytest.raises(InputError, match=rf"^Renderer.render_many: {re.escape(message)}[^\n]*$"):
             renderer.render_many([looking(-4.0)] * cameras if isinstance(cameras, int) else cameras, out)
 
@@ -296,7 +296,7 @@ def test_a_camera_that_float64_cannot_hold_is_refused_before_anything_is_drawn(d
     near = Camera((1.7e308, 0, 1e307), (1.7e308, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (SIZE, SIZE))
     far = replace(near, eye=(-1.7e308, 0, 1e307), lookat=(-1.7e308, 0, 0))
     with Renderer(Scene((corner,), near), device=device, shader="nolight", layers=LAYERS) as renderer:
-        monkeypatch.setattr(Stages, "_launch", None)
+        monkeypatch.setattr(Stages, "run", None)
         with pytest.raises(InputError, match="expected coordinates whose differences float64 can hold"):
             renderer.render_many([near, far])
 
@@ -315,10 +315,10 @@ def test_an_interrupt_leaves_the_renderer_usable(device, monkeypatch, at):
     cameras = [looking(back) for back in (*FAR, -0.5, -4.0)]
     with open_cloud(device) as renderer:
         expected = [renderer.render(camera) for camera in cameras]
-        launch, calls = Stages._launch, []
+        launch, calls = Stages.run, []
 
-        def interrupted(self, name, *arguments):
-            event = launch(self, name, *arguments)
+        def interrupted(self, name, *arguments, **values):
+            event = launch(self, name, *arguments, **values)
             calls.append(name)
             if len(calls) > at:
                 raise KeyboardInterrupt
@@ -326,7 +326,7 @@ def test_an_interrupt_leaves_the_renderer_usable(device, monkeypatch, at):
 
         out = {"rgba": np.zeros((5, SIZE, SIZE, 4), np.float32)}
         with monkeypatch.context() as patch:
-            patch.setattr(Stages, "_launch", interrupted)
+            patch.setattr(Stages, "run", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 renderer.render_many(cameras, out)
         assert same_bits(renderer.render(cameras[1]), expected[1])

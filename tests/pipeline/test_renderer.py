@@ -122,16 +122,16 @@ def test_an_error_on_the_way_leaves_the_renderer_usable(device, monkeypatch, sta
         pytest.skip("this device always sorts")
     with Renderer(SCENE, device=device, visibility=visibility) as renderer:
         expected = renderer.render().rgba.copy()
-        launch = Stages._launch
+        launch = Stages.run
 
-        def interrupted(self, name, *arguments):
-            event = launch(self, name, *arguments)
+        def interrupted(self, name, *arguments, **values):
+            event = launch(self, name, *arguments, **values)
             if name == stage:
                 raise KeyboardInterrupt
             return event
 
         with monkeypatch.context() as patch:
-            patch.setattr(Stages, "_launch", interrupted)
+            patch.setattr(Stages, "run", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 renderer.render()
         assert np.array_equal(renderer.render().rgba, expected)

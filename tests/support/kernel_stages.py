@@ -9,10 +9,10 @@ import pyopencl as cl
 import pytest
 
 from clshade.oracle import transform
-from clshade.pipeline import struct_layout
+from clshade.pipeline import struct_layout, triangle_source
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
 from clshade.pipeline.features import CHOICES, OPTIONAL, Features
-from clshade.pipeline.launches import Chunks, Stages
+from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
 from clshade.pipeline.surface_inputs import SurfaceInputs
@@ -144,7 +144,7 @@ def project(device: Device, positions: Array, camera: Camera, near: float, scale
     stages = Stages(device, build(device, mask(), ("project.cl",)))
     vertices, points = VertexBuffers(device, len(positions)), Buffer(device, positions)
     view = view_of(device, camera, near, scale, DOUBLE_POSITIONS=positions.dtype == np.float64)
-    stages.project(points, view, vertices, len(positions))
+    triangle_source.project(stages, points, view, vertices)
     vertices.projected.to_host()
     vertices.relative.to_host()
     return vertices
@@ -214,7 +214,9 @@ class Pipeline:
         table = np.zeros(1, self.structs.View)
         table["near"] = near
         view = Buffer(self.device, table)
-        self.stages.setup(self.faces, vertices, view, self.image, self.made, self.counted, len(faces))
+        self.frame = {"image": self.image, "counters": self.counted}
+        values = {**self.frame, **triangle_source.NO_SIDES, "view": view}
+        triangle_source.set_up(self.stages, self.faces, vertices, self.made, values)
         self.counters = self.counted.to_host()[0].copy()
         self.visible = int(self.counters["visible"])
         return self.counters
@@ -243,15 +245,17 @@ class Pipeline:
             return [np.zeros(0, np.int32)] * self.tiles
         # Prior contents of memory must not matter, and empty tiles add to the count so far.
         counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles + 1), 7, np.uint32))
-        split = Chunks(self.visible, chunk, chunks, counts, Buffer(self.device, np.zeros(chunks, np.uint32)))
+        values = {**self.made.values, **self.frame, "order": self.order, "sorted": self.made.sorted_bounds}
+        values |= {"count": self.visible, "chunk_size": chunk, "chunks": chunks, "counts": counts, "cursors": counts}
+        run = self.stages.run
         empty = int(self.counted.to_host()["empty_tiles"][0])
-        self.stages.bin_count(self.order, self.made, self.image, split)
+        run("bin_count", (chunks, 1), values)
         table = counts.to_host()[:, :-1].copy()
         self.starts = Buffer(self.device, np.full(self.tiles + 1, 7, np.uint32))
         sums = Buffer(self.device, np.full(parts, 7, np.uint64))
         if parts > 1:
-            self.stages.bin_sums(self.image, split, sums)
-        self.stages.bin_scan(self.image, sums, split, self.starts, self.counted, stops_to_clip=False)
+            run("bin_sums", (parts, 1), values, sums=sums)
+        run("bin_scan", (parts, 1), values, sums=sums, starts=self.starts, stops_to_clip=False)
         # Ordered by tile, then by chunk, each begins where the previous one ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
         assert np.array_equal(counts.to_host()[:, :-1], begin[:-1].reshape(self.tiles, chunks).T)
@@ -261,7 +265,7 @@ class Pipeline:
         self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
-        self.stages.bin_fill(self.order, self.made, self.image, split, self.lists, self.counted)
+        run("bin_fill", (chunks, 1), values, lists=self.lists)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> SurfaceInputs:
@@ -289,12 +293,10 @@ class Pipeline:
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.counted.writing() as table:
             table["next_tile"] = table["saturated"] = 0
-        tile = (self.lists, self.starts, rgba, owners, self.counted, None)
         surface = self.surface(**arrays)._replace(corner_light=corner_light)
-        if self.features["PHONG"]:
-            self.stages.shade("phong", surface, tile, self.tiles)
-        else:
-            self.stages.shade("gouraud", surface, tile, self.tiles)
+        values = {**surface.values(), **self.frame, "lists": self.lists, "starts": self.starts, "shown": None}
+        name = "phong" if self.features["PHONG"] else "gouraud"
+        self.stages.run(name, self.stages.pixels(name, self.tiles), values, rgba=rgba, owners=owners)
         self.counters = self.counted.to_host()[0].copy()
         found = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()

@@ -58,13 +58,13 @@ _ALL = _UNCHOSEN + _LOADED + _HALVED
 # wrote it (`planted` shows that too). Buffers are kept alive, so that none reuses another's memory.
 _kept: list[Any] = []
 _said: set[str] = set()
-_flatten, _launch = programs.flatten, launches.Stages._launch
+_flatten, _run = programs.flatten, launches.Stages.run
 ran: dict[str, int] = {}
 
 
-def launched(self: Any, name: str, *arguments: Any) -> Any:
+def launched(self: Any, name: str, *arguments: Any, **values: Any) -> Any:
     ran[name] = ran.get(name, 0) + 1
-    return _launch(self, name, *arguments)
+    return _run(self, name, *arguments, **values)
 
 
 def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
@@ -78,7 +78,7 @@ def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
 
 def prepare() -> None:
     programs.flatten = lambda names: told(_flatten(names))  # type: ignore[assignment]
-    launches.Stages._launch = launched  # type: ignore[method-assign]
+    launches.Stages.run = launched  # type: ignore[method-assign]
     buffer = cl.Buffer
 
     def kept(*arguments: Any, **options: Any) -> Any:

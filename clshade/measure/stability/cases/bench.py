@@ -102,9 +102,11 @@ class Bench:
         vectors[..., :3] = points, normals, np.ones_like(points)
         # Bound to names, so that the memory outlives the kernel.
         at, facing, tint = (Buffer(self.device, each) for each in shading_tables.to_real(vectors))
-        surface, shining = Buffer(self.device, material), Buffer(self.device, lights)
+        inputs = {"points": at, "normals": facing, "colors": tint}
+        inputs |= {"materials": Buffer(self.device, material), "lights": Buffer(self.device, lights)}
         lit = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
-        stages.light(at, facing, tint, surface, shining, features.needs, lit, 1.0, 1, len(points))
+        numbers = {"needs": features.needs, "unit": 1.0, "light_count": 1, "count": len(points)}
+        stages.run("light", stages.vectors(len(points)), inputs, lit=lit, **numbers)
         values: Array = lit.to_host()[:, 0].copy()
         return values
 
