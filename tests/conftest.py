@@ -17,8 +17,8 @@ from processes import OPEN, ROOT, python
 from clshade import course
 from clshade.base import console
 from clshade.errors import DeviceError
-from clshade.pipeline import programs
-from clshade.pipeline.opencl import cache_slots, environment
+from clshade.pipeline import programs, scene_drawing
+from clshade.pipeline.opencl import environment, program_store
 from clshade.pipeline.opencl.device import Device, open_device
 
 if "PYTEST_XDIST_WORKER" in os.environ:
@@ -27,7 +27,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 hypothesis.settings.register_profile("unhurried", deadline=None)  # other processes take their time from an example
 hypothesis.settings.load_profile("unhurried")
 
-cache_slots.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
+scene_drawing._MOST_LIT = 0  # no program for one scene alone
+os.environ[programs.AHEAD] = "0"
+program_store.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 
 
 # With all tests these take longest, one to several minutes each. They begin first, or else one of them may be left at the
@@ -77,8 +79,7 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 
 def programs_needed() -> int:
     """Return how many programs were built or loaded since the tests began, by all processes with this cache."""
-    stored = environment.cache_root().glob("slot-*/binaries/*")
-    return len({path.name for path in stored if path.stat().st_mtime >= _began})
+    return sum(path.stat().st_mtime >= _began for path in environment.cache_root().glob("programs/*"))
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -124,8 +125,8 @@ def unwarned() -> None:
     only we store, rather than the runtime, the log is lost: it is checked when it is compiled."""
     build = programs._build
 
-    def checked(*arguments: Any) -> programs.Program:
-        program = build(*arguments)
+    def checked(*arguments: Any, **options: Any) -> programs.Program:
+        program = build(*arguments, **options)
         assert not program.warnings, "\n".join(program.warnings)
         return program
 

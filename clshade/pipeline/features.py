@@ -548,9 +548,10 @@ class Features:
         """Return whether any feature of one of GROUPS is needed."""
         return any(self[name] for name in GROUPS[group])
 
-    def options(self) -> list[str]:
-        """Return -D options of the OpenCL build."""
-        return [*(f"-D{name}={value}" for name, value in self.values), "-DLEFT_OUT=0UL"]
+    def options(self, needs: int = -1) -> list[str]:
+        """Return -D options of the OpenCL build. needs: the conditions at run time that are compiled in."""
+        left_out = sum(1 << bit for bit in _BITS.values()) & ~needs
+        return [*(f"-D{name}={value}" for name, value in self.values), f"-DLEFT_OUT={left_out}UL"]
 
 
 def needs(word: int, name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -29,14 +30,19 @@ Size = tuple[int, int]  # work-items of a launch, in one dimension, and of a wor
 
 
 def scene_stages(
-    device: Device, features: Features, lanes: int | None = None, layers: Features | None = None
+    device: Device,
+    features: Features,
+    lanes: int | None = None,
+    layers: Features | None = None,
+    *,
+    first: bool = False,
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
-    program of surface_layers.cl, None if it is not needed."""
+    program of surface_layers.cl, None if it is not needed. first: whether they may be those of `first_picture`."""
     files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
-    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files)
+    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files, needs=-1 if first else None)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    programs = [build(device, features.compiled(), (pixels,), lanes=lanes)]
+    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=features.needs if first else None)]
     if layers is not None:
         programs.append(build(device, layers.compiled(_LAYER_FEATURES), ("surface_layers.cl",), lanes=lanes))
     if features["LINES"] and device.has_fp64:
@@ -137,7 +143,9 @@ class Stages:
     def _run_first(self, program: Program, code: tuple[Any, ...], size: Size, arguments: list[Any]) -> cl.Event:
         """Launch code that the runtime may have to compile or load first, and wait until it has run."""
         name = code[0]
-        with first_use(self.device, stored=program.stored) as use, program.lock:
+        stored = program.stored
+        guard = stored.first_use() if stored is not None else contextlib.nullcontext()
+        with program.lock, first_use(self.device, stored=stored is not None and name in stored) as use, guard:
             program.arguments.pop(name, None)
             self._set(program, name, arguments)
             event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
@@ -145,4 +153,5 @@ class Stages:
             if self.device.profiling:
                 use.ran = (event.profile.end - event.profile.start) * 1e-9
             program.launched.add(code)
+        program.keep()
         return event

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from ..base import console
-from ..base.atomic_files import write_bytes
-from ..errors import ClshadeError, DeviceError
+from ..errors import DeviceError
 from . import layer_outputs, surface_inputs
 from .features import Features, bit_definitions
 from .kernel_files import kernel_folder
-from .opencl import cache_sharing, environment
+from .opencl import environment, program_store
 from .opencl.device import Device
+from .opencl.program_store import BINARY, StoredProgram
 from .struct_layout import header
 
 # Correctly rounded division and square root if the device offers them; every source turns contraction off by a pragma.
@@ -34,6 +34,7 @@ _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
 # any white space: a macro that nobody reads brings them through.
 _LESS_OPTIMIZED = "-DLESS_OPTIMIZED\t-O1\t-fno-unroll-loops"
 QUICK = "CLSHADE_QUICK_BUILD"  # environment variable: if set, kernels are not optimized; the bits are the same
+AHEAD = "CLSHADE_COMPILE_AHEAD"  # environment variable: 0 turns it off
 _COMMENT = re.compile(r"//.*|/\*.*?\*/")
 _SCALARS = {"int": np.int32, "float": np.float32, "ulong": np.uint64}
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
@@ -68,18 +69,23 @@ def flatten_text(text: str, name: str = "text") -> str:
 
 @dataclass
 class Program:
-    """A built program. kernels: by name. seconds: the time to build it, or to load it if it was `stored` by us or by the
-    runtime. warnings: the lines of the build log in which the compiler warns.
+    """A built program.
 
-    source: its text. lock: held while a kernel's arguments are set and it is launched. arguments: those of each kernel that
-    were set last. launched: identifies the code of each launch that has completed (`Stages.run`).
+    kernels: by name. seconds: the time to build it, or to load it if it was `loaded`. stored: where it is kept on disk, None
+    if it is not. folder, folders: PoCL's cache, and what of it belongs to the program. warnings: the lines of the build log
+    in which the compiler warns. source: its text. lock: held while a kernel's arguments are set and it is launched.
+    arguments: those of each kernel that were set last. launched: identifies the code of each launch that has completed
+    (`Stages.run`).
     """
 
     features: Features
     lanes: int
     seconds: float
     kernels: dict[str, Any]
-    stored: bool = False
+    loaded: bool
+    stored: StoredProgram | None
+    folder: Path | None
+    folders: set[Path]
     warnings: tuple[str, ...] = ()
     source: str = ""
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -89,6 +95,12 @@ class Program:
 
     def __getitem__(self, name: str) -> Any:
         return self.kernels[name]
+
+    def keep(self) -> None:
+        """Store what PoCL has compiled of it."""
+        with contextlib.suppress(OSError):
+            if self.stored is not None and self.folder is not None:
+                self.stored.write(program_store.pack(self.folder, self.folders, self.stored.names))
 
     def parameters(self, name: str) -> dict[str, Any]:
         """Return the NumPy types of a kernel's parameters by their names, in order; None for pointers."""
@@ -129,6 +141,32 @@ def rewriting(rewrite: Rewriting) -> Iterator[None]:
         del _own.rewriting
 
 
+@contextlib.contextmanager
+def first_picture() -> Iterator[None]:
+    """Within a block, let this thread build programs that compile fast where none is at hand: for what the scene needs
+    alone, and without optimization. They take half the time, frames many times as long, and the bits are equal."""
+    _own.first = True
+    try:
+        yield
+    finally:
+        _own.first = False
+
+
+def is_first() -> bool:
+    """Return whether this thread is in a block of `first_picture`."""
+    return getattr(_own, "first", False)
+
+
+def has_first() -> bool:
+    """Return whether this thread has taken programs for a first picture."""
+    return getattr(_own, "has_first", False)
+
+
+def keeps_compiling() -> bool:
+    """Return whether programs are compiled after a picture for the next ones: not in tests, where CI is set."""
+    return os.environ.get(AHEAD, "0" if os.environ.get("CI") else "1") != "0"
+
+
 SLOW = 0.5  # seconds of compiling before a message
 LOADED = 0.02  # seconds within which a runtime finds what it has compiled earlier
 
@@ -155,24 +193,21 @@ class FirstUse:
 
 @contextlib.contextmanager
 def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
-    """Guard a block in which the runtime compiles a program or a kernel, or loads one that it has kept (`stored`, as
-    far as we know), until it has run: time it, print a message if it takes long, and protect the cache."""
-    slot = environment.prepare()
+    """Guard a block in which the runtime compiles a program or a kernel, or loads a stored one, until it has run: time it,
+    and print a message if compiling takes long."""
     use, start = FirstUse(), time.perf_counter()
     timer = None if stored or _said else threading.Timer(max(SLOW - waited(), 0.0), _say, (device,))
     if timer is not None:
         timer.daemon = True
         timer.start()
     try:
-        with slot.using(), contextlib.nullcontext() if stored else console.compiling():
+        with contextlib.nullcontext() if stored else console.compiling():
             yield use
     finally:
         if timer is not None:
             timer.cancel()
         taken = time.perf_counter() - start - use.ran
         _own.waited = waited() + taken
-    if taken > LOADED and slot.seal() and taken > SLOW:
-        _say(device)  # it was thought to be stored
 
 
 def _say(device: Device) -> None:
@@ -183,6 +218,7 @@ def _say(device: Device) -> None:
 
 
 _built: dict[tuple[Any, ...], Program] = {}
+_building = threading.RLock()  # what appears in PoCL's cache meanwhile belongs to one program
 
 
 def built() -> tuple[Program, ...]:
@@ -190,19 +226,24 @@ def built() -> tuple[Program, ...]:
     return tuple(_built.values())
 
 
-def build(device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None) -> Program:
+def build(
+    device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None, needs: int | None = None
+) -> Program:
     """Return the program of `files` for this device and what of `features` is compiled; built at most once per process.
 
-    lanes: 1, 4, 8 or 16 pixels processed together; None: what suits the device.
+    lanes: 1, 4, 8 or 16 pixels processed together; None: what suits the device. needs: of a first picture, see
+    `first_picture`.
     Raises DeviceError with the compiler's first error.
     """
-    return _build(device, features, flatten(files), lanes or device.lanes)
+    return _build(device, features, flatten(files), lanes or device.lanes, needs=needs)
 
 
-def build_text(device: Device, features: Features, text: str, *, lanes: int | None = None) -> Program:
+def build_text(
+    device: Device, features: Features, text: str, *, lanes: int | None = None, stored: bool = True
+) -> Program:
     """Build a program from the caller's OpenCL C, whose `#include`s name kernel files: a few lines reach any device
-    function."""
-    return _build(device, features, flatten_text(text), lanes or device.lanes)
+    function. stored: whether it may come from disk."""
+    return _build(device, features, flatten_text(text), lanes or device.lanes, stored=stored)
 
 
 def declarations(*, double_reals: bool = False, with_double: bool = True) -> str:
@@ -211,50 +252,68 @@ def declarations(*, double_reals: bool = False, with_double: bool = True) -> str
     return structs + bit_definitions() + surface_inputs.macros() + layer_outputs.macros()
 
 
-def _build(device: Device, features: Features, flat: str, lanes: int) -> Program:
-    import pyopencl as cl
-
+def _build(
+    device: Device, features: Features, flat: str, lanes: int, *, stored: bool = True, needs: int | None = None
+) -> Program:
     double = bool(features["DOUBLE"])
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
     features = features.compiled()
     source = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
-    options = [*features.options(), f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}", *compiler_options(device)]
+    lanes_of = f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}"
+    options = [*features.options(), *lanes_of, *compiler_options(device)]
     source = _rewritten(source, options) or source
-    key = (device.context.int_ptr, features, source, lanes, len(options))
-    if key not in _built:
-        start = time.perf_counter()
-        path = _stored_at(device, source, options)
-        slot = environment.prepare()
-        stored = path.exists() or cache_sharing.take_over(slot, f"{path.parent.name}/{path.name}")
-        before = set() if stored or not device.keeps_programs else cache_sharing.runtime_folders(slot)
-        with first_use(device, stored=stored):
-            program = _load(device, path) if stored and not device.keeps_programs else None
-            stored = stored and (device.keeps_programs or program is not None)
-            if stored:
-                with contextlib.suppress(OSError):
-                    os.utime(path)  # the cache loses what was not used for longest
-            if program is None:
-                try:
-                    program = _without_log(cl.Program(device.context, source), options)
-                except cl.RuntimeError as error:
-                    raise _build_error(device, error) from error
-            kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-        if not kernels:
-            cache = os.environ.get("POCL_CACHE_DIR", "")
-            raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
-        if not stored:
-            kept = cache_sharing.runtime_folders(slot) - before if device.keeps_programs else ()
-            _store(cache_sharing.note(kept) if device.keeps_programs else program.binaries[0], path)
-        warned = _warnings(device, program)
-        for line in warned:
-            console.detail(f"the compiler warns: {line}")
-        taken = time.perf_counter() - start
-        _built[key] = Program(features, lanes, taken, kernels, stored, warned, source)
-        console.detail(
-            f"{'loaded' if stored else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms"
-        )
+    with _building:
+        if needs is not None and not os.environ.get(QUICK) and not _is_at_hand(device, source, options):
+            options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
+            _own.has_first = True
+        key = (device.context.int_ptr, source, *options)
+        if key not in _built:
+            place = _stored_program(device, source, options) if stored else None
+            _built[key] = _built_or_loaded(device, features, source, options, lanes, place)
     return _built[key]
+
+
+def _is_at_hand(device: Device, source: str, options: list[str]) -> bool:
+    place = _stored_program(device, source, options)
+    return (device.context.int_ptr, source, *options) in _built or (place is not None and place.path.exists())
+
+
+def _built_or_loaded(
+    device: Device, features: Features, source: str, options: list[str], lanes: int, stored: StoredProgram | None
+) -> Program:
+    import pyopencl as cl
+
+    start = time.perf_counter()
+    folder = environment.pocl_folder() if device.keeps_programs else None
+    files = stored.read() if stored is not None else {}
+    before = program_store.programs_in(folder)
+    with contextlib.suppress(OSError):
+        if folder is not None:
+            program_store.unpack(files, folder)
+    with first_use(device, stored=bool(files)), stored.first_use() if stored is not None else contextlib.nullcontext():
+        program = _load(device, files[BINARY]) if BINARY in files else None
+        if program is None:
+            try:
+                program = _without_log(cl.Program(device.context, source), options)
+            except cl.RuntimeError as error:
+                raise _build_error(device, error) from error
+        kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+    if not kernels:
+        cache = os.environ.get("POCL_CACHE_DIR", "")
+        raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
+    if stored is not None and not device.keeps_programs:
+        stored.write({BINARY: program.binaries[0]})
+    warned = _warnings(device, program)
+    for line in warned:
+        console.detail(f"the compiler warns: {line}")
+    taken, folders = time.perf_counter() - start, program_store.programs_in(folder) - before
+    if folder is not None:
+        folders |= {folder.joinpath(*name.split("/")[:2]) for name in files}
+    built = Program(features, lanes, taken, kernels, bool(files), stored, folder, folders, warned, source)
+    built.keep()
+    console.detail(f"{'loaded' if files else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms")
+    return built
 
 
 def _build_error(device: Device, error: Exception) -> DeviceError:
@@ -266,14 +325,14 @@ def _build_error(device: Device, error: Exception) -> DeviceError:
     return DeviceError(f"{device.name}: the kernels did not build: {lines[0]}")
 
 
-def compiler_options(device: Device) -> list[str]:
+def compiler_options(device: Device, *, quick: bool = False) -> list[str]:
     """Return the options of every build: the language, correctly rounded division and square root where there are, and how
-    much is optimized."""
+    much is optimized; quick: nothing."""
     import pyopencl as cl
 
     exact = device.device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
     options = ["-cl-std=CL1.2", *([_EXACT] if exact else [])]
-    if os.environ.get(QUICK):
+    if quick or os.environ.get(QUICK):
         return [*options, "-cl-opt-disable"]
     return [*options, _LESS_OPTIMIZED] if device.keeps_programs and device.driver.startswith("3.0") else options
 
@@ -318,34 +377,24 @@ def _warnings(device: Device, program: Any) -> tuple[str, ...]:
     return tuple(line for line in warned if "is a kernel, so overriding noinline attribute" not in line)
 
 
-# Built programs are kept in this process's cache folder: loading one skips the compiler's front end. If the runtime has a
-# cache of its own, a file notes where in it the program is: PoCL, asked for a binary, would recompile all kernels.
+# Loading a stored program skips the compiler's front end. PoCL would recompile all kernels of a binary: the files of its own
+# cache are stored instead.
 
 
-def _stored_at(device: Device, source: str, options: list[str]) -> Path:
-    own = os.fspath(environment.prepare().pocl)
-    where = os.environ.get("POCL_CACHE_DIR", "").replace(own, "") if device.keeps_programs else ""
-    parts = (source, *options, device.platform, device.name, device.version, device.driver, where)
+def _stored_program(device: Device, source: str, options: list[str]) -> StoredProgram | None:
+    """Return where a program is kept on disk; None if PoCL keeps it in a folder that the user has set."""
+    if device.keeps_programs and environment.pocl_folder() is None:
+        return None
+    parts = (source, *options, device.platform, device.name, device.version, device.driver)
     name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
-    return environment.prepare().folder / "binaries" / name
+    return StoredProgram(environment.cache_root() / "programs" / name)
 
 
-def _load(device: Device, path: Path) -> Any:
-    """Load the stored program; None if there is no intact one that the device accepts."""
+def _load(device: Device, binary: bytes) -> Any:
+    """Load a program's binary; None if the device does not accept it."""
     import pyopencl as cl
 
     try:
-        digest, binary = path.read_bytes().split(b"\n", 1)
-        if hashlib.sha256(binary).hexdigest().encode() != digest:
-            return None
         return _without_log(cl.Program(device.context, [device.device], [binary]))
-    except (OSError, ValueError, cl.Error):
+    except (ValueError, cl.Error):
         return None
-
-
-def _store(binary: bytes, path: Path) -> None:
-    """Store a built program, or note that the runtime does. A cache that cannot be written only costs time."""
-    with contextlib.suppress(OSError, ClshadeError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, hashlib.sha256(binary).hexdigest().encode() + b"\n" + binary)
-        environment.prepare().seal()

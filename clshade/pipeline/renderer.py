@@ -69,7 +69,7 @@ def _with_small_images(value: Any, known: dict[int, Any]) -> Any:
     return known[id(value)]
 
 
-def _trial(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes:
+def trial_of(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes:
     """Return pickled arguments of a renderer that needs the same programs for a small image; empty for a large scene, and
     for one of the user's own types that cannot be copied or pickled."""
     if scene.face_count > _TRIAL_FACES:
@@ -80,7 +80,7 @@ def _trial(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes:
             set_fields(mesh, material=_with_small_images(mesh.material, known))
         camera = replace(scene.camera, resolution=_TRIAL_SIZE)
         set_fields(seen, camera=camera, meshes=meshes, environment=_with_small_images(scene.environment, known))
-        return pickle.dumps({"scene": seen, "settings": settings, "forced": forced})
+        return pickle.dumps(({"scene": seen, "settings": settings, "forced": forced}, programs.is_first()))
     return b""
 
 
@@ -161,7 +161,7 @@ class Renderer:
         packed_at = running_time()
 
         if not isinstance(device, Device):
-            device = shared_device(device, profiling=True, trial=partial(_trial, self.scene, self.settings, forced))
+            device = shared_device(device, profiling=True, trial=partial(trial_of, self.scene, self.settings, forced))
         self.device = device
         if packed.instances is not None and not device.has_fp64:
             scene_buffers.check_host(self.scene)

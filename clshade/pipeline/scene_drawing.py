@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ from .layer_buffers import layer_features
 from .layers import Layers
 from .lines import Lines
 from .opencl.device import Device
+from .programs import is_first
 from .resident_scene import ResidentScene
 from .scene_buffers import Packed
 from .surface_inputs import SurfaceInputs
@@ -24,6 +26,15 @@ from .tile_lists import DepthOrder, TileLists, draw_sorted
 from .triangle_source import SceneFaces, Triangles
 
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
+# Samples times lights, and faces, that unoptimized programs draw in less time than optimizing takes.
+_MOST_LIT, _MOST_FACES = 1 << 23, 1 << 18
+
+
+def _compiles_longer(device: Device, scene: Scene, settings: Settings, features: Features) -> bool:
+    """Return whether optimizing the kernels takes longer than one frame does without."""
+    lit = math.prod(scene.camera.resolution) * settings.samples * (1 + len(scene.lights))
+    slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
+    return device.keeps_programs and not slow and lit <= _MOST_LIT and scene.face_count <= _MOST_FACES
 
 
 class SceneDrawing:
@@ -43,7 +54,8 @@ class SceneDrawing:
     ) -> None:
         self.device, self.scene, self.settings, self.features = device, scene, settings, features
         of_layers = layer_features(features, packed.layers.asked)
-        self.stages = stages = scene_stages(device, features, lanes, of_layers)
+        first = is_first() and _compiles_longer(device, scene, settings, features)
+        self.stages = stages = scene_stages(device, features, lanes, of_layers, first=first)
         self.pool, depth_test = Pool(device), bool(features["DEPTH_TEST"])
         self._resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)
         self._source, self.extent = resident.source, resident.extent

@@ -63,7 +63,6 @@ GOING_ON = """import time
 """
 UNHEARD = "import os; os.dup2(os.open(os.devnull, os.O_WRONLY), 2); " + BUILDING
 FAILING = "from clshade.base import interrupts; interrupts.at_end(lambda: 1 / 0); " + WRITING
-THROWN_AWAY = "from clshade.pipeline.opencl import cache_slots as slots; slots.SLOTS = 0; " + BUILDING
 
 
 def start(folder: Path, cache: Path, hook: str = "") -> subprocess.Popen[str]:
@@ -182,14 +181,13 @@ def test_clearing_up_that_hangs_is_cut_short(opened, folder, tmp_path):
     assert_kept(folder)
 
 
-def test_an_interrupt_removes_a_cache_of_its_own(opened, folder, tmp_path):
-    """As a process has one if all slots are taken."""
-    process = start(folder, tmp_path / "cache", THROWN_AWAY)
+def test_an_interrupt_removes_the_folder_of_its_process(opened, folder, tmp_path):
+    process = start(folder, tmp_path / "cache", BUILDING)
     assert process.stdout.readline() == "stuck\n"
-    assert list((tmp_path / "cache" / "clshade").glob("once-*"))
+    assert list((tmp_path / "cache" / "clshade").glob("pocl-*"))
     process.send_signal(signal.SIGINT)
     assert finish(process) == (130, "clshade: interrupted\n")
-    assert not list((tmp_path / "cache" / "clshade").glob("once-*"))
+    assert not list((tmp_path / "cache" / "clshade").glob("pocl-*"))
 
 
 @pytest.mark.sampled

@@ -20,6 +20,7 @@ from clshade.measure.report.feature_savings import explain
 from clshade.pipeline import gather, programs
 from clshade.pipeline.features import OPTIONAL, Features, derive
 from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.opencl.program_store import StoredProgram
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Camera, Material, Mesh, PointLight, Scene, Texture
 
@@ -217,13 +218,13 @@ def test_a_program_is_built_for_what_is_compiled_and_for_nothing_else(device, mo
 def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatch, keeps_programs):
     opened = replace(opened, keeps_programs=keeps_programs)
     monkeypatch.setattr(programs, "_built", {})
-    monkeypatch.setattr(programs, "_stored_at", lambda *_: tmp_path / "binary")
-    stored = []
+    monkeypatch.setattr(programs, "_stored_program", lambda *_: StoredProgram(tmp_path / "program"))
+    loaded = []
     for _ in range(2):
         programs._built.clear()
         program = programs.build(opened, Features.of(), ("bilerp.cl",))
-        stored.append(program.stored)
-    assert stored == [False, True]
+        loaded.append(program.loaded)
+    assert loaded == [False, True]
 
 
 # The command line

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,8 +18,6 @@ from clshade.pipeline import programs
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.features import Features
 from clshade.pipeline.launches import Stages, items
-from clshade.pipeline.opencl import environment
-from clshade.pipeline.opencl.cache_slots import MARK
 from clshade.pipeline.opencl.device import Device
 
 SCENE = clshade.builtin("quads")
@@ -29,41 +25,39 @@ SLOWLY = 0.06  # seconds
 
 
 @pytest.fixture
-def calls(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, bool]]]:
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Simulate a process without built programs, in which each build and each kernel's first launch is slow; yield the
-    calls, and whether the mark existed."""
-    mark = environment.prepare().folder / MARK
-    found: list[tuple[str, bool]] = []
+    names of the calls."""
+    found: list[str] = []
     program, launch = cl.Program, cl.enqueue_nd_range_kernel
 
     def build(*arguments: Any) -> Any:
-        found.append((f"build {len(found)}", mark.exists()))
+        found.append(f"build {len(found)}")
         time.sleep(SLOWLY)
         return program(*arguments)
 
     def enqueue(queue: Any, kernel: Any, *arguments: Any) -> Any:
-        if kernel.function_name not in dict(found):
+        if kernel.function_name not in found:
             time.sleep(SLOWLY)
-        found.append((kernel.function_name, mark.exists()))
+        found.append(kernel.function_name)
         return launch(queue, kernel, *arguments)
 
     monkeypatch.setattr(cl, "Program", build)
     monkeypatch.setattr(cl, "enqueue_nd_range_kernel", enqueue)
     monkeypatch.setattr(programs, "_built", {})
-    yield found
-    assert not mark.exists()
+    return found
 
 
 # Time
 
 
 @pytest.mark.long
-def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[tuple[str, bool]], opened: Device) -> None:
+def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[str], opened: Device) -> None:
     start = time.perf_counter()
     with Renderer(SCENE, device=opened, resolution=(32, 24)) as renderer:
         first = renderer.render().stats
         passed = (time.perf_counter() - start) * 1e3
-        uses = len(dict(calls))
+        uses = len(set(calls))
         second = renderer.render().stats
     least = uses * SLOWLY * 1e3
     assert uses >= 6, "two programs and their kernels"
@@ -74,7 +68,7 @@ def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[tuple[str, bool
 
 
 @pytest.mark.long
-def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], opened: Device) -> None:
+def test_what_clipping_compiles_is_counted_too(calls: list[str], opened: Device) -> None:
     """A camera among the triangles needs a kernel that the previous frame did not."""
     scene = clshade.builtin("torus_knot")
     seen = scene.camera
@@ -83,7 +77,7 @@ def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], op
         outside = renderer.render().stats
         clipped, again = (renderer.render(camera=inside).stats for _ in range(2))
     assert "clip" not in outside["times_ms"]
-    assert "setup_pieces" in dict(calls)
+    assert "setup_pieces" in calls
     assert clipped["build_ms"] >= SLOWLY * 1e3
     assert clipped["times_ms"]["clip"] <= clipped["times_ms"]["frame"]
     assert again["build_ms"] == 0.0
@@ -91,18 +85,15 @@ def test_what_clipping_compiles_is_counted_too(calls: list[tuple[str, bool]], op
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("parts", [1, 3])
-@pytest.mark.parametrize(("stored", "compiled"), [(False, True), (True, True), (True, False)])
+@pytest.mark.parametrize("stored", [False, True])
 @pytest.mark.parametrize("level", [console.NORMAL, console.QUIET])
 def test_what_takes_long_is_said_once(
-    parts: int, stored: bool, compiled: bool, level: int, monkeypatch: pytest.MonkeyPatch, capfd: Any
+    parts: int, stored: bool, level: int, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
-    """Even if no single part is slow; for a program believed to be cached, only after a slow part that left new files,
-    as loading can be slow, too."""
+    """Even if no single part is slow; nothing for a stored program, which can be slow to load."""
     monkeypatch.setattr(programs, "_said", False)
     monkeypatch.setattr(programs, "_own", type(programs._own)())
     monkeypatch.setattr(programs, "SLOW", 0.24)
-    monkeypatch.setattr(environment, "prepare", lambda: slot)
-    slot: Any = SimpleNamespace(using=contextlib.nullcontext, seal=lambda: compiled)
     device: Any = SimpleNamespace(title="PoCL: CPU")
     line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == console.NORMAL else ""
     with console.at_level(level):
@@ -110,7 +101,7 @@ def test_what_takes_long_is_said_once(
             with programs.first_use(device, stored=stored):
                 time.sleep(0.36 / parts)
         meanwhile = capfd.readouterr().err
-        assert meanwhile == (line if not stored or (parts == 1 and compiled) else "")
+        assert meanwhile == ("" if stored else line)
         assert 0.36 <= programs.waited() < 1.8
         with programs.first_use(device, stored=False):
             time.sleep(0.2)
@@ -134,37 +125,20 @@ def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> No
     assert programs.waited() - before < 0.1
 
 
-# Marks
+# Kernels
 
 
 @pytest.mark.long
-def test_the_mark_is_there_at_each_first_use_alone(calls: list[tuple[str, bool]], opened: Device) -> None:
-    if environment.prepare().lock is None:
-        pytest.skip("a folder that nobody finds again has no mark")
-    with Renderer(SCENE, device=opened, resolution=(32, 24)) as renderer:
-        for _ in range(2):
-            renderer.render()
-    used: set[str] = set()
-    for name, marked in calls:
-        assert marked == (name not in used), name
-        used.add(name)
-    assert len(used) >= 6
-    assert len(calls) > len(used)
-
-
-@pytest.mark.long
-def test_a_kernel_for_wide_grids_is_another(calls: list[tuple[str, bool]], opened: Device) -> None:
-    features = Features.of()
-    stages = Stages(opened, programs.build(opened, features, ("layers.cl",)))
-    marked = []
+def test_a_kernel_for_wide_grids_is_another(calls: list[str], opened: Device) -> None:
+    program = programs.build(opened, Features.of(), ("layers.cl",))
+    stages, uses = Stages(opened, program), []
     for count in (64, 64, 70_000, 70_000):
-        calls.clear()
         owners, numbers, shown = (Buffer(opened, np.zeros(count, np.int32)) for _ in range(3))
         inputs = {"owners": owners, "numbers": numbers}
         stages.run("layer_number", items(count), {**inputs, "shown": shown}, triangles=owners, count=count)
         opened.queue.finish()
-        marked += [mark for _, mark in calls]
-    assert marked == [True, False, True, False]
+        uses.append(len(program.launched))
+    assert uses == [1, 1, 2, 2]
 
 
 @pytest.mark.parametrize("feature", ["DEPTH_TEST", "CASTERS", "INSTANCES"])
@@ -183,8 +157,6 @@ def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytes
     """As PoCL creates from an emptied file in a folder of the user's."""
     monkeypatch.setattr(programs, "_built", {})
     monkeypatch.setattr(programs, "_without_log", lambda *_: SimpleNamespace(all_kernels=list, binaries=[b""]))
-    monkeypatch.setattr(programs, "_store", lambda *_: pytest.fail("it is not kept"))
-    monkeypatch.setattr(programs, "_stored_at", lambda *_: environment.prepare().folder / "none")
     monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
     features = Features.of()
     with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):

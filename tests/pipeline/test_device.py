@@ -269,6 +269,17 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
     assert tried[3:] == ["0:0"], "after a day it comes first again"
 
 
+def test_a_test_that_began_early_is_the_only_one(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = probe_that(f"print('{probe.RIGHT}')", monkeypatch)
+    monkeypatch.setattr(device, "found_devices", lambda name: [(POCL, POCL)])
+    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: info)
+    device.try_out_soon("intel")  # there is none: `open_device` says so
+    device.try_out_soon()
+    assert device.open_device() == POCL
+    device.try_out_soon()
+    assert tried == ["0:0"]
+
+
 # A device whose compiler fails with some numbers of lanes: at the first build, at the first launch, or it hangs.
 FAILING = """
 import os, sys, time
@@ -328,7 +339,7 @@ def test_what_a_test_compiled_is_not_compiled_again(opened: device.Device, tmp_p
 import clshade
 from clshade.pipeline import programs
 clshade.render(clshade.builtin("quads"), device={opened.index!r}, resolution=(32, 24))
-print(*(each.stored for each in programs.built()))
+print(*(each.loaded for each in programs.built()))
 """
     done = python(code, tmp_path)
     assert done.stdout.split() == ["True", "True"], done.stderr

@@ -40,12 +40,12 @@ def test_a_trial_frame_takes_the_programs_of_the_scene():
     mesh = replace(TRIANGLE, uvs=np.zeros((3, 2)), material=Material(texture=texture, pbr=pbr))
     scene = Scene((mesh, mesh), CAMERA, environment=Environment(sky), preset="pbr")
     settings = Settings.from_preset("pbr")
-    trial = pickle.loads(renderer._trial(scene, settings, ()))["scene"]
+    trial = pickle.loads(renderer.trial_of(scene, settings, ()))[0]["scene"]
     features = [scene_buffers.pack(each, settings, forced=(), has_fp64=True).features for each in (scene, trial)]
     assert features[0] == features[1]
     assert trial.meshes[0].material.texture.image.shape == trial.environment.image.shape[:2] + (4,) == (2, 2, 4)
     own = type("OwnMaterial", (Material,), {"__init__": lambda self: Material.__init__(self)})()
-    assert renderer._trial(Scene((replace(TRIANGLE, material=own),), CAMERA), settings, ()) == b""
+    assert renderer.trial_of(Scene((replace(TRIANGLE, material=own),), CAMERA), settings, ()) == b""
 
 
 @pytest.mark.parametrize("shape", [(7,), (5, 3), (5, 4), (2, 8)])

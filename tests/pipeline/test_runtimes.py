@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from processes import OPEN, ROOT, python
+from processes import OPEN, python
 
-from clshade.pipeline.opencl import cache_slots, environment
+from clshade.pipeline.opencl import environment
 
 CLAIM = (
-    "import os; from clshade.pipeline.opencl import environment as runtimes; "
-    "print(runtimes.prepare().folder, os.environ['POCL_CACHE_DIR'], flush=True)"
+    "import os; from clshade.pipeline.opencl import environment as runtimes; runtimes.prepare(); "
+    "print(runtimes.cache_root(), os.environ['POCL_CACHE_DIR'], flush=True)"
 )
 
 
@@ -23,7 +22,7 @@ def test_no_home(homeless: tuple[Path, str]) -> None:
     home = f"{homeless[0]}/clshade-{os.getuid()}"
     opened, folders = homeless[1].splitlines()
     assert opened.startswith("opened ")
-    assert folders == f"{home} {home}/clshade/slot-0/pocl"
+    assert folders.startswith(f"{home} {home}/clshade/pocl-")
 
 
 @pytest.mark.sampled
@@ -48,8 +47,8 @@ def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path, kind: st
         done = python(CLAIM + deed, "/proc/nowhere", TMPDIR=str(tmp_path))
         assert done.returncode == (-9 if deed else 0), done.stderr
         folder = Path(done.stdout.split()[0])
-        assert folder.parent.parent.parent == tmp_path
-        assert folder.parent.parent.name.startswith(f"clshade-{os.getuid()}-")
+        assert folder.parent.parent == tmp_path
+        assert folder.parent.name.startswith(f"clshade-{os.getuid()}-")
         assert len(done.stderr.splitlines()) == 1
         assert done.stderr.startswith("clshade: warning: compiled kernels are not kept (/proc/nowhere: ")
         assert len(list(tmp_path.iterdir())) == (3 if deed else 2)
@@ -62,7 +61,7 @@ def test_a_temporary_folder_that_others_can_read_is_made_private(tmp_path: Path)
     folder.chmod(0o755)
     for _ in range(2):
         done = python(CLAIM, "/proc/nowhere", TMPDIR=str(tmp_path))
-        assert done.stdout.split()[0] == str(folder / "clshade" / "slot-0")
+        assert done.stdout.split()[0] == str(folder / "clshade")
         said = f"compiled kernels are kept in {folder} (/proc/nowhere: No such file or directory): set XDG_CACHE_HOME"
         assert said in done.stderr
         assert folder.stat().st_mode & 0o777 == 0o700
@@ -76,90 +75,36 @@ def test_nowhere_to_write(tmp_path: Path) -> None:
 
 
 def test_processes_at_once_have_folders_of_their_own(tmp_path: Path) -> None:
-    code = CLAIM + "; import sys; sys.stdout.flush(); sys.stdin.read()"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
-    for name in [name for name in environment if "POCL_CACHE_DIR" in name]:
-        del environment[name]
-    running = []
-    try:
-        for expected in ("slot-0", "slot-1"):
-            process = subprocess.Popen(
-                [sys.executable, "-c", code], env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-            )
-            running.append(process)
-            assert process.stdout is not None
-            folder, pocl = process.stdout.readline().split()
-            assert folder == str(tmp_path / "clshade" / expected)
-            assert pocl == str(tmp_path / "clshade" / expected / "pocl")
-        # The next process removes what a killed one leaves behind.
-        slot = tmp_path / "clshade" / "slot-0"
-        running[0].kill()
-        running[0].wait()
-        (slot / "pocl" / "tempfile_abc").touch()
-        assert python(CLAIM, tmp_path).stdout.split()[0] == str(slot)
-        assert [path.name for path in sorted(slot.rglob("*"))] == ["lock", "pocl"]
-    finally:
-        for process in running:
-            process.kill()
-            process.communicate()
-
-
-def test_children_claim_their_own(tmp_path: Path) -> None:
+    """Children of a process and its forks, too; all go with their processes, or with the next."""
     code = f"""
 import os, subprocess, sys
-from clshade.pipeline.opencl import environment as runtimes; from clshade.pipeline.opencl import cache_slots as slots
-from clshade.errors import DeviceError
-held = runtimes.prepare()
-print(held.folder.name, flush=True)
+{CLAIM}
 subprocess.run([sys.executable, "-c", {CLAIM!r}])
 if os.fork() == 0:
-    print(runtimes.prepare().folder.name, os.path.basename(os.path.dirname(os.environ["POCL_CACHE_DIR"])), flush=True)
-    os._exit(0)
+    {CLAIM}
+    os._exit(0)  # it leaves its folder behind
 os.wait()
-print(slots.take(held.folder))  # still locked
 runtimes.starting()
 if os.fork() == 0:
     try: runtimes.starting()
-    except DeviceError as error: print(error, flush=True)
+    except runtimes.DeviceError as error: print(error, flush=True)
     os._exit(0)
 os.wait()
 """
     done = python(code, tmp_path)
-    lines = done.stdout.splitlines()
-    assert lines[0] == "slot-0", done.stderr
-    assert lines[1] == f"{tmp_path}/clshade/slot-1 {tmp_path}/clshade/slot-1/pocl"
-    assert lines[2:4] == ["slot-1 slot-1", "None"]
-    assert "spawn" in lines[4]
-
-
-def test_isolate_cache(tmp_path: Path) -> None:
-    code = """
-import os, sys
-from clshade.pipeline.opencl import environment as runtimes
-from clshade.errors import DeviceError
-runtimes.isolate_cache(sys.argv[1])
-print(runtimes.prepare().folder, os.environ["POCL_CACHE_DIR"], runtimes.isolate_cache(sys.argv[1]))
-runtimes.starting()
-try: runtimes.isolate_cache("elsewhere")
-except DeviceError as error: print(error)
-"""
-    worker = tmp_path / "worker"
-    done = python(code.replace("sys.argv[1]", repr(str(worker))), tmp_path, POCL_CACHE_DIR="/proc/x")
-    assert done.stdout.splitlines()[0] == f"{worker} {worker}/pocl {worker}", done.stderr
-    assert "too late" in done.stdout.splitlines()[1]
-    held = cache_slots.lock_file(worker / "lock")
-    assert held is not None
-    done = python(
-        f"from clshade.pipeline.opencl.environment import isolate_cache; isolate_cache({str(worker)!r})", tmp_path
-    )
-    os.close(held)
-    assert "in use by another process" in done.stderr
+    *lines, told = done.stdout.splitlines()
+    folders = {line.split()[1] for line in lines}
+    assert len(folders) == 3, done.stderr
+    assert all(folder.startswith(f"{tmp_path}/clshade/pocl-") for folder in folders)
+    assert "spawn" in told
+    python(CLAIM, tmp_path)
+    assert not list((tmp_path / "clshade").glob("pocl-*"))
 
 
 def test_what_the_user_set_is_kept(tmp_path: Path) -> None:
     code = CLAIM + "; print(os.environ['OCL_ICD_VENDORS'])"
     done = python(code, tmp_path, POCL_CACHE_DIR=f"{tmp_path}/own", OCL_ICD_VENDORS="/users/vendors")
-    assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", f"{tmp_path}/own", "/users/vendors"], done.stderr
+    assert done.stdout.split() == [f"{tmp_path}/clshade", f"{tmp_path}/own", "/users/vendors"], done.stderr
 
 
 def test_a_folder_of_the_users_that_cannot_be_written_is_named_and_left(tmp_path: Path) -> None:
@@ -167,9 +112,8 @@ def test_a_folder_of_the_users_that_cannot_be_written_is_named_and_left(tmp_path
     (tmp_path / "file").touch()
     for own, reason in (("/proc/x", "No such file or directory"), (f"{tmp_path}/file", "not a folder")):
         done = python(CLAIM, tmp_path, POCL_CACHE_DIR=own)
-        kept = f"{tmp_path}/clshade/slot-0/pocl"
-        assert done.stdout.split() == [f"{tmp_path}/clshade/slot-0", kept], done.stderr
-        said = f"warning: POCL_CACHE_DIR, {own}: {reason}; compiled kernels are kept in {kept}: set it to a folder"
+        assert done.stdout.split()[1].startswith(f"{tmp_path}/clshade/pocl-"), done.stderr
+        said = f"warning: POCL_CACHE_DIR, {own}: {reason}; compiled kernels are kept in {tmp_path}/clshade: set it to a"
         assert said in done.stderr
 
 

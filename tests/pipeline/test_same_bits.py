@@ -19,6 +19,7 @@ from processes import ROOT
 import clshade
 from clshade.pipeline import programs, struct_layout
 from clshade.pipeline.features import OPTIONAL
+from clshade.pipeline.opencl.program_store import StoredProgram
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
@@ -214,11 +215,11 @@ def test_programs_from_the_cache_give_the_same_bits(device, tmp_path, monkeypatc
     """And neither building nor loading them prints anything."""
     device = replace(device, keeps_programs=False)
     monkeypatch.setattr(programs, "_built", {})
-    monkeypatch.setattr(programs, "_stored_at", lambda device, source, _: tmp_path / str(hash(source)))
+    monkeypatch.setattr(programs, "_stored_program", lambda _, source, __: StoredProgram(tmp_path / str(hash(source))))
     for stored in (False, True):
         programs._built.clear()
         assert digest(draw(device, "quads", "standard", "phong")) == GOLDEN["quads", "standard", "phong"]
-        assert [program.stored for program in programs.built()] == [stored] * 2
+        assert [program.loaded for program in programs.built()] == [stored] * 2
 
 
 def test_a_changed_bit_is_noticed(device):

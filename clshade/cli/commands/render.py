@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -111,6 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
     # What is needed after rendering is imported in parallel; not by a daemon, for an exit within a C++ module aborts.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,))
     warming.start()
+    Thread(target=_try_out_device, args=(arguments.device,)).start()
     check_view_options(arguments)
     check_stereo(arguments, "views", "sheet")
     folder, outputs = output_stems(arguments.scenes, arguments.output)
@@ -167,6 +169,13 @@ def _render(name: str, output: str, arguments: argparse.Namespace, warming: Thre
     return max(code for code, _ in drawn), {title: dict(zip(names, (stats for _, stats in drawn), strict=True))}
 
 
+def _draws_once(arguments: argparse.Namespace) -> bool:
+    """Return whether one frame is drawn, for which it does not pay to optimize kernels."""
+    several = arguments.stereo, arguments.budget, arguments.tolerance, arguments.check
+    draws_more = arguments.views or arguments.explain or any(each is not None for each in several)
+    return len(arguments.scenes) == 1 and not draws_more
+
+
 def _command(name: str, arguments: argparse.Namespace) -> str:
     """Return the command that draws one scene so, with the options that were given, but for those of files."""
     from ...view.live_command import as_argument
@@ -178,7 +187,7 @@ def _draw(
     scene: Scene, output: str, arguments: argparse.Namespace, options: dict[str, Any], warming: Thread, command: str
 ) -> tuple[int, dict[str, Any]]:
     """Render and save one view of a scene; return the exit code and all figures. command: that draws it."""
-    from ...pipeline import renderer
+    from ...pipeline import programs, renderer
     from ...pipeline.frame_files import chosen_paths
 
     found: dict[str, Any] = {}
@@ -195,7 +204,8 @@ def _draw(
 
         check_mattes(arguments.cryptomatte, saving["files"] or ())
     columns, rows = options["resolution"] or scene.camera.resolution
-    with console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
+    first = programs.first_picture() if _draws_once(arguments) else contextlib.nullcontext()
+    with first, console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
         frame = renderer.render(scene, **options)
     frame.command = command
     if cameras:
@@ -229,6 +239,10 @@ def _draw(
                 text_tables.wrapped(f"{title if not k else '':<8}{line}", 10) for k, line in enumerate(each.lines())
             )
             print("\n".join(lines))
+    if _draws_once(arguments):
+        from ...pipeline import ahead
+
+        ahead.start(frame.scene, frame.settings)
     stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
 
@@ -268,6 +282,12 @@ def _print_json(stats: Any, arguments: argparse.Namespace) -> None:
         import json
 
         print(json.dumps(stats, indent=2))
+
+
+def _try_out_device(name: str | None) -> None:
+    from ...pipeline.opencl.device import try_out_soon
+
+    try_out_soon(name)
 
 
 def _import_meanwhile(checked: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import threading
@@ -193,6 +194,7 @@ def open_device(
 
 
 _shared: dict[tuple[int, str, bool], Device] = {}
+_started: dict[str, Probe] = {}  # tests that `try_out_soon` began, by the indices of their devices
 _opening = threading.Lock()
 
 
@@ -223,6 +225,15 @@ def shared_device(
         return _shared[key]
 
 
+def try_out_soon(name: str | None = None) -> None:
+    """Begin the test of the device that `open_device` will try first, if it has not been tested: its process imports and
+    compiles while this one loads a scene. Errors are left to `open_device`."""
+    with _opening, contextlib.suppress(DeviceError):
+        _, (info, *_) = chosen_devices(name)
+        if recall(info) is None and can_probe():
+            _started[info.index] = Probe(info)
+
+
 class _Broken(DeviceError):
     """A device that does not work; another one may."""
 
@@ -230,7 +241,7 @@ class _Broken(DeviceError):
 def _try_out(info: DeviceInfo, handle: Any, profiling: bool, trial: Callable[[], bytes] | None) -> Device:
     """Open the device after a test; where its own number of lanes does not work, with fewer."""
     with console.told_when_slow(f"trying out {info.platform}: {info.name} ..."), console.compiling():
-        found = tried_out(info, trial() if trial is not None else b"")
+        found = tried_out(info, trial() if trial is not None else b"", started=_started.pop(info.index, None))
     if not found.works:
         raise _Broken(found.problem)
     if found.narrowed:
@@ -302,7 +313,7 @@ def list_devices() -> list[DeviceInfo]:
     found = [info for info, _ in found_devices("")]
     if not can_probe():
         return found
-    probes = [Probe(info) for info in found]
+    probes = [Probe(info, waits=False) for info in found]
     return [tried_out(info, started=probe) for info, probe in zip(found, probes, strict=True)]
 
 

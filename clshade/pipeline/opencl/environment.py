@@ -1,4 +1,4 @@
-"""The environment that OpenCL needs before it starts: cache folders for this process alone, and all runtimes visible.
+"""The environment that OpenCL needs before it starts: a folder of this process for PoCL's cache, and all runtimes visible.
 
 Nothing here imports pyopencl: its ICD loader and PoCL read the environment once, when OpenCL starts. `prepare` sets it
 up, and leaves alone whatever the user has set. Environment variables set here are inherited by child processes; each is
@@ -7,6 +7,7 @@ noted in `CLSHADE_SET_<name>`, by which a child tells them from the user's own a
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import hashlib
 import os
@@ -15,14 +16,15 @@ import site
 import stat
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...base import console
+from ...base import console, interrupts
+from ...base.atomic_files import lock_file
 from ...base.host_memory import limit
 from ...errors import DeviceError
-from . import cache_slots, pocl_target
-from .cache_slots import Slot, unusable
+from . import pocl_target
 
 # Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
 # Intel's.
@@ -30,9 +32,10 @@ THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "DPCPP_CPU_NUM_CUS
 # Bytes of a disk and of a file: PoCL silently ends the process, or builds nothing, if it cannot write what it compiles.
 ROOM, FILE = 64 << 20, 4 << 20
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
+LOCK = "lock"  # a file in a private folder
+LEFT_SECONDS = 24 * 3600.0  # an unlocked folder of that age was left by a process that was killed
 
 _guard = threading.RLock()
-_slot: Slot | None = None
 _home: Path | None = None
 _prepared = False
 _started_in: int | None = None  # the process that started OpenCL
@@ -89,7 +92,7 @@ def _temporary_cache_home(instead: str) -> Path:
         kept = hasattr(os, "getuid") and _is_private(folder)
         if not kept:
             instead += f"; {folder}: not private"
-            folder = cache_slots.private_folder(parent, f"clshade-{user}-")
+            folder = private_folder(parent, f"clshade-{user}-")
         reason = fault(folder / "clshade")
         if not reason:
             remedy = "set XDG_CACHE_HOME to a folder that can be written"
@@ -142,57 +145,80 @@ def cache_root() -> Path:
     return cache_home() / "clshade"
 
 
-# One cache folder per process
+# Folders for one process
 
 
-def _adopt(slot: Slot) -> Slot:
-    global _slot
-    _slot = slot
-    reason = fault(Path(os.environ["POCL_CACHE_DIR"])) if is_users("POCL_CACHE_DIR") else ""
-    if reason:
-        instead = f"compiled kernels are kept in {slot.pocl}: set it to a folder that can be written, or unset it"
-        console.warning(f"POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}: {reason}; {instead}")
-        del os.environ["POCL_CACHE_DIR"]
-    if not is_users("POCL_CACHE_DIR"):
-        _set("POCL_CACHE_DIR", str(slot.pocl))
-    if slot.emptied:
-        users = f", but for POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}" if is_users("POCL_CACHE_DIR") else ""
-        console.warning(f"the kernel cache {slot.folder} is thrown away and compiled anew{users}: {slot.emptied}")
-    return slot
+def private_folder(parent: Path, prefix: str) -> Path:
+    """Create a folder that is removed when this process exits. Those of processes that were killed are removed first.
 
-
-def isolate_cache(folder: str | os.PathLike[str]) -> Path:
-    """Make this process keep its caches in `folder` instead of a claimed one: for workers, before OpenCL starts.
-
-    Raises DeviceError if it is too late, another running process uses the folder, or it cannot be written.
+    Raises OSError if it cannot be created.
     """
-    path = Path(folder).absolute()
-    with _guard:
-        if _slot is not None and _slot.folder == path:
-            return path
-        if _started_in == os.getpid():
-            raise DeviceError("isolate_cache came too late: OpenCL has started in this process")
+    import tempfile
+
+    for left in parent.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):
+            _remove_if_left(left)
+    folder, owner = Path(tempfile.mkdtemp(prefix=prefix, dir=parent)), os.getpid()
+
+    @interrupts.at_end
+    def remove() -> None:
+        if os.getpid() == owner:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    try:
+        lock = lock_file(folder / LOCK)  # held until the process exits
+    except OSError:  # a file system without locks: if left behind, it is removed once it is old
+        return folder
+    if lock is not None and (folder / LOCK).is_file():
+        return folder
+    return private_folder(parent, prefix)  # before it was locked another process took it for a leftover
+
+
+def _remove_if_left(folder: Path) -> None:
+    status = folder.lstat()
+    own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
+    if not (own and stat.S_ISDIR(status.st_mode)):
+        return
+    if not (folder / LOCK).is_file():  # just created, or its file system has no locks
+        if status.st_mtime < time.time() - LEFT_SECONDS:
+            shutil.rmtree(folder, ignore_errors=True)
+        return
+    lock = lock_file(folder / LOCK)
+    if lock is not None:
         try:
-            slot = cache_slots.take(path)
-        except OSError as error:
-            raise unusable(path, error) from None
-        if slot is None:
-            raise DeviceError(f"the cache folder {path} is in use by another process: give each its own")
-        if _slot is not None:
-            _slot.release()
-        os.environ.pop("POCL_CACHE_DIR", None)
-        _adopt(slot)
-        return path
+            shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(lock)
+
+
+def unusable(folder: Path, error: OSError) -> DeviceError:
+    """Build the error for a cache folder that cannot be used."""
+    return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
+
+
+def _set_pocl_folder() -> None:
+    """Give PoCL's cache of this process a folder of its own, as two processes that share one can crash."""
+    if is_users("POCL_CACHE_DIR"):
+        reason = fault(Path(os.environ["POCL_CACHE_DIR"]))
+        if not reason:
+            return
+        instead = f"compiled kernels are kept in {cache_root()}: set it to a folder that can be written, or unset it"
+        console.warning(f"POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}: {reason}; {instead}")
+    try:
+        _set("POCL_CACHE_DIR", str(private_folder(cache_root(), "pocl-")))
+    except OSError as error:
+        raise unusable(cache_root(), error) from None
+
+
+def pocl_folder() -> Path | None:
+    """Return the folder of PoCL's cache of this process; None if the user has set one, which other processes may share."""
+    return None if is_users("POCL_CACHE_DIR") else Path(os.environ["POCL_CACHE_DIR"])
 
 
 def _forget() -> None:
-    """Give up the parent's folder in a forked child. Closing its descriptor here leaves the parent's lock in place."""
-    global _slot, _guard, _prepared
-    _guard = threading.RLock()
-    _prepared = False
-    if _slot is not None:
-        _slot.release()
-    _slot = None
+    """Let a forked child have a folder of its own."""
+    global _guard, _prepared
+    _guard, _prepared = threading.RLock(), False
 
 
 if hasattr(os, "register_at_fork"):
@@ -294,20 +320,20 @@ def _pin_threads() -> None:
         _set("POCL_AFFINITY", "1")
 
 
-def prepare(name: str = "") -> Slot:
-    """Set up the environment for OpenCL and claim this process's cache folder; later calls only return it. Call it
-    before importing pyopencl. `name`: the device asked for, as for `device.open_device`."""
+def prepare(name: str = "") -> None:
+    """Set up the environment for OpenCL; later calls do nothing. Call it before importing pyopencl. `name`: the device asked
+    for, as for `device.open_device`."""
     global _prepared
     with _guard:
-        slot = _slot or _adopt(cache_slots.claim(cache_root()))
-        if not _prepared:
-            expose_runtimes()
-            # pyopencl looks this up unguarded if its cache fails; if empty, it warns and continues without the cache.
-            os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
-            if "rusticl" in name.lower():
-                os.environ.setdefault("RUSTICL_ENABLE", "swrast")  # Mesa hides its CPU device otherwise
-            _prepared = True
-        return slot
+        if _prepared:
+            return
+        _set_pocl_folder()
+        expose_runtimes()
+        # pyopencl looks this up unguarded if its cache fails; if empty, it warns and continues without the cache.
+        os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
+        if "rusticl" in name.lower():
+            os.environ.setdefault("RUSTICL_ENABLE", "swrast")  # Mesa hides its CPU device otherwise
+        _prepared = True
 
 
 def starting() -> None:

@@ -21,14 +21,13 @@ from typing import NamedTuple
 
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
-from . import cache_sharing, environment
+from . import environment
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
 VERDICT_VERSION = 3  # increment it when the probe changes
 BROKEN_SECONDS = 24 * 3600.0  # how long a device that was broken is tried after the others
 RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
 LANES = "clshade-probe-lanes="  # before the number with which the frame is drawn, once a small kernel has run
-TRIAL = "trial"  # a file in the probe's folder: pickled arguments of Renderer
 
 # Words for runtimes, and substrings of their platforms' names.
 RUNTIMES = {
@@ -117,31 +116,27 @@ def device_fault(info: DeviceInfo, fault: str) -> str:
 # The probing process
 
 
-def probe_command(info: DeviceInfo) -> list[str]:
-    """Return the command line that runs `trial_frame.main`, with the module search path of this process; to be followed by
-    a folder and the number of lanes."""
+def own_command(module: str) -> list[str]:
+    """Return the command line that runs the `main` of one of clshade's modules, with the module search path of this process;
+    to be followed by its arguments."""
     path = [*sys.path, str(Path(__file__).resolve().parents[3])]
     code = (
         f"import sys; sys.path[:] = {path!r}\n"
-        "from clshade.pipeline.trial_frame import main\n"
+        f"from {module} import main\n"
         "try: main(*sys.argv[1:])\n"
         "except Exception as error: sys.exit(f'{type(error).__name__}: {error}')"
     )
-    return [sys.executable, "-c", code, info.index, info.name]
+    return [sys.executable, "-c", code]
+
+
+def probe_command(info: DeviceInfo) -> list[str]:
+    """Return the command line that runs `trial_frame.main`; to be followed by the number of lanes."""
+    return [*own_command("clshade.pipeline.trial_frame"), info.index, info.name]
 
 
 def can_probe() -> bool:
     """Return whether a Python can be started: in an application that embeds Python, sys.executable is something else."""
     return bool(sys.executable) and not getattr(sys, "frozen", False)
-
-
-def _sweep(root: Path) -> None:
-    """Remove the folders of probes that were killed; another process may be doing the same."""
-    with contextlib.suppress(OSError):
-        for left in root.glob("probe-*"):
-            with contextlib.suppress(OSError):
-                if left.stat().st_mtime < time.time() - 3600:
-                    shutil.rmtree(left, ignore_errors=True)
 
 
 _running: set[Probe] = set()
@@ -156,38 +151,29 @@ def _abandon_all() -> None:
 
 
 class Probe:
-    """A probing process, started at once. It has caches of its own: with kernels from an earlier run in them, a missing
-    linker would go unnoticed. End it with `finish` or `abandon`; the end of this process does so too.
+    """A probing process, started at once. Its first kernel does not come from the disk: a missing linker would go unnoticed.
+    End it with `finish` or `abandon`; the end of this process does so too.
 
     lanes: pixels processed together in its frame, 0 for the device's own number; once finished, the number that was taken,
-    0 if it did not come so far. trial: arguments of Renderer, pickled, for the frame that it draws; empty: any frame.
+    0 if it did not come so far. waits: whether `finish` says which frame it draws.
 
     Raises DeviceError if it cannot be started.
     """
 
-    def __init__(self, info: DeviceInfo, lanes: int = 0, trial: bytes = b"") -> None:
+    def __init__(self, info: DeviceInfo, lanes: int = 0, *, waits: bool = True) -> None:
         import subprocess
-        import tempfile
 
         self.info, self.lanes, self.owner = info, lanes, os.getpid()
-        self.process: subprocess.Popen[str] | None = None
-        self.folder = ""
-        root = environment.cache_root()
-        _sweep(root)
+        self.process: subprocess.Popen[bytes] | None = None
         _running.add(self)
         self.started = time.monotonic()
         try:
-            self.folder = tempfile.mkdtemp(prefix="probe-", dir=root)
-            if trial:
-                Path(self.folder, TRIAL).write_bytes(trial)
             self.process = subprocess.Popen(
-                [*probe_command(info), self.folder, str(lanes)],
+                [*probe_command(info), str(lanes)],
                 env={**os.environ, "PYOPENCL_NO_CACHE": "1"},
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if waits else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                encoding="utf-8",
-                errors="replace",
             )
         except OSError as error:
             self.abandon()
@@ -202,28 +188,23 @@ class Probe:
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
             self.process.wait()
-        if self.folder:
-            shutil.rmtree(self.folder, ignore_errors=True)
 
-    def finish(self) -> str:
-        """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy. What the process
-        compiled comes into this one's cache."""
+    def finish(self, trial: bytes = b"") -> str:
+        """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy. trial: pickled
+        arguments of Renderer for the frame that the process draws, see `trial_frame`; empty: any frame."""
         from subprocess import TimeoutExpired
 
         assert self.process is not None
         try:
             left = self.started + PROBE_SECONDS - time.monotonic()
-            out, err = self.process.communicate(timeout=max(left, 0.0))
+            out, err = map(_text, self.process.communicate(trial, timeout=max(left, 0.0)))
             if self not in _running:  # abandoned by an interrupt, which says nothing of the device
                 raise KeyboardInterrupt
             fault = _fault(self.process.returncode, out, err)
         except TimeoutExpired:
             self.process.kill()
-            out, _ = self.process.communicate()
+            out = _text(self.process.communicate()[0])
             fault = f"had not finished a small frame after {PROBE_SECONDS:g} s"
-        else:
-            if not fault:
-                cache_sharing.take_all(environment.prepare(), Path(self.folder, "slot"))
         finally:
             self.abandon()
         told = [word.removeprefix(LANES) for word in out.split() if word.startswith(LANES)]
@@ -231,6 +212,10 @@ class Probe:
         problem = device_fault(self.info, fault) if fault else ""
         remember(self.info, problem, self.lanes)
         return problem
+
+
+def _text(output: bytes) -> str:
+    return output.decode("utf-8", "replace")
 
 
 def _fault(code: int, out: str, err: str) -> str:
@@ -261,19 +246,18 @@ _NARROWER = {16: 8, 8: 4, 4: 1}  # number of lanes: the next one to try where a 
 def tried_out(info: DeviceInfo, trial: bytes = b"", *, started: Probe | None = None) -> DeviceInfo:
     """Test the device, and where its own number of lanes does not work, with fewer; return what was found.
 
-    trial: arguments of Renderer, pickled, for the frame that is drawn; empty: any frame. started: the first test, if it is
-    under way.
+    trial: see `Probe.finish`. started: the first test, if it is under way.
     """
-    first, probe = "", started or Probe(info, 0, trial)
+    first, probe = "", started or Probe(info)
     while True:
-        problem = probe.finish()
+        problem = probe.finish(trial)
         first, lanes = first or problem, _NARROWER.get(probe.lanes, 0)
         if not problem:
             fewer = f"{first}; it works, but takes longer, with {probe.lanes} instead of more lanes" if first else ""
             return replace(info, works=True, problem="", lanes=probe.lanes, narrowed=fewer)
         if not lanes:
             return replace(info, works=False, problem=first)
-        probe = Probe(info, lanes, trial)
+        probe = Probe(info, lanes)
 
 
 # Verdicts: one file per device and state of the system

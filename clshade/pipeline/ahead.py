@@ -1,0 +1,73 @@
+"""Programs that the next pictures are likely to need, compiled after a picture by a process that yields to all others."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from typing import Any
+
+from ..base.atomic_files import lock_file
+from ..scene.model import Scene, Settings
+from . import programs
+from .kernel_files import kernels_digest
+from .opencl.environment import cache_root
+from .opencl.probe import own_command
+from .renderer import Renderer, trial_of
+
+_DONE = "compiled-ahead"  # a file of the cache: the kernels for which all has been compiled
+_IDLE = b"19"  # the lowest priority
+
+
+def start(scene: Scene, settings: Settings) -> None:
+    """Start the process, which compiles the optimized programs of this scene first, unless there is nothing to compile.
+
+    It ends by itself. `programs.AHEAD` turns it off.
+    """
+    with contextlib.suppress(OSError):
+        done = cache_root() / _DONE
+        if not programs.keeps_compiling():
+            return
+        if not programs.has_first() and done.exists() and done.read_text() == kernels_digest():
+            return
+        with tempfile.TemporaryFile() as trial:
+            trial.write(trial_of(scene, settings, ()))
+            trial.seek(0)
+            quiet = subprocess.DEVNULL
+            command = own_command("clshade.pipeline.ahead")
+            subprocess.Popen(command, stdin=trial, stdout=quiet, stderr=quiet, start_new_session=True)
+
+
+def main() -> None:
+    """Compile what standard input describes, as `trial_of` does, and then what other scenes are likely to need."""
+    _leave_processors()
+    lock = lock_file(cache_root() / f"{_DONE}.lock")
+    if lock is None:  # another process is at it
+        return
+    arguments, _ = pickle.loads(sys.stdin.buffer.read())
+    for each in (arguments, *_likely()):
+        with contextlib.suppress(Exception), Renderer(**each) as renderer:
+            renderer.render()
+    (cache_root() / _DONE).write_text(kernels_digest())
+
+
+def _leave_processors() -> None:
+    """Let this process, and the threads that it starts, run only while no other has work."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(19)
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    if hasattr(os, "getsid") and os.getsid(0) == os.getpid():  # priorities count within a session
+        with contextlib.suppress(OSError), open("/proc/self/autogroup", "wb") as group:
+            group.write(_IDLE)
+
+
+def _likely() -> list[dict[str, Any]]:
+    """Return arguments of renderers for the shaders and settings that the command line takes most."""
+    from ..scene.builtin.scenes import builtin
+
+    scene = builtin("icosphere", resolution=(64, 48))
+    kinds = ("pbr", 4, False), ("standard", 4, False), ("standard", 1, False), ("pbr", 4, True), ("standard", 4, True)
+    return [{"scene": scene, "preset": p, "samples": n, "shadows": shadows} for p, n, shadows in kinds]

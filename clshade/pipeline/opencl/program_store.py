@@ -1,0 +1,160 @@
+"""Compiled programs on disk: a file for each, shared by all processes of a user.
+
+The files hold compiled code. A damaged one would crash whatever runs it, or silently draw wrong pixels: so each begins with
+a digest of the rest. While code of a file runs for the first time in a process, a locked mark lies beside it: one that no
+process holds says that its user did not survive, and the file goes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import Path
+
+from ...base import console, interrupts
+from ...base.atomic_files import lock_file
+
+MOST_BYTES = 128 << 20  # of all programs: beyond, those that were not used for longest go, until half of that is left
+_MARK = ".in-use"
+_CHANGING = "last_accessed"  # in which PoCL notes when it used a program
+BINARY = "binary"  # the one file of a program of a runtime that has no cache of its own
+_said: set[str] = set()  # each reason is said once
+_held: dict[Path, tuple[int, int]] = {}  # marks -> the process that holds them, the descriptor of the lock
+
+
+@interrupts.at_end
+def _unmark_all() -> None:
+    """Remove the marks of this process at its end, even a forced one, which may come while a kernel runs."""
+    for mark in list(_held):
+        _unmark(mark)
+
+
+def _unmark(mark: Path) -> None:
+    owner, lock = _held.pop(mark)
+    if owner == os.getpid():
+        with contextlib.suppress(OSError):
+            mark.unlink()
+    os.close(lock)
+
+
+class StoredProgram:
+    """A compiled program in the file at `path`, which is there or not. names: of its own files that were read or written."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._mark = path, path.with_name(path.name + _MARK)
+        self.names: frozenset[str] = frozenset()
+
+    def __contains__(self, kernel: str) -> bool:
+        """Whether a kernel's code is stored, as far as its runtime compiles kernels one by one."""
+        return any(f"/{kernel}/" in name for name in self.names) or BINARY in self.names
+
+    def read(self) -> dict[str, bytes]:
+        """Return the program's files by name; empty if there is none, or none that is intact, which a line says."""
+        if self._died():
+            return self._refuse("a run that began to use it ended abruptly")
+        try:
+            digest, body = self.path.read_bytes().split(b"\n", 1)
+            os.utime(self.path)  # the folder loses what was not used for longest
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError) as error:
+            return self._refuse(f"it cannot be read ({getattr(error, 'strerror', None) or 'damaged'})")
+        if hashlib.sha256(body).hexdigest().encode() != digest:
+            return self._refuse("it is damaged")
+        index, content = body.split(b"\n", 1)
+        files, first = {}, 0
+        for name, size in json.loads(index).items():
+            files[name] = content[first : first + size]
+            first += size
+        self.names = frozenset(files)
+        return files
+
+    def write(self, files: Mapping[str, bytes]) -> None:
+        """Store the program's files, unless it has these. A folder that cannot be written only costs time."""
+        if self.names.issuperset(files):
+            return
+        files = {**self.read(), **files}  # another process may have stored other kernels
+        body = b"".join(
+            [json.dumps({name: len(each) for name, each in files.items()}).encode(), b"\n", *files.values()]
+        )
+        with contextlib.suppress(OSError):
+            self.path.parent.mkdir(exist_ok=True)
+            made = self.path.with_name(f"{self.path.name}-{os.getpid()}")
+            # Not synced: a power cut that loses content leaves a wrong digest.
+            made.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+            os.replace(made, self.path)
+            self.names = frozenset(files)
+            _shrink(self.path.parent)
+
+    @contextlib.contextmanager
+    def first_use(self) -> Iterator[None]:
+        """Guard a block that uses stored code for the first time: if the process dies in it, the file goes. An exception or
+        an interrupt is harmless."""
+        lock = None
+        if self.names:
+            with contextlib.suppress(OSError):  # on a full disk, or one without locks: without a mark
+                lock = lock_file(self._mark)
+        if lock is not None:
+            _held[self._mark] = os.getpid(), lock
+        try:
+            yield
+        finally:
+            if lock is not None and self._mark in _held:
+                _unmark(self._mark)
+
+    def _died(self) -> bool:
+        """Return whether the last process to use the program for the first time ended abruptly."""
+        lock = None
+        if self._mark.exists():
+            with contextlib.suppress(OSError):
+                lock = lock_file(self._mark)
+        if lock is not None:
+            os.close(lock)
+        return lock is not None
+
+    def _refuse(self, reason: str) -> dict[str, bytes]:
+        if reason not in _said:
+            _said.add(reason)
+            console.warning(f"a compiled program in {self.path.parent} is thrown away and compiled anew: {reason}")
+        for path in (self.path, self._mark):
+            with contextlib.suppress(OSError):
+                path.unlink()
+        return {}
+
+
+def _shrink(folder: Path) -> None:
+    programs = [(path.stat(), path) for path in folder.iterdir()]
+    if sum(status.st_size for status, _ in programs) <= MOST_BYTES:
+        return
+    left = 0
+    for status, path in sorted(programs, key=lambda each: each[0].st_mtime, reverse=True):
+        left += status.st_size
+        if left > MOST_BYTES // 2:
+            path.unlink(missing_ok=True)
+
+
+# PoCL keeps a program as a folder in a folder of its cache
+
+
+def programs_in(folder: Path | None) -> set[Path]:
+    """Return the folders of the programs in PoCL's cache; empty for None."""
+    return set(folder.glob("??/*")) if folder is not None else set()
+
+
+def pack(folder: Path, programs: Iterable[Path], known: Collection[str]) -> dict[str, bytes]:
+    """Return the files of programs in PoCL's cache, by their names in it, but for those known."""
+    paths = (path for program in programs for path in program.rglob("*") if path.name != _CHANGING and path.is_file())
+    names = {path.relative_to(folder).as_posix(): path for path in paths}
+    return {name: path.read_bytes() for name, path in names.items() if name not in known}
+
+
+def unpack(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write into PoCL's cache what `pack` returned, but for what is there: the process may have loaded it as a library."""
+    for name, content in files.items():
+        path = folder / name
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
