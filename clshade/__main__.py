@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -15,6 +16,7 @@ except KeyboardInterrupt:
 def _command() -> int:
     # NumPy's BLAS threads would busy-wait beside the kernels, and nothing here multiplies large matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(20_000)  # imports make many objects, and hardly any garbage
     from .cli.main import main
 
     return main()

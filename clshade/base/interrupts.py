@@ -61,7 +61,8 @@ def run(command: Callable[[], int]) -> NoReturn:
 
     A script that imports much before calls `leave_soon` first.
     """
-    code = INTERRUPTED
+    code, known = INTERRUPTED, list[int]()
+    atexit.register(_end, known)  # runs after those that are registered from now on
     try:
         leave_soon()
         code = command()
@@ -69,7 +70,18 @@ def run(command: Callable[[], int]) -> NoReturn:
         tell()
     if code == INTERRUPTED:
         ignore()  # only cleanup is left
+    known.append(code)
     sys.exit(code)
+
+
+def _end(known: list[int]) -> None:
+    """End the process with its exit code, if that is known. To clear modules and libraries from memory would take longer
+    than all that is left to do."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        if known:
+            os._exit(known[0])
 
 
 def leave_soon(*, quiet: bool = False) -> None:

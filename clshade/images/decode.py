@@ -20,6 +20,7 @@ from . import pnm, tiff
 MAX_BYTES = 1 << 29  # of an image file
 MAX_SIDE = 32768  # pixels
 MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
+BAND = 16  # rows of codes at a time
 FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
 
 # Pillow's decoders keep the high 8 bits per channel of a 16-bit color image. To get the low bytes: the raw mode -> the
@@ -45,8 +46,45 @@ def srgb_to_linear(values: Array) -> Array:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def read_image(path: Path, *, srgb: bool) -> Array:
-    """Read an image file as (h, w, 3) float32, row 0 at the top.
+class CodedImage:
+    """An image (h, w, C) in the codes of its file, a quarter or half as large as its numbers; array_like of float32.
+
+    codes: uint8 or uint16, RGB or RGBA, row 0 at the top. colors, alphas: (K,) float32, from 0 to 1: the numbers of the
+    codes 0 to K-1 in the first three channels, and in the fourth.
+    """
+
+    def __init__(self, codes: Array, colors: Array, alphas: Array) -> None:
+        self.codes, self.colors, self.alphas = codes, colors, alphas
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.codes.shape
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    def __getitem__(self, part: Any) -> CodedImage:
+        """Return a part: some rows, or the first three channels."""
+        return CodedImage(self.codes[part], self.colors, self.alphas)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        numbers = np.empty(self.shape, np.float32)
+        self.write(numbers)
+        return numbers if dtype is None else numbers.astype(dtype, copy=False)
+
+    def write(self, texels: Array) -> None:
+        """Fill texels (h, w, 3 or 4) float32 with the numbers, and a channel that the image lacks with 1."""
+        band = np.full((BAND, *texels.shape[1:]), len(self.colors) - 1, self.codes.dtype)
+        for start in range(0, len(texels), BAND):
+            codes, some = self.codes[start : start + BAND], texels[start : start + BAND]
+            band[: len(codes), :, : codes.shape[2]] = codes
+            np.take(self.colors, band[: len(codes)], out=some, mode="clip")
+            if codes.shape[2] == 4 and self.alphas is not self.colors:
+                some[:, :, 3] = self.alphas[codes[:, :, 3]]
+
+
+def read_image(path: Path, *, srgb: bool) -> CodedImage:
+    """Read an image file, (h, w, 3), row 0 at the top.
 
     srgb: whether to decode the values from sRGB to linear; otherwise they are value/255, value/65535 for 16 bits, and
     for PPM and PGM images value/most, where most is the file's largest value.
@@ -64,8 +102,8 @@ def read_image(path: Path, *, srgb: bool) -> Array:
 
 def decode_image(
     data: bytes | memoryview, owner: str, *, srgb: bool, count: Callable[[int], None] = lambda pixels: None
-) -> Array:
-    """Decode an image file to (h, w, 3) float32, or (h, w, 4) if it has alpha that is not 1 everywhere.
+) -> CodedImage:
+    """Decode an image file, (h, w, 3), or (h, w, 4) if it has alpha that is not 1 everywhere.
 
     Row 0 is the top. srgb: see read_image; alpha is never decoded. owner: the name for messages. count: is told the number
     of pixels before they are decoded, and may raise an InputError.
@@ -79,15 +117,14 @@ def decode_image(
         reason = reason_of(error) or type(error).__name__
         raise file_error(owner, "image", "an image of type " + ", ".join(FORMATS), reason) from None
     levels = np.arange(most + 1) / most
-    plain = levels.astype(np.float32)
-    table = srgb_to_linear(levels).astype(np.float32) if srgb else plain
+    alphas = levels.astype(np.float32)
+    colors = srgb_to_linear(levels).astype(np.float32) if srgb else alphas
     channels = pixels.shape[2]
-    if channels in (2, 4) and pixels[:, :, -1].min() < most:
-        image = np.empty((*pixels.shape[:2], 4), np.float32)
-        image[:, :, :3] = table[pixels[:, :, :-1]]
-        image[:, :, 3] = plain[pixels[:, :, -1]]
-        return image
-    return np.broadcast_to(table[pixels[:, :, : 3 if channels > 2 else 1]], (*pixels.shape[:2], 3))
+    if channels in (2, 4) and pixels[:, :, -1].min() == most:
+        pixels = pixels[:, :, : channels - 1]
+    if channels < 3:
+        pixels = np.concatenate([np.repeat(pixels[:, :, :1], 3, axis=2), pixels[:, :, 1:]], axis=2)
+    return CodedImage(pixels, colors, alphas)
 
 
 def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tuple[Array, dict[str, Any]]:

@@ -26,14 +26,18 @@ _OUTSET = np.linalg.inv(_INSET)
 
 def neutral(x: Array) -> Floats:
     """Map linear colors, (..., 3), non-negative, to [0, 1] by Khronos PBR Neutral."""
-    least = x.min(axis=-1, keepdims=True)
-    colors = x - np.where(least <= 2.0 * _F90, least - least**2 / (4.0 * _F90), _F90)
-    peak = colors.max(axis=-1, keepdims=True)
-    high = np.maximum(peak, _START)  # below, the formula is not used
+    red, green, blue = channels = np.moveaxis(
+        x, -1, 0
+    )  # the channels' maximum is faster than one along an axis of three
+    least = np.minimum(np.minimum(red, green), blue)
+    colors: Floats = channels - np.where(least <= 2.0 * _F90, least - least**2 / (4.0 * _F90), _F90)
+    peak = np.maximum(np.maximum(colors[0], colors[1]), colors[2])
+    some = peak > _START
+    high = peak[some]
     mapped = 1.0 - (1.0 - _START) ** 2 / (high + 1.0 - 2.0 * _START)
     kept = 1.0 / (_DESATURATION * (high - mapped) + 1.0)
-    y: Floats = np.where(peak <= _START, colors, colors * (mapped / high * kept) + mapped * (1.0 - kept))
-    return y
+    colors[:, some] = colors[:, some] * (mapped / high * kept) + mapped * (1.0 - kept)
+    return np.moveaxis(colors, 0, -1)
 
 
 def neutral_inverse(y: Array) -> Floats:

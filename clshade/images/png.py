@@ -13,7 +13,6 @@ import numpy as np
 from ..base import atomic_files
 from ..base.atomic_files import Path, shown
 from ..base.input_files import file_error, read_file, reason_of
-from ..base.markup import data_uri
 from ..errors import InputError
 
 _LEVEL = 1  # of zlib: the filters take most of the time, and higher levels gain little on renders
@@ -88,6 +87,8 @@ def _filtered(row: np.ndarray, above: np.ndarray) -> bytes:
 
 def as_uri(rgb8: np.ndarray) -> str:
     """Return an image as a URI that holds its PNG, for a page."""
+    from ..base.markup import data_uri
+
     file = io.BytesIO()
     encode(file, rgb8, _PAGE_LEVEL)
     return data_uri("image/png", file.getvalue())

@@ -46,11 +46,11 @@ class Layout:
 
 def layout(data: bytes | memoryview) -> Layout | None:
     """Return the layout of a TIFF file's first image, or None for other files and for ones too damaged to tell."""
-    from PIL import TiffImagePlugin
-
     head = bytes(data[:16])
     if head[:4] not in _MAGIC:
         return None
+    from PIL import TiffImagePlugin
+
     try:
         directory: Any = TiffImagePlugin.ImageFileDirectory_v2(head if head[2] == 43 or head[3] == 43 else head[:8])
         file = io.BytesIO(data)

@@ -146,13 +146,28 @@ def _map32(values: Array, codes: Array, table: Array) -> None:
         codes[start : start + n] = found[:n]  # keeps the low eight bits
 
 
+@functools.lru_cache(maxsize=32)
+def _buckets(operator: str) -> tuple[Array, Array]:
+    """Return for each multiple of 1/4096 from 0 to 1 its code, uint8, and the next threshold, float64: thresholds are
+    further apart than that."""
+    thresholds = _thresholds64(operator, 0.0)
+    codes = np.searchsorted(thresholds, np.arange(4097) / 4096.0, side="right")
+    if (np.diff(codes) > 1).any():
+        raise AssertionError("tone map: two thresholds in one bucket")
+    return codes.astype(np.uint8), np.append(thresholds, np.inf)[codes]
+
+
 def _map_joint(rgb: Array, codes: Array, operator: str, stops: float) -> None:
-    forward, thresholds = JOINT[operator][0], _thresholds64(operator, 0.0)
+    forward, (starts, thresholds) = JOINT[operator][0], _buckets(operator)
     for start in range(0, len(rgb), _BLOCK):
-        block = rgb[start : start + _BLOCK].astype(np.float64)
+        block = np.array(
+            rgb[start : start + _BLOCK].T, np.float64, order="C"
+        ).T  # curves take a channel after the other
         x = _exposed(np.where(block > 0.0, block, 0.0), stops)  # NaN is not above 0
-        found = np.searchsorted(thresholds, forward(x), side="right")
-        found[np.isnan(rgb[start : start + _BLOCK])] = 0
+        y = np.clip(forward(x), 0.0, 1.0)
+        bucket = (y * 4096.0).astype(np.intp)
+        found = starts[bucket] + (y >= thresholds[bucket])
+        found[np.isnan(block)] = 0
         codes[start : start + _BLOCK] = found
 
 

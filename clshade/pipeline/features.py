@@ -118,7 +118,7 @@ def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
 
 
 def _has_levels(texture: Texture) -> bool:
-    return texture.lookup == "standard" and max(texture.image.shape[:2]) > 1
+    return texture.lookup == "standard" and max(texture.texels.shape[:2]) > 1
 
 
 def _any_nonzero(values: Iterable[np.ndarray]) -> bool:

@@ -24,7 +24,6 @@ from ..scene.camera import Camera
 from ..scene.formats.table import EXTENSIONS
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalar_colors import color_map_of
-from .layer_buffers import number_names
 
 if TYPE_CHECKING:
     from ..images.exr import Compression
@@ -163,6 +162,7 @@ def check_output(
 def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str, Any]:
     """Return the EXR's header attributes that do not depend on times or checks; see `Frame.metadata`."""
     from ..scene.geometry import camera_metadata
+    from .layer_buffers import number_names
 
     found = camera_metadata(scene.camera)
     given = [(each.name, getattr(settings, each.name), each.default) for each in fields(settings)]

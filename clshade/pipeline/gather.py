@@ -415,8 +415,8 @@ class Gatherer:
         meshes = (mesh for each in self.copies for mesh in each.meshes)
         for mesh in {(id(mesh.material), id(mesh.colors)): mesh for mesh in meshes}.values():
             color = mesh.material.color.max() * (1.0 if mesh.colors is None else mesh.colors.max(initial=0.0))
-            texel = 1.0 if mesh.material.texture is None else mesh.material.texture.image.max()
-            brightest = max(brightest, float(color) * max(float(texel), 1.0))
+            texel = 1.0 if mesh.material.texture is None else mesh.material.texture.extremes[1]
+            brightest = max(brightest, float(color) * max(texel, 1.0))
         around = self.scene.environment if pbr else None
         radiance = 0.0 if around is None else float(around.image.max()) * around.intensity
         lit = self.materials.values(), intensities, self.scene.ambient, brightest

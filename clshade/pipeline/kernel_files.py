@@ -9,6 +9,7 @@ from pathlib import Path
 from ..errors import DeviceError
 
 
+@cache
 def kernel_folder() -> Path:
     """Return the folder of the kernel sources: inside an installed package, or at the top level of a checkout."""
     package = Path(__file__).resolve().parent.parent
@@ -19,10 +20,16 @@ def kernel_folder() -> Path:
 
 
 @cache
+def kernel_text(name: str) -> str:
+    """Return the source in a file of that name, with the same line ends everywhere."""
+    return (kernel_folder() / name).read_text(encoding="utf-8")
+
+
+@cache
 def kernels_digest() -> str:
     """Return the SHA-256 of the names and contents of all sources, in hexadecimal."""
     found = hashlib.sha256()
     for path in sorted(each for ending in ("cl", "clh") for each in kernel_folder().glob(f"*.{ending}")):
-        content = path.read_text().encode()  # with the same line ends everywhere
+        content = kernel_text(path.name).encode()
         found.update(b"%s %d\n" % (path.name.encode(), len(content)) + content)
     return found.hexdigest()

@@ -42,7 +42,7 @@ def _fields(material: Material) -> tuple[Any, ...]:
     """Return a hashable key of a material: every field, but not the texels of its texture."""
     values = [getattr(material, field.name) for field in fields(Material) if field.name != "texture"]
     texture = material.texture
-    described = None if texture is None else (texture.image.shape, texture.wrap, texture.lookup, texture.filter)
+    described = None if texture is None else (texture.texels.shape, texture.wrap, texture.lookup, texture.filter)
     return (*(tuple(value) if isinstance(value, np.ndarray) else value for value in values), described)
 
 

@@ -21,7 +21,7 @@ from ..base import console
 from ..errors import DeviceError
 from . import layer_outputs, surface_inputs
 from .features import Features, bit_definitions
-from .kernel_files import kernel_folder
+from .kernel_files import kernel_text
 from .opencl import environment, program_store
 from .opencl.device import Device
 from .opencl.program_store import BINARY, StoredProgram
@@ -44,13 +44,13 @@ def _put_in(text: str, name: str, seen: set[str], parts: list[str]) -> None:
     """Append the lines of a source called `name`; each kernel file is inserted at its first #include only."""
     parts.append(f'#line 1 "{name}"')
     for number, line in enumerate(text.splitlines(), 2):
-        match = _INCLUDE.match(line)
+        match = _INCLUDE.match(line) if "#include" in line else None
         if match is None:
             parts.append(line)
             continue
         if match[1] not in seen:
             seen.add(match[1])
-            _put_in((kernel_folder() / match[1]).read_text(), match[1], seen, parts)
+            _put_in(kernel_text(match[1]), match[1], seen, parts)
         parts.append(f'#line {number} "{name}"')
 
 
@@ -105,7 +105,7 @@ class Program:
     def parameters(self, name: str) -> dict[str, Any]:
         """Return the NumPy types of a kernel's parameters by their names, in order; None for pointers."""
         if name not in self._parameters:
-            declared = re.split(rf"\bkernel void {name}\(", self.source)[1].split("{")[0]
+            declared = self.source.partition(f"kernel void {name}(")[2].partition("{")[0]
             real = np.float64 if self.features["DOUBLE"] else np.float32
             self._parameters[name] = dict(self._declared(declared, {**_SCALARS, "real": real}))
         return self._parameters[name]

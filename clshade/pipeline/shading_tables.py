@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -13,6 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..base.arrays import Array, Floats
+from ..images.decode import CodedImage
 from ..scene.environment import Environment
 from ..scene.image_light import octahedral
 from ..scene.image_light.brdf_table import brdf_table
@@ -85,7 +88,7 @@ def material_table(
         table["map_factors"][:, column] = [getattr(each, kind.factor) if kind.factor else 1.0 for each in facets]
     tested, blends = ([each.alpha_cutoff is not None for each in materials], [each.blend for each in materials])
     table["alpha_tested"], table["blends"] = tested, blends
-    has_alpha = [each.texture is not None and each.texture.image.shape[2] == 4 for each in materials]
+    has_alpha = [each.texture is not None and each.texture.texels.shape[2] == 4 for each in materials]
     table["alpha_texture"] = np.where(has_alpha & np.logical_or(tested, blends), table["texture"], -1)
     table["alpha_cutoff"] = [each.alpha_cutoff or 0.0 for each in materials]
     table["opacity"] = reals([each.opacity for each in materials])
@@ -96,12 +99,17 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: i
     """Return rows of `struct_layout.SINGLE.Texture` and all textures' texels, concatenated, (X, 4) float32; with `mipmaps`
     each texture is followed by its smaller levels, which are opaque. uv_rows: of a set of texture coordinates."""
     table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
-    mipmap = [[each.image, *(levels_below(each) if mipmaps and each.lookup == "standard" else [])] for each in textures]
-    texels = np.empty((sum(level.shape[0] * level.shape[1] for levels in mipmap for level in levels), 4), np.float32)
+    mipmap = [
+        [each.texels, *(levels_below(each) if mipmaps and each.lookup == "standard" else [])] for each in textures
+    ]
+    sizes = [level.shape[0] * level.shape[1] for levels in mipmap for level in levels]
+    texels = np.empty((sum(sizes), 4), np.float32)
+    with ThreadPoolExecutor(_THREADS) as threads:
+        threads.map(_write_texels, chain.from_iterable(mipmap), np.split(texels, np.cumsum(sizes)))
     offset = 0
     first: dict[tuple[object, ...], int] = {}
     for number, (row, texture, levels) in enumerate(zip(table, textures, mipmap, strict=True)):
-        height, width, _ = texture.image.shape
+        height, width, _ = texture.texels.shape
         kind = width, height, texture.wrap, texture.lookup, texture.filter, texture.coordinates
         row["alike"] = first.setdefault(kind, number)
         row["width"], row["height"] = width, height
@@ -110,12 +118,18 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: i
         row["levels"] = len(levels)
         for place, level in enumerate(levels):
             row["offset"][place] = offset
-            flat = level.reshape(-1, level.shape[2])
-            mine = texels[offset : offset + len(flat)]
-            mine[:, : flat.shape[1]] = flat
-            mine[:, flat.shape[1] :] = 1.0
-            offset += len(flat)
+            offset += level.shape[0] * level.shape[1]
     return table, texels
+
+
+def _write_texels(level: CodedImage | Array, texels: Array) -> None:
+    """Fill texels (h w, 4) with an image (h, w, 3 or 4), opaque unless it has alpha."""
+    texels = texels.reshape(*level.shape[:2], 4)
+    if isinstance(level, CodedImage):
+        level.write(texels)
+    else:
+        texels[..., : level.shape[2]] = level
+        texels[..., level.shape[2] :] = 1.0
 
 
 def light_unit(
@@ -211,10 +225,8 @@ def map_of(mesh: Mesh, name: str) -> Texture | None:
 
 def maps_of(mesh: Mesh) -> dict[str, Texture]:
     """Return the maps of a mesh by name."""
-    if mesh.material.pbr is None or mesh.uvs is None:
-        return {}
-    found = {name: map_of(mesh, name) for name in MAPS}
-    return {name: texture for name, texture in found.items() if texture is not None}
+    found = ((name, map_of(mesh, name)) for name in MAPS)
+    return {name: texture for name, texture in found if texture is not None}
 
 
 def textures_of(mesh: Mesh, *, maps: bool) -> list[Texture]:
@@ -236,6 +248,7 @@ def usable(mesh: Mesh) -> Material:
     return material
 
 
+_THREADS = 4  # that fill the table of texels
 BAND = 1 << 18  # values of the larger level halved at a time, in float64: they stay in the cache
 
 _levels: WeakKeyDictionary[Texture, list[Array]] = WeakKeyDictionary()

@@ -19,7 +19,7 @@ TEXELS = 128  # squares of the ground to a side
 _RAYS = 128
 _FINE = 4  # cells to a square's side
 _SPACING = 0.5  # of the points that mark cells, cells
-_COUNTS = np.unique(np.rint(1.3 ** np.arange(27)).astype(int))  # of points along a side: few different ones, to 917
+_COUNTS = np.array(sorted({round(1.3**k) for k in range(27)}))  # of points along a side: few different ones, to 917
 _AT_ONCE = 1 << 17  # points, or faces
 _TURN = (-0.7373688780783197, 0.6754902942615238)  # cosine and sine of the golden angle
 
@@ -29,7 +29,7 @@ def open_sky(scene: Scene, origin: Floats, axes: Floats, unit: float, reach: int
 
     scene: what stands on the ground, no further than `reach` squares from the ground's middle. origin: the corner of the
     first square. axes: (3, 3), unit vectors along the rows of squares, along their columns, and up; each along an axis of
-    the world. unit: the side of a square. reach: the length of the rays, squares.
+    the world. unit: the side of a square. reach: the length of the rays, squares: a multiple of 4.
     """
     solid = veils = _Grid(reach, bool)
     for veil, corners in _surfaces(scene, origin, axes * (_FINE / unit)):
@@ -93,10 +93,11 @@ def _corners(mesh: Mesh, origin: Floats, axes: Floats) -> Iterator[Floats32]:
 
 
 def _points(corners: Floats32) -> Iterator[Floats32]:
-    """Yield points of triangles, (K, C), at most _SPACING apart along both sides at the corner opposite to the longest,
+    """Yield points of triangles, (C, K), at most _SPACING apart along both sides at the corner opposite to the longest,
     for sides up to 458 cells: what rays reach is at most 320 wide."""
     sides = corners[:, [2, 0, 1], :3] - corners[:, [1, 2, 0], :3]
-    length = np.sqrt((sides * sides).sum(axis=2))
+    x, y, z = np.moveaxis(sides, 2, 0)
+    length = np.sqrt(x * x + y * y + z * z)
     rows, first = np.arange(len(corners)), length.argmax(axis=1)
     second, third = (first + 1) % 3, (first + 2) % 3
     i, j = (np.searchsorted(_COUNTS[:-1], length[rows, side] / _SPACING) for side in (third, second))
@@ -107,22 +108,22 @@ def _points(corners: Floats32) -> Iterator[Floats32]:
         i, j = (_COUNTS[k] for k in divmod(number, len(_COUNTS)))
         s, t = np.repeat((np.arange(i) + 0.5) / i, j), np.tile((np.arange(j) + 0.5) / j, i)
         s, t = (s[s + t <= 1.0], t[s + t <= 1.0]) if i * j > 1 else (np.array([1.0 / 3.0]), np.array([1.0 / 3.0]))
-        s, t = s.astype(np.float32)[:, None], t.astype(np.float32)[:, None]
+        s, t = s.astype(np.float32), t.astype(np.float32)
         step = max(1, _AT_ONCE // len(s))
         for start in range(0, len(alike), step):
             some = alike[start : start + step]
-            a, b, c = (corners[some, corner[some]][:, None] for corner in (first, second, third))
-            yield (a + s * (b - a) + t * (c - a)).reshape(-1, corners.shape[2])
+            a, b, c = (corners[some, corner[some]].T[..., None] for corner in (first, second, third))
+            yield (a + s * (b - a) + t * (c - a)).reshape(corners.shape[2], -1)
 
 
 def _alphas(mesh: Mesh, points: Floats32) -> Floats32:
-    """Return what share of the light points of a mesh hold back, (K,). points: (K, 3), u, v and the vertices' alpha."""
+    """Return what share of the light points of a mesh hold back, (K,). points: (3, K), u, v and the vertices' alpha."""
     material, texture = mesh.material, mesh.material.texture
-    alpha = points[:, 2] * np.float32(material.opacity)
-    if texture is not None and mesh.uvs is not None and texture.image.shape[2] == 4:
+    alpha = points[2] * np.float32(material.opacity)
+    if texture is not None and mesh.uvs is not None and texture.texels.shape[2] == 4:
         texels = []
-        for axis, coordinate in enumerate(points.T[:2]):
-            wrap, size = "clamp" if texture.lookup == "course" else texture.wrap[axis], texture.image.shape[1 - axis]
+        for axis, coordinate in enumerate(points[:2]):
+            wrap, size = "clamp" if texture.lookup == "course" else texture.wrap[axis], texture.texels.shape[1 - axis]
             place = (
                 np.clip(coordinate, 0.0, 1.0) if wrap == "clamp" else coordinate % (2.0 if wrap == "mirror" else 1.0)
             )
@@ -147,7 +148,7 @@ class _Grid:
         self._counts = np.zeros(self._cells.shape if kind is not bool else 0, np.float32)
 
     def _indices(self, points: Floats32) -> Array:
-        x, y, z = points[:, :3].T
+        x, y, z = points[:3]
         x, y = (np.clip(v - self._first * _FINE, 0, self._side * _FINE - 1).astype(np.int32) for v in (x, y))
         z = np.clip(z, 0, self._high).astype(np.int32)
         place = (z * _FINE + y % _FINE) * _FINE + x % _FINE
@@ -164,47 +165,54 @@ class _Grid:
                     cells[touched] = True
                     continue
                 where, inverse, times = np.unique(touched, return_inverse=True, return_counts=True)
-                cells[where] += np.bincount(inverse, _alphas(veil, points[:, 3:]))
+                cells[where] += np.bincount(inverse, _alphas(veil, points[3:]))
                 counts[where] += times
 
-    @cached_property
-    def _layers(self) -> tuple[Array, list[bool]]:
-        """The cells that rays meet, (Z, _FINE, _FINE, side, side), alphas as means over points; which layers have any."""
-        cells = self._cells[:-1] / np.maximum(self._counts[:-1], 1.0) if len(self._counts) else self._cells[:-1]
-        return cells, np.any(cells, axis=(1, 2, 3, 4)).tolist()
-
-    def _met(self, direction: Floats) -> Iterator[tuple[tuple[slice, slice], Array]]:
-        """Yield which squares' rays cross the grid at each step, a cell along the longest axis, and the cells there."""
-        cells, filled = self._layers
+    def _steps(self, direction: Floats) -> Array:
+        """Return where the first square's ray is after each step of a cell along the longest axis, (3, K): the row and the
+        column of a square, from the grid's corner, and the number of the layer of cells at that height and place in squares.
+        """
         longest = float(np.abs(direction).max())
         steps = (np.arange(int(self._high * longest)) + 0.5) / longest
-        places = np.floor(np.array([_FINE / 2, _FINE / 2, 0.0]) + steps[:, None] * direction).astype(int)
-        places[:, :2] -= self._first * _FINE
-        for x, y, z in places.tolist():
-            row, column = y // _FINE, x // _FINE  # those of the first square's ray
-            top, left = max(0, -row), max(0, -column)
-            bottom, right = max(top, min(TEXELS, self._side - row)), max(left, min(TEXELS, self._side - column))
-            bottom = bottom if filled[z] else top
-            layer = cells[z, y % _FINE, x % _FINE]
-            yield (
-                (slice(top, bottom), slice(left, right)),
-                layer[top + row : bottom + row, left + column : right + column],
-            )
+        x, y, z = np.floor(np.array([_FINE / 2, _FINE / 2, 0.0]) + steps[:, None] * direction).astype(int).T
+        x, y = x - self._first * _FINE, y - self._first * _FINE
+        return np.stack([y // _FINE, x // _FINE, (z * _FINE + y % _FINE) * _FINE + x % _FINE])
+
+    @cached_property
+    def _masks(self) -> Array:
+        """The cells of each layer as an integer: a bit each, with as many zeros after each row of them."""
+        packed = np.packbits(self._cells[:-1].reshape(-1, self._side, self._side), axis=2, bitorder="little")
+        rows = np.concatenate([packed, np.zeros_like(packed)], axis=2)
+        return np.array([int.from_bytes(each.tobytes(), "little") for each in rows], object)
 
     def hidden(self, direction: Floats) -> Bools:
         """Return of which squares something stands in this direction, (TEXELS, TEXELS)."""
-        hidden = np.zeros((TEXELS, TEXELS), bool)
-        for window, cells in self._met(direction):
-            if cells.size:
-                np.logical_or(hidden[window], cells, out=hidden[window])
-        return hidden
+        # Shifting a mask moves its cells by rows and columns: none comes further than the zeros after a row.
+        width, first, hidden = 2 * self._side, self._side // 2 - self._first, 0
+        row, column, layer = self._steps(direction)
+        shift = (first - row) * width + first - column
+        for mask, places in zip(self._masks[layer].tolist(), shift.tolist(), strict=True):
+            hidden |= mask << places
+        packed = np.frombuffer(hidden.to_bytes(width * width // 8, "little"), np.uint8)
+        squares = np.unpackbits(packed, bitorder="little").reshape(width, width).view(bool)
+        return squares[first : first + TEXELS, first : first + TEXELS]
+
+    @cached_property
+    def _shares(self) -> dict[int, Array]:
+        """The means of the alphas of cells' points, (side, side), of the layers that surfaces touch."""
+        layers, counts = (each.reshape(-1, self._side, self._side) for each in (self._cells[:-1], self._counts))
+        touched = np.flatnonzero(layers.any(axis=(1, 2))).tolist()
+        return {number: layers[number] / np.maximum(counts[number], 1.0) for number in touched}
 
     def passed(self, direction: Floats) -> Floats32:
         """Return the share of light that arrives from this direction. A surface counts where a ray enters its cells."""
         passed, before = np.ones((TEXELS, TEXELS), np.float32), np.zeros((TEXELS, TEXELS), np.float32)
-        for window, cells in self._met(direction):
+        for row, column, layer in self._steps(direction).T.tolist():
             now = np.zeros_like(before)
-            now[window] = cells
-            passed *= 1.0 - np.maximum(now - before, 0.0)
+            if layer in self._shares:
+                top, left = max(0, -row), max(0, -column)
+                cells = self._shares[layer][top + row : TEXELS + row, left + column : TEXELS + column]
+                now[top : top + len(cells), left : left + cells.shape[1]] = cells
+                passed *= 1.0 - np.maximum(now - before, 0.0)
             before = now
         return passed

@@ -57,7 +57,7 @@ def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: 
         ],
         "materials": [_material(k, each, texture_numbers) for k, each in enumerate(materials.values(), 1)],
         "textures": [
-            {"number": k, "name": each.name, "size": [*each.image.shape[1::-1]], "channels": each.image.shape[2]}
+            {"number": k, "name": each.name, "size": [*each.texels.shape[1::-1]], "channels": each.texels.shape[2]}
             for k, each in enumerate(textures.values(), 1)
         ],
     }

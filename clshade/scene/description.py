@@ -12,9 +12,11 @@ import operator
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..images.decode import BAND, CodedImage
 from .environment import Environment
 from .model import Mesh, Scene
 from .texture import Texture
@@ -27,6 +29,7 @@ _LEFT_OUT: dict[type, tuple[str, ...]] = {
     Mesh: ("material", "nonfinite", "dropped"),
 }
 _LARGE = (Mesh, Texture, Environment)  # described by their digests
+_images: WeakKeyDictionary[CodedImage, bytes] = WeakKeyDictionary()  # those that were described
 
 
 def part_digests(scene: Scene) -> dict[str, str]:
@@ -41,6 +44,11 @@ def part_digests(scene: Scene) -> dict[str, str]:
     parts["others"] = {**{name: getattr(scene, name) for name in left}, "course": scene.preset == "course"}
     known: dict[int, bytes] = {}
     return {name: hashlib.sha256(_described(parts[name], known)).hexdigest() for name in PARTS}
+
+
+def describe_images(scene: Scene) -> None:
+    """Compute what `part_digests` needs of a scene's textures, which takes longest, so that it need not."""
+    _described([mesh.material for mesh in scene.meshes], {})
 
 
 def digest_of(value: Any) -> str:
@@ -75,6 +83,13 @@ def _described(value: Any, known: dict[int, bytes]) -> bytes:
         data = hashlib.sha256(little.reshape(-1).view(np.uint8).data).digest()
         known[id(value)] = f"array {little.dtype.str} {value.shape}:".encode() + data
         return known[id(value)]
+    if isinstance(value, CodedImage):  # as its numbers, which are not held whole
+        if value not in _images:
+            numbers = hashlib.sha256()
+            for start in range(0, len(value), BAND):
+                numbers.update(np.ascontiguousarray(value[start : start + BAND], "<f4").data)
+            _images[value] = f"array <f4 {value.shape}:".encode() + numbers.digest()
+        return _images[value]
     if is_dataclass(value) and not isinstance(value, type):
         known[id(value)] = _described_fields(value, known)
         return known[id(value)]
@@ -93,6 +108,7 @@ def _described_fields(value: Any, known: dict[int, bytes]) -> bytes:
 
 @functools.cache
 def _named(kind: type) -> list[tuple[str, bytes]]:
-    """Return the fields of a dataclass that count, and their names as `_described`, in the order of these."""
+    """Return where a dataclass has the fields that count, and their names as `_described`, in the order of these."""
     names = [each.name for each in fields(kind) if each.name not in _LEFT_OUT.get(kind, ())]
-    return sorted(((name, _described(name, {})) for name in names), key=operator.itemgetter(1))
+    pairs = [("texels" if (kind, name) == (Texture, "image") else name, _described(name, {})) for name in names]
+    return sorted(pairs, key=operator.itemgetter(1))

@@ -112,6 +112,8 @@ def nearest_axis(direction: Floats) -> tuple[float, float, float]:
 def bad_radiance(image: Array) -> str:
     """Return a few words about the first kind of pixels that is no radiance, "" if there are none. image: (h, w, 3) of
     float32 or wider."""
+    if 0.0 <= image.min() <= image.max() <= MAX_RADIANCE:  # false for NaN
+        return ""
     for found, what in ((np.isnan(image), "NaN"), (image > MAX_RADIANCE, "beyond 1e30"), (image < 0.0, "negative")):
         pixels = int(found.any(axis=2).sum())
         if pixels:

@@ -183,7 +183,7 @@ def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
 
 def _in_use(verts: Array, faces: Array) -> Array:
     """Return the vertices (V, 3) that faces refer to; all of them if the extreme ones along the axes are in use."""
-    ends = np.unique(_ends(verts))
+    ends = sorted(set(_ends(verts)))  # np.unique would import numpy.ma
     seen = np.zeros(len(ends), bool)
     corners = faces.reshape(-1)
     for block in row_blocks(len(corners)):
@@ -277,7 +277,7 @@ def _placed_pool(meshes: Sequence[Mesh]) -> Floats:
     found = points[np.repeat(first - begin, size) + np.arange(size.sum())]
     matrices = np.concatenate([np.asarray(mesh.instances) for mesh in meshes])
     moved = (matrices != np.eye(4)).any(axis=(1, 2))
-    for each in np.unique(size[moved]):
+    for each in sorted({*size[moved].tolist()}):
         some = np.flatnonzero(moved & (size == each))
         rows = begin[some, None] + np.arange(each)
         found[rows] = _placed(found[rows].transpose(0, 2, 1), matrices[some]).transpose(0, 2, 1)

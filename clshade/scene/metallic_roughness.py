@@ -43,8 +43,9 @@ def _map(facts: Map, most: float = 1.0) -> Any:
         texture: Texture = instance(owner, name, value, Texture)
         if texture.lookup != "standard":
             raise value_error(owner, name, "a Texture with lookup standard", texture.lookup)
-        if not (texture.image.min() >= 0.0 and texture.image.max() <= most):
-            found = [float(texture.image.min()), float(texture.image.max())]
+        least, largest = texture.extremes
+        if not (least >= 0.0 and largest <= most):
+            found = [least, largest]
             raise value_error(owner, name, f"a Texture of numbers from 0 {'on' if most > 1.0 else 'to 1'}", found)
         return texture
 

@@ -270,7 +270,7 @@ class Mesh:
     def has_alpha(self) -> bool:
         """Whether something may make it less than opaque: material, texture or vertices."""
         material, texture = self.material, self.material.texture
-        of_texture = texture is not None and self.uvs is not None and texture.image.shape[2] == 4
+        of_texture = texture is not None and self.uvs is not None and texture.texels.shape[2] == 4
         return material.opacity < 1.0 or of_texture or self.alphas is not None
 
     @property

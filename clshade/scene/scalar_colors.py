@@ -91,7 +91,7 @@ def without_colors(scene: Scene, scalars: Scalars | None) -> Scene:
         if id(material) not in white:
             texture = material.texture
             counts = material.blend or material.alpha_cutoff is not None
-            if texture is not None and counts and texture.image.shape[2] == 4:
+            if texture is not None and counts and texture.texels.shape[2] == 4:
                 image = texture.image.copy()
                 image[..., :3] = 1.0
                 texture = replace(texture, image=image)

@@ -70,7 +70,7 @@ def corner_tangents(
     counts = np.repeat(ordinary, 3)
     kept = np.flatnonzero(labels >= 0)
     number = np.zeros(len(labels) + 1, np.int32)
-    first = np.unique(labels[kept])
+    first = np.flatnonzero(np.bincount(labels[kept]))
     number[first] = np.arange(1, len(first) + 1, dtype=np.int32)
     tangent_faces = np.zeros(len(labels), np.int32)
     tangent_faces[kept] = number[labels[kept]]
@@ -186,9 +186,10 @@ def _join_free(labels: Array, preserving: Bools, free: Bools, first: Array, seco
     """Let faces without directions join the groups around them, in place: face by face, corner by corner, as the order
     decides which side of the texture such a face takes. Only fans with both kinds of faces are visited."""
     fans = connected_components(len(labels), first, second)
-    mixed = np.zeros(len(labels), bool)
-    mixed[np.intersect1d(fans[free], fans[~free & (labels >= 0)])] = True
-    visited = np.flatnonzero(mixed[fans])
+    both = [np.bincount(fans[corners], minlength=len(fans)) > 0 for corners in (free, ~free & (labels >= 0))]
+    visited = np.flatnonzero((both[0] & both[1])[fans])
+    if not len(visited):
+        return
     near: dict[int, list[int]] = {corner: [] for corner in visited.tolist()}
     for a, b in zip(first.tolist(), second.tolist(), strict=True):
         if a in near:

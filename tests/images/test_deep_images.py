@@ -29,7 +29,7 @@ RNG = np.random.default_rng(4)
 def decoded(data: bytes) -> np.ndarray:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        return decode_image(data, "a.img", srgb=False)
+        return np.asarray(decode_image(data, "a.img", srgb=False))
 
 
 def refused(data: bytes, *parts: str) -> None:

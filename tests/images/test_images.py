@@ -44,7 +44,7 @@ def test_the_curve():
 
 def test_rgb_row_0_is_the_top(tmp_path):
     path = saved(tmp_path, Image.fromarray(RGB))
-    image = read_image(path, srgb=False)
+    image = np.asarray(read_image(path, srgb=False))
     assert image.dtype == np.float32
     assert np.array_equal(image, (RGB / 255).astype(np.float32))
     assert np.array_equal(read_image(path, srgb=True), srgb_to_linear(RGB / 255).astype(np.float32))

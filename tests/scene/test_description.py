@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import clshade
+from clshade.images.decode import CodedImage, srgb_to_linear
+from clshade.pipeline.shading_tables import texture_tables
 from clshade.scene.builtin import scenes
 from clshade.scene.description import digest_of, part_digests
 from clshade.scene.environment import Environment
@@ -42,6 +44,25 @@ def test_digests_are_those_of_files_that_were_drawn_before():
     """Another digest would make every EXR that has one fail."""
     assert digest_of({"a": (1, 2.5, None, "ä"), "b": np.arange(3.0)}).startswith("b76439d05b493628")
     assert digest_of(Mesh(np.eye(3), [[0, 1, 2]], name="one")).startswith("fa81de5edd2ac327")
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize("srgb", [False, True])
+def test_a_texture_in_codes_is_that_of_its_numbers(channels, srgb):
+    codes = np.random.default_rng(2).integers(0, 256, (37, 5, channels), np.uint8)
+    linear = (np.arange(256) / 255).astype(np.float32)
+    colors = srgb_to_linear(linear).astype(np.float32) if srgb else linear
+    numbers = np.concatenate([colors[codes[..., :3]], linear[codes[..., 3:]]], axis=2)
+    coded, plain = Texture(CodedImage(codes, colors, linear)), Texture(numbers)
+    assert digest_of(coded) == digest_of(plain)
+    assert "image" not in vars(coded)
+    assert (coded.mean() == plain.mean()).all()
+    assert (plain.mean() == numbers[..., :3].mean((0, 1), np.float64)).all()
+    texels = [texture_tables([each])[1] for each in (coded, plain)]
+    assert (texels[0] == texels[1]).all()
+    assert (texels[0][:, :channels] == numbers.reshape(-1, channels)).all()
+    assert (coded.image == numbers).all()
+    assert not coded.image.flags.writeable
 
 
 def test_only_the_part_that_changed_differs():

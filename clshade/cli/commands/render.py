@@ -109,7 +109,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    # What is needed after rendering is imported in parallel; not by a daemon, for an exit within a C++ module aborts.
+    # What is needed after loading is imported in parallel; not by a daemon, for an exit within a C++ module aborts.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,))
     warming.start()
     Thread(target=_try_out_device, args=(arguments.device,)).start()
@@ -189,6 +189,7 @@ def _draw(
     """Render and save one view of a scene; return the exit code and all figures. command: that draws it."""
     from ...pipeline import programs, renderer
     from ...pipeline.frame_files import chosen_paths
+    from ...scene.description import describe_images
 
     found: dict[str, Any] = {}
     if arguments.budget is not None or arguments.tolerance is not None:
@@ -203,6 +204,8 @@ def _draw(
         from ...pipeline.mattes import check_mattes, cryptomatte
 
         check_mattes(arguments.cryptomatte, saving["files"] or ())
+    hashing = Thread(target=describe_images if "exr" in (saving["files"] or ()) else bool, args=(scene,))
+    hashing.start()
     columns, rows = options["resolution"] or scene.camera.resolution
     first = programs.first_picture() if _draws_once(arguments) else contextlib.nullcontext()
     with first, console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
@@ -221,7 +224,8 @@ def _draw(
 
         with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
             check(frame, arguments.check)
-    warming.join()
+    for thread in (warming, hashing):
+        thread.join()
     for warning in frame.write(output, **saving):
         console.warning(warning)
     others = [*write_crops(frame, output, arguments), *write_visible(frame, output, arguments)]
@@ -291,10 +295,13 @@ def _try_out_device(name: str | None) -> None:
 
 
 def _import_meanwhile(checked: bool) -> None:
-    if checked:
-        from ...measure.check import check  # noqa: F401
-    import OpenEXR  # noqa: F401
-    import PIL.Image  # noqa: F401
+    with contextlib.suppress(Exception):  # who needs it raises it again
+        from ...pipeline import renderer  # noqa: F401
+
+        if checked:
+            from ...measure.check import check  # noqa: F401
+        import OpenEXR  # noqa: F401
+        import PIL.PngImagePlugin  # noqa: F401
 
 
 def _check_output(output: str, arguments: argparse.Namespace) -> None:

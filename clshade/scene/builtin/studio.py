@@ -89,9 +89,9 @@ def _image() -> Floats:
     longitude = np.pi - (np.arange(COLUMNS) + 0.5) * (2.0 * np.pi / COLUMNS)
     sine, height = np.sin(polar)[:, None], np.cos(polar)[:, None]
     d = np.stack(np.broadcast_arrays(sine * np.cos(longitude), sine * np.sin(longitude), height), axis=-1)
-    image = _room(d[..., 2])[..., None] * np.ones(3)
+    image = _room(height)[..., None] * np.ones((ROWS, COLUMNS, 3))
     for box in BOXES:
-        image = image + _lamp(d, box)[..., None] * (box.radiance * np.array(box.color))
+        _add_lamp(image, d, box)
     weight = np.broadcast_to(sine, image.shape[:2])
     image = image * (MEAN / np.average(image.mean(axis=2), weights=weight))
     return np.asarray(np.round(image * 4096.0) / 4096.0)
@@ -112,16 +112,17 @@ def _room(height: Floats) -> Floats:
     return floor + (walls - floor) * share
 
 
-def _lamp(d: Floats, box: SoftBox) -> Floats:
-    """Return how much of a lamp directions (..., 3) in the axes front, left, up see: 0 to 1, a little more in the middle."""
+def _add_lamp(image: Floats, d: Floats, box: SoftBox) -> None:
+    """Add the light of a lamp to the radiance in directions (..., 3) in the axes front, left, up: a little more comes from
+    its middle."""
     longitude, latitude = np.radians([box.longitude, box.latitude])
     toward = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
     across = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    corner = np.hypot(1.0, np.hypot(box.width + box.edge, box.height + box.edge))  # along the first axis it is at 1
     along = d @ toward
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = np.abs(d @ across) / along, np.abs(d @ np.cross(toward, across)) / along
-    inside = along > 0.05
-    x, y = np.where(inside, x, 1e3), np.where(inside, y, 1e3)
+    lit = along > 1.0 / corner
+    d, along = d[lit], along[lit]
+    x, y = np.abs(d @ across) / along, np.abs(d @ np.cross(toward, across)) / along
     share = _smooth((box.width - x) / box.edge + 0.5) * _smooth((box.height - y) / box.edge + 0.5)
     bright = 1.0 - 0.35 * np.minimum((x / box.width) ** 2 + (y / box.height) ** 2, 2.0) / 2.0
-    return share * bright
+    image[lit] += (share * bright)[:, None] * (box.radiance * np.array(box.color))

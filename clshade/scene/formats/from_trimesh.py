@@ -206,7 +206,7 @@ def _simple(given: Any) -> Material:
         texture,
         str(given.name or ""),
         two_sided=True,
-        blend=bool(kd[3] < 1.0) or (texture is not None and texture.image.shape[2] == 4),
+        blend=bool(kd[3] < 1.0) or (texture is not None and texture.texels.shape[2] == 4),
         opacity=float(kd[3]),
     )
 
@@ -219,7 +219,7 @@ def _metallic_roughness(given: Any) -> Material:
     mode = given.alphaMode or "OPAQUE"
     cutoff = (0.5 if given.alphaCutoff is None else float(given.alphaCutoff)) if mode == "MASK" else None
     texture = _texture(given.baseColorTexture, srgb=True)
-    base = factor[:3] if texture is None else factor[:3] * texture.image[..., :3].mean(axis=(0, 1), dtype=np.float64)
+    base = factor[:3] if texture is None else factor[:3] * texture.mean()
     kd, ks, n = phong(metallic, roughness, float(np.mean(base)))
     emission = np.zeros(3) if given.emissiveFactor is None else np.asarray(given.emissiveFactor, np.float64)
     facets = MetallicRoughness(

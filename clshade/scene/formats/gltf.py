@@ -31,9 +31,8 @@ from .gltf_json import Item
 from .gltf_materials import Materials
 from .gltf_meshes import MeshBuilder
 from .gltf_nodes import Placed, camera_of, lights_of, placed
-from .options import Options, warn_ignored
+from .options import FPS, Options, warn_ignored
 
-FPS = 30
 MOST = 1_000_000  # frames
 _T = TypeVar("_T")
 # Extensions that are rendered, and those that a renderer may ignore.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...base.input_files import quoted, read_file
-from ...images.decode import MAX_BYTES
+from ...images.decode import MAX_BYTES, CodedImage
 from ..framing import AMBIENT
 from ..metallic_roughness import MAPS, MOST_SCALE
 from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
@@ -107,7 +107,7 @@ class Materials:
         base = float(np.mean(color))
         if texture is not None:
             with np.errstate(over="ignore"):
-                base = float(np.mean(texture.image[..., :3].mean(axis=(0, 1), dtype=np.float64) * color))
+                base = float(np.mean(texture.mean() * color))
         kd, ks, n = phong(metallic, roughness, base)
         double = item.value.get("doubleSided") is True
         material = Material(
@@ -214,8 +214,8 @@ class Materials:
             found.append(_WRAPS[mode])
         return (found[0], found[1]), "nearest" if sampler.integer("magFilter", _LINEAR) == _NEAREST else "linear"
 
-    def _image(self, index: int, srgb: bool) -> Array | None:
-        """Return (h, w, 3 or 4) float32, row 0 at the top, colors linear; None, with a warning, if it cannot be had."""
+    def _image(self, index: int, srgb: bool) -> CodedImage | None:
+        """Return (h, w, 3 or 4), row 0 at the top, colors linear; None, with a warning, if it cannot be had."""
         item = self.document.entry("images", index)
 
         def read() -> bytes | memoryview | None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,10 +25,12 @@ from ..lights import LIGHTS
 from ..model import Scene, Texture
 from ..normals import crease_angle
 from .course_npy import save_course
-from .gltf import FPS, Played, play
-from .options import VERTEX_COLORS, Options, VertexColors
+from .options import FPS, VERTEX_COLORS, Options, VertexColors
 from .table import BY_EXTENSION, EXTENSIONS, Format, extensions_with
 from .texture import as_texture
+
+if TYPE_CHECKING:
+    from .gltf import Played
 
 __all__ = ["load", "load_animation", "save_course"]
 
@@ -215,6 +217,8 @@ def load_animation(
             animation=animation,
             vertex_colors=vertex_colors,
         )
+        from .gltf import play
+
         return play(path, options, count=count, fps=fps)
 
 

@@ -227,7 +227,8 @@ class Library:
         image = self.images.at(path, srgb=False)
         if image is None:
             return None
-        return image[:, :, 3] if image.shape[2] == 4 else image.mean(axis=2)
+        numbers = np.asarray(image)
+        return numbers[:, :, 3] if image.shape[2] == 4 else numbers.mean(axis=2)
 
 
 def _is_default(keyword: str, rest: str) -> bool:

@@ -16,6 +16,7 @@ from ..framing import Up
 from ..geometry import vertex_normals
 from ..model import Material, Scene, Texture, with_fields, with_materials
 
+FPS = 30  # of animations that are played
 VertexColors: TypeAlias = Literal["srgb", "linear"]
 
 VERTEX_COLORS: tuple[VertexColors, ...] = get_args(VertexColors)

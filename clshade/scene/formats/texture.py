@@ -10,11 +10,10 @@ from collections.abc import Callable
 
 from numpy.typing import ArrayLike
 
-from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file
 from ...errors import InputError
-from ...images.decode import MAX_BYTES, decode_image, read_image
+from ...images.decode import MAX_BYTES, CodedImage, decode_image, read_image
 from ..model import Lookup, Texture
 
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
@@ -31,7 +30,7 @@ class Images:
 
     def __init__(self, scene: Path) -> None:
         self.scene, self._left, self._missing = scene, MAX_PIXELS, 0
-        self._images: dict[tuple[str, bool], Array | None] = {}
+        self._images: dict[tuple[str, bool], CodedImage | None] = {}
         self._found: dict[tuple[str, str | None], str | None] = {}
         self._names: dict[str, dict[str, str]] = {}
 
@@ -108,11 +107,11 @@ class Images:
             warnings.warn(f"{shown(path)}: image: its alpha channel is left out", stacklevel=2)
         return None if image is None else Texture(image[:, :, :3], name=os.path.basename(path))
 
-    def at(self, path: str, *, srgb: bool) -> Array | None:
+    def at(self, path: str, *, srgb: bool) -> CodedImage | None:
         """Return the image in a file, see `decoded`."""
         return self.decoded(shown(path), lambda: read_file(path, MAX_BYTES), srgb=srgb)
 
-    def decoded(self, owner: str, read: Callable[[], bytes | memoryview | None], *, srgb: bool) -> Array | None:
+    def decoded(self, owner: str, read: Callable[[], bytes | memoryview | None], *, srgb: bool) -> CodedImage | None:
         """Return an image as `decode_image` does; None, with a warning, if it cannot be read or decoded.
 
         owner: its name. read: returns its content, or None if it has already warned of it.
