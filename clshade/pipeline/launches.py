@@ -44,7 +44,8 @@ def scene_stages(
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
     programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=features.needs if first else None)]
     if layers is not None:
-        programs.append(build(device, layers.compiled(_LAYER_FEATURES), ("surface_layers.cl",), lanes=lanes))
+        own = layers.compiled(_LAYER_FEATURES)
+        programs.append(build(device, own, ("surface_layers.cl",), lanes=lanes, needs=-1 if first else None))
     if features["LINES"] and device.has_fp64:
         programs.append(build(device, features.compiled(_LINE_FEATURES), ("lines.cl",), lanes=1))
     return Stages(device, *programs, geometry)

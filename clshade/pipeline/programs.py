@@ -295,7 +295,7 @@ def _built_or_loaded(
         program = _load(device, files[BINARY]) if BINARY in files else None
         if program is None:
             try:
-                program = _without_log(cl.Program(device.context, source), options)
+                program = _compiled(device, source, options)
             except cl.RuntimeError as error:
                 raise _build_error(device, error) from error
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
@@ -314,6 +314,19 @@ def _built_or_loaded(
     built.keep()
     console.detail(f"{'loaded' if files else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms")
     return built
+
+
+def _compiled(device: Device, source: str, options: list[str]) -> Any:
+    """Compile a program, where the options for less optimization are refused without them. Raises pyopencl.RuntimeError."""
+    import pyopencl as cl
+
+    try:
+        return _without_log(cl.Program(device.context, source), options)
+    except cl.RuntimeError:
+        others = [option for option in options if option != _LESS_OPTIMIZED]
+        if others == options:
+            raise
+        return _without_log(cl.Program(device.context, source), others)
 
 
 def _build_error(device: Device, error: Exception) -> DeviceError:

@@ -215,17 +215,12 @@ def test_the_gallery(opened, tmp_path):
 
 
 @pytest.mark.long
-def test_the_terminator_without_its_softening_and_with_it(opened, tmp_path):
-    """Within the sphere steps of the light are faces' edges; the floor and the sphere's shadow are the same."""
-    done = run("shadow_terminator.py", tmp_path, "--out", "new")
+def test_times_to_a_picture(opened, tmp_path):
+    done = run("first_picture.py", tmp_path, "quads", "--rounds", "1")
     assert done.returncode == 0, done.stderr
-    sheet = png.read(tmp_path / "new" / "shadow_terminator.png").astype(int)[..., 0]
-    hard, soft = (sheet[50:320, left : left + 270] for left in (7, 291))
-    steps = [np.abs(np.diff(picture[60:170, 100:200])) for picture in (hard, soft)]
-    assert (steps[0] > 30).sum() > 20
-    assert (steps[1] > 30).sum() == 0
-    assert (hard[230:] == soft[230:]).all()
-    assert (hard[230:] == 0).mean() > 0.1
+    name, *columns = done.stdout.split()
+    assert (name, columns[::2]) == ("quads", ["cold", "next", "warm", "png"])
+    assert all(0.1 < float(value) < 300.0 for value in columns[1::2])
 
 
 @pytest.mark.long
@@ -242,7 +237,7 @@ def test_views_as_tensors(opened, tmp_path):
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("script", ["gallery.py", "gltf_gallery.py", "shadow_terminator.py", "tensors.py"])
+@pytest.mark.parametrize("script", ["gallery.py", "gltf_gallery.py", "tensors.py"])
 def test_a_gallery_where_it_cannot_be_written(tmp_path, script):
     (tmp_path / "file").write_text("")
     done = run(script, tmp_path, "--out", "file")

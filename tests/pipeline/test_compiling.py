@@ -163,6 +163,23 @@ def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytes
         programs.build(opened, features, ("bilerp.cl",))
 
 
+def test_a_build_is_tried_again_without_options_that_are_refused(
+    opened: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once, for the compiler's message about the source is that of the second."""
+    tried: list[bool] = []
+
+    def refuse(program: Any, options: list[str]) -> str:
+        tried.append(programs._LESS_OPTIMIZED in options)
+        if tried[-1]:
+            raise cl.RuntimeError("invalid options")
+        return "built"
+
+    monkeypatch.setattr(programs, "_without_log", refuse)
+    assert programs._compiled(opened, "", ["-DA", programs._LESS_OPTIMIZED]) == "built"
+    assert tried == [True, False]
+
+
 # Warnings
 
 

@@ -1,0 +1,85 @@
+"""Seconds from a command to its picture: with an empty cache, after another scene, and once all is compiled.
+
+    python demos/first_picture.py teapot spot.obj helmet.glb        # two minutes a round, of which the medians count
+
+Columns: `cold`, with an empty cache; `next`, at once after another scene; `warm`, when what is compiled ahead is compiled;
+`png`, without the EXR; `f3d`, if the package is installed, draws a PNG of the same size. Each takes its turn in each round.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from importlib import util
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+OTHER = "icosphere"  # the scene before `next`
+F3D = """
+import sys, f3d
+f3d.Engine.autoload_plugins()
+engine = f3d.Engine.create_egl()
+engine.window.size = 800, 600
+engine.scene.add(sys.argv[1])
+engine.window.render_to_image().save(sys.argv[2])
+"""
+
+
+def seconds(folder: str, scene: str, *options: str, cache: str = "cache") -> float:
+    """Return how long `render` takes for the scene, 800x600 with 4 samples a pixel."""
+    paths = [str(CHECKOUT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "XDG_CACHE_HOME": os.path.join(folder, cache)}
+    command = [sys.executable, "-m", "clshade", "render", scene, "-o", os.path.join(folder, "image"), *options]
+    return run(command, environment)
+
+
+def run(command: list[str], environment: dict[str, str] | None = None) -> float:
+    start = time.perf_counter()
+    subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return time.perf_counter() - start
+
+
+def wait_for_programs(folder: str) -> None:
+    """Wait until what is compiled ahead is compiled, at most some minutes."""
+    for _ in range(0 if os.environ.get("CLSHADE_COMPILE_AHEAD") == "0" else 300):
+        if Path(folder, "cache", "clshade", "compiled-ahead").exists():
+            return
+        time.sleep(1.0)
+
+
+def measure(scene: str) -> dict[str, float]:
+    with TemporaryDirectory() as folder:
+        found = {"cold": seconds(folder, scene, cache="first")}
+        seconds(folder, OTHER)
+        found["next"] = seconds(folder, scene)
+        wait_for_programs(folder)
+        seconds(folder, scene)
+        found |= {"warm": seconds(folder, scene), "png": seconds(folder, scene, "--formats", "png")}
+        if util.find_spec("f3d") is not None and os.path.exists(scene):
+            found["f3d"] = run([sys.executable, "-c", F3D, scene, os.path.join(folder, "f3d.png")])
+        return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="built-in scenes, or files")
+    parser.add_argument("--rounds", type=int, default=3)
+    arguments = parser.parse_args()
+    times: dict[str, dict[str, list[float]]] = {scene: defaultdict(list) for scene in arguments.scenes}
+    for _ in range(arguments.rounds):
+        for scene in arguments.scenes:
+            for column, value in measure(scene).items():
+                times[scene][column].append(value)
+    for scene, columns in times.items():
+        medians = "  ".join(f"{column} {median(values):.2f}" for column, values in columns.items())
+        print(f"{os.path.basename(scene):24}{medians}")
+
+
+if __name__ == "__main__":
+    main()
