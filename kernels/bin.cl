@@ -31,8 +31,7 @@ INLINE Boxes boxes_of(const Group *group)
         last[lane] = (int)(box >> 32);
     }
     fixeds low = LOAD_LANES(first), high = LOAD_LANES(last);
-    Boxes boxes = {low & 0xffff, low >> 16 & 0xffff, high & 0xffff, high >> 16 & 0xffff};
-    return boxes;
+    return (Boxes){low & 0xffff, low >> 16 & 0xffff, high & 0xffff, high >> 16 & 0xffff};
 }
 
 INLINE NearTiles near_tiles_of(const Group *group, const Boxes *b, global const Image *image)
@@ -210,11 +209,13 @@ INLINE void put_run(global Entry *lists, global uint *cursors, global const uint
     }
 }
 
+// A chunk's triangles in the given order, or without one (count 0) in that of set-up.
 ITEM_BY_ITEM
 kernel void bin_fill(global const uint *order,           // T, triangles, nearest first
                      global const Triangle *triangles,   // F + C
                      global const Image *image,          // 1
-                     global const Bounds *sorted,        // T, from bin_count
+                     global const Bounds *sorted,        // T, from bin_count; without an order F + C, from setup_count
+                     global const uint *made,            // chunks, from setup_count; without an order
                      global uint *cursors,               // chunks x (tiles + 1): where each chunk's entries of a tile begin
                      global Entry *lists,                // entries of tile 0, of tile 1, ...
                      global const Counters *counters,    // 1
@@ -222,25 +223,10 @@ kernel void bin_fill(global const uint *order,           // T, triangles, neares
 {
     if (!lists_hold_all(image, counters))
         return;
-    int chunk = get_global_id(0), first = chunk * chunk_size, end = min(first + chunk_size, count);
-    put_run(lists, cursors + (long)chunk * TILE_COUNTS(image), order, first, end, sorted, triangles, image);
+    int chunk = get_global_id(0), first = chunk * chunk_size;
+    global uint *own = cursors + (long)chunk * TILE_COUNTS(image);
+    if (count > 0)
+        put_run(lists, own, order, first, min(first + chunk_size, count), sorted, triangles, image);
+    else
+        put_run(lists, own, 0, first, first + (int)made[chunk], sorted, triangles, image);
 }
-
-#if LANES > 1
-// The same in the order of set-up, for the triangles of each chunk of faces.
-ITEM_BY_ITEM
-kernel void fill_lists(global const Triangle *triangles,   // F + C
-                       global const Image *image,          // 1
-                       global const Bounds *bounds,        // F + C, from setup_count
-                       global const uint *made,            // chunks
-                       global uint *cursors,               // chunks x (tiles + 1): where each chunk's entries of a tile begin
-                       global Entry *lists,                // entries of tile 0, of tile 1, ...
-                       global const Counters *counters,    // 1
-                       int chunk_size)
-{
-    if (!lists_hold_all(image, counters))
-        return;
-    int chunk = get_global_id(0), first = chunk * chunk_size, end = first + (int)made[chunk];
-    put_run(lists, cursors + (long)chunk * TILE_COUNTS(image), 0, first, end, bounds, triangles, image);
-}
-#endif

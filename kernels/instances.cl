@@ -41,30 +41,6 @@ kernel void place(global const double *positions,       // V x 3, of the meshes
     }
 }
 
-// The corners of triangles by the vertices of each lane, and which lie before the near plane.
-INLINE void gather_corners(Rows *rows, fixeds *behind, global const Vertex *vertices, int vertex[3][LANES], double near)
-{
-    for (int k = 0; k < 3; ++k) {
-#if HAS_ROWS
-        reals4 corner = gather_vertices(vertices, vertex[k]);
-        STORE_LANES(AS_INTS(corner.x), rows->x[k]);
-        STORE_LANES(AS_INTS(corner.y), rows->y[k]);
-        STORE_LANES(corner.z, rows->w[k]);
-        behind[k] = corner.z == 0.0f;  // as place leaves it
-#else
-        int before[LANES];
-        for (int lane = 0; lane < LANES; ++lane) {
-            global const Vertex *corner = vertices + vertex[k][lane];
-            rows->x[k][lane] = corner->x;
-            rows->y[k][lane] = corner->y;
-            rows->w[k][lane] = corner->w;
-            before[lane] = corner->depth < near;
-        }
-        behind[k] = LOAD_LANES(before) != 0;
-#endif
-    }
-}
-
 // As setup, for the faces of a block of instances. The counters count all; what finds no room is not written.
 ITEM_BY_ITEM
 kernel void setup_instances(global const int *faces,             // F x 3, vertices of the meshes
@@ -75,7 +51,6 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
                             global const uint *listed,           // L
                             global const long *vertex_starts,    // L + 1
                             global const long *face_starts,      // L + 1
-                            global const View *view,             // 1
                             global const Image *image,           // 1
                             global Triangle *triangles,          // room
                             global Bounds *bounds,               // room
@@ -106,12 +81,9 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
             for (int k = 0; k < 3; ++k)
                 vertex[k][lane] = from + faces[3 * face[lane] + k];
         }
-        Rows rows;
-        fixeds behind[3], cut;
-        gather_corners(&rows, behind, vertices, vertex, view->near);
-        Corners t = corners_of(&rows);
-        fixeds any_behind = (behind[0] | behind[1]) | behind[2], all_behind = (behind[0] & behind[1]) & behind[2];
-        fixeds asked = faces_before(&t, LANE_INDEX < (int)(end - at), any_behind, all_behind, image, &culled, &cut);
+        fixeds behind[3], cut, asked = LANE_INDEX < (int)(end - at);
+        Corners t = corners_at(vertices, vertex, behind);
+        fixeds seen = see_faces(&t, asked, behind, face, face_materials, materials, image, &culled, &cut);
         if (any_lane(TO_INTS(cut))) {
             int crossing[LANES];
             STORE_LANES(cut, crossing);
@@ -123,9 +95,8 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
                 }
             }
         }
-        if (!any_lane(TO_INTS(asked)))
+        if (!any_lane(TO_INTS(seen)))
             continue;
-        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials, image), image, &culled);
         int visible[LANES], index[LANES], count = 0;
         STORE_LANES(seen, visible);
         for (int lane = 0; lane < LANES; ++lane)
@@ -135,15 +106,12 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
             index[lane] = visible[lane] ? slot++ : room;
             visible[lane] = index[lane] < room ? -1 : 0;
         }
-        write_triangles(&rows, &t, LOAD_LANES(visible), index, face, WHOLE_FACE, triangles, bounds);
+        write_triangles(&t, LOAD_LANES(visible), index, face, WHOLE_FACE, triangles, bounds);
         for (int lane = 0; lane < LANES; ++lane) {
             if (!visible[lane])
                 continue;
-            double a = vertices[vertex[0][lane]].depth, b = vertices[vertex[1][lane]].depth, c = vertices[vertex[2][lane]].depth;
-#if DEPTH_TEST
-            double depth = fmin(fmin(a, b), c);
-#else
-            double depth = ((a + b) + c) / 3.0;
+            double depth = depth_of_face(vertices + vertex[0][lane], vertices + vertex[1][lane], vertices + vertex[2][lane]);
+#if !DEPTH_TEST
             mean_depths[index[lane]] = depth;
 #endif
             keys[index[lane]] = sort_key(ORDER_OF(depth), index[lane], index_bits);
@@ -153,31 +121,15 @@ kernel void setup_instances(global const int *faces,             // F x 3, verti
     add_culled(counters, &culled);
 }
 
-// As layer_id.
-kernel void layer_id_of_instances(global const int *owners,                // M x N, from the pixel stage
-                                  global const Triangle *triangles,        // room, from setup_instances
-                                  global const int *triangle_instances,    // room
-                                  global const Instance *instances,        // K
-                                  global uint *ids,                        // M x N
-                                  int count)                               // M * N
-{
-    int i = get_global_id(0);
-    if (i >= count)
-        return;
-    int owner = owners[i];
-    uint before = owner < 0 ? 0u : (uint)instances[triangle_instances[owner]].face_shift;
-    ids[i] = owner < 0 ? 0u : (uint)triangles[owner].face + before + 1u;
-}
-
 // Number of the instance that each pixel shows; 0 for the background.
 kernel void layer_instance_id(global const int *owners,                // M x N, from the pixel stage
                               global const int *triangle_instances,    // room, from setup_instances
                               global const Instance *instances,        // K
-                              global uint *numbers,                    // M x N
+                              global uint *shown,                      // M x N
                               int count)                               // M * N
 {
     int i = get_global_id(0);
     if (i < count)
-        numbers[i] = owners[i] < 0 ? 0u : (uint)instances[triangle_instances[owners[i]]].number;
+        shown[i] = owners[i] < 0 ? 0u : (uint)instances[triangle_instances[owners[i]]].number;
 }
 #endif

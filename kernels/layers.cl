@@ -4,14 +4,21 @@
 #include "samples.clh"
 
 // Face of each pixel, from 1; 0 for the background.
-kernel void layer_id(global const int *owners,            // M x N, from the pixel stage
-                     global const Triangle *triangles,    // F + C, from setup
-                     global uint *ids,                    // M x N
-                     int count)                           // M * N
+kernel void layer_id(global const int *owners,                // M x N, from the pixel stage
+                     global const Triangle *triangles,        // F + C, from setup
+                     global const int *triangle_instances,    // F + C, from setup_instances; with INSTANCES
+                     global const Instance *instances,        // K; with INSTANCES
+                     global uint *ids,                        // M x N
+                     int count)                               // M * N
 {
     int i = get_global_id(0);
-    if (i < count)
-        ids[i] = owners[i] < 0 ? 0 : triangles[owners[i]].face + 1;
+    if (i >= count)
+        return;
+    int owner = owners[i];
+    uint id = owner < 0 ? 0u : (uint)triangles[owner].face + 1u;
+    if (INSTANCES && owner >= 0)
+        id += (uint)instances[triangle_instances[owner]].face_shift;
+    ids[i] = id;
 }
 
 // Number assigned to each pixel's face; 0 for the background.

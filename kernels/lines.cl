@@ -199,18 +199,14 @@ typedef struct {
 
 INLINE int cell_of(LinePoint q, global const LineGrid *grid)
 {
-    int x = cell_at((int)floor(q.x), grid->across, grid), y = cell_at((int)floor(q.y), grid->up, grid);
-    return y * grid->across + x;
+    return cell_at((int)floor(q.y), grid->up, grid) * grid->across + cell_at((int)floor(q.x), grid->across, grid);
 }
 
 // The point of a line with length at the fraction t of it.
 INLINE LinePoint point_at(const Line *l, double t)
 {
-    LinePoint q;
-    q.x = l->x[0] + t * (double)(l->x[1] - l->x[0]);
-    q.y = l->y[0] + t * (double)(l->y[1] - l->y[0]);
-    q.w = l->w[0] + t * (l->w[1] - l->w[0]);
-    return q;
+    return (LinePoint){l->x[0] + t * (double)(l->x[1] - l->x[0]), l->y[0] + t * (double)(l->y[1] - l->y[0]),
+                       l->w[0] + t * (l->w[1] - l->w[0])};
 }
 
 INLINE int has_length(const Line *l)
@@ -222,8 +218,7 @@ INLINE int has_length(const Line *l)
 INLINE LinePoint nearest_point(const Line *l, int2 p)
 {
     if (!has_length(l)) {
-        LinePoint q = {l->x[0], l->y[0], fmax(l->w[0], l->w[1])};
-        return q;
+        return (LinePoint){l->x[0], l->y[0], fmax(l->w[0], l->w[1])};
     }
     long dx = l->x[1] - l->x[0], dy = l->y[1] - l->y[0];
     long along = (p.x - l->x[0]) * dx + (p.y - l->y[0]) * dy, length2 = dx * dx + dy * dy;
@@ -243,8 +238,7 @@ INLINE EdgeAt edge_at_point(const HidingTriangle *t, int k, LinePoint q)
     int2 change = edge_change(t, k);
     int i = NEXT_CORNER(k);
     double a = change.x, b = change.y;
-    EdgeAt e = {a * (q.x - t->x[i]) + b * (q.y - t->y[i]), (fabs(a) + fabs(b)) * COVER_SLACK};
-    return e;
+    return (EdgeAt){a * (q.x - t->x[i]) + b * (q.y - t->y[i]), (fabs(a) + fabs(b)) * COVER_SLACK};
 }
 
 // Above 0 where the triangle is nearer than point q wherever its corners, and the line's ends, were before they were rounded to

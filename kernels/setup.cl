@@ -29,6 +29,18 @@ ulong sort_key(ulong order, int index, int index_bits)
     return (order & ~mask) | (mask - (ulong)index);
 }
 
+#if FP64 || DEPTH_TEST
+// The depth by which a face is sorted: that of its nearest corner, or in painter's order the mean of all.
+depth_t depth_of_face(global const Vertex *a, global const Vertex *b, global const Vertex *c)
+{
+#if DEPTH_TEST
+    return LEAST_OF_TWO(LEAST_OF_TWO(DEPTH_OF(a->depth), DEPTH_OF(b->depth)), DEPTH_OF(c->depth));
+#else
+    return ((a->depth + b->depth) + c->depth) / 3.0;
+#endif
+}
+#endif
+
 // The mask of lanes whose back faces are culled.
 fixeds front_only_lanes(const int *face, global const int *face_materials, global const Material *materials,
                         global const Image *image)
@@ -61,29 +73,18 @@ void add_culled(global Counters *counters, const Culled *culled)
 
 #define WHOLE_FACE (-1)
 
-// The corners of LANES triangles, in arrays.
-typedef struct {
-    int x[3][LANES], y[3][LANES];
-    real w[3][LANES];
-} Rows;
-
-Corners corners_of(const Rows *rows)
-{
-    Corners t;
-    for (int k = 0; k < 3; ++k) {
-        t.x[k] = LOAD_LANES(rows->x[k]);
-        t.y[k] = LOAD_LANES(rows->y[k]);
-        t.w[k] = LOAD_LANES(rows->w[k]);
-    }
-    return t;
-}
-
 // Writes the triangles of the lanes in `seen` at index[lane]. piece: of the first lane, WHOLE_FACE for faces.
-void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int *index, const int *face, int piece,
+void write_triangles(const Corners *t, fixeds seen, const int *index, const int *face, int piece,
                      global Triangle *triangles, global Bounds *bounds)
 {
-    int visible[LANES], left[LANES], bottom[LANES], right[LANES], top[LANES], turn[LANES];
+    int visible[LANES], left[LANES], bottom[LANES], right[LANES], top[LANES], turn[LANES], x[3][LANES], y[3][LANES];
     real inverse_area[LANES], nearest[LANES], only[LANES];
+    real w[3][LANES];
+    for (int k = 0; k < 3; ++k) {
+        STORE_LANES(t->x[k], x[k]);
+        STORE_LANES(t->y[k], y[k]);
+        STORE_LANES(t->w[k], w[k]);
+    }
     STORE_LANES(seen, visible);
     STORE_LANES(t->left, left);
     STORE_LANES(t->bottom, bottom);
@@ -96,9 +97,9 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
     for (int lane = 0; lane < LANES; ++lane) {
         if (!visible[lane])
             continue;
-        Triangle triangle = {{rows->x[0][lane], rows->x[1][lane], rows->x[2][lane]},
-                             {rows->y[0][lane], rows->y[1][lane], rows->y[2][lane]},
-                             {rows->w[0][lane], rows->w[1][lane], rows->w[2][lane]},
+        Triangle triangle = {{x[0][lane], x[1][lane], x[2][lane]},
+                             {y[0][lane], y[1][lane], y[2][lane]},
+                             {w[0][lane], w[1][lane], w[2][lane]},
                              2 * (piece < 0 ? piece : piece + lane) + (turn[lane] < 0), face[lane], inverse_area[lane]};
         ulong box = left[lane] | bottom[lane] << 16 | (ulong)(right[lane] | top[lane] << 16) << 32;
         Bounds reach = {box, nearest[lane], only[lane]};
@@ -107,13 +108,53 @@ void write_triangles(const Rows *rows, const Corners *t, fixeds seen, const int 
     }
 }
 
-// Of the faces that are `asked` for those before the near plane and not beside the image; `cut` becomes those that cross it or
-// the guard band. any_behind, all_behind: whether any, and all, corners lie behind it.
-INLINE fixeds faces_before(const Corners *t, fixeds asked, fixeds any_behind, fixeds all_behind, global const Image *image,
-                           Culled *culled, fixeds *cut)
+// The corners of faces by the vertices of each lane, and which lie behind the near plane: project and place leave their w as 0.
+INLINE Corners corners_at(global const Vertex *vertices, int vertex[3][LANES], fixeds *behind)
+{
+    Corners t;
+    for (int k = 0; k < 3; ++k) {
+#if HAS_ROWS
+#define ROW(lane) load4((global const float *)&vertices[vertex[k][lane]].x)
+        reals4 corner = transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));
+#undef ROW
+        t.x[k] = AS_INTS(corner.x);
+        t.y[k] = AS_INTS(corner.y);
+        t.w[k] = corner.z;
+#else
+        int x[LANES], y[LANES];
+        real w[LANES];
+        for (int lane = 0; lane < LANES; ++lane) {
+            global const Vertex *corner = vertices + vertex[k][lane];
+            x[lane] = corner->x;
+            y[lane] = corner->y;
+            w[lane] = corner->w;
+        }
+        t.x[k] = LOAD_LANES(x);
+        t.y[k] = LOAD_LANES(y);
+        t.w[k] = LOAD_LANES(w);
+#endif
+        behind[k] = TO_FIXEDS(t.w[k] == 0.0f);
+    }
+    return t;
+}
+
+INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
+{
+    int vertex[3][LANES];
+    for (int k = 0; k < 3; ++k)
+        for (int lane = 0; lane < LANES; ++lane)
+            vertex[k][lane] = faces[3 * face[lane] + k];
+    return corners_at(vertices, vertex, behind);
+}
+
+// Completes the `asked` faces that lie before the near plane and not beside the image. Returns which may be visible; `cut`
+// becomes those that cross that plane or the guard band. behind: of each corner, whether it lies behind the plane.
+INLINE fixeds see_faces(Corners *t, fixeds asked, const fixeds *behind, const int *face, global const int *face_materials,
+                        global const Material *materials, global const Image *image, Culled *culled, fixeds *cut)
 {
     int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
     fixeds left = MIN3(t->x), right = MAX3(t->x), bottom = MIN3(t->y), top = MAX3(t->y);
+    fixeds any_behind = (behind[0] | behind[1]) | behind[2], all_behind = (behind[0] & behind[1]) & behind[2];
     COUNT(culled->behind, asked & all_behind);
     asked = asked & !all_behind;
     fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
@@ -123,7 +164,10 @@ INLINE fixeds faces_before(const Corners *t, fixeds asked, fixeds any_behind, fi
     COUNT(culled->off_screen, asked & beside);
     asked = asked & !beside;
     *cut = asked & (any_behind | far);
-    return asked & !*cut;
+    asked = asked & !*cut;
+    if (!any_lane(TO_INTS(asked)))
+        return asked;
+    return complete(t, asked, front_only_lanes(face, face_materials, materials, image), image, culled);
 }
 
 // Appends the faces of the lanes in `cut` to those that the host clips.
@@ -145,7 +189,6 @@ kernel void setup(global const int *faces,         // F x 3, vertices
                   global const int *face_materials,    // F, with SIDES
                   global const Material *materials,    // with SIDES
                   global const ulong *mean_depths,     // F, from the host: float64 bits; without FP64 and DEPTH_TEST
-                  global const View *view,         // 1
                   global const Image *image,       // 1
                   global Triangle *triangles,      // F, written for visible faces
                   global Bounds *bounds,           // F, likewise
@@ -160,44 +203,26 @@ kernel void setup(global const int *faces,         // F x 3, vertices
     ulong own_keys[SETUP_RUN];
     int own_count = 0;
     Culled culled = {(fixeds)(0)};
-    depth_t near = DEPTH_OF(view->near);
     for (int group = first; group < end; group += LANES) {
-        Rows rows;
-        depth_t nearest[LANES];
-        int face[LANES], behind_count[LANES];
-        for (int lane = 0; lane < LANES; ++lane) {
+        int face[LANES];
+        for (int lane = 0; lane < LANES; ++lane)
             face[lane] = min(group + lane, end - 1);
-            global const int *corners = faces + 3 * face[lane];
-            int behind = 0;
-            for (int k = 0; k < 3; ++k) {
-                global const Vertex *at = vertices + corners[k];
-                rows.x[k][lane] = at->x;
-                rows.y[k][lane] = at->y;
-                rows.w[k][lane] = at->w;
-                depth_t depth = DEPTH_OF(at->depth);
-                behind += depth < near;
-                nearest[lane] = (k == 0 || depth < nearest[lane]) ? depth : nearest[lane];
-            }
-            behind_count[lane] = behind;
-        }
-        Corners t = corners_of(&rows);
-        fixeds behind = LOAD_LANES(behind_count), cut;
-        fixeds asked = faces_before(&t, group + LANE_INDEX < end, behind != 0, behind == 3, image, &culled, &cut);
+        fixeds behind[3], cut;
+        Corners t = corners_of_faces(faces, vertices, face, behind);
+        fixeds asked = group + LANE_INDEX < end;
+        fixeds seen = see_faces(&t, asked, behind, face, face_materials, materials, image, &culled, &cut);
         list_to_clip(cut, face, to_clip, counters);
-        if (!any_lane(TO_INTS(asked)))
+        if (!any_lane(TO_INTS(seen)))
             continue;
-        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials, image), image, &culled);
-        write_triangles(&rows, &t, seen, face, face, WHOLE_FACE, triangles, bounds);
+        write_triangles(&t, seen, face, face, WHOLE_FACE, triangles, bounds);
         int visible[LANES];
         STORE_LANES(seen, visible);
         for (int lane = 0; lane < LANES; ++lane) {
             if (!visible[lane])
                 continue;
-#if DEPTH_TEST
-            ulong order = ORDER_OF(nearest[lane]);
-#elif FP64
+#if FP64 || DEPTH_TEST
             global const int *v = faces + 3 * face[lane];
-            ulong order = ORDER_OF(((vertices[v[0]].depth + vertices[v[1]].depth) + vertices[v[2]].depth) / 3.0);
+            ulong order = ORDER_OF(depth_of_face(vertices + v[0], vertices + v[1], vertices + v[2]));
 #else
             ulong order = depth_order(mean_depths[face[lane]]);
 #endif
@@ -229,24 +254,29 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
     int first = get_global_id(0) * LANES;
     if (first >= count)
         return;
-    Rows rows;
-    int face[LANES], index[LANES];
+    int face[LANES], index[LANES], x[3][LANES], y[3][LANES];
+    real w[3][LANES];
     for (int lane = 0; lane < LANES; ++lane) {
         int i = min(first + lane, count - 1);
         global const Piece *piece = pieces + i;
         face[lane] = piece->face;
         index[lane] = face_count + i;
         for (int k = 0; k < 3; ++k) {
-            rows.x[k][lane] = piece->x[k];
-            rows.y[k][lane] = piece->y[k];
-            rows.w[k][lane] = piece->w[k];
+            x[k][lane] = piece->x[k];
+            y[k][lane] = piece->y[k];
+            w[k][lane] = piece->w[k];
         }
     }
-    Corners t = corners_of(&rows);
+    Corners t;
+    for (int k = 0; k < 3; ++k) {
+        t.x[k] = LOAD_LANES(x[k]);
+        t.y[k] = LOAD_LANES(y[k]);
+        t.w[k] = LOAD_LANES(w[k]);
+    }
     Culled culled = {(fixeds)(0)};
     fixeds front_only = front_only_lanes(face, face_materials, materials, image);
     fixeds seen = complete(&t, first + LANE_INDEX < count, front_only, image, &culled);
-    write_triangles(&rows, &t, seen, index, face, first, triangles, bounds);
+    write_triangles(&t, seen, index, face, first, triangles, bounds);
     int visible[LANES];
     STORE_LANES(seen, visible);
     for (int lane = 0; lane < LANES; ++lane)
@@ -257,31 +287,6 @@ kernel void setup_pieces(global const Piece *pieces,   // C, from the host
 }
 
 #if HAS_ROWS
-// x, y, w and w_low of a vertex for each lane.
-INLINE reals4 gather_vertices(global const Vertex *vertices, const int *index)
-{
-#define ROW(lane) load4((global const float *)&vertices[index[lane]].x)
-    return transposed(ROWS(ROW, 0), ROWS(ROW, 1), ROWS(ROW, 2), ROWS(ROW, 3));
-#undef ROW
-}
-
-// The corners of faces, one in each lane; which of them lie behind the near plane.
-INLINE Corners corners_of_faces(global const int *faces, global const Vertex *vertices, const int *face, fixeds *behind)
-{
-    Corners t;
-    for (int k = 0; k < 3; ++k) {
-        int index[LANES];
-        for (int lane = 0; lane < LANES; ++lane)
-            index[lane] = faces[3 * face[lane] + k];
-        reals4 corner = gather_vertices(vertices, index);
-        t.x[k] = AS_INTS(corner.x);
-        t.y[k] = AS_INTS(corner.y);
-        t.w[k] = corner.z;
-        behind[k] = corner.z == 0.0f;  // as project leaves it
-    }
-    return t;
-}
-
 // Stores the triangles of the lanes in `seen` from slot `first` on, and counts their tiles. Returns how many there are.
 INLINE int store_and_count(const Corners *t, fixeds seen, const int *face, int first, global Triangle *triangles,
                            global Bounds *bounds, global uint *counts, global const Image *image)
@@ -352,14 +357,13 @@ kernel void setup_count(global const int *faces,         // F x 3, vertices
         int face[LANES];
         for (int lane = 0; lane < LANES; ++lane)
             face[lane] = min(group + lane, end - 1);
-        fixeds behind[3];
+        fixeds behind[3], cut;
         Corners t = corners_of_faces(faces, vertices, face, behind);
-        fixeds any_behind = (behind[0] | behind[1]) | behind[2], all_behind = (behind[0] & behind[1]) & behind[2], cut;
-        fixeds asked = faces_before(&t, group + LANE_INDEX < end, any_behind, all_behind, image, &culled, &cut);
+        fixeds asked = group + LANE_INDEX < end;
+        fixeds seen = see_faces(&t, asked, behind, face, face_materials, materials, image, &culled, &cut);
         list_to_clip(cut, face, to_clip, counters);
-        if (!any_lane(TO_INTS(asked)))
+        if (!any_lane(TO_INTS(seen)))
             continue;
-        fixeds seen = complete(&t, asked, front_only_lanes(face, face_materials, materials, image), image, &culled);
         own_count += store_and_count(&t, seen, face, first + own_count, triangles, bounds, own, image);
     }
     made[chunk] = own_count;

@@ -140,34 +140,16 @@ Shown show_block(const Inputs *in, ints owner, Places at, int asked, global cons
     return shown;
 }
 
-// The output arrays, M x N x components; layers not asked for are not written. N is of unit length or 0, P relative to the
-// eye and scaled, both along the world's axes; the scalar is as in its table.
-typedef struct {
-    LAYER_MEMBERS
-} LayerOutputs;
-
-void write_shown(const LayerOutputs *to, const Shown *shown, const LayerBlock *block, int asked)
-{
 #define WRITE(name, bit, components, background)                                                                         \
     if (asked & bit)                                                                                                     \
-        write_components(to->name, components, shown->name, block);
-    FOR_LAYERS(WRITE)
-#undef WRITE
-}
-
-#if HAS_EMPTY_TILES
-// The layers of a tile without any triangle.
-void clear_layers(const LayerOutputs *to, const LayerBlock *tile, int asked)
-{
+        write_components(to_##name, components, shown.name, &pixels);
 #define CLEAR(name, bit, components, background)                                                                         \
     if (asked & bit)                                                                                                     \
-        clear_layer(to->name, components, (real)background, tile);
-    FOR_LAYERS(CLEAR)
-#undef CLEAR
-}
-#endif
+        clear_layer(to_##name, components, (real)background, &whole);
 
-// A work-item does a tile, or with several ITEMS_PER_TILE a block of it.
+// The output arrays are M x N x components; layers not asked for are not written. N is of unit length or 0, P relative to the
+// eye and scaled, both along the world's axes; the scalar is as in its table. A work-item does a tile, or with several
+// ITEMS_PER_TILE a block of it.
 ITEM_BY_ITEM
 kernel void surface_layers(SURFACE_PARAMETERS,
                            global const int *owners,      // M x N, from the pixel stage
@@ -177,14 +159,13 @@ kernel void surface_layers(SURFACE_PARAMETERS,
                            int asked)                     // the layers, and whether placements mirror, a bit each
 {
     Inputs inputs = SURFACE_ARGUMENTS;
-    LayerOutputs outputs = LAYER_ARGUMENTS;
     const Inputs *in = &inputs;
     int tile = get_global_id(0) / ITEMS_PER_TILE, item = get_global_id(0) % ITEMS_PER_TILE;
     int left = tile % image->tiles_x * TILE_SIZE, bottom = tile / image->tiles_x * TILE_SIZE;
 #if HAS_EMPTY_TILES
     if (is_empty_tile(owners, image, left, bottom)) {
         LayerBlock whole = layer_block(image, left, bottom);
-        clear_layers(&outputs, &whole, asked);
+        FOR_LAYERS(CLEAR)
         return;
     }
 #endif
@@ -196,6 +177,6 @@ kernel void surface_layers(SURFACE_PARAMETERS,
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
         Shown shown = show_block(in, owner, places_at(sample_at(image, 0, column, row)), asked, mirrored, scalars);
-        write_shown(&outputs, &shown, &pixels, asked);
+        FOR_LAYERS(WRITE)
     }
 }

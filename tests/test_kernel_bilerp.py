@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from devices import needs_float64
+from devices import skip_unsupported
 from kernel_stages import OTHER_LANES, Probe, bits, float32, mask, split
 from processes import ROOT
 
@@ -233,8 +233,7 @@ def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     ("precision", "lanes"),
-    [("float32", None), ("float32", 1), ("fast", None), ("float64", None)]
-    + [pytest.param(precision, 1, marks=pytest.mark.long) for precision in ("fast", "float64")],
+    [(precision, lanes) for precision in ("float32", "fast", "float64") for lanes in (None, 1)],
 )
 def test_texels_across_the_seam(device, precision, lanes):
     """Texel weights at coordinates of 1/16 to 2^40, many of them next to an integer.
@@ -243,8 +242,7 @@ def test_texels_across_the_seam(device, precision, lanes):
     derived in texture.clh, 3 unit^2 of the coordinate and 4 of the position within the image, times texels. `fast` uses
     only the high part and rounds within the image four times: 4 units times texels.
     """
-    if precision == "float64":
-        needs_float64(device)
+    skip_unsupported(device, {"precision": precision})
     kind = np.float64 if precision == "float64" else np.float32
     unit, count = float(np.finfo(kind).epsneg), 16 * 120
     high, low = seam_coordinates(kind, count)
@@ -316,7 +314,7 @@ def at_the_end(array):
     return found
 
 device = open_device(sys.argv[1])
-stages = lookup_stages(device, derive_alone("nolight", NOWHERE.material, np.ones(3), False), int(sys.argv[2]))
+stages = lookup_stages(device, derive_alone("nolight", NOWHERE.material, False), int(sys.argv[2]))
 table, texels = texture_tables([Texture(np.random.default_rng(1).random((3, 5, 3), np.float32))])
 uvs = split(np.random.default_rng(2).random((5, 2)))
 found = []

@@ -76,12 +76,7 @@ SIZES = [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)]
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(
-    ("count", "resolution"),
-    [
-        *((1, size) for size in SIZES),
-        *((n, SIZES[1]) for n in (2, 3, 16)),
-        pytest.param(64, SIZES[1], marks=pytest.mark.long),
-    ],
+    ("count", "resolution"), [*((1, size) for size in SIZES), *((n, SIZES[1]) for n in (2, 3, 16, 64))]
 )
 def test_lists(device, count, resolution):
     """Each triangle is listed, in the given order, in exactly the tiles of its hull that none of its edges excludes, which

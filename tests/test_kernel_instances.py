@@ -24,6 +24,7 @@ from clshade.scene.model import Scene, Settings
 STAGES = """
 #include "project.cl"
 #include "instances.cl"
+#include "layers.cl"
 
 // Of one lane.
 kernel void normals(global const Instance *given, global const double4 *own, global real4 *out)
@@ -128,7 +129,7 @@ def assert_layers(device, stages: Stages, found: SimpleNamespace, scene: Scene) 
     ids, numbers = (Buffer(device, np.full(len(owners), 7, np.uint32)) for _ in range(2))
     triangles = found.source.made.triangles
     values = {"owners": given, "triangles": triangles, "triangle_instances": found.of_triangles, "instances": rows}
-    for name, own in (("layer_id_of_instances", {"ids": ids}), ("layer_instance_id", {"numbers": numbers})):
+    for name, own in (("layer_id", {"ids": ids}), ("layer_instance_id", {"shown": numbers})):
         stages.run(name, items(count), values, **own, count=count)
     faces, instance = found.rows["face"], []
     for mesh, first in zip(scene.meshes, first_instances(scene), strict=True):

@@ -13,6 +13,8 @@ from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.programs import build
 
+NO_INSTANCES = {"triangle_instances": None, "instances": None}
+
 
 def triangles_of(xy: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Return struct_layout.SINGLE.Triangle rows as `setup` writes them; xy: snapped (F, 3, 2). z: depths (F, 3)."""
@@ -41,7 +43,7 @@ def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarr
     image = image_of(device, owners.shape[::-1], unscale=unscale)
     ids = Buffer(device, np.full(owners.shape, 77, np.uint32))
     depths = Buffer(device, np.full(owners.shape, np.nan, np.float32))
-    values, tiles = {"owners": own, "triangles": table, "image": image}, int(image.array["tiles"][0])
+    values, tiles = {"owners": own, "triangles": table, "image": image, **NO_INSTANCES}, int(image.array["tiles"][0])
     stages.run("layer_id", items(owners.size), values, ids=ids, count=owners.size)
     stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=depths)
     return ids.to_host(), depths.to_host()

@@ -8,14 +8,11 @@ import mpmath
 import numpy as np
 import oracle_asserts
 import pytest
-from kernel_stages import OTHER_LANES, bits, float32, four, light_rows, mask, material_rows
+from kernel_stages import OTHER_LANES, bits, float32, light_rows, mask, material_rows, reflected
 
 from clshade.measure.stability.cases.light import in_the_lobe, unit
 from clshade.oracle import OracleFrame, shade, terms
 from clshade.oracle.lights import POINT, Shape
-from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.launches import Stages
-from clshade.pipeline.programs import build
 from clshade.scene.material import TERMS
 
 HALF_ULP = 2.0**-24
@@ -35,15 +32,7 @@ def reflect(
     rows = light_rows(*map(np.atleast_2d, lights))
     for name, value in (shape or {}).items():
         rows[name] = value
-    stages = Stages(device, build(device, chosen, ("light.cl",), lanes=lanes))
-    colors = np.ones_like(points) if colors is None else colors
-    inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
-    inputs += [Buffer(device, material_rows(**(material or {}))), Buffer(device, rows)]
-    found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    values = dict(zip(("points", "normals", "colors", "materials", "lights"), inputs, strict=True))
-    numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(np.atleast_2d(lights[0])), "count": len(points)}
-    stages.run("light", stages.vectors(len(points)), values, lit=found, **numbers)
-    return found.to_host()[:, :3]
+    return reflected(device, chosen, points, normals, colors, material_rows(**(material or {})), rows, lanes)
 
 
 # Highlights

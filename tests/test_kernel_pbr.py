@@ -7,12 +7,9 @@ import math
 import numpy as np
 import oracle_asserts
 import pytest
-from kernel_stages import OTHER_LANES, Probe, bits, float32, four, light_rows, mask, material_rows
+from kernel_stages import OTHER_LANES, Probe, bits, float32, light_rows, mask, material_rows, reflected
 
 from clshade.oracle import OracleFrame, microfacet, shade
-from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.launches import Stages
-from clshade.pipeline.programs import build
 from clshade.scene.metallic_roughness import LEAST_ROUGHNESS, from_phong
 from clshade.scene.model import Material, MetallicRoughness
 
@@ -25,17 +22,9 @@ def reflect(device, points, normals, lights, pbr, *, colors=None, lanes=None) ->
     """Return the light (K, 3) of points with normals (K, 3) and colors (K, 3), by default white, under lights
     (positions (L, 3), intensities (L, 3))."""
     chosen = mask(LIT=1, PBR=1, DIFFUSE=1, SPECULAR=1, EMISSION=1)
-    stages = Stages(device, build(device, chosen, ("light.cl",), lanes=lanes))
     facets = {"diffuse": 1.0, "f0": pbr.dielectric_f0, "f90": pbr.specular, "emission": pbr.emission}
     rows = material_rows(metallic=pbr.metallic, roughness=pbr.roughness, **facets)
-    colors = np.ones_like(points) if colors is None else colors
-    inputs = [Buffer(device, four(array)) for array in (points, normals, colors)]
-    inputs += [Buffer(device, rows), Buffer(device, light_rows(*map(np.atleast_2d, lights)))]
-    found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
-    values = dict(zip(("points", "normals", "colors", "materials", "lights"), inputs, strict=True))
-    numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(np.atleast_2d(lights[0])), "count": len(points)}
-    stages.run("light", stages.vectors(len(points)), values, lit=found, **numbers)
-    return found.to_host()[:, :3]
+    return reflected(device, chosen, points, normals, colors, rows, light_rows(*map(np.atleast_2d, lights)), lanes)
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from clshade.pipeline.frame_state import FrameInFlight
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.sample_pattern import positions
 from clshade.pipeline.tile_lists import TileLists, front_to_back
-from clshade.pipeline.triangle_source import SceneFaces, set_up_pieces
+from clshade.pipeline.triangle_source import NO_SIDES, SceneFaces, set_up_pieces
 
 COLUMNS, ROWS = 61, 43
 LIMIT, PIXEL = struct_layout.SNAP_LIMIT, coverage.SUBPIXELS
@@ -103,7 +103,7 @@ def test_areas_boxes_and_culls(device, cull):
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("count", [2, 3, 16, pytest.param(64, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [2, 3, 16, 64])
 def test_boxes_and_culls_of_several_samples(device, count):
     """The box is the union of all samples' boxes, and a pixel is covered at any sample."""
     (xy, z), places = triangles(), positions(count)
@@ -261,7 +261,7 @@ def test_setup_pieces(device, first_face):
 @pytest.mark.long
 @pytest.mark.parametrize("ways", [{}, {"CULL": 1}, {"SAMPLES": 1}], ids=str)
 def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
-    """setup_count and fill_lists give the triangles of setup, in the order of faces, and list them in the same tiles."""
+    """setup_count gives the triangles of setup, in the order of faces, and bin_fill lists them in the same tiles."""
     xy, z = triangles()
     xy[7] = [[LIMIT, 0], [5 * PIXEL, 5 * PIXEL], [9 * PIXEL, 20 * PIXEL]]  # to clip
     places = samples_at(positions(3)) if ways.get("SAMPLES") else None
@@ -272,7 +272,7 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     expected = [np.sort(found) for found in ordered.bin()]
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, SORTED=0, **features)
     faces = Buffer(device, np.arange(len(xy) * 3, dtype=np.int32).reshape(-1, 3))
-    source = SceneFaces(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces, (None, None))
+    source = SceneFaces(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces, NO_SIDES)
     source.vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
     made, lists = source.made, TileLists(pipeline.stages)
     rgba = Buffer.empty(device, (ROWS, COLUMNS, 4), np.float32)
@@ -284,11 +284,9 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
         assert found[name] == counters[name], name
     assert found["to_clip"] == 1
     assert made.to_clip.to_host(1) == [7]
-    chunks = lists._chunks
-    slots = np.concatenate(
-        [k * chunks.size + np.arange(n) for k, n in enumerate(chunks.made.to_host()[: chunks.number])]
-    )
-    assert chunks.number > 2
+    size, number, own = (lists._values[name] for name in ("chunk_size", "chunks", "made"))
+    slots = np.concatenate([k * size + np.arange(n) for k, n in enumerate(own.to_host()[:number])])
+    assert number > 2
     both = made.triangles.to_host()[slots], ordered.made.triangles.to_host()[visible]
     for name in ("x", "y", "w", "piece_and_turn", "face", "inverse_area"):
         assert np.array_equal(both[0][name], both[1][name]), name

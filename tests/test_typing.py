@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import get_args
@@ -12,8 +11,6 @@ import pytest
 
 from clshade.base.declare import facts_of
 from clshade.images import layers
-from clshade.pipeline.frame import Frame
-from clshade.pipeline.frame_files import SAVING, SavingOptions
 from clshade.scene import camera, lights, model, settings, texture
 
 # Typed defaults in place of values that a factory creates.
@@ -26,11 +23,6 @@ def test_the_keywords_of_render_are_the_fields_of_settings():
     assert set(settings.RenderOptions.__annotations__) == {*names, "resolution"}
     assert set(settings.FrameOptions.__annotations__) == {*names, "resolution", "preset", "settings"}
     assert not settings.SettingsFields.__required_keys__ | settings.FrameOptions.__required_keys__
-
-
-def test_the_keywords_of_save_are_those_of_write():
-    named = [p.name for p in inspect.signature(Frame.write).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    assert list(SavingOptions.__annotations__) == named == list(SAVING)
 
 
 CHOICES = {name: known.choices for name, known in facts_of(settings.Settings, "declared").items() if known.choices}

@@ -14,8 +14,8 @@ import pyopencl as cl
 
 from ..base.arrays import Array
 from ..errors import DeviceError
-from . import struct_layout
 from .opencl.device import Device
+from .struct_layout import SINGLE, Structs
 
 _FLAGS = cl.mem_flags
 ALIGNMENT = 64  # bytes, of a vector of 16 float32; kernels load four float64 at once, for which NumPy does not align
@@ -160,7 +160,7 @@ class Buffer:
 class VertexBuffers:
     """Outputs of `project` per vertex: projected (V,) structs.Vertex, relative (V, 4) reals."""
 
-    def __init__(self, device: Device, count: int, structs: struct_layout.Structs = struct_layout.SINGLE) -> None:
+    def __init__(self, device: Device, count: int, structs: Structs = SINGLE) -> None:
         self.projected = Buffer.empty(device, count, structs.Vertex)
         self.relative = Buffer.empty(device, (count, 4), structs.real)
 
@@ -177,14 +177,7 @@ class TriangleBuffers:
     index_bits: of the keys, see `index_bits`.
     """
 
-    def __init__(
-        self,
-        device: Device,
-        faces: int,
-        pieces: int,
-        structs: struct_layout.Structs = struct_layout.SINGLE,
-        slack: int = 0,
-    ) -> None:
+    def __init__(self, device: Device, faces: int, pieces: int, structs: Structs = SINGLE, slack: int = 0) -> None:
         self.piece_capacity, self.index_bits = pieces, index_bits(faces + pieces)
         self._device, self._structs, self._room = device, structs, faces + pieces
         self.triangles = Buffer.empty(device, faces + pieces + slack, structs.Triangle)
@@ -227,15 +220,11 @@ class _Lent:
 
     def __init__(self, memory: Array, buffer: Buffer | None) -> None:
         self._memory, self.buffer = memory, buffer
-        self._loan: Callable[[], _Loan | None] = lambda: None
-
-    @property
-    def is_free(self) -> bool:
-        return self._loan() is None
+        self.loan: Callable[[], _Loan | None] = lambda: None
 
     def lend(self) -> Array:
         loan = _Loan(self._memory)
-        self._loan = weakref.ref(loan)
+        self.loan = weakref.ref(loan)
         return np.asarray(loan)
 
 
@@ -265,7 +254,7 @@ class Pool:
         held = self._held[kind] = self._held.pop(kind, [])
         while len(self._held) > self._kinds:
             del self._held[next(iter(self._held))]
-        lent = next((each for each in held if each.is_free), None)
+        lent = next((each for each in held if each.loan() is None), None)
         if lent is None:
             buffer = Buffer.empty(self._device, shape, dtype) if with_buffer else None
             lent = _Lent(aligned(shape, np.dtype(dtype)) if buffer is None else buffer.array, buffer)

@@ -15,7 +15,7 @@ from ..scene.model import MAX_FACES
 from .buffers import Buffer
 from .frame_state import SceneFrame
 from .programs import running_time
-from .struct_layout import GUARD_HIGH, GUARD_LOW, MOST_DEPTH, SUBPIXEL_BITS, Structs
+from .struct_layout import GUARD_HIGH, GUARD_LOW, MOST_DEPTH, SUBPIXEL_BITS
 from .triangle_source import Faces, Triangles, TriangleSource, set_up_pieces
 
 
@@ -141,10 +141,6 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
         # Exactly on the plane: on an edge from -1e38 to 1e38 rounding could give any point at all.
         depth = 1.0 if camera.orthographic else polygons[..., 2]
         polygons[..., axis] = np.where(made, -offset * depth / slope, polygons[..., axis])
-    return _fans(polygons, counts)
-
-
-def _fans(polygons: Array, counts: Array) -> Pieces:
     sources, corners = [], []
     for last in range(2, polygons.shape[1]):
         rows = np.flatnonzero(counts > last)
@@ -156,49 +152,11 @@ def _fans(polygons: Array, counts: Array) -> Pieces:
     return Pieces(source[order], joined[..., :3], joined[..., 3:])
 
 
-def piece_table(
-    points: Array,
-    faces: Array,
-    uvs: Array | None,
-    camera: Camera,
-    structs: Structs,
-    *,
-    near: float,
-    scale: float,
-    depth_test: bool,
-) -> Array:
-    """Clip faces to the near plane and the guard band: (C,) of `structs.Piece`.
-
-    points: (K, 3, 3) the faces' corners, camera space, scene units. faces: (K,) their numbers. uvs: (K, 3, 4) texture
-    coordinates of the corners as double-singles (u, v, low parts of u, v), or None. near: scene units. scale: of depths.
-    depth_test: sort by the nearest corner of each piece, else by the mean depth of its face.
-    """
-    cut = clip(points, camera, near)
-    table = np.zeros(len(cut.source), structs.Piece)
-    z = points[..., 2]
-    if depth_test:
-        table["key_depth"] = cut.points[..., 2].min(axis=1)
-    else:
-        table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
-    z_scaled = np.minimum(cut.points[..., 2] * scale, MOST_DEPTH)
-    w = -z_scaled if camera.orthographic else 1.0 / z_scaled
-    table["w"], table["w_low"] = w, w - w.astype(structs.real)
-    snapped = snap(image_positions(cut.points, camera), raster_of(camera))
-    table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
-    table["face"] = faces[cut.source]
-    weights = cut.weights.reshape(-1, 9)
-    table["weights"], table["weights_low"] = weights, weights - weights.astype(structs.real)
-    if uvs is not None:
-        parts = uvs.astype(np.float64)
-        uv = np.einsum("cjk,ckd->cjd", cut.weights, (parts[..., :2] + parts[..., 2:])[cut.source]).reshape(-1, 6)
-        table["uv"], table["uv_low"] = uv, uv - uv.astype(structs.real)
-    return table
-
-
 class Clipping:
     """Clips the faces that the near plane or the guard band cuts.
 
-    uvs, uv_faces: (T, 4) and (F, 3) texture coordinates, or None. depth_test: see `piece_table`.
+    uvs, uv_faces: (T, 4) and (F, 3) texture coordinates, double-singles (u, v, low parts of u, v), or None. depth_test: sort
+    by the nearest corner of each piece, else by the mean depth of its face.
     """
 
     def __init__(self, source: TriangleSource, uvs: Array | None, uv_faces: Array, *, depth_test: bool) -> None:
@@ -235,18 +193,26 @@ class Clipping:
         return Triangles(source.made, int(counters["visible"]), pieces)
 
     def _pieces(self, faces: Faces, frame: SceneFrame) -> tuple[Array, Array]:
-        """Return the table of pieces, (C,), and which of the faces each comes from."""
-        space = frame.space
-        table = piece_table(
-            space.points(faces.corners),
-            np.arange(len(faces.numbers)),
-            None if self._uvs is None else self._uvs[self._uv_faces[faces.numbers]],
-            space.camera,
-            self._source.stages.structs,
-            near=space.near,
-            scale=space.scale,
-            depth_test=self._depth_test,
-        )
-        sources = table["face"].copy()
-        table["face"] = faces.numbers[sources]
-        return table, sources
+        """Clip faces to the near plane and the guard band: the table of pieces, (C,) of `structs.Piece`, and which of the
+        faces each comes from."""
+        space, real = frame.space, self._source.stages.structs.real
+        points = space.points(faces.corners)
+        cut = clip(points, space.camera, space.near)
+        table = np.zeros(len(cut.source), self._source.stages.structs.Piece)
+        if self._depth_test:
+            table["key_depth"] = cut.points[..., 2].min(axis=1)
+        else:
+            z = points[..., 2]
+            table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
+        depth = np.minimum(cut.points[..., 2] * space.scale, MOST_DEPTH)
+        pairs = {"w": -depth if space.camera.orthographic else 1.0 / depth, "weights": cut.weights.reshape(-1, 9)}
+        if self._uvs is not None:
+            parts = self._uvs[self._uv_faces[faces.numbers]].astype(np.float64)
+            uvs = (parts[..., :2] + parts[..., 2:])[cut.source]
+            pairs["uv"] = np.einsum("cjk,ckd->cjd", cut.weights, uvs).reshape(-1, 6)
+        for name, value in pairs.items():
+            table[name], table[f"{name}_low"] = value, value - value.astype(real)
+        snapped = snap(image_positions(cut.points, space.camera), space.raster)
+        table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
+        table["face"] = faces.numbers[cut.source]
+        return table, cut.source

@@ -56,15 +56,10 @@ def effective_settings(
         raise value_error("render", "settings", "a Settings", settings)
     else:
         chosen = replace(settings, **fields)
-    return _shown(scene, chosen), _with_distance(scene, chosen)
-
-
-def _with_distance(scene: Scene, settings: Settings) -> Settings:
-    """Return the settings with a distance of ambient occlusion, if they ask for any."""
-    if not settings.ambient_occlusion or settings.ao_distance is not None:
-        return settings
-    distance = min(2.0 * AO_DISTANCE * half_diagonal(*bounding_box(scene)), sys.float_info.max)
-    return replace(settings, ao_distance=distance or 1.0)  # whatever, of a scene without a size
+    if chosen.ambient_occlusion and chosen.ao_distance is None:
+        distance = min(2.0 * AO_DISTANCE * half_diagonal(*bounding_box(scene)), sys.float_info.max)
+        chosen = replace(chosen, ao_distance=distance or 1.0)  # whatever, of a scene without a size
+    return _shown(scene, chosen), chosen
 
 
 def _shown(scene: Scene, settings: Settings) -> Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import TypeAlias
 
@@ -52,21 +52,15 @@ def replaces_colors(mesh: Mesh) -> bool:
 
 def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
     """Return what the scene's file or the settings ask for but no render shows, a few words each."""
-    plain = settings.texture_filter == "trilinear" and any(replaces_colors(mesh) for mesh in scene.meshes)
+    found = list(scene.ignored)
+    if settings.texture_filter == "trilinear" and any(map(replaces_colors, scene.meshes)):
+        found.append("the trilinear filter of textures with the course's lookup")
     looked_up = [texture for mesh in scene.meshes for texture in textures_of(mesh, maps=False)]
-    smooth = settings.texture_at == "vertex" and any(texture.filter == "nearest" for texture in looked_up)
-    unlit = scene.environment is not None and settings.shader != "pbr" and settings.background != "environment"
-    words = (
-        (plain, "the trilinear filter of textures with the course's lookup"),
-        (smooth, "the filter nearest of textures that are looked up at vertices"),
-        (unlit, "the environment, which only shader pbr shows"),
-    )
-    return (*scene.ignored, *(text for holds, text in words if holds))
-
-
-def shows_environment(scene: Scene, settings: Settings) -> bool:
-    """Return whether an environment lights the scene."""
-    return settings.shader == "pbr" and not no_environment(scene)
+    if settings.texture_at == "vertex" and any(texture.filter == "nearest" for texture in looked_up):
+        found.append("the filter nearest of textures that are looked up at vertices")
+    if scene.environment is not None and settings.shader != "pbr" and settings.background != "environment":
+        found.append("the environment, which only shader pbr shows")
+    return tuple(found)
 
 
 def no_environment(scene: Scene) -> str:
@@ -75,11 +69,6 @@ def no_environment(scene: Scene) -> str:
     if environment is None:
         return "no environment"
     return "" if environment.intensity and environment.image.any() else "it is black"
-
-
-def shows_scalars(mesh: Mesh, settings: Settings) -> bool:
-    """Return whether scalars color the mesh."""
-    return settings.scalars is not None and settings.scalars.name in mesh.scalars
 
 
 def casts_alpha(scene: Scene) -> bool:
@@ -96,10 +85,6 @@ def uses_normal_indices(scene: Scene, mesh: Mesh) -> bool:
     """Return whether the mesh's own normals, indexed separately from its vertices, are used; course scenes always
     compute theirs."""
     return mesh.normals is not None and mesh.normal_faces is not None and scene.preset != "course"
-
-
-def _is_white(mesh: Mesh) -> bool:
-    return mesh.colors is None or not (mesh.colors != 1.0).any()
 
 
 def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
@@ -125,9 +110,9 @@ def _any_nonzero(values: Iterable[np.ndarray]) -> bool:
     return any(value.any() for value in values)
 
 
-def _first(*reasons: tuple[object, str]) -> str:
-    """Return the text of the first condition that holds; "" if none does."""
-    return next((text for holds, text in reasons if holds), "")
+def unless(needed: object, reason: str) -> str:
+    """Return why something is not needed, "" if it is."""
+    return "" if needed else reason
 
 
 def are_zero(names: Sequence[str]) -> str:
@@ -135,11 +120,14 @@ def are_zero(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]} are 0" if names[1:] else f"{names[0]} is 0"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Drawn:
-    """What is drawn, as the rows of FEATURES ask about it. Texts say why something is not needed, "" if it is.
+    """What is drawn, as _REASONS and the choices ask about it. Texts say why something is not needed, "" if it is.
 
     shining: whether any light has an intensity other than 0. Other fields: see `derive`.
+
+    at_corners: whether textures are looked up at corners. mapped: whether scalars color a mesh. own_corners: whether corners
+    have colors of their own for another reason. culls: whether all back faces are culled.
     """
 
     scene: Scene
@@ -151,65 +139,36 @@ class Drawn:
     scalars_at_corners: bool = False
     instanced: bool = False
     forced: Collection[str] = ()
-    reasons: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        scene, settings, scalars = self.scene, self.settings, self.settings.scalars
+        self._reasons: dict[str, str] = {}
+        self.shader, pbr = settings.shader, settings.shader == "pbr"
+        self.meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
+        self.looked_up = [texture for mesh in self.meshes for texture in textures_of(mesh, maps=pbr)]
+        self.at_corners = looked_up_at_corners(scene, settings)
+        self.mapped = scalars is not None and any(scalars.name in mesh.scalars for mesh in self.meshes)
+        self.own_corners = self.scalars_at_corners and self.mapped
+        self.culls = settings.cull or all(material.sides == "front" for material in self.materials)
+        self.unlit = unless(self.shader != "nolight", "shader nolight")
+        self.not_pbr = unless(pbr, f"shader {self.shader}")
+        textured = any(mesh.material.texture is not None for mesh in self.meshes)
+        applies = any(map(texture_applies, self.meshes))
+        self.no_texture = unless(textured, "no texture") or unless(applies, "no texture coordinates")
+        self.no_lookup = unless(self.looked_up, self.no_texture)
 
     def why(self, name: str) -> str:
         """Return why a feature is not needed."""
-        if name not in self.reasons:
-            self.reasons[name] = _BY_NAME[name].why(self)
-        return self.reasons[name]
+        if name not in self._reasons:
+            self._reasons[name] = _REASONS[name](self)
+        return self._reasons[name]
 
     def needs(self, name: str) -> bool:
         return name in self.forced or not self.why(name)
 
     @property
-    def shader(self) -> str:
-        return self.settings.shader
-
-    @cached_property
-    def meshes(self) -> list[Mesh]:
-        return [mesh for mesh in self.scene.meshes if len(mesh.faces)]
-
-    @cached_property
-    def looked_up(self) -> list[Texture]:
-        return [texture for mesh in self.meshes for texture in textures_of(mesh, maps=self.shader == "pbr")]
-
-    @cached_property
-    def at_corners(self) -> bool:
-        """Whether textures are looked up at corners."""
-        return looked_up_at_corners(self.scene, self.settings)
-
-    @cached_property
-    def own_corners(self) -> bool:
-        """Whether corners have colors of their own for another reason."""
-        return self.scalars_at_corners and any(shows_scalars(mesh, self.settings) for mesh in self.meshes)
-
-    @property
     def bright(self) -> bool:
         return any(_any_beyond_one(mesh, self.at_corners) for mesh in self.meshes)
-
-    @property
-    def culls(self) -> bool:
-        """Whether all back faces are culled."""
-        return self.settings.cull or all(material.sides == "front" for material in self.materials)
-
-    @property
-    def unlit(self) -> str:
-        return _first((self.shader == "nolight", "shader nolight"))
-
-    @property
-    def not_pbr(self) -> str:
-        return _first((self.shader != "pbr", f"shader {self.shader}"))
-
-    @property
-    def no_texture(self) -> str:
-        textured = any(mesh.material.texture is not None for mesh in self.meshes)
-        applies = any(map(texture_applies, self.meshes))
-        return _first((not textured, "no texture"), (not applies, "no texture coordinates"))
-
-    @property
-    def no_lookup(self) -> str:
-        return "" if self.looked_up else self.no_texture
 
     def no_term(self, name: str) -> str:
         """Return why one of TERMS is not needed."""
@@ -224,18 +183,20 @@ class Drawn:
             based = [f.metallic < 1.0 or f.metallic_roughness_texture is not None for f in facets]
             needed = any(b and m.diffuse.any() for b, m in zip(based, self.materials, strict=True))
             why = are_zero([name]) if any(based) else "metals alone"
-        return self.unlit or _first((not self.shining, "no light shines"), (not needed, why))
+        return self.unlit or unless(self.shining, "no light shines") or unless(needed, why)
 
     def no_terms(self, names: Sequence[str]) -> str:
         """Return why none of several terms is needed."""
         reasons = {self.why(TERMS[name].feature) for name in names}
-        return _first(("" in reasons, ""), (len(reasons) == 1, min(reasons)), (True, are_zero(names)))
+        return min(reasons) if len(reasons) == 1 else unless("" in reasons, are_zero(names))
 
     def no_power(self) -> str:
-        absent = self.no_terms(POWERED)
+        if self.shader == "pbr":
+            return "shader pbr"
+        if absent := self.no_terms(POWERED):
+            return f"no specular term: {absent}"
         used = any(m.n != 1.0 and _any_nonzero(getattr(m, name) for name in POWERED) for m in self.materials)
-        of_pbr = self.shader == "pbr"
-        return _first((of_pbr, "shader pbr"), (absent, f"no specular term: {absent}"), (not used, "no exponent but 1"))
+        return unless(used, "no exponent but 1")
 
     @cached_property
     def no_normals(self) -> str:
@@ -245,26 +206,24 @@ class Drawn:
 
     def no_light(self, has: Callable[[Light], bool], why: str) -> str:
         """Return why nothing is needed that only some lights have."""
-        needed = any(has(each) for each in self.scene.lights if each.intensity.any())
-        return self.no_normals or ("" if needed else why)
+        return self.no_normals or unless(any(has(each) for each in self.scene.lights if each.intensity.any()), why)
 
     def no_colors(self) -> str:
-        plain = all(map(_is_white, self.meshes))
-        white = all(_is_white(mesh) for mesh in self.meshes if not replaces_colors(mesh))
-        white = white and not _any_nonzero(mesh.material.color != 1.0 for mesh in self.meshes)
-        return _first(
-            (self.at_corners, "texture_at vertex: they are in the corners' colors"),
-            (self.own_corners, "they are in the corners' colors"),
-            (not self.why("SCALARS"), ""),
-            (white and not plain, "texels take the place of vertex colors"),
-            (white, "no vertex or material colors other than white"),
-        )
+        if self.at_corners:
+            return "texture_at vertex: they are in the corners' colors"
+        if self.own_corners:
+            return "they are in the corners' colors"
+        colored = [mesh for mesh in self.meshes if mesh.colors is not None and (mesh.colors != 1.0).any()]
+        white = all(map(replaces_colors, colored)) and all((mesh.material.color == 1.0).all() for mesh in self.meshes)
+        if not white or not self.why("SCALARS"):
+            return ""
+        return "texels take the place of vertex colors" if colored else "no vertex or material colors other than white"
 
     def no_map(self, name: str) -> str:
         """Return why one of MAPS is not needed."""
         reasons = [self.why(feature) for feature in MAPS[name].changes]
-        absent = all(map_of(mesh, name) is None for mesh in self.meshes)
-        return self.not_pbr or _first((all(reasons), reasons[-1]), (absent, f"no {MAPS[name].words}"))
+        present = any(map_of(mesh, name) is not None for mesh in self.meshes)
+        return self.not_pbr or (reasons[-1] if all(reasons) else unless(present, f"no {MAPS[name].words}"))
 
 
 @dataclass(frozen=True)
@@ -272,15 +231,13 @@ class Feature:
     """Something that a frame may do without.
 
     name: as kernels know it. work: what is left out with it, in a few words, where 1 is always correct and gives the same
-    bits; "" for a choice of the settings or the camera, where 0 and 1 mean different images. why: why what is drawn does
-    without that work, "" if it needs it. chosen: whether the choice holds. compiled: whether there are programs with and
-    without it. All others are conditions at run time (`NEEDS` in kernels/features.clh), or follow from the tables that
-    kernels read.
+    bits; "" for a choice of the settings or the camera, where 0 and 1 mean different images. chosen: whether the choice
+    holds. compiled: whether there are programs with and without it. All others are conditions at run time (`NEEDS` in
+    kernels/features.clh), or follow from the tables that kernels read.
     """
 
     name: str
     work: str = ""
-    why: Callable[[Drawn], str] = lambda d: ""
     chosen: Callable[[Drawn], bool] = lambda d: False
     compiled: bool = False
 
@@ -315,177 +272,126 @@ FEATURES = (
     Feature("LINES", chosen=lambda d: d.settings.edges is not None),
     Feature("LINES_ONLY", chosen=lambda d: d.settings.edges is not None and d.settings.edges.only),
     Feature("BACKDROP", chosen=lambda d: d.settings.background == "environment" and not no_environment(d.scene)),
-    Feature("LIT", "lighting", lambda d: d.unlit),
-    Feature(
-        "AMBIENT",
-        "ambient light",
-        lambda d: _first(
-            (d.unlit, d.unlit),
-            (not d.ambient.any(), "no ambient light"),
-            (not _any_nonzero(m.ka for m in d.materials), "ka is 0"),
-            (not _any_nonzero(m.ka * d.ambient for m in d.materials), "ka*Ia is 0"),
-        ),
+    Feature("LIT", "lighting"),
+    Feature("AMBIENT", "ambient light"),
+    *(Feature(term.feature, term.work) for term in TERMS.values()),
+    Feature("POWER", "power of highlights"),
+    Feature("EMISSION", "emission"),
+    Feature("ENVIRONMENT", "image-based light"),
+    Feature("LIGHT_SHAPES", "directions, cones and attenuation of lights"),
+    Feature("AREA_LIGHTS", "points of lights of finite size"),
+    Feature("SHADOWS", "shadows"),
+    Feature("SHADOW_ALPHA", "shadows of what is not opaque"),
+    Feature("AMBIENT_OCCLUSION", "ambient occlusion"),
+    Feature("TWO_SIDED", "normals turned to the side seen"),
+    Feature("NORMAL_INDICES", "indices of normals"),
+    Feature("VERTEX_COLORS", "colors of vertices"),
+    Feature("SCALARS", "color map"),
+    Feature("TEXTURED", "texture lookups"),
+    Feature("UV_INDICES", "indices of texture coordinates"),
+    Feature("MIPMAPS", "mip-map levels"),
+    Feature("ALPHA_TEST", "alpha test"),
+    Feature("NEAREST", "nearest texels"),
+    *(Feature(f"{each.name}_MAP", f"{each.words}s") for each in MAPS.values()),
+    Feature("UV_SETS", "further texture coordinates"),
+    Feature("BLEND", "transparent surfaces, in exact order"),
+    Feature("VERTEX_ALPHA", "alpha at vertices"),
+    Feature("MATERIALS", "material per face"),
+    Feature("SIDES", "side of each material that is drawn"),
+    Feature("DOUBLE_POSITIONS", "positions in float64"),
+    Feature("BACKGROUND", "color of the background"),
+    Feature("OWNERS", "owner of each pixel"),
+    Feature("SORTED", "depth sort"),
+)
+
+# Why what is drawn does without an optional feature, "" if it needs it.
+_REASONS: dict[str, Callable[[Drawn], str]] = {
+    "LIT": lambda d: d.unlit,
+    "AMBIENT": lambda d: (
+        d.unlit
+        or unless(d.ambient.any(), "no ambient light")
+        or unless(_any_nonzero(m.ka for m in d.materials), "ka is 0")
+        or unless(_any_nonzero(m.ka * d.ambient for m in d.materials), "ka*Ia is 0")
     ),
-    *(Feature(term.feature, term.work, partial(Drawn.no_term, name=name)) for name, term in TERMS.items()),
-    Feature("POWER", "power of highlights", Drawn.no_power),
-    Feature(
-        "EMISSION",
-        "emission",
-        lambda d: d.not_pbr or _first((not _any_nonzero(m.microfacets.emission for m in d.materials), "emission is 0")),
+    **{term.feature: partial(Drawn.no_term, name=name) for name, term in TERMS.items()},
+    "POWER": Drawn.no_power,
+    "EMISSION": lambda d: (
+        d.not_pbr or unless(_any_nonzero(m.microfacets.emission for m in d.materials), "emission is 0")
     ),
-    Feature("ENVIRONMENT", "image-based light", lambda d: d.not_pbr or no_environment(d.scene)),
-    Feature(
-        "LIGHT_SHAPES",
-        "directions, cones and attenuation of lights",
-        lambda d: d.no_light(lambda light: not light.is_plain, "only points without attenuation shine"),
+    "ENVIRONMENT": lambda d: d.not_pbr or no_environment(d.scene),
+    "LIGHT_SHAPES": lambda d: d.no_light(lambda each: not each.is_plain, "only points without attenuation shine"),
+    "AREA_LIGHTS": lambda d: d.no_light(lambda each: each.has_size, "no light has a size"),
+    "SHADOWS": lambda d: (
+        unless(d.settings.shadows, "no shadows asked for")
+        or d.no_light(lambda each: True, "no light shines")
+        or unless(d.meshes, "no triangle")
     ),
-    Feature(
-        "AREA_LIGHTS",
-        "points of lights of finite size",
-        lambda d: d.no_light(lambda light: light.has_size, "no light has a size"),
+    "SHADOW_ALPHA": lambda d: (
+        (d.why("AMBIENT_OCCLUSION") and d.why("SHADOWS"))
+        or unless(casts_alpha(d.scene), "all that casts shadows is opaque")
     ),
-    Feature(
-        "SHADOWS",
-        "shadows",
-        lambda d: (
-            _first((not d.settings.shadows, "no shadows asked for"))
-            or d.no_light(lambda light: True, "no light shines")
-            or _first((not d.meshes, "no triangle"))
-        ),
+    "AMBIENT_OCCLUSION": lambda d: (
+        unless(d.settings.ambient_occlusion, "no ambient occlusion asked for")
+        or (d.why("ENVIRONMENT") and d.why("AMBIENT"))
+        or unless(d.meshes, "no triangle")
     ),
-    Feature(
-        "SHADOW_ALPHA",
-        "shadows of what is not opaque",
-        lambda d: _first(
-            (bool(d.why("SHADOWS") and d.why("AMBIENT_OCCLUSION")), d.why("SHADOWS")),
-            (not casts_alpha(d.scene), "all that casts shadows is opaque"),
-        ),
+    "TWO_SIDED": lambda d: d.no_normals or unless(any(m.material.two_sided for m in d.meshes), "no two-sided material"),
+    "NORMAL_INDICES": lambda d: (
+        d.no_normals or unless(any(uses_normal_indices(d.scene, m) for m in d.meshes), "a normal per vertex")
     ),
-    Feature(
-        "AMBIENT_OCCLUSION",
-        "ambient occlusion",
-        lambda d: _first(
-            (not d.settings.ambient_occlusion, "no ambient occlusion asked for"),
-            (bool(d.why("AMBIENT") and d.why("ENVIRONMENT")), d.why("AMBIENT")),
-            (not d.meshes, "no triangle"),
-        ),
+    "VERTEX_COLORS": Drawn.no_colors,
+    "SCALARS": lambda d: (
+        unless(d.settings.scalars is not None, "no scalars asked for") or unless(d.mapped, "no face has the scalars")
     ),
-    Feature(
-        "TWO_SIDED",
-        "normals turned to the side seen",
-        lambda d: d.no_normals or _first((not any(m.material.two_sided for m in d.meshes), "no two-sided material")),
+    "TEXTURED": lambda d: unless(not d.at_corners, "texture_at vertex: looked up at the corners") or d.no_texture,
+    "UV_INDICES": lambda d: (
+        d.no_lookup or unless(any(m.uv_faces is not None for m in d.meshes), "texture coordinates per vertex")
     ),
-    Feature(
-        "NORMAL_INDICES",
-        "indices of normals",
-        lambda d: (
-            d.no_normals or ("" if any(uses_normal_indices(d.scene, m) for m in d.meshes) else "a normal per vertex")
-        ),
+    "MIPMAPS": lambda d: (
+        d.no_lookup
+        or unless(d.settings.texture_filter != "bilinear", "texture_filter bilinear")
+        or unless(any(map(_has_levels, d.looked_up)), "textures of one texel or with the course's lookup")
     ),
-    Feature("VERTEX_COLORS", "colors of vertices", Drawn.no_colors),
-    Feature(
-        "SCALARS",
-        "color map",
-        lambda d: _first(
-            (d.settings.scalars is None, "no scalars asked for"),
-            (not any(shows_scalars(m, d.settings) for m in d.meshes), "no face has the scalars"),
-        ),
+    "ALPHA_TEST": lambda d: unless(any(m.tests_alpha for m in d.meshes), "no alpha test"),
+    "NEAREST": lambda d: (
+        d.no_lookup or unless(any(t.filter == "nearest" for t in d.looked_up), "no texture with the filter nearest")
     ),
-    Feature(
-        "TEXTURED",
-        "texture lookups",
-        lambda d: _first((d.at_corners, "texture_at vertex: looked up at the corners")) or d.no_texture,
+    **{f"{each.name}_MAP": partial(Drawn.no_map, name=name) for name, each in MAPS.items()},
+    "UV_SETS": lambda d: d.no_lookup or unless(any(t.coordinates for t in d.looked_up), "one set of coordinates"),
+    "BLEND": lambda d: unless(any(m.blends for m in d.meshes), "nothing is transparent"),
+    "VERTEX_ALPHA": lambda d: unless(
+        any(m.alphas is not None and (m.blends or m.tests_alpha) for m in d.meshes), "no alpha at vertices counts"
     ),
-    Feature(
-        "UV_INDICES",
-        "indices of texture coordinates",
-        lambda d: d.no_lookup or _first((all(m.uv_faces is None for m in d.meshes), "texture coordinates per vertex")),
+    "MATERIALS": lambda d: unless(len(d.materials) > 1, "a single material"),
+    "SIDES": lambda d: (
+        unless(not d.culls, "all that is seen from behind is culled")
+        or unless(any(m.sides == "front" for m in d.materials), "both sides of every material are drawn")
     ),
-    Feature(
-        "MIPMAPS",
-        "mip-map levels",
-        lambda d: _first(
-            (d.no_lookup, d.no_lookup),
-            (d.settings.texture_filter == "bilinear", "texture_filter bilinear"),
-            (not any(map(_has_levels, d.looked_up)), "textures of one texel or with the course's lookup"),
-        ),
+    "DOUBLE_POSITIONS": lambda d: (
+        unless(not d.instanced, "instances are placed where they are needed")
+        or unless(d.double_positions, "float32 holds the positions")
     ),
-    Feature("ALPHA_TEST", "alpha test", lambda d: _first((not any(m.tests_alpha for m in d.meshes), "no alpha test"))),
-    Feature(
-        "NEAREST",
-        "nearest texels",
-        lambda d: (
-            d.no_lookup
-            or _first((all(t.filter != "nearest" for t in d.looked_up), "no texture with the filter nearest"))
-        ),
+    "BACKGROUND": lambda d: (
+        unless(d.scene.background is not None, "no background")
+        or unless(d.settings.background != "environment", "the environment is the background")
+        or unless(np.any(d.scene.background), "the background is black")
     ),
-    *(Feature(f"{each.name}_MAP", f"{each.words}s", partial(Drawn.no_map, name=name)) for name, each in MAPS.items()),
-    Feature(
-        "UV_SETS",
-        "further texture coordinates",
-        lambda d: d.no_lookup or _first((not any(each.coordinates for each in d.looked_up), "one set of coordinates")),
-    ),
-    Feature(
-        "BLEND",
-        "transparent surfaces, in exact order",
-        lambda d: _first((not any(m.blends for m in d.meshes), "nothing is transparent")),
-    ),
-    Feature(
-        "VERTEX_ALPHA",
-        "alpha at vertices",
-        lambda d: _first(
-            (all(m.alphas is None or not (m.blends or m.tests_alpha) for m in d.meshes), "no alpha at vertices counts")
-        ),
-    ),
-    Feature("MATERIALS", "material per face", lambda d: _first((len(d.materials) < 2, "a single material"))),
-    Feature(
-        "SIDES",
-        "side of each material that is drawn",
-        lambda d: _first(
-            (d.culls, "all that is seen from behind is culled"),
-            (not any(m.sides == "front" for m in d.materials), "both sides of every material are drawn"),
-        ),
-    ),
-    Feature(
-        "DOUBLE_POSITIONS",
-        "positions in float64",
-        lambda d: _first(
-            (d.instanced, "instances are placed where they are needed"),
-            (not d.double_positions, "float32 holds the positions"),
-        ),
-    ),
-    Feature(
-        "BACKGROUND",
-        "color of the background",
-        lambda d: _first(
-            (d.scene.background is None, "no background"),
-            (d.settings.background == "environment", "the environment is the background"),
-            (not np.any(d.scene.background), "the background is black"),
-        ),
-    ),
-    Feature("OWNERS", "owner of each pixel", lambda d: _first((not d.settings.layers, "no layer asked for"))),
+    "OWNERS": lambda d: unless(d.settings.layers, "no layer asked for"),
     # Gouraud's shading lights the corners of the sorted triangles; kernels of 16 doubles do not order lists; lines need the
     # clipped triangles before the pixel stage; lists of transparent triangles and of instances are sorted.
-    Feature(
-        "SORTED",
-        "depth sort",
-        lambda d: _first(
-            (
-                d.settings.visibility == "depth"
-                and d.shader != "gouraud"
-                and d.settings.precision != "float64"
-                and d.settings.edges is None
-                and not d.needs("BLEND")
-                and not d.instanced,
-                "the depth test decides",
-            )
-        ),
+    "SORTED": lambda d: unless(
+        d.settings.visibility != "depth"
+        or d.shader == "gouraud"
+        or d.settings.precision == "float64"
+        or d.settings.edges is not None
+        or d.needs("BLEND")
+        or d.instanced,
+        "the depth test decides",
     ),
-)
+}
 CHOICES = tuple(feature.name for feature in FEATURES if not feature.work)
 OPTIONAL = tuple(feature.name for feature in FEATURES if feature.work)
 COMPILED = tuple(feature.name for feature in FEATURES if feature.compiled)
-_BY_NAME = {feature.name: feature for feature in FEATURES}
 _BITS = {name: index for index, name in enumerate(feature.name for feature in FEATURES if not feature.compiled)}
 # Of features in a row; kernels ask for one or any of them.
 GROUPS = {"TERMS": [term.feature for term in TERMS.values()], "MAPS": [f"{each.name}_MAP" for each in MAPS.values()]}
@@ -568,14 +474,10 @@ _settings = cache(lambda shader: Settings(shader=shader))
 _NOTHING = Scene((), Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0)))
 
 
-def derive_alone(
-    shader: Shader, material: Material, ambient: np.ndarray, shining: bool, bright: bool = False
-) -> Features:
-    """Return the features of a single triangle or point with its own colors: preset `course`, no background.
-
-    bright: whether colors beyond 1 are interpolated.
-    """
-    drawn = Drawn(_NOTHING, _settings(shader), [material], ambient, shining)
+def derive_alone(shader: Shader, material: Material, shining: bool, bright: bool = False) -> Features:
+    """Return the features of a single triangle or point with its own colors: preset `course`, no background, ambient light
+    in its material. bright: whether colors beyond 1 are interpolated."""
+    drawn = Drawn(_NOTHING, _settings(shader), [material], np.ones(3), shining)
     terms = ("LIT", "AMBIENT", *GROUPS["TERMS"], "POWER", "EMISSION")
     names = [name for name in terms if drawn.needs(name)] + ["CENTROID", "VERTEX_COLORS", "SORTED"]
     return Features.of(names + ["PHONG"] * (shader == "phong") + ["BRIGHT"] * (shader == "phong" and bright))
@@ -598,7 +500,8 @@ def derive(
     forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
     image stays the same, bit for bit. All of them together give a kernel for every scene.
     """
-    shining = any(light.intensity.any() for light in scene.lights) or shows_environment(scene, settings)
+    lit_around = settings.shader == "pbr" and not no_environment(scene)
+    shining = lit_around or any(light.intensity.any() for light in scene.lights)
     materials = list(materials_of(scene).values())
     how = double_positions, scalars_at_corners, instanced, forced
     drawn = Drawn(scene, settings, materials, scene.ambient, shining, *how)

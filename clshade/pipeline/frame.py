@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, overload
 
 import numpy as np
@@ -28,11 +28,55 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..images.cryptomatte import Matte, MatteKind
-    from ..images.exr import Compression
     from ..images.tonemap import Operator
 
 
-class Frame:
+_DEFAULTS: SavingOptions = {"files": None, "tonemap": None, "exposure": 0.0, "half": False, "compression": "zip"}
+_DEFAULTS |= {"crop": False, "deterministic": False, "colorbar": False, "depth_scale": SCALE}
+
+
+class Picture:
+    """What a frame and several views have in common. Shapes are those of a frame; of views each begins with K."""
+
+    def __init__(self, rgba: Reals, layers: Mapping[str, Array]) -> None:
+        self._rgba, self._layers = rgba, dict(layers)
+
+    @property
+    def rgba(self) -> Reals:
+        """(M, N, 4) float32, or float64 with precision float64: linear RGB and coverage."""
+        return self._rgba
+
+    @property
+    def rgb(self) -> Reals:
+        """(M, N, 3), linear, never clamped; composited over the background if there is one."""
+        return self._rgba[..., :3]
+
+    @property
+    def alpha(self) -> Reals:
+        """(M, N) coverage, 0 to 1."""
+        return self._rgba[..., 3]
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of the layers that were asked for."""
+        return tuple(self._layers)
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether a layer of this name was asked for."""
+        return name in self._layers
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return `rgb`, for `np.asarray`: a copy if `copy`, and None as needed, which NumPy 1 does not ask for; ValueError
+        if it is False and another type needs one."""
+        kind = self.rgb.dtype if dtype is None else np.dtype(dtype)
+        if kind == self.rgb.dtype and not copy:
+            return self.rgb
+        if copy is False:
+            raise ValueError(f"expected type {self.rgb.dtype}, which takes no copy, found {kind}")
+        return self.rgb.astype(kind)
+
+
+class Frame(Picture):
     """A rendered image with its layers.
 
     ``frame[name]`` gives a layer, ``name in frame`` tests for one, and iteration gives their names.
@@ -65,7 +109,7 @@ class Frame:
         settings: Settings,
         stats: Callable[[], dict[str, Any]],
     ) -> None:
-        self._rgba, self._layers = rgba, dict(layers)
+        super().__init__(rgba, layers)
         self.scene, self.settings = scene, settings
         self.check: Check | None = None
         self.flows: dict[FlowName, Flow] = {}
@@ -77,26 +121,6 @@ class Frame:
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the frame with its stats, which are computed only on request."""
         return {**vars(self), "_stats": self.stats, "_make_stats": None}
-
-    @property
-    def rgba(self) -> Reals:
-        """(M, N, 4) float32, or float64 with precision float64: linear RGB and coverage."""
-        return self._rgba
-
-    @property
-    def rgb(self) -> Reals:
-        """(M, N, 3), linear, never clamped; composited over the background if there is one."""
-        return self._rgba[..., :3]
-
-    @property
-    def alpha(self) -> Reals:
-        """(M, N) coverage, 0 to 1."""
-        return self._rgba[..., 3]
-
-    @property
-    def layers(self) -> tuple[str, ...]:
-        """Names of the layers that were asked for."""
-        return tuple(self._layers)
 
     @property
     def stats(self) -> dict[str, Any]:
@@ -146,17 +170,9 @@ class Frame:
             raise missing_layer("Frame", name, self._layers)
         return self._layers[name]
 
-    def __contains__(self, name: object) -> bool:
-        """Return whether a layer of this name was asked for."""
-        return name in self._layers
-
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names of the layers."""
         return iter(self._layers)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """Return `rgb`, for ``np.asarray(frame)``."""
-        return as_array(self.rgb, dtype, copy)
 
     def channels(self) -> dict[str, Array]:
         """Return the EXR's channels.
@@ -349,65 +365,52 @@ class Frame:
             warnings.warn(line, stacklevel=2)
         return lines
 
-    def write(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        files: Sequence[FileKind] | None = None,
-        tonemap: Operator | None = None,
-        exposure: float = 0.0,
-        half: bool = False,
-        compression: Compression = "zip",
-        crop: bool = False,
-        deterministic: bool = False,
-        colorbar: bool = False,
-        depth_scale: float = SCALE,
-    ) -> list[str]:
+    def write(self, path: str | os.PathLike[str], **options: Unpack[SavingOptions]) -> list[str]:
         """Write the files as `save` does, but return the warnings without issuing them.
 
         Parameters
         ----------
-        path, files, tonemap, exposure, half, compression, crop, deterministic, colorbar, depth_scale
+        path, **options
             See `save`.
         """
         from ..images import depth_png, exr, npz, png
 
-        options: SavingOptions = {"files": files, "tonemap": tonemap, "exposure": exposure, "half": half}
-        options |= {"compression": compression, "crop": crop, "deterministic": deterministic}
-        options |= {"colorbar": colorbar, "depth_scale": depth_scale}
-        frame_files.check_output(path, self.settings, **options)
-        paths = frame_files.chosen_paths(path, files)
+        chosen: SavingOptions = {**_DEFAULTS, **options}
+        deterministic, tonemap, exposure = chosen["deterministic"], chosen["tonemap"], chosen["exposure"]
+        frame_files.check_output(path, self.settings, **chosen)
+        paths = frame_files.chosen_paths(path, chosen["files"])
         frame_files.check_layers(paths, self._layers)
 
         def image() -> Bytes:
             pixels = self.to_png8(tonemap, exposure)
-            if not colorbar:
+            if not chosen["colorbar"]:
                 return pixels
             return frame_files.with_colorbar(pixels, self.scene, self.settings, tonemap, exposure)
 
         def encode_exr(file: BinaryIO) -> list[str]:
             device = None if deterministic else self.stats.get("device")
-            storage = drawing_record.Storage.of(self.scene, options)
+            storage = drawing_record.Storage.of(self.scene, chosen)
             record = drawing_record.record_of(self.scene, self.settings, storage, device=device, command=self.command)
             metadata = drawing_record.sealed(self.metadata(deterministic=deterministic), record)
             tiled = isinstance(self.scene.camera, PartCamera)  # its pixels can then be joined with those of other parts
-            window: Literal["covered", "drawn"] | None = None if tiled else "covered" if crop else "drawn"
+            window: Literal["covered", "drawn"] | None = None if tiled else "covered" if chosen["crop"] else "drawn"
             return exr.encode(
                 file,
                 self.channels(),
-                compression=compression,
-                half=half,
+                compression=chosen["compression"],
+                half=chosen["half"],
                 metadata=metadata,
                 window=window,
                 parts={kind: (matte.channels, matte.metadata) for kind, matte in self.mattes.items()},
                 tiled=tiled,
             )
 
+        scale = chosen["depth_scale"]
         encoders: dict[FileKind, frame_files.Encoder] = {
             "exr": encode_exr,
             "png": lambda file: png.encode(file, image()),
             "npz": lambda file: npz.encode(file, self.arrays(deterministic=deterministic)),
-            "depth": lambda file: depth_png.encode(file, self["Z"], depth_scale, ("Frame.save", "depth_scale")),
+            "depth": lambda file: depth_png.encode(file, self["Z"], scale, ("Frame.save", "depth_scale")),
         }
         lines = frame_files.write_files(paths, encoders)
         line = why_unseen(self.rgba, self.scene, self.settings, self.stats)
@@ -418,17 +421,6 @@ def missing_layer(owner: str, name: Any, asked: Iterable[str]) -> InputError:
     """Return the error for a layer that was not asked for."""
     expected = f"one that was asked for with layers= ({', '.join(asked) or 'none were'})"
     return value_error(owner, "layer", expected, name, hint(name, LAYERS, LAYER_WORDS, remarks=LAYER_REMARKS))
-
-
-def as_array(array: Array, dtype: Any, copy: bool | None) -> Array:
-    """Return what `__array__` does: a copy if `copy`, and None as needed, which NumPy 1 does not ask for; ValueError if it
-    is False and another type needs one."""
-    kind = array.dtype if dtype is None else np.dtype(dtype)
-    if kind == array.dtype and not copy:
-        return array
-    if copy is False:
-        raise ValueError(f"expected type {array.dtype}, which takes no copy, found {kind}")
-    return array.astype(kind)
 
 
 def same_bits(a: Frame, b: Frame) -> bool:

@@ -5,27 +5,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats, Integers, Reals
+from ..base.arrays import Array, Floats, Integers, Reals
 from ..scene.geometry import row_blocks, vertex_normals
 from ..scene.model import Mesh, Scene, Texture
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_points import typical_intensities
-from .placements import (
-    about_one,
-    mirroring,
-    normals_by_mesh,
-    placed_normals,
-    placed_points,
-    placed_tangents,
-    points_by_mesh,
-)
+from .placements import about_one, mirroring, placed_normals, placed_points, placed_tangents
 from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, map_of, material_table, split, textures_of, to_real
 from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
@@ -65,17 +57,6 @@ def _four(vectors: Array, real: Real) -> Array:
     return wide
 
 
-def without_unused(verts: Array, faces: Array) -> tuple[Array, Array, Array | None]:
-    """Return vertices, faces and the vertices kept, or None if all are: unreferenced vertices are not uploaded."""
-    used = np.zeros(len(verts), bool)
-    used[faces] = True
-    if used.all():
-        return verts, faces, None
-    kept = np.flatnonzero(used)
-    renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return verts[kept], renumbered[faces], kept
-
-
 def own_normals(copies: Copies, scene: Scene) -> tuple[Array, Array, bool]:
     """Return the normals of meshes in object space, (K, 3), their indices (F, 3), and whether they are computed, and so
     unit vectors or 0."""
@@ -101,66 +82,47 @@ def _kind(mesh: Mesh, maps: bool) -> tuple[Any, ...] | None:
     return mesh.verts.dtype, *(each is None for each in optional), len(mesh.more_uvs), textured, replaces_colors(mesh)
 
 
-@dataclass(frozen=True)
 class Copies:
     """The K copies of a mesh that are gathered, or of K consecutive meshes one of each.
 
-    numbers: of the meshes in their scene. matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors.
-    verts: (V, 3) of all meshes, without the vertices in no face; kept: which those are of the meshes' own, None for all.
-    sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
+    numbers: of the meshes in their scene. mesh, number: the first mesh, which has the same fields as all, and its number.
+    count: copies of each mesh. matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors. verts: (V, 3) of
+    all meshes, without the vertices in no face, which are not uploaded; kept: which those are of the meshes' own, None for
+    all. sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
     """
 
-    numbers: Sequence[int]
-    meshes: Sequence[Mesh]
-    matrices: Floats
-    mirrored: Bools
-    verts: Array
-    faces: Array
-    kept: Array | None
-    sizes: Integers
-
-    @classmethod
-    def of(cls, numbers: Sequence[int], meshes: Sequence[Mesh]) -> Copies:
+    def __init__(self, numbers: Sequence[int], meshes: Sequence[Mesh]) -> None:
+        self.numbers, self.meshes, self.number, self.mesh = numbers, meshes, numbers[0], meshes[0]
         placements = [np.asarray(mesh.instances) for mesh in meshes]
-        matrices = np.concatenate(placements) if meshes[1:] else placements[0]
-        verts, faces = _concatenated(meshes, "verts"), _joined_indices(meshes, "faces", "verts")
-        verts, faces, kept = without_unused(verts, faces)
-        sizes = np.array([(len(mesh.verts), len(mesh.faces)) for mesh in meshes]).T
-        if kept is not None:
-            sizes[0] = np.diff(np.searchsorted(kept, np.cumsum(sizes[0])), prepend=0)
-        return cls(numbers, meshes, matrices, mirroring(matrices), verts, faces, kept, sizes)
-
-    @property
-    def mesh(self) -> Mesh:
-        """The first mesh, which has the same fields as all."""
-        return self.meshes[0]
-
-    @property
-    def number(self) -> int:
-        return self.numbers[0]
-
-    @property
-    def count(self) -> int:
-        """Copies of each mesh."""
-        return len(self.matrices) // len(self.meshes)
+        self.matrices: Floats = np.concatenate(placements) if meshes[1:] else placements[0]
+        self.mirrored, self.count = mirroring(self.matrices), len(self.matrices) // len(meshes)
+        self.verts: Array = _concatenated(meshes, "verts")
+        self.faces: Array = _joined_indices(meshes, "faces", "verts")
+        self.sizes: Integers = np.array([(len(mesh.verts), len(mesh.faces)) for mesh in meshes]).T
+        self.kept: Array | None = None
+        used = np.zeros(len(self.verts), bool)
+        used[self.faces] = True
+        if not used.all():
+            self.kept = np.flatnonzero(used)
+            self.verts, self.faces = self.verts[self.kept], (np.cumsum(used, dtype=np.int32) - np.int32(1))[self.faces]
+            self.sizes[0] = np.diff(np.searchsorted(self.kept, np.cumsum(self.sizes[0])), prepend=0)
 
     def one(self, mirrored: bool) -> Copies:
         """Return the mesh itself, or with the winding of one that a placement mirrors."""
-        return replace(self, matrices=np.eye(4)[None], mirrored=np.array([mirrored]))
+        found = copy(self)
+        found.matrices, found.mirrored, found.count = np.eye(4)[None], np.array([mirrored]), 1
+        return found
 
     def points(self) -> Array:
         """Return the placed vertices, (K V, 3)."""
-        if self.meshes[1:]:
-            return points_by_mesh(self.verts, self.matrices, self.sizes[0])
-        return placed_points(self.verts, self.matrices)
+        return placed_points(self.verts, self.matrices, self.sizes[0] if self.meshes[1:] else None)
 
     def directions(self, normals: Array, real: Real, *, is_unit: bool) -> Array:
         """Return the placed normals: of those of meshes with indices of their own, or of the vertices."""
-        if not self.meshes[1:]:
-            return placed_normals(normals, self.matrices, self.mirrored, real, is_unit=is_unit)
-        own = not is_unit and self.mesh.normal_faces is not None
-        counts = np.array([len(mesh.normals) for mesh in self.meshes]) if own else self.sizes[0]  # type: ignore[arg-type]
-        return normals_by_mesh(normals, self.matrices, self.mirrored, counts, real, is_unit=is_unit)
+        counts = self.sizes[0] if self.meshes[1:] else None
+        if counts is not None and not is_unit and self.mesh.normal_faces is not None:
+            counts = np.array([len(mesh.normals) for mesh in self.meshes])  # type: ignore[arg-type]
+        return placed_normals(normals, self.matrices, self.mirrored, real, is_unit=is_unit, counts=counts)
 
     def repeated(self, rows: Array) -> Array:
         """Return rows once for each copy."""
@@ -222,21 +184,6 @@ def _joined_indices(meshes: Sequence[Mesh], name: str, rows: str) -> Array:
     return found
 
 
-class _Indices:
-    """Indices into a table whose rows are gathered copies by copies."""
-
-    def __init__(self) -> None:
-        self._parts: list[Array] = []
-        self._rows = 0
-
-    def add(self, copies: Copies, index: Array, rows: int) -> None:
-        self._parts.append(copies.indices(index, rows, self._rows))
-        self._rows += rows * copies.count
-
-    def joined(self) -> Array:
-        return joined(self._parts, np.int32)
-
-
 class Gatherer:
     """The arrays of the placed meshes, concatenated in order."""
 
@@ -265,7 +212,7 @@ class Gatherer:
         alone = one_copy or scalars is not None
         for kind, alike in groupby(meshes, key=lambda pair: None if alone else _kind(pair[1], maps)):
             for some in [list(alike)] if kind is not None else ([pair] for pair in alike):
-                self.placed.append(Copies.of(*zip(*some, strict=True)))
+                self.placed.append(Copies(*zip(*some, strict=True)))
         self.copies = self.placed
         if one_copy:
             self.copies = [each.one(side) for each in self.placed for side in np.unique(each.mirrored)]
@@ -273,21 +220,28 @@ class Gatherer:
     def positions(self) -> tuple[Array, Array]:
         if not self.copies:
             return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
-        points, faces = [], _Indices()
-        for each in self.copies:
-            points.append(each.points())
-            faces.add(each, each.faces, len(each.verts))
+        points = [each.points() for each in self.copies]
         fits = all(map(_fits_float32, points))
-        return joined(points, np.float32 if fits else np.float64), faces.joined()
+        faces = self._indices([(each.faces, len(each.verts)) for each in self.copies])
+        return joined(points, np.float32 if fits else np.float64), faces
+
+    def _indices(self, own: Sequence[tuple[Array, int]]) -> Array:
+        """Return indices, (F, 3) int32, into a table whose rows are gathered copies by copies. own: of each, its indices and
+        its number of rows."""
+        parts, first = [], 0
+        for each, (index, rows) in zip(self.copies, own, strict=True):
+            parts.append(each.indices(index, rows, first))
+            first += rows * each.count
+        return joined(parts, np.int32)
 
     def normals(self, indexed: bool, *, bends: bool = False) -> tuple[Array, Array | None]:
         """Return the normals, (K, 4), and their indices, (F, 3), if they have their own. bends: the fourth component is as
         of `_bends`. Of one copy they are float64 in object space, of any length, and the fourth is 1 if they are units."""
-        parts, index = [], _Indices()
+        parts, index = [], list[tuple[Array, int]]()
         precision = np.float64 if bends else self._structs.real
         for each in self.copies:
             normals, faces, is_unit = own_normals(each, self.scene)
-            index.add(each, faces, len(normals))
+            index.append((faces, len(normals)))
             if self.one_copy:
                 rows = _four(normals if is_unit else about_one(normals), np.float64)
                 rows[:, 3] = is_unit
@@ -299,7 +253,7 @@ class Gatherer:
                 own_faces = each.indices(faces, len(normals), 0)
                 rows[:, 3] = _bends(own, own_faces, each.points(), each.indices(each.faces, len(each.verts), 0))
             parts.append(rows)
-        return joined(parts), index.joined() if indexed else None
+        return joined(parts), self._indices(index) if indexed else None
 
     def tangents(self) -> tuple[Array, Array]:
         """Return the tangents of meshes with a normal map, (K, 4), unit or 0, with the side of the bitangent, and their
@@ -374,7 +328,7 @@ class Gatherer:
         without a texture, which are 0 otherwise."""
         sets = 1 + max((texture.coordinates for texture in self.textures), default=0)
         parts: list[list[Array]] = [[] for _ in range(sets)]
-        index = _Indices()
+        index: list[tuple[Array, int]] = []
         for each in self.copies:
             mesh, own_faces = each.mesh, each.faces
             if mesh.uvs is None or not (untextured or textures_of(mesh, maps=self.maps)):
@@ -386,8 +340,8 @@ class Gatherer:
                     own_faces = _joined_indices(each.meshes, "uv_faces", "uvs")
             for part, rows in zip(parts, own, strict=True):
                 part.append(each.repeated(split(rows, self._structs.real)))
-            index.add(each, own_faces, len(own[0]))
-        return joined([part for each in parts for part in each]), index.joined() if indexed else None
+            index.append((own_faces, len(own[0])))
+        return joined([part for each in parts for part in each]), self._indices(index) if indexed else None
 
     def mirrored(self) -> Array:
         """Return for each face whether its placement mirrors, (F,) int32."""
@@ -399,10 +353,8 @@ class Gatherer:
 
     def per_copy(self, first: Sequence[int]) -> Array:
         """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
-        parts = []
-        for each in self.copies:
-            parts.append(each.per_face(first, np.uint32) + np.repeat(np.arange(each.count), len(each.faces)))
-        return joined(parts, np.uint32)
+        counted = [(each, np.repeat(np.arange(each.count), len(each.faces))) for each in self.copies]
+        return joined([each.per_face(first, np.uint32) + own for each, own in counted], np.uint32)
 
     def face_materials(self) -> Array:
         numbers = {key: i for i, key in enumerate(self.materials)}

@@ -86,12 +86,12 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
         vertex, face = vertex + len(each.verts), face + len(each.faces)
     parts, vertices, faces, centers, radii = [], [], [], [], []
     for each in gatherer.placed:
-        rows = np.zeros(each.count, structs.Instance)
+        rows, copies = np.zeros(each.count, structs.Instance), np.arange(each.count)
         rows["rows"] = each.matrices[:, :3].reshape(-1, 12)
         linear = each.matrices[:, :3, :3]
         rows["scale"] = np.ldexp(1.0, -np.frexp(np.abs(linear).max(axis=(1, 2)))[1])
         rows["plain"], rows["mirrored"] = plain(each.matrices), each.mirrored
-        rows["number"] = _as_int32(numbers[each.number] + np.arange(each.count))
+        rows["number"] = (numbers[each.number] + copies).astype(np.uint32).view(np.int32)
         own_face = np.zeros(each.count, np.int64)
         for side in (False, True):
             mine = each.mirrored == side
@@ -99,7 +99,7 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
                 rows["first_vertex"][mine] = first_vertex[each.number, side]
                 own_face[mine] = first_face[each.number, side]
         rows["first_face"] = own_face
-        rows["face_shift"] = _as_int32(first + len(each.faces) * np.arange(each.count) - own_face)
+        rows["face_shift"] = (first + len(each.faces) * copies - own_face).astype(np.uint32).view(np.int32)
         first += each.count * len(each.faces)
         box = _box(each)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -111,11 +111,6 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
         vertices.append(np.full(each.count, len(each.verts)))
         faces.append(np.full(each.count, len(each.faces)))
     return InstanceTables(*map(np.concatenate, (parts, vertices, faces, centers, radii)))
-
-
-def _as_int32(numbers: Integers) -> Array:
-    """Return the lowest 32 bits of integers."""
-    return numbers.astype(np.int64).astype(np.uint32).view(np.int32)
 
 
 def placed_extent(placed: Collection[Copies]) -> tuple[Floats, Floats]:
@@ -220,7 +215,6 @@ class Instances(TriangleSource):
         self._painter = painter
         self._of_triangles = Buffer.empty(device, 0, np.int32)  # the instance of each
         self._depths: Buffer | None = None  # their mean depths, with painter's order
-        self._culled = {"behind": 0, "off_screen": 0}
 
     @property
     def resident_bytes(self) -> int:
@@ -230,10 +224,6 @@ class Instances(TriangleSource):
     @property
     def nbytes(self) -> int:
         return self.made.nbytes + self._of_triangles.array.nbytes
-
-    @property
-    def culled(self) -> dict[str, int]:
-        return self._culled
 
     def sizes(self) -> dict[str, int]:
         return {"triangles": self._face_count, "vertices": self._vertex_count}
@@ -268,7 +258,7 @@ class Instances(TriangleSource):
         """List the instances in the view of a camera, and count the faces of the others."""
         behind, beside = outside(self._tables, space)
         faces = self._tables.faces
-        self._culled = {"behind": int(faces[behind].sum()), "off_screen": int(faces[beside].sum())}
+        self.culled = {"behind": int(faces[behind].sum()), "off_screen": int(faces[beside].sum())}
         listed = np.flatnonzero(~(behind | beside)).astype(np.uint32)
         if np.array_equal(listed, self._listed):
             return

@@ -29,7 +29,7 @@ def kernel_text(name: str) -> str:
 def kernels_digest() -> str:
     """Return the SHA-256 of the names and contents of all sources, in hexadecimal."""
     found = hashlib.sha256()
-    for path in sorted(each for ending in ("cl", "clh") for each in kernel_folder().glob(f"*.{ending}")):
+    for path in sorted(each for ending in ("cl", "clh", "h") for each in kernel_folder().glob(f"*.{ending}")):
         content = kernel_text(path.name).encode()
         found.update(b"%s %d\n" % (path.name.encode(), len(content)) + content)
     return found.hexdigest()

@@ -18,23 +18,17 @@ from .layer_outputs import LAYER_BITS, MIRRORED
 
 
 class LayerTables(NamedTuple):
-    """Arrays that only layers read; None if no layer does, or if the array of the lighting serves.
+    """What only layers read.
 
-    asked: bits of LAYER_BITS and MIRRORED, 0 without any of SURFACE_LAYERS. numbers: of each layer drawn from faces, (F,)
-    uint32. normals, uvs: as in scene_buffers.Packed, with their indices. mirrored: (F,) int32, whether a face's placement
-    mirrors. scalars: (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances
-    are drawn from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
+    asked: bits of LAYER_BITS and MIRRORED, 0 without any of SURFACE_LAYERS. arrays: those of object_id, material_id and
+    instance_id, (F,) uint32; and by the names of the kernel's parameters, normals and uvs with their indices as in
+    scene_buffers.Packed, unless those of the lighting serve; mirrored, (F,) int32, whether a face's placement mirrors;
+    scalars, (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn
+    from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
     """
 
     asked: int
-    numbers: Mapping[str, Array]
-    normals: Array | None = None
-    object_normals: Array | None = None
-    normal_faces: Array | None = None
-    uvs: Array | None = None
-    uv_faces: Array | None = None
-    mirrored: Array | None = None
-    scalars: Array | None = None
+    arrays: Mapping[str, Array]
     scalar_exponent: int = 0
 
 
@@ -97,7 +91,7 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     if not gatherer.copies:
         return LayerTables(bits, {})
     reads = {table for name in asked for table in LAYER_TABLE[name].reads}
-    found: dict[str, Any] = {}
+    exponent, found = 0, dict[str, "Array | None"]()
     if "normals" in reads and not light.needs_any("TERMS"):
         indexed = any(uses_normal_indices(scene, mesh) for mesh in scene.meshes if len(mesh.faces))
         normals, found["normal_faces"] = gatherer.normals(indexed)
@@ -109,12 +103,11 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
         bits |= MIRRORED
         found["mirrored"] = gatherer.mirrored()
     if "scalars" in reads:
-        found["scalars"], found["scalar_exponent"] = gatherer.corner_scalars()
-    numbers: dict[str, Array] = {}
+        found["scalars"], exponent = gatherer.corner_scalars()
     if "object_id" in asked:
-        numbers["object_id"] = gatherer.per_face(object_numbers(scene), np.uint32)
+        found["object_id"] = gatherer.per_face(object_numbers(scene), np.uint32)
     if "material_id" in asked:
-        numbers["material_id"] = gatherer.per_face(material_numbers(scene), np.uint32)
+        found["material_id"] = gatherer.per_face(material_numbers(scene), np.uint32)
     if "instance_id" in asked and not light["INSTANCES"]:
-        numbers["instance_id"] = gatherer.per_copy(first_instances(scene))
-    return LayerTables(bits, numbers, **found)
+        found["instance_id"] = gatherer.per_copy(first_instances(scene))
+    return LayerTables(bits, {name: array for name, array in found.items() if array is not None}, exponent)

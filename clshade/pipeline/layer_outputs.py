@@ -17,9 +17,9 @@ def _background(value: float) -> str:
 
 
 def macros() -> str:
-    """Return OpenCL C: the bits, LAYER_N and so on, and MIRRORED; LAYER_PARAMETERS of the kernel; LAYER_ARGUMENTS, which
-    initialize a struct of LAYER_MEMBERS, named as the layers; LAYER_VALUES, members of the same names of type reals3; and
-    FOR_LAYERS(DO), which is DO(name, bit, components, background) for each."""
+    """Return OpenCL C: the bits, LAYER_N and so on, and MIRRORED; LAYER_PARAMETERS of the kernel, to_N and so on;
+    LAYER_VALUES, members named as the layers of type reals3; and FOR_LAYERS(DO), which is DO(name, bit, components,
+    background) for each."""
     rows = {name: LAYER_TABLE[name] for name in SURFACE_LAYERS}
     bits = {name: f"LAYER_{name.upper()}" for name in rows}
     each = "".join(
@@ -30,8 +30,6 @@ def macros() -> str:
         "".join(f"#define {bits[name]} {bit}\n" for name, bit in LAYER_BITS.items())
         + f"#define MIRRORED {MIRRORED}\n"
         + f"#define LAYER_PARAMETERS {', '.join(f'global real *to_{name}' for name in rows)}\n"
-        + f"#define LAYER_ARGUMENTS {{{', '.join(f'to_{name}' for name in rows)}}}\n"
-        + f"#define LAYER_MEMBERS {' '.join(f'global real *{name};' for name in rows)}\n"
         + f"#define LAYER_VALUES reals3 {', '.join(rows)};\n"
         + f"#define FOR_LAYERS(DO){each}\n"
     )

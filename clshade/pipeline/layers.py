@@ -28,12 +28,8 @@ class Layers:
     def __init__(self, stages: Stages, pool: Pool, names: tuple[Layer, ...], tables: LayerTables) -> None:
         self._stages, self._pool, self._names = stages, pool, names
         self._asked, self._scalar_exponent = tables.asked, tables.scalar_exponent
-        arrays: dict[str, Any] = {**tables._asdict(), **tables.numbers}
-        self._own = {
-            name: Buffer(stages.device, array) for name, array in arrays.items() if isinstance(array, np.ndarray)
-        }
-        shared = ("normals", "object_normals", "normal_faces", "uvs", "uv_faces")
-        self._surface = {name: self._own[name] for name in shared if name in self._own}
+        self._own = {name: Buffer(stages.device, array) for name, array in tables.arrays.items()}
+        self._surface = {name: buffer for name, buffer in self._own.items() if name in SurfaceInputs._fields}
 
     @property
     def nbytes(self) -> int:
@@ -78,21 +74,16 @@ class Layers:
             if name == "Z":
                 events["layer_z"] = stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=buffer)
             elif name not in SURFACE_LAYERS:
-                kernel, own = self._kernel_of(name, buffer, instanced=surface.instances is not None)
+                kernel = "layer_id" if name == "id" else "layer_number"
+                if name == "instance_id" and surface.instances is not None:
+                    kernel = "layer_instance_id"
+                own = {"ids": buffer, "shown": buffer, "numbers": self._own.get(name)}
                 events[f"layer_{name}"] = stages.run(kernel, items(count), values, **own, count=count)
         if any(name in SURFACE_LAYERS for name in found):
             values |= surface._replace(**self._surface).values()
             values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}
             values |= {f"to_{name}": found.get(name) for name in SURFACE_LAYERS}
             events["surface_layers"] = stages.run("surface_layers", stages.tiles("surface_layers", tiles), values)
-
-    def _kernel_of(self, name: str, buffer: Buffer, *, instanced: bool) -> tuple[str, dict[str, Buffer | None]]:
-        """Return the kernel that makes a layer from owners, and its arguments that others have not."""
-        if name == "id":
-            return "layer_id_of_instances" if instanced else "layer_id", {"ids": buffer}
-        if name == "instance_id" and instanced:
-            return "layer_instance_id", {"numbers": buffer}
-        return "layer_number", {"numbers": self._own.get(name), "shown": buffer}
 
     def finish(self, drawn: dict[str, Array], arrays: dict[str, Array], owners: Array, space: CameraSpace) -> None:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and

@@ -7,19 +7,19 @@ from typing import Any, overload
 
 import numpy as np
 
-from ..base.arrays import Array, Reals
+from ..base.arrays import Array
 from ..base.spelling import hint
 from ..base.validation import sequence, value_error
 from ..errors import InputError
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
-from .frame import Frame, as_array, missing_layer
+from .frame import Frame, Picture, missing_layer
 
 _OWNER = "Renderer.render_many"
 
 
-class Views:
+class Views(Picture):
     """Rendered views of one scene with their layers, from `Renderer.render_many`.
 
     ``views[k]`` gives the frame of view k, 0 to K - 1 or from the end -1 to -K, and iteration gives all;
@@ -45,6 +45,7 @@ class Views:
         facts: Sequence[Callable[[], dict[str, Any]]],
         stats: dict[str, Any],
     ) -> None:
+        super().__init__(arrays["rgba"], {name: array for name, array in arrays.items() if name != "rgba"})
         self.arrays, self.settings, self.stats = dict(arrays), settings, stats
         self._scenes, self._facts = tuple(scenes), tuple(facts)
 
@@ -53,33 +54,9 @@ class Views:
         """The K cameras."""
         return tuple(scene.camera for scene in self._scenes)
 
-    @property
-    def rgba(self) -> Reals:
-        """(K, M, N, 4) float32, or float64 with precision float64: linear RGB and coverage."""
-        return self.arrays["rgba"]
-
-    @property
-    def rgb(self) -> Reals:
-        """(K, M, N, 3), linear, never clamped; composited over the background if there is one."""
-        return self.rgba[..., :3]
-
-    @property
-    def alpha(self) -> Reals:
-        """(K, M, N) coverage, 0 to 1."""
-        return self.rgba[..., 3]
-
-    @property
-    def layers(self) -> tuple[str, ...]:
-        """Names of the layers that were asked for."""
-        return tuple(name for name in self.arrays if name != "rgba")
-
     def __len__(self) -> int:
         """Return the number of views, K."""
         return len(self._scenes)
-
-    def __contains__(self, name: object) -> bool:
-        """Return whether a layer of this name was asked for."""
-        return name in self.layers
 
     def __iter__(self) -> Iterator[Frame]:
         """Iterate over the frames of the views."""
@@ -112,24 +89,15 @@ class Views:
         """
         if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
             return self._frame(range(len(self))[key])
-        if not isinstance(key, str) or key not in self.layers:
+        if not isinstance(key, str) or key not in self._layers:
             raise missing_layer("Views", key, self.layers)
-        return self.arrays[key]
+        return self._layers[key]
 
     def _frame(self, index: int) -> Frame:
         facts, mean = self._facts[index], self.stats["times_ms"]["views"] / len(self)
-        layers = {name: self.arrays[name][index] for name in self.layers}
-        return Frame(
-            self.rgba[index],
-            layers,
-            self._scenes[index],
-            self.settings,
-            lambda: {"times_ms": {"frame": mean}, "build_ms": 0.0, **facts()},
-        )
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """Return `rgb`, for ``np.asarray(views)``."""
-        return as_array(self.rgb, dtype, copy)
+        layers = {name: array[index] for name, array in self._layers.items()}
+        times = {"times_ms": {"frame": mean}, "build_ms": 0.0}
+        return Frame(self.rgba[index], layers, self._scenes[index], self.settings, lambda: {**times, **facts()})
 
     def __repr__(self) -> str:
         _, rows, columns = self.rgba.shape[:3]

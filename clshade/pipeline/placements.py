@@ -3,7 +3,7 @@ kernels/placements.clh does the same on the device, hence the same bits."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
@@ -49,51 +49,62 @@ def _determinant(rows: Floats) -> Fraction:
     return a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
 
 
-def _blocks(count: int, rows: int) -> Iterator[slice]:
-    """Return slices of so many placements, each of so many vectors."""
-    return row_blocks(count, max(1, _BLOCK // max(rows, 1)))
-
-
+@np.errstate(over="ignore", invalid="ignore")
 def _products(vectors: Floats, matrices: Floats) -> Floats:
-    """Return the products of matrices (..., 3, 3) and vectors (V, 3), which broadcast: (..., V, 3)."""
-    x, y, z = vectors.T
-    found = np.empty((*np.broadcast_shapes(matrices.shape[:-2], x.shape), 3))
-    for i in range(3):
+    """Return the products of matrices (..., R, 3) and vectors (..., 3), which broadcast: (..., R). The last column of
+    matrices (..., R, 4) is added."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    found = np.empty((*np.broadcast_shapes(matrices.shape[:-2], x.shape), matrices.shape[-2]))
+    for i in range(matrices.shape[-2]):
         row = matrices[..., i, :]
         found[..., i] = (row[..., 0] * x + row[..., 1] * y) + row[..., 2] * z
+        if matrices.shape[-1] == 4:
+            found[..., i] += row[..., 3]
     return found
 
 
-def placed_points(points: Array, matrices: Floats) -> Array:
-    """Return points (V, 3) under placements (K, 4, 4): (K V, 3) float64, or of their own type if nothing moves them."""
-    identities = plain(matrices)
-    if identities.all():
-        return points if len(matrices) == 1 else np.tile(points, (len(matrices), 1))
-    wide = np.asarray(points, np.float64)
-    found = np.empty((len(matrices), len(points), 3))
-    with np.errstate(over="ignore", invalid="ignore"):
-        for block in _blocks(len(matrices), len(points)):
-            found[block] = _products(wide, matrices[block, None, :3, :3]) + matrices[block, None, :3, 3]
-    found[identities] = wide
+def _placed(
+    own: Array,
+    vectors: Floats,
+    moved: Bools,
+    matrices: Floats,
+    counts: Integers | None,
+    finished: Callable[[Floats], Floats] = lambda products: products,
+) -> Array:
+    """Return vectors under K placements, (K V, 3): `own` (V, 3) where they are not `moved`, else the products of matrices
+    (L, 3, 3 or 4) of those that are and `vectors` (V, 3), `finished`; of the type of `own`. counts: see `placed_points`."""
+    if counts is not None:
+        rows = np.repeat(moved, counts)
+        found: Array = own.copy()
+        found[rows] = finished(_products(vectors[rows], np.repeat(matrices, counts[moved], axis=0)))
+        return found
+    found = np.empty((len(moved), *own.shape), own.dtype)
+    numbers = np.flatnonzero(moved)
+    found[~moved] = own
+    for block in row_blocks(len(numbers), max(1, _BLOCK // max(len(vectors), 1))):
+        found[numbers[block]] = finished(_products(vectors, matrices[block, None]))
     return found.reshape(-1, 3)
+
+
+def placed_points(points: Array, matrices: Floats, counts: Integers | None = None) -> Array:
+    """Return points (V, 3) under placements (K, 4, 4): (K V, 3) float64, or of their own type if nothing moves them. counts:
+    (K,) of the points that each placement has, V in all, once each; None: each has all."""
+    moved = ~plain(matrices)
+    if not moved.any():
+        return points if counts is not None or len(matrices) == 1 else np.tile(points, (len(matrices), 1))
+    wide = np.asarray(points, np.float64)
+    return _placed(wide, wide, moved, matrices[moved, :3], counts)
 
 
 def placed_along(points: Array, matrices: Floats, axis: int) -> Floats:
     """Return the coordinates along one axis of points (V, 3) under placements (K, 4, 4): (K, V)."""
-    x, y, z = np.asarray(points, np.float64).T
-    row = matrices[:, axis, :, None]
-    with np.errstate(over="ignore", invalid="ignore"):
-        found: Floats = ((row[:, 0] * x + row[:, 1] * y) + row[:, 2] * z) + row[:, 3]
-    return found
+    return _products(np.asarray(points, np.float64), matrices[:, None, axis : axis + 1])[..., 0]
 
 
 def placed_each(points: Floats, matrices: Floats, identities: Bools) -> Floats:
     """Return points (C, N, 3), those of each row under a placement of its own, (C, 3, 4)."""
-    x, y, z = (points[..., k, None] for k in range(3))
-    a, b, c, shift = (matrices[:, None, :, k] for k in range(4))
-    with np.errstate(over="ignore", invalid="ignore"):
-        placed = ((a * x + b * y) + c * z) + shift
-    return np.where(identities[:, None, None], points, placed)
+    placed: Floats = np.where(identities[:, None, None], points, _products(points, matrices[:, None]))
+    return placed
 
 
 def about_one(vectors: Array) -> Floats:
@@ -133,73 +144,36 @@ def unit(vectors: Floats) -> Floats:
 
 
 def placed_normals(
-    normals: Array, matrices: Floats, mirrored: Bools, real: Real = np.float64, *, is_unit: bool = False
+    normals: Array,
+    matrices: Floats,
+    mirrored: Bools,
+    real: Real = np.float64,
+    *,
+    is_unit: bool = False,
+    counts: Integers | None = None,
 ) -> Array:
     """Return unit normals under placements (K, 4, 4), 0 for those without a direction: (K V, 3), rounded to `real`.
 
     normals: (V, 3) in object space. mirrored: (K,), of `mirroring`: the front stays in front. is_unit: whether the normals
-    are unit vectors, which an identity leaves as they are.
+    are unit vectors, which an identity leaves as they are. counts: see `placed_points`.
     """
-    identities = plain(matrices)
-    found = np.empty((len(matrices), len(normals), 3), real)
-    if identities.any():
+    moved, own = ~plain(matrices), np.empty((len(normals), 3), real)
+    if not moved.all():
         for rows in row_blocks(len(normals)):
             wide = np.asarray(normals[rows], np.float64)
-            found[identities, rows] = wide if is_unit else unit(wide)
-    moved = np.flatnonzero(~identities)
-    if len(moved):
-        scaled, cofactors = about_one(normals), _cofactors(matrices[moved], mirrored[moved])
-        for block in _blocks(len(moved), len(normals)):
-            found[moved[block]] = unit(_products(scaled, cofactors[block, None]))
-    return found.reshape(-1, 3)
-
-
-def points_by_mesh(points: Array, matrices: Floats, counts: Integers) -> Array:
-    """Return points (V, 3) of meshes, as many as `counts` (K,) of each, under their placements (K, 4, 4), with the bits of
-    `placed_points`: (V, 3) float64, or of their own type if nothing moves them."""
-    identities = plain(matrices)
-    if identities.all():
-        return points
-    placed: Array = np.array(points, np.float64)
-    moved = np.repeat(~identities, counts)
-    own = np.repeat(matrices[~identities], counts[~identities], axis=0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        placed[moved] = _products(placed[moved], own[:, :3, :3]) + own[:, :3, 3]
-    return placed
-
-
-def normals_by_mesh(
-    normals: Array,
-    matrices: Floats,
-    mirrored: Bools,
-    counts: Integers,
-    real: Real = np.float64,
-    *,
-    is_unit: bool = False,
-) -> Array:
-    """Return unit normals (V, 3) of meshes under their placements as `points_by_mesh`, with the bits of `placed_normals`."""
-    identities = plain(matrices)
-    wide = np.asarray(normals, np.float64)
-    found = np.array(wide if is_unit else unit(wide), real)
-    if not identities.all():
-        moved = np.repeat(~identities, counts)
-        own = np.repeat(_cofactors(matrices[~identities], mirrored[~identities]), counts[~identities], axis=0)
-        found[moved] = unit(_products(about_one(wide[moved]), own))
-    return found
+            own[rows] = wide if is_unit else unit(wide)
+    if not moved.any():
+        return own if counts is not None or len(matrices) == 1 else np.tile(own, (len(matrices), 1))
+    return _placed(own, about_one(normals), moved, _cofactors(matrices[moved], mirrored[moved]), counts, unit)
 
 
 def placed_tangents(tangents: Array, matrices: Floats, mirrored: Bools) -> Floats:
     """Return tangents (V, 4) under placements: (K V, 4), unit or 0. A placement that mirrors turns the bitangent round: it
     goes with the surface, as the tangent does, but the product of normal and tangent does not."""
-    wide, identities = np.asarray(tangents[:, :3], np.float64), plain(matrices)
+    wide, moved = np.asarray(tangents[:, :3], np.float64), ~plain(matrices)
     sides = np.where(tangents[:, 3] < 0.0, -1.0, 1.0) * np.where(mirrored, -1.0, 1.0)[:, None]
-    found = np.zeros((len(matrices), len(wide), 4))
-    if identities.any():
-        found[identities, :, :3] = unit(wide)
-    moved = np.flatnonzero(~identities)
-    if len(moved):
-        scaled, m = about_one(wide), directions(matrices[moved])
-        for block in _blocks(len(moved), len(wide)):
-            found[moved[block], :, :3] = unit(_products(scaled, m[block, None]))
-    found[:, :, 3] = np.where(found[:, :, :3].any(axis=2), sides, 0.0)
-    return found.reshape(-1, 4)
+    own, vectors = wide if moved.all() else unit(wide), about_one(wide) if moved.any() else wide
+    found = np.empty((sides.size, 4))
+    found[:, :3] = _placed(own, vectors, moved, directions(matrices[moved]), None, unit)
+    found[:, 3] = np.where(found[:, :3].any(axis=1), sides.ravel(), 0.0)
+    return found

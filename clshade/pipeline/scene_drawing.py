@@ -61,8 +61,8 @@ class SceneDrawing:
         self._source, self.extent = resident.source, resident.extent
         # The layers' texture coordinates include these, and also those of meshes without a texture.
         uvs, uv_faces = packed.uvs, packed.uv_faces
-        if packed.layers.uvs is not None:
-            uvs, uv_faces = packed.layers.uvs, packed.layers.uv_faces
+        if "uvs" in packed.layers.arrays:
+            uvs, uv_faces = packed.layers.arrays["uvs"], packed.layers.arrays.get("uv_faces")
         uv_faces = packed.faces if uv_faces is None else uv_faces
         self._clipping = Clipping(self._source, uvs, uv_faces, depth_test=depth_test)
         transparent = scene_buffers.faces_with(packed, "blends") if features["BLEND"] else None

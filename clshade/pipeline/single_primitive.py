@@ -71,7 +71,7 @@ class _Lit:
 
 def _features(shader: Shader, around: PointLighting, bright: bool = False) -> Features:
     """Return the features of `derive_alone`, see there for `bright`."""
-    return derive_alone(shader, around.material, _ONES, bool(around.intensities.any()), bright)
+    return derive_alone(shader, around.material, bool(around.intensities.any()), bright)
 
 
 @cache

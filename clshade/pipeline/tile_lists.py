@@ -188,7 +188,8 @@ class TileLists:
 
     def fill_unsorted(self, made: TriangleBuffers, frame: FrameInFlight) -> None:
         """Write the lists after `set_up`."""
-        frame.events["bin_fill"] = self._run("fill_lists", frame, {**made.values, "lists": self.entries})
+        values = {**made.values, "sorted": made.bounds, "order": None, "count": 0, "lists": self.entries}
+        frame.events["bin_fill"] = self._run("bin_fill", frame, values)
 
     def _run(self, kernel: str, frame: FrameInFlight, values: Mapping[str, Any], items: int | None = None) -> Any:
         """Enqueue a kernel, each work-item in a work-group of its own; by default there is one for each chunk."""

@@ -89,11 +89,12 @@ class TriangleSource(ABC):
     """Projects a scene's vertices and sets up its triangles, in memory that is kept from frame to frame.
 
     room: number of faces that there is memory for at first. made: the memory of faces, and of pieces of clipped ones.
-    sides: face_materials and materials, None unless some material is drawn from the front only.
+    sides: face_materials and materials, None unless some material is drawn from the front only. culled: triangles that were
+    found outside of the view before they were set up, by the counter that they are added to.
     """
 
     def __init__(self, stages: Stages, room: int, sides: Sides) -> None:
-        self.stages, self.sides = stages, sides
+        self.stages, self.sides, self.culled = stages, sides, dict[str, int]()
         self.made = self._buffers(room, 0)
 
     @property
@@ -117,11 +118,6 @@ class TriangleSource(ABC):
     def nbytes(self) -> int:
         """Size of memory that depends on how many triangles are seen."""
         return 0
-
-    @property
-    def culled(self) -> dict[str, int]:
-        """Triangles that were found outside of the view before they were set up, by the counter that they are added to."""
-        return {}
 
     @abstractmethod
     def sizes(self) -> dict[str, int]:
@@ -179,7 +175,7 @@ class SceneFaces(TriangleSource):
 
     def set_up(self, frame: SceneFrame) -> None:
         if self.room:
-            values = {**frame.values, **self.sides, "view": frame.tables.view}
+            values = {**frame.values, **self.sides}
             frame.events["setup"] = set_up(self.stages, self.faces, self.vertices, self.made, values)
 
     def to_clip(self, count: int) -> Faces:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import os
@@ -17,6 +15,7 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..base.atomic_files import write_bytes
 from ..base.json_values import plain
+from ..base.text_tables import as_csv
 from ..base.validation import flag, integer, value_error
 from ..base.validation import path as checked_path
 from ..scene.camera import Camera
@@ -81,11 +80,8 @@ class Visible:
         if ending == ".json":
             write_bytes(name, json.dumps(rows, indent=1, ensure_ascii=False).encode() + b"\n")
             return
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.table.dtype.names or ())
-        writer.writerows(row.values() for row in rows)
-        write_bytes(name, text.getvalue().encode())
+        texts = (["" if value is None else str(value) for value in row.values()] for row in rows)
+        write_bytes(name, as_csv(self.table.dtype.names or (), texts).encode())
 
 
 def visible(

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from devices import rendered
 from random_scenes import RandomScene, scene_of
 
 from clshade import oracle
@@ -20,7 +21,6 @@ from clshade.oracle.corners import usable_uvs
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Mesh, Scene, Settings
 
 ALPHA_MARGIN = 1e-5  # alpha this close to the cutoff may pass or fail in float32 (see `decided_by_alpha`)
@@ -62,10 +62,7 @@ def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
     options: dict[str, Any] = {"settings": settings, "forced": () if kind.specialize else OPTIONAL}
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        with Renderer(
-            drawn.scene, device=device, lanes=(lanes or kind.lanes) if device.is_cpu else None, **options
-        ) as renderer:
-            return renderer.render()
+        return rendered(drawn.scene, device=device, lanes=(lanes or kind.lanes) if device.is_cpu else None, **options)
 
 
 def different_bits(one: Frame, other: Frame) -> str:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from devices import rendered
 from scene_fuzzer import problem
 
 import clshade
 from clshade.pipeline.features import OPTIONAL
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.edges import Edges
 from clshade.scene.model import Material, Mesh, Scalars, Scene, Settings
@@ -27,8 +27,7 @@ def drawn(device, name: str, forced: tuple[str, ...] = (), lanes: int | None = N
     scene = clshade.load(SCENES / f"{name}.json")
     options: dict[str, Any] = {"forced": forced, "lanes": lanes if device.is_cpu else None}
     chosen = Settings.from_preset("standard", **{"layers": "all", **settings})
-    with Renderer(scene, device=device, settings=chosen, **options) as renderer:
-        return problem(renderer.render())
+    return problem(rendered(scene, device=device, settings=chosen, **options))
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import needs_device, run
+from devices import rendered
 
 from clshade.cli import commands
 from clshade.images.layers import LAYERS
@@ -38,8 +39,7 @@ def plain_scene() -> Scene:
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
-    with Renderer(scene, device=device, **options) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, **options)
 
 
 # Features left out

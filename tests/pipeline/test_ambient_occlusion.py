@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import oracle_asserts
 import pytest
+from devices import rendered, skip_unsupported
 
 from clshade import oracle
 from clshade.measure.stability.cases.lit import blob
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
 from clshade.scene.metallic_roughness import MetallicRoughness
@@ -49,17 +49,13 @@ def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
-    with Renderer(
-        scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options}
-    ) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options})
 
 
 def assert_equals_oracle(frame: Frame) -> Any:
     """Assert that image and layer are the oracle's within the bounds, and that few pixels need the exception of rays that
     pass edges. Return the oracle's layers."""
-    expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_drawn(frame)
     assert agreement.gates.mean() < 2e-2
     layers = oracle.render_layers(frame.scene, frame.settings)
     oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings)
@@ -187,17 +183,13 @@ CASES = {
     "float64": ({"precision": "float64"}, scene_of),
     "fast": ({"precision": "fast"}, scene_of),
 }
-EVERY_DAY = ("phong", "gouraud", "environment", "glass")
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in CASES]
-)
+@pytest.mark.parametrize("name", CASES)
 def test_it_equals_the_oracle(device, name):
     options, make = CASES[name]
-    if options.get("precision") == "float64" and not device.has_fp64:
-        pytest.skip("no float64")
+    skip_unsupported(device, options)
     frame = draw(device, make(), **options)
     lit = frame.settings.shader != "nolight"
     assert ("AMBIENT_OCCLUSION" in frame.stats["features"]) == lit

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import needs_device, run
+from devices import rendered, skip_unsupported
 
 import clshade
 from clshade import oracle
@@ -15,7 +16,6 @@ from clshade.oracle import backdrop
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.features import derive, ignored
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
 from clshade.scene.metallic_roughness import MetallicRoughness
@@ -44,8 +44,7 @@ def parallel() -> Scene:
 
 def draw(device, drawn: Scene, lanes: int | None = None, **options) -> Frame:
     given = {"background": "environment", "layers": ("Z", "id"), **options}
-    with Renderer(drawn, device=device, lanes=lanes, **given) as renderer:
-        return renderer.render()
+    return rendered(drawn, device=device, lanes=lanes, **given)
 
 
 def directions(drawn: Scene) -> np.ndarray:
@@ -111,18 +110,17 @@ def test_a_mirror_shows_what_the_background_shows_in_the_reflected_direction(up)
     [
         (scene, {}),
         (glass, {"samples": 3}),
-        pytest.param(glass, {"edges": "all"}, marks=pytest.mark.long),
-        pytest.param(parallel, {}, marks=pytest.mark.long),
-        pytest.param(glass, {"samples": 4, "edges": "all", "resolve": "weighted"}, marks=pytest.mark.long),
-        pytest.param(scene, {"edges": clshade.Edges(only=True)}, marks=pytest.mark.long),
-        pytest.param(glass, {"samples": 2, "edges": clshade.Edges(only=True)}, marks=pytest.mark.long),
-        pytest.param(scene, {"precision": "float64", "samples": 2}, marks=pytest.mark.long),
-        pytest.param(scene, {"preset": "course", "shader": "gouraud", "resolve": "weighted"}, marks=pytest.mark.long),
+        (glass, {"edges": "all"}),
+        (parallel, {}),
+        (glass, {"samples": 4, "edges": "all", "resolve": "weighted"}),
+        (scene, {"edges": clshade.Edges(only=True)}),
+        (glass, {"samples": 2, "edges": clshade.Edges(only=True)}),
+        (scene, {"precision": "float64", "samples": 2}),
+        (scene, {"preset": "course", "shader": "gouraud", "resolve": "weighted"}),
     ],
 )
 def test_frames_against_the_oracle_in_other_lanes(device, drawn, options):
-    if options.get("precision") == "float64" and not device.has_fp64:
-        pytest.skip("the device has no float64")
+    skip_unsupported(device, options)
     frames = [draw(device, drawn(), lanes, **options) for lanes in (None, 1)]
     assert same_bits(*frames)
     assert clshade.check(frames[0], "all").passed

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices import rendered
 from layer_scenes import mixed
 from random_scenes import scene_of
 
@@ -18,7 +19,6 @@ from clshade.farm import read_cameras
 from clshade.measure.check.flow_bounds import flow_errors
 from clshade.pipeline.flow_vectors import Flow
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes, face_weights, in_image, pixel_rays, triangles
 from clshade.scene.model import Material, Mesh, Scene
@@ -428,8 +428,7 @@ def test_refusals(opened):
 
 
 def test_flow_takes_any_number_of_pixels_and_none(opened):
-    with Renderer(Scene((), CAMERA), device=opened, **PLAIN) as renderer:
-        found = clshade.flow(renderer.render(), CAMERA, device=opened)
+    found = clshade.flow(rendered(Scene((), CAMERA), device=opened, **PLAIN), CAMERA, device=opened)
     assert found.occluded.all()
     rays, _ = pixel_rays(CAMERA)
     places, depths = in_image(CAMERA, rays.reshape(-1, 3))

@@ -11,6 +11,7 @@ import numpy as np
 import oracle_asserts
 import pytest
 from checked_scenes import CHECKED
+from devices import rendered
 
 from clshade import oracle
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob
@@ -40,47 +41,26 @@ def scene_of(name: str) -> Scene:
 
 def draw(device: Device, scene: Scene, **options: Any) -> Frame:
     """Render one frame with all layers."""
-    with Renderer(scene, device=device, layers=LAYERS, **options) as renderer:
-        return renderer.render()
-
-
-def assert_equals_oracle(frame: Frame, factor: float = 32.0) -> float:
-    """Assert exact ids, depths within 4 ulp and colors within their bound (clshade/measure/README.md, "Bounds, and
-    where they come from"). Returns the largest error, in bounds."""
-    expected = oracle.render(frame.scene, frame.settings)
-    return oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings, factor).bounds
+    return rendered(scene, device=device, layers=LAYERS, **options)
 
 
 # Against the oracle
 
 
-# Each feature mask needs a program, which takes two seconds to build. These always run, the rest with -m long.
-EVERY_DAY = {
-    ("course", "course", "phong"),
-    ("course", "course", "gouraud"),
-    ("teapot", "standard", "phong"),
-    ("teapot", "standard", "nolight"),
-    ("box_room", "standard", "gouraud"),
-    ("quads", "course", "phong"),
-}
-
-
-def combinations() -> list[Any]:
-    """Return every built-in scene with every preset and shader, except those of tests/measure/test_checking.py, which
-    compares them with the oracle too; preset pbr is standard with its own shader and shadows."""
-    every = [each for each in itertools.product(SCENES, PRESETS, SHADERS) if (each[1] == "pbr") == (each[2] == "pbr")]
-    here = [each for each in every if each not in CHECKED]
-    assert set(here) >= EVERY_DAY
-    return [pytest.param(*case, marks=[] if case in EVERY_DAY else pytest.mark.long) for case in here]
+# Every built-in scene with every preset and shader, except those of tests/measure/test_checking.py, which compares them with
+# the oracle too; preset pbr is standard with its own shader and shadows.
+COMBINATIONS = [case for case in itertools.product(SCENES, PRESETS, SHADERS) if case not in CHECKED]
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(("name", "preset", "shader"), combinations())
+@pytest.mark.parametrize(
+    ("name", "preset", "shader"), [case for case in COMBINATIONS if (case[1] == "pbr") == (case[2] == "pbr")]
+)
 def test_built_in_scenes_equal_the_oracle(device, name, preset, shader):
     """Measured: at most 3 of the 32 bounds allowed (clshade/measure/README.md, "Bounds, and where they come from")."""
     frame = draw(device, scene_of(name), preset=preset, shader=shader)
     assert (frame["id"] > 0).mean() > 0.15
-    assert assert_equals_oracle(frame) < 16.0
+    assert oracle_asserts.assert_drawn(frame).bounds < 16.0
     if name == "box_room":
         assert frame.stats["clipped"] > 0
 
@@ -131,7 +111,7 @@ def test_odd_sizes(device, preset, resolution):
     camera = replace(CAMERA, resolution=resolution, plane=(height, width))
     frame = draw(device, blob_scene(camera=camera), preset=preset)
     assert frame.rgba.shape == (*resolution[::-1], 4)
-    assert_equals_oracle(frame)
+    oracle_asserts.assert_drawn(frame)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -171,7 +151,7 @@ def test_offset_and_scale(device, preset):
 
     for scale, shift in ((1e-20, 0.0), (1e20, 0.0), (1.0, 1e6)):
         frame = moved(scale, shift)
-        assert_equals_oracle(frame)
+        oracle_asserts.assert_drawn(frame)
         assert (frame["id"] != plain["id"]).mean() < 0.01
     for exponent in (-70, 90):
         frame = moved(2.0**exponent, 0.0)
@@ -217,7 +197,7 @@ def test_a_floor_to_the_horizon(device, preset):
     frame = draw(device, blob_scene(meshes=(floor,)), preset=preset, near=0.5)
     assert frame.stats["clipped"] == 1
     assert 0.3 < frame.alpha.mean() < 0.7
-    assert_equals_oracle(frame)
+    oracle_asserts.assert_drawn(frame)
 
 
 @pytest.mark.long
@@ -237,7 +217,7 @@ def test_clipped_surfaces_that_float32_hardly_tells_apart(device, orthographic):
     frame = draw(device, blob_scene(meshes=meshes, camera=camera), preset="standard", near=0.5)
     assert frame.stats["clipped"] == 2
     assert {1, 2} <= set(np.unique(frame["id"]))
-    assert_equals_oracle(frame)
+    oracle_asserts.assert_drawn(frame)
 
 
 # Light and background
@@ -249,7 +229,7 @@ def test_without_lights_and_background(device, preset):
     """Only ambient light is left; in the background rgb and alpha are 0. A black light counts as none."""
     for lights in ((), (PointLight((1.0, 2, 3), (0.0, 0, 0)),)):
         frame = draw(device, blob_scene(lights=lights, ambient=0.5, background=None), preset=preset)
-        assert_equals_oracle(frame)
+        oracle_asserts.assert_drawn(frame)
         assert {"DIFFUSE", "SPECULAR"} <= set(frame.stats["left_out"])
         assert not frame.rgba[frame["id"] == 0].any()
         assert (frame["id"] == 0).any()
@@ -281,7 +261,7 @@ def test_sides_alpha_and_light_on_both_sides(device, camera, shader):
     scene = blob_scene(meshes=meshes, camera=CAMERAS[camera])
     frame = draw(device, scene, shader=shader)
     assert {"SIDES", "TWO_SIDED", "ALPHA_TEST"} <= set(frame.stats["features"])
-    assert_equals_oracle(frame)
+    oracle_asserts.assert_drawn(frame)
     opaque = [replace(mesh, material=replace(mesh.material, alpha_cutoff=None)) for mesh in meshes]
     seen = oracle.render(replace(scene, meshes=opaque), frame.settings)
     assert (seen.id != frame["id"]).mean() > 0.01

@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import rendered, skip_unsupported
 from golden import digest
+from oracle_asserts import assert_drawn
 
 import clshade
-from clshade import oracle
 from clshade.oracle import environment as around
 from clshade.oracle import microfacet
 from clshade.pipeline.features import OPTIONAL, ignored
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
 from clshade.scene.image_light import octahedral
@@ -38,13 +36,7 @@ def ball(roughness: float, metallic: float, environment: Environment | None, col
 def draw(device, scene: Scene, **options) -> Frame:
     """Draw with all features on, for which one program is built, unless `options` say otherwise."""
     given = {"layers": ("Z", "id"), "forced": OPTIONAL, **options}
-    with Renderer(scene, device=device, **given) as renderer:
-        return renderer.render()
-
-
-def assert_agrees(frame: Frame) -> None:
-    expected = oracle.render(frame.scene, frame.settings)
-    oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+    return rendered(scene, device=device, **given)
 
 
 LONG = pytest.mark.long
@@ -54,8 +46,7 @@ LONG = pytest.mark.long
     "precision", ["float32", pytest.param("fast", marks=LONG), pytest.param("float64", marks=LONG)]
 )
 def test_frames_against_the_oracle(device, precision):
-    if precision == "float64":
-        needs_float64(device)
+    skip_unsupported(device, {"precision": precision})
     lamp = PointLight((2, 3, 4), (0.5, 0.4, 0.3))
     environment = Environment(IMAGE, rotation=25, intensity=1.5, up=(0.1, 1, 0.3))
     scenes = [ball(r, m, environment) for r, m in ((0.0, 1.0), (0.06, 0.3), (1.0, 0.0))]
@@ -63,7 +54,7 @@ def test_frames_against_the_oracle(device, precision):
     for scene in scenes:
         frame = draw(device, scene, precision=precision)
         assert frame.alpha.any()
-        assert_agrees(frame)
+        assert_drawn(frame)
 
 
 @pytest.mark.long
@@ -75,7 +66,7 @@ def test_occlusion_maps_keep_the_environment_away(device):
         material = replace(mesh.material, pbr=facets)
         uvs = np.abs(mesh.verts[:, :2])
         frames.append(draw(device, replace(scene, meshes=replace(mesh, uvs=uvs, material=material)), forced=()))
-        assert_agrees(frames[-1])
+        assert_drawn(frames[-1])
     dark, half, full = (frame.rgb for frame in frames)
     assert not dark.any()
     np.testing.assert_allclose(half, 0.4 * full, rtol=1e-5)
@@ -93,7 +84,7 @@ def test_materials_of_different_roughness_and_an_orthographic_camera(device):
         meshes.append(replace(BALL, colors=None, material=material, instances=placed[None]))
     camera = replace(CAMERA, orthographic=True)
     scene = Scene(meshes, camera, ambient=0.0, environment=Environment(IMAGE), preset="pbr")
-    assert_agrees(draw(device, scene))
+    assert_drawn(draw(device, scene))
 
 
 @pytest.mark.long
@@ -157,7 +148,7 @@ def test_stiff_environments(device, environment):
     for roughness, metallic in ((0.0, 1.0), (1.0, 0.0), (0.1249999, 0.5)):
         frame = draw(device, ball(roughness, metallic, environment))
         assert np.isfinite(frame.rgb).all()
-        assert_agrees(frame)
+        assert_drawn(frame)
 
 
 def test_an_eye_on_the_surface_and_normals_of_zero(device):
@@ -222,7 +213,7 @@ def test_unlit_materials_keep_their_color(device):
     scene = ball(0.5, 0.0, None, ambient=0.1, own_lights=False)
     scene = replace(scene, meshes=(*scene.meshes, aside))
     frame = draw(device, scene)
-    assert_agrees(frame)
+    assert_drawn(frame)
     own = np.isin(frame["id"], np.arange(len(BALL.faces), 2 * len(BALL.faces)) + 1)
     np.testing.assert_allclose(frame.rgb[own], np.tile([0.2, 0.5, 0.8], (own.sum(), 1)), rtol=1e-6)
     assert own.sum() > 20

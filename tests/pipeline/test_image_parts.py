@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import needs_float64
+from devices import needs_float64, skip_unsupported
 from layer_scenes import FRAME_CASES
 
 import clshade
@@ -58,8 +58,7 @@ def parts(camera: Camera, across: int, up: int) -> list[tuple[int, int, Camera]]
 def test_parts_have_the_bits_of_the_whole(device, case):
     """With every layer; cut across tiles and blocks."""
     scene, options = CASES[case]
-    if options.get("precision") == "float64" or "edges" in options:
-        needs_float64(device)
+    skip_unsupported(device, options)
     with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:
         camera = renderer.scene.camera
         whole = renderer.render()

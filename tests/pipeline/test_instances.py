@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import needs_float64
+from devices import needs_float64, rendered
 from layer_scenes import crowd, matrices
 from mapped_scenes import mapped_scene, sheet
 
@@ -178,8 +178,7 @@ def test_without_float64_there_are_copies(device, monkeypatch):
     monkeypatch.setattr(instances, "LEAST_COPIES", 0)
     frames = []
     for each in (device, replace(device, has_fp64=False)):
-        with Renderer(crowd(), device=each, shader="nolight", layers=("Z", "id")) as renderer:
-            frames.append(renderer.render())
+        frames.append(rendered(crowd(), device=each, shader="nolight", layers=("Z", "id")))
     assert ["INSTANCES" in frame.stats["features"] for frame in frames] == [True, False]
     assert_alike(frames)
 
@@ -195,14 +194,12 @@ def test_a_hundred_thousand_instances_are_one_unrolled_mesh(device):
     options = {"device": device, "shader": "nolight", "layers": ("Z", "id", "P")}
     colors = rng.uniform(size=ball.verts.shape)
     many = replace(ball, colors=colors, instances=placed)
-    with Renderer(Scene([many], camera), **options) as renderer:
-        frame = renderer.render()
+    frame = rendered(Scene([many], camera), **options)
     turned = np.stack([ball.faces, ball.faces[:, [0, 2, 1]]])[placements.mirroring(placed).astype(int)]
     faces = turned + len(ball.verts) * np.arange(len(placed))[:, None, None]
     verts = placements.placed_points(ball.verts, placed)
     unrolled = Mesh(verts, faces.reshape(-1, 3), colors=np.tile(colors, (len(placed), 1)), material=ball.material)
-    with Renderer(Scene([unrolled], camera), **options) as renderer:
-        expected = renderer.render()
+    expected = rendered(Scene([unrolled], camera), **options)
     assert_alike([expected, frame])
     assert "INSTANCES" in frame.stats["features"]
     assert frame.stats["bytes"]["scene"] < expected.stats["bytes"]["scene"] / 3

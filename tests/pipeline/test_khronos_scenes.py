@@ -12,10 +12,10 @@ import khronos_cards as cards
 import khronos_surfaces as surfaces
 import numpy as np
 import pytest
+from devices import rendered
 
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.formats.load import load
 from clshade.scene.lights import DirectionalLight
@@ -64,8 +64,7 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
             scene = replace(scene, lights=lights)
         if ambient is not None:
             scene = replace(scene, ambient=ambient)
-        with Renderer(scene, device=device, forced=OPTIONAL, **settings) as renderer:
-            return Cells(renderer.render(), columns, rows)
+        return Cells(rendered(scene, device=device, forced=OPTIONAL, **settings), columns, rows)
 
     return draw
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import rendered, skip_unsupported
 
 import clshade
 from clshade import oracle
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Texture
 
@@ -35,8 +34,7 @@ def cards(uvs: np.ndarray, *textures: Texture, seed: int = 1, **fields: Any) -> 
 
 def draw(device: Any, scene: Scene, **options: Any) -> Frame:
     given = {"shader": "nolight", "layers": ("Z", "id", "uv", "albedo"), **options}
-    with Renderer(scene, device=device, **given) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, **given)
 
 
 def assert_equals_oracle(frame: Frame) -> None:
@@ -78,8 +76,7 @@ def test_far_coordinates(device, shape, reach, wrap):
     ids=str,
 )
 def test_far_coordinates_however_they_are_drawn(device, options):
-    if options.get("precision") == "float64":
-        needs_float64(device)
+    skip_unsupported(device, options)
     (shape, reach), *_ = SIZES
     assert_equals_oracle(draw(device, cards(far(reach), texture(shape, "repeat"), texture(shape, "mirror")), **options))
 

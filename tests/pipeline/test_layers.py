@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import needs_float64, rendered, skip_unsupported
 from layer_scenes import CAMERA, CHECKERS, dome, floor, mixed, wedge
 
 import clshade
@@ -46,20 +46,15 @@ CASES = {
 
 
 def draw(device, scene: Scene, preset: str = "standard", **options) -> Frame:
-    with Renderer(scene, device=device, preset=preset, **{"layers": "all", **options}) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, preset=preset, **{"layers": "all", **options})
 
 
 # Most of them need three programs of their own.
-LONG = ("trilinear, several samples", "orthographic", "fast", "float64", "float64, course", "a room")
-
-
 @pytest.mark.sampled
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
+@pytest.mark.parametrize("case", CASES)
 def test_layers_are_the_oracles(device, case):
     scene, preset, options = CASES[case]
-    if options.get("precision") == "float64":
-        needs_float64(device)
+    skip_unsupported(device, options)
     frame = draw(device, scene, preset, **options)
     expected = oracle.render(frame.scene, frame.settings)
     layers = oracle.render_layers(frame.scene, frame.settings)

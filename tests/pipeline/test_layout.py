@@ -1,4 +1,4 @@
-"""Every struct of struct_layout.py has the same size and offsets on the device, with float32 and with float64 reals,
+"""Every struct of kernels/structs.h has the same size and offsets on the device, with float32 and with float64 reals,
 and every constant the same value."""
 
 from __future__ import annotations
@@ -11,10 +11,7 @@ from clshade.measure.conform.case import Bench
 from clshade.pipeline import struct_layout
 from clshade.scene import model
 
-STRUCTS = {
-    kind: {n: t for n, t in s._asdict().items() if n != "real"}
-    for kind, s in enumerate((struct_layout.SINGLE, struct_layout.DOUBLE))
-}
+STRUCTS = {kind: s.types for kind, s in enumerate((struct_layout.SINGLE, struct_layout.DOUBLE))}
 EACH = [(kind, name) for kind, structs in STRUCTS.items() for name in structs]
 
 

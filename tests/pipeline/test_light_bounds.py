@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import rendered, skip_unsupported
 
 import clshade
 from clshade import oracle
 from clshade.measure.check import oracle_bounds
 from clshade.pipeline import features
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -23,8 +22,7 @@ MATTE = Material(ka=0.2, kd=0.7, ks=0.3, n=8.0)
 
 
 def draw(device, scene: Scene, **options) -> Frame:
-    with Renderer(scene, device=device, **{"layers": ("Z", "id"), **options}) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, **{"layers": ("Z", "id"), **options})
 
 
 # Colors beyond 1
@@ -52,15 +50,14 @@ MIXED = [[-1e6, 0.5, 1e4], [0.5, 1e6, -3.0], [0.7, -1e6, 0.1]]
         {},
         {"lanes": 1, "interpolation": "affine"},
         {"near": 3.8, "samples": 4, "sample_shading": True},
-        pytest.param({"preset": "course"}, marks=pytest.mark.long),
-        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
+        {"preset": "course"},
+        {"precision": "float64"},
     ],
     ids=str,
 )
 def test_a_glaring_corner_costs_the_others_no_digits(device, colors, options):
     """Opposite a corner of 1e6, the bound is relative to the pixel's own color."""
-    if options.get("precision") == "float64":
-        needs_float64(device)
+    skip_unsupported(device, options)
     frame = draw(device, lit(triangle(colors)), shader="phong", **options)
     found = clshade.check(frame, "all")
     assert found.passed, found.lines()

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import needs_float64
-from lit_floor import CAMERA, MATTE, bounds_of, draw, lit_by
+from lit_floor import CAMERA, MATTE, assert_lights, bounds_of, draw, lit_by
 
 from clshade import DirectionalLight, PointLight, SpotLight
 from clshade.pipeline.frame import Frame, same_bits
@@ -31,20 +30,15 @@ LIGHTS = {
     [
         {},
         {"shader": "gouraud"},
-        pytest.param({"preset": "course"}, marks=pytest.mark.long),
-        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
-        pytest.param({"precision": "fast"}, marks=pytest.mark.long),
-        pytest.param({"samples": 4, "sample_shading": True}, marks=pytest.mark.long),
+        {"preset": "course"},
+        {"precision": "float64"},
+        {"precision": "fast"},
+        {"samples": 4, "sample_shading": True},
     ],
     ids=str,
 )
 def test_against_the_oracle(device, options):
-    if options.get("precision") == "float64":
-        needs_float64(device)
-    for light in LIGHTS.values():
-        frame = draw(device, lit_by(light, PointLight((2.0, 2.0, 3.0), 0.3 * np.ones(3))), **options)
-        assert bounds_of(frame) < (3.0 if "precision" not in options else np.inf)
-        assert frame.rgb.max() > 0.2
+    assert_lights(device, LIGHTS.values(), **options)
 
 
 def test_an_error_in_any_of_them_is_noticed(device):

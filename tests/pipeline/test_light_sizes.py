@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import skip_unsupported
 from kernel_stages import OTHER_LANES
-from lit_floor import CAMERA, GLOSSY, MATTE, bounds_of, draw, lit_by
+from lit_floor import CAMERA, GLOSSY, MATTE, assert_lights, bounds_of, draw, lit_by
 
 from clshade import PointLight, RectangleLight, oracle
 from clshade.oracle import light_points as points_of_oracle
@@ -39,21 +39,16 @@ LIGHTS = {
         {"shader": "gouraud"},
         {"shader": "pbr", "light_samples": 5},
         {"light_samples": 1},
-        pytest.param({"preset": "course", "light_samples": 7}, marks=pytest.mark.long),
-        pytest.param({"precision": "float64"}, marks=pytest.mark.long),
-        pytest.param({"precision": "fast"}, marks=pytest.mark.long),
-        pytest.param({"samples": 4, "sample_shading": True}, marks=pytest.mark.long),
-        pytest.param({"samples": 3, "light_samples": 256}, marks=pytest.mark.long),
+        {"preset": "course", "light_samples": 7},
+        {"precision": "float64"},
+        {"precision": "fast"},
+        {"samples": 4, "sample_shading": True},
+        {"samples": 3, "light_samples": 256},
     ],
     ids=str,
 )
 def test_against_the_oracle(device, options):
-    if options.get("precision") == "float64":
-        needs_float64(device)
-    for light in LIGHTS.values():
-        frame = draw(device, lit_by(light, PointLight((2.0, 2.0, 3.0), 0.3 * np.ones(3))), **options)
-        assert bounds_of(frame) < (3.0 if "precision" not in options else np.inf)
-        assert frame.rgb.max() > 0.2
+    assert_lights(device, LIGHTS.values(), **options)
 
 
 def test_an_error_in_any_of_them_is_noticed(device):
@@ -218,8 +213,7 @@ def roofed(light, material: Material = GLOSSY) -> Scene:
     "options", [{}, {"shader": "gouraud"}, {"shader": "pbr"}, {"precision": "float64"}, {"precision": "fast"}], ids=str
 )
 def test_shadows_against_the_oracle(device, options):
-    if options.get("precision") == "float64":
-        needs_float64(device)
+    skip_unsupported(device, options)
     for light in LIGHTS.values():
         frame = draw(device, roofed(light), shadows=True, light_samples=3, **options)
         expected = oracle.render(frame.scene, frame.settings)

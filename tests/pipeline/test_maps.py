@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import oracle_asserts
 import pytest
+from devices import rendered
 from mapped_scenes import mapped, mapped_scene, noise, normal_image, sheet
 
 import clshade
-from clshade import Camera, Material, Mesh, MetallicRoughness, PointLight, Renderer, Scene, Settings, Texture
-from clshade.oracle import frame as oracle
+from clshade import Camera, Material, Mesh, MetallicRoughness, PointLight, Scene, Settings, Texture
 from clshade.oracle import layers as oracle_layers
 from clshade.pipeline import features
 from clshade.pipeline.frame import same_bits
@@ -22,9 +22,8 @@ from clshade.scene.metallic_roughness import MAPS
 
 def assert_equals_oracle(scene: Scene, device, colors: int = 100, **options: Any) -> None:
     settings = Settings(shader="pbr", layers=("Z", "id", "N"), **options)
-    with Renderer(scene, settings=settings, device=device) as renderer:
-        frame = renderer.render()
-    ties = oracle_asserts.assert_frame(frame, oracle.render(scene, settings), scene, settings).ties
+    frame = rendered(scene, settings=settings, device=device)
+    ties = oracle_asserts.assert_drawn(frame).ties
     oracle_asserts.assert_layers(frame, oracle_layers.render_layers(scene, settings), scene, settings, skip=ties)
     assert len(np.unique(frame.rgb)) > colors
 
@@ -217,8 +216,7 @@ def test_a_flat_map_and_maps_forced_on_change_no_bit(device):
     frames = [clshade.render(mapped_scene(mesh), shader="pbr", device=device) for mesh in (flat, bare)]
     assert same_bits(*frames)
     assert set(frames[1].stats["left_out"]) >= set(NEEDED)
-    with Renderer(mapped_scene(bare), shader="pbr", device=device, forced=set(NEEDED)) as renderer:
-        assert same_bits(frames[1], renderer.render())
+    assert same_bits(frames[1], rendered(mapped_scene(bare), shader="pbr", device=device, forced=set(NEEDED)))
 
 
 @pytest.mark.long

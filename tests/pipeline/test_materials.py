@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracle_asserts import assert_frame
+from devices import rendered
+from oracle_asserts import assert_drawn
 
-from clshade import oracle
 from clshade.pipeline.effective_settings import effective_settings
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
@@ -74,15 +73,14 @@ OTHERS = {
     ("preset", "shader", "name"),
     [
         *(("standard", "phong", name) for name in CASES),
-        *(pytest.param(*how, name, marks=pytest.mark.long) for how, names in OTHERS.items() for name in names),
+        *((*how, name) for how, names in OTHERS.items() for name in names),
     ],
 )
 def test_frames_match_the_oracle(device, name, preset, shader):
     scene, settings = effective_settings(CASES[name], preset=preset, shader=shader, layers=("id", "Z"))
-    with Renderer(scene, settings=settings, device=device) as renderer:
-        frame = renderer.render()
+    frame = rendered(scene, settings=settings, device=device)
     assert frame.alpha.any(), "nothing was drawn"
-    assert_frame(frame, oracle.render(scene, settings), scene, settings)
+    assert_drawn(frame)
 
 
 @pytest.mark.long
@@ -92,8 +90,7 @@ def test_front_only_leaves_out_what_is_seen_from_behind(device):
     )
     for eye, covered in (([0, 0, 3], 1.0), ([0, 0, -3], 0.0)):
         camera = Camera(eye, [0, 0, 0], [0, 1, 0], 1.0, (0.2, 0.2), (8, 8))
-        with Renderer(Scene((quad,), camera), device=device) as renderer:
-            assert (renderer.render().alpha == covered).all()
+        assert (rendered(Scene((quad,), camera), device=device).alpha == covered).all()
 
 
 @pytest.mark.sampled
@@ -106,8 +103,7 @@ def test_alpha_at_the_cutoff_is_seen(device, alpha):
     camera = Camera([0, 0, 3], [0, 0, 0], [0, 1, 0], 1.0, (0.2, 0.2), (8, 8))
     for cutoff, covered in ((at, 1.0), (float(np.nextafter(np.float32(at), np.float32(2.0))), 0.0)):
         mesh = replace(card, material=Material(texture=Texture(image), alpha_cutoff=cutoff))
-        with Renderer(Scene((mesh,), camera), device=device, shader="nolight") as renderer:
-            assert (renderer.render().alpha == covered).all()
+        assert (rendered(Scene((mesh,), camera), device=device, shader="nolight").alpha == covered).all()
 
 
 @pytest.mark.long
@@ -118,8 +114,7 @@ def test_two_sided_light_is_the_same_from_both_sides(device):
         camera = Camera([0, 0, 3 * side], [0, 0, 0], [0, 1, 0], 1.0, (0.2, 0.2), (9, 9))
         material = Material(0.0, 1.0, 0.0, two_sided=two_sided)
         scene = Scene((replace(quad, material=material),), camera, (PointLight([0, 0, 2 * side]),))
-        with Renderer(scene, device=device) as renderer:
-            return renderer.render().rgb.copy()
+        return rendered(scene, device=device).rgb.copy()
 
     assert np.array_equal(seen(1.0, True), seen(-1.0, True)[:, ::-1])
     assert not seen(-1.0, False).any()

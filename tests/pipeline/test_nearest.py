@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
+from devices import rendered
 from kernel_stages import OTHER_LANES, Probe
 
 import clshade
-from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Texture
+from clshade import Camera, Material, Mesh, PointLight, Scene, Texture
 from clshade.errors import InputError
 from clshade.oracle import frame as oracle
 from clshade.oracle import texture as reference
 from clshade.pipeline.frame import same_bits
-from clshade.scene.model import PRECISIONS, WRAPS, Settings
+from clshade.scene.model import WRAPS, Settings
 
 CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 QUAD = [[0, 1, 2], [0, 2, 3]]
@@ -44,10 +45,8 @@ def tilted(wrap: str = "repeat") -> Scene:
 
 def assert_equals_oracle(scene: Scene, device, gate_fraction: float = 0.01, **options) -> None:
     settings = Settings(layers=("Z", "id"), **options)
-    with Renderer(scene, settings=settings, device=device) as renderer:
-        frame = renderer.render()
-    expected = oracle.render(scene, settings)
-    oracle_asserts.assert_frame(frame, expected, scene, settings, gate_fraction=gate_fraction)
+    frame = rendered(scene, settings=settings, device=device)
+    oracle_asserts.assert_drawn(frame, gate_fraction=gate_fraction)
     assert len(np.unique(frame.rgb)) > 100
 
 
@@ -58,14 +57,9 @@ def test_texels_are_squares(device):
     assert np.array_equal(frame.rgb, np.kron(image, np.ones((12, 9, 1), np.float32)))
 
 
-EVERY_DAY = ("float32",)  # others need further programs
-
-
 @pytest.mark.sampled
 @pytest.mark.parametrize("wrap", WRAPS)
-@pytest.mark.parametrize(
-    "precision", [pytest.param(name, marks=() if name in EVERY_DAY else pytest.mark.long) for name in PRECISIONS]
-)
+@pytest.mark.parametrize("precision", ["float32", "fast", "float64"])
 def test_frames_agree_with_the_oracle(device, wrap, precision):
     assert_equals_oracle(tilted(wrap), device, precision=precision)
 
@@ -96,8 +90,7 @@ def test_forced_on_it_changes_no_bit(device):
     linear = replace(scene.meshes[0].material, texture=replace(scene.meshes[0].material.texture, filter="linear"))
     scene = replace(scene, meshes=replace(scene.meshes[0], material=linear))
     lean = clshade.render(scene, shader="nolight", device=device)
-    with Renderer(scene, shader="nolight", device=device, forced={"NEAREST"}) as renderer:
-        assert same_bits(lean, renderer.render())
+    assert same_bits(lean, rendered(scene, shader="nolight", device=device, forced={"NEAREST"}))
     assert "NEAREST" in lean.stats["left_out"]
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+from devices import rendered
 
 import clshade
 from clshade.oracle import transform
 from clshade.oracle.normals import placed_normal_errors, placed_normals
 from clshade.oracle.vectors import unit
 from clshade.pipeline import placements as packing
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene
 
@@ -124,8 +124,7 @@ def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
     scene = Scene(
         (mesh,), camera, (PointLight((5, 9, 20), (1, 1, 1)), PointLight((5, -9, -20), (0, 0, 1))), np.full(3, 0.3)
     )
-    with Renderer(scene, device=device, layers=("id", "N")) as renderer:
-        frame = renderer.render()
+    frame = rendered(scene, device=device, layers=("id", "N"))
     assert len(np.unique(frame["id"])) > 12
     found = clshade.check(frame, "all")
     assert found.passed, found.lines()

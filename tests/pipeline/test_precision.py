@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import needs_float64, rendered, skip_unsupported
 from kernel_stages import NUMERICS_OF_ONE_BLOCK, Probe
 
 import clshade
@@ -16,7 +16,6 @@ from clshade import oracle
 from clshade.errors import DeviceError, InputError
 from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
@@ -95,10 +94,8 @@ def test_fast_functions(device):
 
 
 def draw(device, scene, **options):
-    if options.get("precision") == "float64":
-        needs_float64(device)
-    with Renderer(scene, device=device, layers=LAYERS, **options) as renderer:
-        return renderer.render()
+    skip_unsupported(device, options)
+    return rendered(scene, device=device, layers=LAYERS, **options)
 
 
 # Every precision with every scene and every shader, and every scene with both shaders.
@@ -120,8 +117,7 @@ def test_built_in_scenes(device, name, precision, shader):
     frame = draw(device, scene, precision=precision, shader=shader)
     kind = np.float64 if precision == "float64" else np.float32
     assert frame.rgba.dtype == frame["Z"].dtype == kind
-    expected = oracle.render(scene, frame.settings)
-    oracle_asserts.assert_frame(frame, expected, scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
     assert clshade.check(frame, "all").passed
     alone = draw(device, scene, shader=shader)
     assert np.array_equal(frame.alpha, alone.alpha)
@@ -136,7 +132,7 @@ def test_weighted_samples(device, precision):
     scene = clshade.builtin("box_room")
     scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
     frame = draw(device, scene, precision=precision, samples=4, resolve="weighted", shader="nolight")
-    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
 
 
 @pytest.mark.sampled
@@ -165,7 +161,7 @@ def lit(n: float) -> Scene:
 def test_exponents(device, precision, n):
     scene = lit(n)
     frame = draw(device, scene, precision=precision)
-    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
 
 
 def test_float64_does_not_pass_for_float32(device):
@@ -216,7 +212,7 @@ def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic)
     near = float(np.linalg.norm(scene.camera.eye - scene.camera.lookat))
     frame = draw(device, scene, shader="nolight", precision="float64", near=near)
     assert frame.stats["clipped"] > 5
-    found = oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings).bounds
+    found = oracle_asserts.assert_drawn(frame).bounds
     assert 1.0 < found < oracle_bounds.allowed(scene, frame.settings)
 
 
@@ -234,8 +230,7 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
         mesh = Mesh(eye + verts @ camera_axes(camera), np.arange(120).reshape(40, 3))
         scene = replace(scene_of(mesh), camera=camera)
         options = {"precision": "float64", "shader": "nolight", "near": 1e-3}
-        with Renderer(scene, device=device, layers=LAYERS + SURFACE, **options) as renderer:
-            frame = renderer.render()
+        frame = rendered(scene, device=device, layers=LAYERS + SURFACE, **options)
         assert frame.stats["clipped"]
         expected, layers = (each(scene, frame.settings) for each in (oracle.render, oracle.render_layers))
         ties = oracle_asserts.assert_same_ids(frame, expected, scene, frame.settings)
@@ -254,7 +249,7 @@ def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
     for options in ({"preset": "course"}, {"texture_at": "vertex", "interpolation": "perspective"}):
         frame = draw(device, scene, precision="float64", **options)
         assert frame.alpha.any()
-        oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+        oracle_asserts.assert_drawn(frame)
 
 
 def test_a_float64_frame_is_saved_as_float32(device, tmp_path):

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import needs_float64
+from devices import skip_unsupported
 from layer_scenes import FRAME_CASES
+from view_cameras import cloud, looking
 
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
@@ -26,19 +27,6 @@ SIZE = 48
 LAYERS = ("Z", "id")
 FAR = (-4.0, -3.9, -3.8)  # from here no face is clipped
 BACKS = (-4.0, -3.0, -0.5, -0.4, -4.0, -3.9, -0.5, -2.0, -4.0)
-
-
-def looking(back: float, size: int = SIZE) -> Camera:
-    """Return a camera on the axis, a step back from the origin, whose image is one unit wide at a distance of 1."""
-    pose = np.eye(4)
-    pose[2, 3] = back
-    return Camera.from_matrix(np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1.0]]), pose, (size, size))
-
-
-def cloud(count: int = 1000) -> Scene:
-    rng = np.random.default_rng(0)
-    verts = rng.uniform(-1, 1, (count, 1, 3)) + 0.05 * rng.normal(size=(count, 3, 3))
-    return Scene((Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)),), looking(-4.0))
 
 
 def open_cloud(device, **options) -> Renderer:
@@ -67,8 +55,7 @@ def assert_same(views: Views, expected: list[Frame]) -> None:
 def test_frames_are_those_drawn_one_by_one(device, case):
     """With every layer, from near enough to clip faces and from afar."""
     scene, options = FRAME_CASES[case]
-    if options.get("precision") == "float64" or "edges" in options:
-        needs_float64(device)
+    skip_unsupported(device, options)
     with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:
         start = renderer.scene.camera
         near = replace(start, eye=start.lookat + 0.15 * (start.eye - start.lookat))

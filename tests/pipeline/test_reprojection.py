@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from devices import rendered
 
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -36,8 +37,7 @@ def test_points_project_where_the_matrix_says(device, convention, pixel_center):
     world = corners.reshape(-1, 3) @ (rotation @ FLIPS[convention]).T + pose[:3, 3]
     faces = np.concatenate([[[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]] for i in range(4)])
     camera = Camera.from_matrix(k, pose, (140, 100), pixel_center=pixel_center, convention=convention)
-    with Renderer(Scene((Mesh(world, faces),), camera), shader="nolight", layers=("Z",), device=device) as renderer:
-        frame = renderer.render()
+    frame = rendered(Scene((Mesh(world, faces),), camera), shader="nolight", layers=("Z",), device=device)
     covered = np.argwhere(frame.alpha > 0)[:, ::-1]
     assert sorted(map(tuple, covered)) == sorted(map(tuple, pixels))
     # Z is constant on a quad; 10 roundings of 2^-24.

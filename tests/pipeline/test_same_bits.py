@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from devices import needs_float64
+from devices import needs_float64, rendered
 from golden import GOLDEN, RESOLUTION, digest, draw
 from layer_scenes import mixed
 from mesh_writers import spheres
@@ -20,7 +20,6 @@ import clshade
 from clshade.pipeline import programs, struct_layout
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.opencl.program_store import StoredProgram
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.model import Scene, Texture
 
 pytestmark = pytest.mark.optimized
@@ -79,16 +78,14 @@ def test_golden_glb(device, tmp_path, preset):
     NumPy, whose last bits depend on the machine."""
     scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
     given = {"shadows": False} if preset == scene.preset else {"preset": preset}
-    with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, **given) as renderer:
-        frame = renderer.render()
+    frame = rendered(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, **given)
     assert digest(frame) == SPHERES[preset]
 
 
 @pytest.mark.long
 def test_golden_glb_with_shadows(device, tmp_path):
     scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
-    with Renderer(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION) as renderer:
-        frame = renderer.render()
+    frame = rendered(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION)
     assert digest(frame) == SHADOWED_SPHERES
 
 
@@ -174,8 +171,7 @@ def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, la
     found = {}
     for each in (None, lanes):
         given = {"resolution": (97, 61), "layers": "all" if scene is mixed else ("Z", "id"), **options}
-        with Renderer(replace(scene(), background=background), device=device, lanes=each, **given) as renderer:
-            frame = renderer.render()
+        frame = rendered(replace(scene(), background=background), device=device, lanes=each, **given)
         found[each] = digest(frame)
         empty = frame.alpha == 0.0
         assert (frame.rgb[empty] == np.asarray(background or (0, 0, 0), frame.rgb.dtype)).all()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import rendered, skip_unsupported
 
 import clshade
 from clshade import oracle
@@ -15,7 +15,6 @@ from clshade.errors import InputError
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, blob
 from clshade.oracle.sampling import places
 from clshade.pipeline import programs, sample_pattern
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
@@ -36,8 +35,7 @@ def flat(points, faces, **fields) -> Scene:
 
 
 def draw(device, scene: Scene, **options):
-    with Renderer(scene, device=device, layers=LAYERS, **options) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, layers=LAYERS, **options)
 
 
 # Positions
@@ -165,12 +163,11 @@ CASES = [
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "options"), CASES, ids=str)
 def test_frames(device, name, options):
-    if options.get("precision") == "float64":
-        needs_float64(device)
+    skip_unsupported(device, options)
     scene = clshade.builtin(name)
     scene = replace(scene, camera=scene.camera.with_resolution((83, 59)))
     frame = draw(device, scene, **options)
-    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
     assert clshade.check(frame, 500).passed
     partly = (frame.alpha > 0.0) & (frame.alpha < 1.0)
     assert partly.any() or name == "teapot"  # its table fills the image
@@ -186,7 +183,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
     colors = rng.uniform(size=(9000, 3))
     scene = flat(points, np.arange(9000).reshape(-1, 3), colors=colors)
     frame = draw(device, scene, shader="nolight", samples=samples, visibility="painter")
-    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
     assert frame.stats["between_samples"] > 0
 
 
@@ -195,7 +192,7 @@ def test_triangles_smaller_than_a_pixel(device, samples):
 def test_odd_sizes(device, resolution):
     scene = Scene((blob(),), CAMERA.with_resolution(resolution), LIGHTS)
     frame = draw(device, scene, samples=9)
-    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
 
 
 def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
@@ -239,7 +236,7 @@ def test_where_rounding_puts_the_mean_beside_a_triangle_its_color_is_not_extrapo
     """The mean of samples in a line, rounded to 1/256 px, is often outside of a needle, by many times its width."""
     scene = needles(8, length)
     frame = draw(device, scene, shader="nolight", samples=8, interpolation=interpolation)
-    oracle_asserts.assert_frame(frame, oracle.render(scene, frame.settings), scene, frame.settings)
+    oracle_asserts.assert_drawn(frame)
     color = frame.rgb[frame.alpha > 0.2] / frame.alpha[frame.alpha > 0.2][:, None]
     assert len(color) > 10
     assert color.max() <= 1.0 + 1e-6

@@ -8,14 +8,13 @@ from fractions import Fraction
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import needs_float64
+from devices import rendered, skip_unsupported
 from matplotlib import colormaps
 
 import clshade
 from clshade import Camera, Material, Mesh, PointLight, Scalars, Scene, Settings, Texture, exr, oracle
 from clshade.errors import InputError
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.scalar_tables import map_positions
 from clshade.pipeline.struct_layout import MOST_POSITION
 from clshade.scene.scalar_colors import ColorMap, color_map_of
@@ -49,8 +48,7 @@ def floor() -> Mesh:
 
 def drawn(device, scene: Scene, *, preset: str = "standard", lanes: int | None = None, **options) -> Frame:
     given = {"scalars": "data", "layers": "all", **options}
-    with Renderer(scene, device=device, preset=preset, lanes=lanes, **given) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, preset=preset, lanes=lanes, **given)
 
 
 @pytest.mark.long
@@ -88,15 +86,13 @@ CASES = {
     "near": ({"instances": [np.diag([-1.0, 1, 1, 1])]}, {"near": 3.2, "shader": "gouraud"}),
     "fast": ({}, {"precision": "fast", "shader": "nolight"}),
 }
-LONG = ("affine at corners", "corners, samples", "float64", "near", "fast")  # each builds a program of its own
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
+@pytest.mark.parametrize("case", CASES)
 def test_frames_are_the_oracles(device, case):
     fields, options = CASES[case]
-    if options.get("precision") == "float64":
-        needs_float64(device)
+    skip_unsupported(device, options)
     frame = drawn(device, Scene((wave(**fields), floor()), ASIDE, LIGHT), **options)
     expected = oracle.render(frame.scene, frame.settings)
     layers = oracle.render_layers(frame.scene, frame.settings)

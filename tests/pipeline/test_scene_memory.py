@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices import rendered
 
 import clshade
 from clshade.base import host_memory
@@ -32,8 +33,7 @@ def test_memory_of_a_device(device):
         line = r"^[^\n]+: 1,280 triangles and 642 vertices take 0\.0 GiB or more, the device has 0\.0 GiB$"
         with pytest.raises(DeviceError, match=line):
             clshade.render(SCENE, device=small, resolution=(8, 8))
-    with Renderer(SCENE, device=replace(device, memory=400_000), resolution=(8, 8)) as renderer:
-        assert renderer.render().alpha.any()
+    assert rendered(SCENE, device=replace(device, memory=400_000), resolution=(8, 8)).alpha.any()
 
 
 def test_memory_that_the_system_does_not_give(device, monkeypatch):

@@ -9,11 +9,11 @@ import numpy as np
 import oracle_asserts
 import pytest
 from caster_meshes import sphere
+from devices import rendered, skip_unsupported
 from kernel_stages import OTHER_LANES
 
 from clshade import oracle
 from clshade.pipeline.frame import same_bits
-from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
 from clshade.scene.model import Light, Material, Mesh, PointLight, RectangleLight, Scene, Texture
 
@@ -60,10 +60,7 @@ def scene_of(*cards: Mesh, light: Light = LIGHT) -> Scene:
 
 
 def draw(device, *cards: Mesh, light: Light = LIGHT, **options: Any):
-    with Renderer(
-        scene_of(*cards, light=light), device=device, layers=("Z", "P", "id"), shadows=True, **options
-    ) as renderer:
-        return renderer.render()
+    return rendered(scene_of(*cards, light=light), device=device, layers=("Z", "P", "id"), shadows=True, **options)
 
 
 def shares(device, *cards: Mesh, **options: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -100,8 +97,7 @@ def test_an_opaque_card_before_or_behind_hides_it(opened):
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_nothing_comes_through_alpha_1(opened, precision):
     """Also of a card that may blend: not 2^-128, the least share that is counted."""
-    if precision == "float64" and not opened.has_fp64:
-        pytest.skip("the device has no float64")
+    skip_unsupported(opened, {"precision": precision})
     share, place = shares(opened, card(blend=True, alphas=np.array([1.0, 1.0, 1.0, 0.5])), precision=precision)
     within = inside(place) & (place[:, 0] > place[:, 1] + 0.1)  # the first of two triangles
     assert within.sum() > 20
@@ -192,12 +188,10 @@ def test_another_alpha_is_noticed(opened):
     ids=str,
 )
 def test_frames_equal_the_oracle(opened, name, options):
-    if options.get("precision") == "float64" and not opened.has_fp64:
-        pytest.skip("the device has no float64")
+    skip_unsupported(opened, options)
     light = replace(LIGHT, position=(0.3, -0.2, 10.0))
     frame = draw(opened, *CARDS[name], light=light, **options)
-    expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_drawn(frame)
     assert agreement.gates.mean() < 0.02
 
 
@@ -220,17 +214,12 @@ def test_a_card_halves_each_point_of_a_light_of_finite_size(opened, name):
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    "options",
-    [{}, *(pytest.param(each, marks=pytest.mark.long) for each in ({"shader": "gouraud"}, {"preset": "pbr"}))],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [{}, {"shader": "gouraud"}, {"preset": "pbr"}], ids=str)
 @pytest.mark.parametrize("name", SIZED)
 def test_lights_of_finite_size_equal_the_oracle(opened, name, options):
     cards = half(), card(2.0, blend=True, alphas=np.array([0.1, 1.0, 0.3, 0.6]))
     frame = draw(opened, *cards, light=SIZED[name], light_samples=3, samples=1, **options)
-    expected = oracle.render(frame.scene, frame.settings)
-    agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+    agreement = oracle_asserts.assert_drawn(frame)
     assert agreement.gates.mean() < 0.02
     open_ = draw(opened, light=SIZED[name], light_samples=3, samples=1, **options)
     floor = (frame["id"] > 0) & (frame["id"] <= 2)

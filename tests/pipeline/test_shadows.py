@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import oracle_asserts
 import pytest
+from devices import rendered
 
 from clshade import oracle
 from clshade.measure.stability.cases.lit import blob, patch
@@ -43,8 +44,7 @@ def scene_of(lights: str = "points", *meshes: Mesh, **fields: Any) -> Scene:
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
-    with Renderer(scene, device=device, **{"layers": ("Z", "id"), "shadows": True, **options}) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, **{"layers": ("Z", "id"), "shadows": True, **options})
 
 
 def assert_equals_oracle(frame: Frame) -> Any:
@@ -102,13 +102,10 @@ CASES = {
     "gouraud, course": ({"preset": "course", "shader": "gouraud"}, scene_of),
     "gouraud, sun": ({"shader": "gouraud"}, lambda: scene_of("sun")),
 }
-EVERY_DAY = ("phong", "gouraud", "sun")
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in EVERY_DAY else pytest.mark.long) for name in CASES]
-)
+@pytest.mark.parametrize("name", CASES)
 def test_shadows_equal_the_oracle(device, name):
     options, scene = CASES[name]
     frame = draw(device, scene(), **options)
@@ -170,8 +167,7 @@ def test_a_camera_that_moves_sees_the_same_shadow(device):
     with Renderer(scene, device=device, shadows=True, layers=("Z", "id")) as renderer:
         for eye in ((0.3, 3.0, 4.5), (-3.0, 4.0, 2.0)):
             frame = renderer.render(replace(CAMERA, eye=eye))
-            expected = oracle.render(frame.scene, frame.settings)
-            oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+            oracle_asserts.assert_drawn(frame)
 
 
 @pytest.mark.long

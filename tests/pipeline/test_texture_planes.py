@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from devices import rendered
 
 import clshade
 from clshade import Camera, Material, Mesh, PointLight, Renderer, Scene, Texture
@@ -58,8 +59,7 @@ def test_the_choice_depends_on_triangle_and_tile_alone(device, precision, option
         expected = bits(renderer.render())
         for _ in range(12):
             assert np.array_equal(bits(renderer.render()), expected)
-    with Renderer(scene, device=device, precision=precision, **options) as renderer:
-        assert np.array_equal(bits(renderer.render()), expected)
+    assert np.array_equal(bits(rendered(scene, device=device, precision=precision, **options)), expected)
 
 
 @pytest.mark.long
@@ -67,8 +67,7 @@ def test_the_choice_depends_on_triangle_and_tile_alone(device, precision, option
 def test_unlit_textures_use_them_too(device, forced):
     scene = patches(75.0)
     plain = clshade.render(scene, device=device, shader="nolight")
-    with Renderer(scene, device=device, shader="nolight", forced={forced}) as renderer:
-        assert np.array_equal(bits(renderer.render()), bits(plain))
+    assert np.array_equal(bits(rendered(scene, device=device, shader="nolight", forced={forced})), bits(plain))
 
 
 @pytest.mark.long

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
+from devices import rendered, skip_unsupported
 from kernel_stages import OTHER_LANES
 
 import clshade
@@ -14,7 +15,6 @@ from clshade import oracle
 from clshade.errors import InputError
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.tile_lists import DepthOrder
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
@@ -38,8 +38,7 @@ def scene(*meshes: Mesh, background=None, **fields) -> Scene:
 
 def draw(device, given: Scene, lanes: int | None = None, **options) -> Frame:
     """Draw with all features on, for which few programs are built, unless `options` say otherwise."""
-    with Renderer(given, device=device, lanes=lanes, **{"forced": OPTIONAL, **options}) as renderer:
-        return renderer.render()
+    return rendered(given, device=device, lanes=lanes, **{"forced": OPTIONAL, **options})
 
 
 def test_alpha_comes_from_material_vertices_and_texture(device):
@@ -322,11 +321,9 @@ def test_frames_equal_the_oracle(device, options):
     """Some fifteen layers; measured: at most 2 bounds."""
     both = soup(), replace(soup(), background=None)
     for given in both if options == EVERY_DAY else both[OPTIONS.index(options) % 2 :][:1]:
-        if options.get("precision") == "float64" and not device.has_fp64:
-            pytest.skip("the device has no float64")
+        skip_unsupported(device, options)
         frame = draw(device, given, layers=("Z", "id", "N", "albedo"), forced=(), **options)
-        expected = oracle.render(given, frame.settings)
-        found = oracle_asserts.assert_frame(frame, expected, given, frame.settings)
+        found = oracle_asserts.assert_drawn(frame)
         assert found.bounds < 8.0
         assert found.ties.mean() < 0.01
         layers = oracle.render_layers(given, frame.settings)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices import rendered
 
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.unseen import why_unseen
@@ -25,8 +26,7 @@ def with_material(**fields: object) -> Mesh:
 
 def line_of(device, mesh: Mesh, *lights: PointLight, camera: Camera = CAMERA, **fields: object) -> str:
     scene = Scene((mesh,), camera, lights, **{"ambient": 0.0, "background": None, **fields})
-    with Renderer(scene, device=device, shader="gouraud") as renderer:
-        frame = renderer.render()
+    frame = rendered(scene, device=device, shader="gouraud")
     return why_unseen(frame.rgba, frame.scene, frame.settings, frame.stats)
 
 
@@ -90,8 +90,7 @@ def test_the_color_of_the_background(device):
 
 
 def test_the_line_is_a_warning_of_the_files(device, tmp_path):
-    with Renderer(Scene((TRIANGLE,), CAMERA, (), ambient=0.0), device=device) as renderer:
-        frame = renderer.render()
+    frame = rendered(Scene((TRIANGLE,), CAMERA, (), ambient=0.0), device=device)
     with pytest.warns(UserWarning, match=BLACK):
         assert frame.save(tmp_path / "dark") == [BLACK + "the scene has no light"]
 

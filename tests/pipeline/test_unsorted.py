@@ -8,37 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from view_cameras import cloud, looking
 
 import clshade
-from clshade import Camera, Mesh, Renderer, Scene
+from clshade import Mesh, Renderer, Scene
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.frame_state import FrameInFlight
-
-
-def looking(size: int, back: float) -> Camera:
-    """Return a camera on the axis, a step back from the origin, whose image is one unit wide at a distance of 1."""
-    camera = np.eye(4)
-    camera[2, 3] = back
-    return Camera.from_matrix(np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1.0]]), camera, (size, size))
-
-
-def cloud(count: int = 4000) -> Scene:
-    rng = np.random.default_rng(0)
-    verts = rng.uniform(-1, 1, (count, 1, 3)) + 0.05 * rng.normal(size=(count, 3, 3))
-    return Scene((Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)),), looking(96, -4.0))
 
 
 @pytest.mark.long
 def test_sorted_or_not_clipped_or_not_the_bits_are_the_same(device):
     """One renderer that draws with and without faces to clip, against one that always sorts."""
-    scene, backs = cloud(), (-4.0, -0.5, -0.5, -4.0, -3.9, -0.4)
+    scene, backs = cloud(4000, 96), (-4.0, -0.5, -0.5, -4.0, -3.9, -0.4)
     with (
         Renderer(scene, device=device, shader="nolight", layers=("id",)) as free,
         Renderer(scene, device=device, shader="nolight", layers=("id",), forced={"SORTED"}) as bound,
     ):
         clipped = False
         for back in backs:
-            frame, expected = free.render(looking(96, back)), bound.render(looking(96, back))
+            frame, expected = free.render(looking(back, 96)), bound.render(looking(back, 96))
             assert np.array_equal(frame.rgba.view(np.uint32), expected.rgba.view(np.uint32))
             assert np.array_equal(frame["id"], expected["id"])
             assert frame.stats["visible"] == expected.stats["visible"]
@@ -55,12 +43,12 @@ def test_triangles_too_far_for_buckets_are_drawn_in_the_right_order(device):
     """At depths whose reciprocals are about 2^-100 they fall into one bucket, in any order."""
     size, near = 64, 1e-30
     far = 2.0**40 * near * 2.0**100
-    scale = CameraSpace.of(looking(size, 0.0), Extent((-far,) * 3, (far,) * 3, far), near).scale
+    scale = CameraSpace.of(looking(0.0, size), Extent((-far,) * 3, (far,) * 3, far), near).scale
     z = 2.0**100 / np.array([1.4, 1.0005, 1.9]) / scale
     corners = np.array([[-0.6, -0.6, 1.0], [1.8, -0.6, 1.0], [-0.6, 1.8, 1.0]])
     mesh = Mesh((corners * z[:, None, None]).reshape(-1, 3), np.arange(9).reshape(-1, 3))
     frame = clshade.render(
-        Scene((mesh,), looking(size, 0.0)), device=device, shader="nolight", near=near, layers=("id",)
+        Scene((mesh,), looking(0.0, size)), device=device, shader="nolight", near=near, layers=("id",)
     )
     assert (frame["id"] == 3).all()
 
@@ -88,11 +76,11 @@ def test_an_interrupt_while_tables_are_written_leaves_none_behind(device, monkey
 
 
 def test_buffers_that_were_replaced_are_freed(device):
-    scene = cloud()
+    scene = cloud(4000, 96)
     with Renderer(scene, device=device, shader="nolight") as renderer:
         renderer.render()
         before = weakref.ref(renderer._drawing._source.made.triangles)
-        renderer.render(looking(96, -0.5))  # pieces need more room
+        renderer.render(looking(-0.5, 96))  # pieces need more room
         gc.collect()
         assert before() is None
 

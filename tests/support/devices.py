@@ -4,19 +4,30 @@ CLSHADE_TEST_PLATFORM."""
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 import pytest
 
 from clshade.errors import DeviceError
+from clshade.pipeline.frame import Frame
 from clshade.pipeline.opencl.device import Device, found_devices
 from clshade.pipeline.opencl.probe import recall, tried_out
+from clshade.pipeline.renderer import Renderer
+from clshade.scene.model import Scene
 
 
 def needs_float64(device: Device) -> None:
     """Skip the test on a device without float64."""
     if not device.has_fp64:
         pytest.skip(f"{device.platform} has no float64")
+
+
+def skip_unsupported(device: Device, options: Mapping[str, Any]) -> None:
+    """Skip the test on a device without float64 if these options of a renderer need it."""
+    if options.get("precision") == "float64" or "edges" in options:
+        needs_float64(device)
 
 
 def is_tested(platform: str) -> bool:
@@ -33,3 +44,9 @@ def working_devices() -> tuple[str, ...]:
         return ()
     verdicts = ((info, recall(info)) for info in found)
     return tuple(info.index for info, verdict in verdicts if (verdict and verdict.works) or tried_out(info).works)
+
+
+def rendered(scene: Scene, **options: Any) -> Frame:
+    """Return the frame of a renderer with these options."""
+    with Renderer(scene, **options) as renderer:
+        return renderer.render()

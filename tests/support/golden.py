@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from devices import rendered
+
 import clshade
 from clshade.measure.digest import digest as digest
 from clshade.pipeline.frame import Frame
-from clshade.pipeline.renderer import Renderer
 
 RESOLUTION = (161, 97)
 
@@ -26,5 +27,4 @@ GOLDEN = {
 def draw(device, name: str, preset: str, shader: str, **options) -> Frame:
     scene = clshade.builtin(name, **({"triangles": 10_000} if name == "torus_knot" else {}))
     given = {"preset": preset, "shader": shader, "layers": ("Z", "id"), "resolution": RESOLUTION}
-    with Renderer(scene, device=device, **given, **options) as renderer:
-        return renderer.render()
+    return rendered(scene, device=device, **given, **options)

@@ -28,26 +28,16 @@ Array = np.ndarray
 NUMERICS_OF_ONE_BLOCK = """
 #include "numerics.clh"
 
-reals reciprocal_sqrt(reals x)
-{
-    reals root;
-    reciprocal_sqrt_each(&root, &x, 1);
-    return root;
-}
-
-reals log2_one_minus(reals t)
-{
-    reals y;
-    log2_one_minus_each(&y, &t, 1);
-    return y;
-}
-
-reals exp2_negative(reals y)
-{
-    reals power;
-    exp2_negative_each(&power, &y, 1);
-    return power;
-}
+#define OF_ONE(name)             \\
+    reals name(reals x)          \\
+    {                            \\
+        reals y;                 \\
+        name##_each(&y, &x, 1);  \\
+        return y;                \\
+    }
+OF_ONE(reciprocal_sqrt)
+OF_ONE(log2_one_minus)
+OF_ONE(exp2_negative)
 
 reals power_one_minus(reals t, reals n)
 {
@@ -175,8 +165,9 @@ def vertices_at(
     projected = np.zeros(len(z), structs.Vertex)
     projected["x"], projected["y"] = np.asarray(xy).T
     projected["depth"] = z
+    depth = np.minimum(z, struct_layout.MOST_DEPTH)
     with np.errstate(divide="ignore", over="ignore"):
-        w = -np.asarray(z, np.float64) if orthographic else 1.0 / np.asarray(z, np.float64)
+        w = -depth if orthographic else 1.0 / depth
         projected["w"], projected["w_low"] = split(w) if structs is struct_layout.SINGLE else (w, 0.0)
     made = VertexBuffers(device, 0)
     made.projected = Buffer(device, projected)
@@ -211,11 +202,10 @@ class Pipeline:
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
         self.made = TriangleBuffers(self.device, len(faces), 0, self.structs)
         self.counted = Buffer(self.device, np.zeros(1, self.structs.Counters))
-        table = np.zeros(1, self.structs.View)
-        table["near"] = near
-        view = Buffer(self.device, table)
+        with vertices.projected.writing() as rows:
+            rows["w"][rows["depth"] < near] = 0.0  # as project leaves it
         self.frame = {"image": self.image, "counters": self.counted}
-        values = {**self.frame, **triangle_source.NO_SIDES, "view": view}
+        values = {**self.frame, **triangle_source.NO_SIDES}
         triangle_source.set_up(self.stages, self.faces, vertices, self.made, values)
         self.counters = self.counted.to_host()[0].copy()
         self.visible = int(self.counters["visible"])
@@ -265,7 +255,7 @@ class Pipeline:
         self.lists = Buffer.empty(self.device, int(begin[-1]) if room is None else room, self.structs.Entry)
         with self.image.writing() as image:
             image["list_capacity"] = len(self.lists.array)
-        run("bin_fill", (chunks, 1), values, lists=self.lists)
+        run("bin_fill", (chunks, 1), values, made=None, lists=self.lists)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
     def surface(self, **arrays: Array) -> SurfaceInputs:
@@ -334,6 +324,27 @@ def light_rows(positions: Array, intensities: Array) -> Array:
     rows = np.zeros(len(positions), struct_layout.SINGLE.Light)
     rows["position"], rows["intensity"] = positions, intensities
     return rows
+
+
+def reflected(
+    device: Device,
+    chosen: Features,
+    points: Array,
+    normals: Array,
+    colors: Array | None,
+    materials: Array,
+    lights: Array,
+    lanes: int | None,
+) -> Array:
+    """Return the light (K, 3) of points with normals (K, 3) and colors (K, 3), None: white, by the stage `light`."""
+    stages = Stages(device, build(device, chosen, ("light.cl",), lanes=lanes))
+    vectors = {"points": points, "normals": normals, "colors": np.ones_like(points) if colors is None else colors}
+    values = {name: Buffer(device, four(array)) for name, array in vectors.items()}
+    values |= {"materials": Buffer(device, materials), "lights": Buffer(device, lights)}
+    found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
+    numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(lights), "count": len(points)}
+    stages.run("light", stages.vectors(len(points)), values, lit=found, **numbers)
+    return found.to_host()[:, :3]
 
 
 def four(vectors: Array) -> Array:

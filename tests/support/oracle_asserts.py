@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from clshade import oracle
 from clshade.base.arrays import Array, Bools
 from clshade.images.layers import LAYER_TABLE
 from clshade.measure.check import oracle_bounds
@@ -153,6 +154,12 @@ def assert_frame(
         ties = ties | oracle_bounds.depth_ties(scene, settings, off & ~ties)
     ties = ties | (oracle.unsure & (oracle_bounds.color_errors(frame.rgb, oracle, precision)[1] > factor))
     return _colors_agree(frame.rgb, oracle, factor, precision, gate_fraction, ties)
+
+
+def assert_drawn(frame: Any, factor: float | None = None, **options: Any) -> Agreement:
+    """Assert that a frame agrees with what the oracle makes of its scene and settings; see `assert_frame`."""
+    expected = oracle.render(frame.scene, frame.settings)
+    return assert_frame(frame, expected, frame.scene, frame.settings, factor, **options)
 
 
 def assert_layers(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clshade.scene.camera import Camera
+from clshade.scene.model import Mesh, Scene
 
 
 def cameras() -> list[Camera]:
@@ -20,6 +21,20 @@ def cameras() -> list[Camera]:
 
 
 CAMERAS = ["near", "offset", "huge", "principal", "orthographic"]
+
+
+def looking(back: float, size: int = 48) -> Camera:
+    """Return a camera on the axis, a step back from the origin, whose image is one unit wide at a distance of 1."""
+    pose = np.eye(4)
+    pose[2, 3] = back
+    return Camera.from_matrix(np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1.0]]), pose, (size, size))
+
+
+def cloud(count: int = 1000, size: int = 48) -> Scene:
+    """Return a scene of small triangles, seen from before them."""
+    rng = np.random.default_rng(0)
+    verts = rng.uniform(-1, 1, (count, 1, 3)) + 0.05 * rng.normal(size=(count, 3, 3))
+    return Scene((Mesh(verts.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)),), looking(-4.0, size))
 
 
 def around(camera: Camera, count: int = 4000, dtype=np.float64) -> np.ndarray:

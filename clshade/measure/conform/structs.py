@@ -17,9 +17,7 @@ def cases(double: bool) -> list[Case]:
     for reals, layout in (("float32", struct_layout.SINGLE), ("float64", struct_layout.DOUBLE))[: 1 + double]:
         head = struct_layout.header(double_reals=reals == "float64", with_double=double)
         alike = []
-        for name, dtype in layout._asdict().items():
-            if name == "real":
-                continue
+        for name, dtype in layout.types.items():
             words = [f"{name} s; row[0] = sizeof({name});"]
             words += [f"row[{k}] = (char *)&s.{member} - (char *)&s;" for k, member in enumerate(dtype.names, 1)]
             numbers = [dtype.itemsize, *(dtype.fields[member][1] for member in dtype.names)]
