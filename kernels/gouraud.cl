@@ -22,7 +22,8 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #if CASTERS
     integer shown[LANES];
     Shadows casters = casters_of(in);
-    lighting.casters = &casters;
+    PointShares known;
+    lighting.casters = &casters, lighting.known = &known;
 #endif
     for (int lane = 0; lane < LANES; ++lane) {
         taken[lane] = order[min(first + lane, count - 1)];

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from clshade.pipeline import struct_layout
 from clshade.pipeline.features import COMPILED, FEATURES, GROUPS
+from clshade.pipeline.programs import flatten
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = sorted((ROOT / "kernels").glob("*.cl*"))
@@ -70,3 +72,43 @@ def test_every_feature_is_read():
     named = {*re.findall(r"NEEDS\([^,()]+, (\w+)\)", text), *COMPILED, *GROUPS["MAPS"]}  # by NEEDS_NTH
     by_data = {"SHADOW_ALPHA", "NORMAL_INDICES", "UV_INDICES", "UV_SETS", "NEAREST", "BACKGROUND", "EMISSION"}
     assert named == {feature.name for feature in FEATURES} - by_data
+
+
+FUNCTION = re.compile(
+    r"^(INLINE |kernel |__attribute__\(\(noinline\)\) )?\w+ \**(\w+)\([^;{]*?\)\s*\n\{\n(.*?)^\}",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+def visits(source: str) -> dict[str, int]:
+    """Return how many functions PoCL's linker visits for each kernel: for each function that is not INLINE, all that it
+    reaches, whether it has visited them before or not (`copy_func_callgraph`)."""
+    functions = FUNCTION.findall(code_of(source))
+    bodies = {name: "".join(body for _, each, body in functions if each == name) for _, name, _ in functions}
+    inlined = {name for how, name, _ in functions if how == "INLINE "}
+
+    @cache
+    def called(name: str) -> frozenset[str]:
+        names = {word for word in re.findall(r"\b(\w+)\(", bodies[name]) if word in bodies} - {name}
+        return frozenset().union(*(called(each) if each in inlined else {each} for each in names))
+
+    @cache
+    def reached(name: str) -> frozenset[str]:
+        return called(name).union(*map(reached, called(name)))
+
+    @cache
+    def visited(name: str) -> int:
+        return 1 + sum(map(visited, reached(name)))
+
+    return {name: visited(name) for how, name, _ in functions if how == "kernel "}
+
+
+def test_visits_are_counted():
+    functions = "void d()\n{\n}\nvoid c()\n{\n    d();\n}\nINLINE int b(int x)\n{\n    c();\n}\n"
+    assert visits(functions + "kernel void a(int k)\n{\n    b(1);\n    d();\n}\n") == {"a": 4}
+
+
+@pytest.mark.parametrize("path", [path for path in KERNELS if path.suffix == ".cl"], ids=lambda path: path.name)
+def test_chains_of_calls_are_short(path):
+    """Each function between a kernel and others doubles the visits: 700,000 of a pixel stage took PoCL's linker a second."""
+    assert max(visits(flatten((path.name,))).values()) < 50_000

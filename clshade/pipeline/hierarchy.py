@@ -12,7 +12,7 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Floats32
 from .buffers import Buffer, finish
 from .launches import Stages, items, stages_of
-from .opencl.device import Device, open_device
+from .opencl.device import Device
 from .struct_layout import CURVE_BITS, HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
@@ -168,89 +168,17 @@ class Hierarchy:
         asked. light: (4,) as of `CasterFrame.light`. Receivers are taken in their order, as many together as there are
         lanes.
         """
-        rays = self.rays(points, faces, light)
-        self.trace(rays)
-        found: Bools = rays.dark.to_host()[: len(points)] != 0
-        return found
-
-    def rays(self, points: Floats, faces: Array, light: Floats) -> ShadowRays:
-        """Return rays on the device, see `shadowed`."""
-        room = max(-(-len(points) // _WIDTH), 1) * _WIDTH
-        coordinates = np.zeros((6, room), np.float32)
+        room, stages = max(-(-len(points) // _WIDTH), 1) * _WIDTH, self._stages
+        coordinates, receivers = np.zeros((6, room), np.float32), np.full(room, -1, np.int32)
         coordinates[:, : len(points)] = self.frame.pairs(points).T
-        receivers = np.full(room, -1, np.int32)
         receivers[: len(points)] = faces
-        return ShadowRays(
-            Buffer(self._device, coordinates),
-            Buffer(self._device, receivers),
-            Buffer(self._device, self.frame.light(light)),
-            Buffer.empty(self._device, room, np.int32),
-        )
-
-    def trace(self, rays: ShadowRays) -> None:
-        """Write to `rays.dark` which rays meet a caster, and wait until that is done."""
-        count, stages = len(rays.dark.array), self._stages
-        values = {**vars(self), **vars(rays), "lights": rays.light, "stride": count}
-        stages.run("shadow_rays", stages.runs(count, stages.lanes), values)
+        arrays = {"points": coordinates, "receivers": receivers, "lights": self.frame.light(light)}
+        values = {**vars(self), **{name: Buffer(self._device, array) for name, array in arrays.items()}}
+        dark = Buffer.empty(self._device, room, np.int32)
+        stages.run("shadow_rays", stages.runs(room, stages.lanes), values, dark=dark, stride=room)
         finish(self._device)
-
-    def hidden(self, points: Floats, faces: Array, ends: Floats, directional: bool = False) -> Bools:
-        """Return whether triangles hide points from receivers, (K, N): the fans of a light of finite size.
-
-        points, faces: as of `shadowed`. ends: (K, N, 3), N points for each receiver, or directions toward them.
-        """
-        fans = self.fans(points, faces, ends, directional)
-        (count, many), stages = fans.dark.array.shape, self._stages
-        values = {**vars(self), **vars(fans), "many": many, "stride": count}
-        stages.run("shadow_fans", stages.runs(count, stages.lanes), values)
-        found: Bools = fans.dark.to_host()[: ends.shape[0], : ends.shape[1]] != 0
-        return found
-
-    def fans(self, points: Floats, faces: Array, ends: Floats, directional: bool = False) -> ShadowFans:
-        """Return rays on the device, see `hidden`."""
-        rays = self.rays(points, faces, np.array([0.0, 0.0, 1.0, 0.0]))
-        count, many = len(rays.dark.array), max(-(-ends.shape[1] // _WIDTH), 1) * _WIDTH
-        moved = ends * self.frame.unit if directional else (ends - self.frame.origin) * self.frame.unit
-        size = float(np.abs(moved).max(initial=0.0))
-        w = 1.0 if size <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(size)[1]
-        parts = np.zeros((count, 6, many), np.float32)
-        parts[: len(ends), :, : ends.shape[1]] = split(moved * w).swapaxes(1, 2)
-        return ShadowFans(
-            rays.points,
-            rays.receivers,
-            Buffer(self._device, parts),
-            0.0 if directional else w,
-            Buffer.empty(self._device, (count, many), np.int32),
-        )
-
-
-@dataclass(frozen=True)
-class ShadowRays:
-    """Rays toward one light on a device, K a multiple of 16.
-
-    points: (6, K) float32, high and low parts of x, y, z. receivers: (K,), the face of each or -1. light: one row of
-    structs.ShadowLight. dark: (K,), 1 where the light does not reach.
-    """
-
-    points: Buffer
-    receivers: Buffer
-    light: Buffer
-    dark: Buffer
-
-
-@dataclass(frozen=True)
-class ShadowFans:
-    """Rays from each receiver to N points of its own on a device, K and N multiples of 16.
-
-    points, receivers: as of `ShadowRays`. ends: (K, 6, N) float32, high and low parts of x, y, z times w. w: a power of
-    two, or 0 of directions. dark: (K, N), 1 where a triangle hides the point from the receiver.
-    """
-
-    points: Buffer
-    receivers: Buffer
-    ends: Buffer
-    w: float
-    dark: Buffer
+        hidden: Bools = dark.to_host()[: len(points)] != 0
+        return hidden
 
 
 def _index_bits(count: int) -> int:
@@ -266,8 +194,3 @@ def _level_sizes(count: int) -> list[int]:
         below = -(-below // _WIDTH)
         sizes.append(below)
     return sizes
-
-
-def build(vertices: Floats, faces: Array, device: Device | None = None, *, lanes: int | None = None) -> Hierarchy:
-    """Return the hierarchy of vertices (V, 3) float64 and faces (F, 3) on a device, by default `open_device()`."""
-    return Hierarchy(device or open_device(), np.asarray(vertices, np.float64), faces, lanes=lanes)

@@ -3,53 +3,49 @@
 from __future__ import annotations
 
 import numpy as np
-import pyopencl as cl
 import pytest
 from caster_meshes import Mesh, border_points, box, crumpled, joined, lattice, moved, random_points, soup, sphere
 from kernel_stages import OTHER_LANES, mask
 
 from clshade.pipeline import hierarchy as hierarchy_module
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.hierarchy import CasterFrame, Hierarchy, ShadowRays
+from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.programs import build_text
 from clshade.pipeline.struct_layout import HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
 ONE_BY_ONE = """
-#include "shadow_predicate.clh"
+#include "shadow.cl"
 
 kernel void one_by_one(global const float *points, global const int *receivers, global const float *vertices,
                        global const int *faces, global const ShadowLight *lights, global int *dark, int face_count,
                        int stride)
 {
     int first = get_global_id(0) * LANES;
-    float_pair3 point;
-    ShadowReceiver at;
-#define POINTS(k) TO_REALS(LOAD_LANES(points + (size_t)(k) * stride + first))
-    at.point.x.high = POINTS(0), at.point.y.high = POINTS(1), at.point.z.high = POINTS(2);
-    at.point.x.low = POINTS(3), at.point.y.low = POINTS(4), at.point.z.low = POINTS(5);
-    at.face = TO_INTS(LOAD_LANES(receivers + first));
+    Shadows in = {vertices, faces};
+    ShadowReceiver at = receivers_of(points, receivers, stride, first);
     ShadowLight light = lights[0];
-    ShadowRay ray;
-    fixeds asked = TO_FIXEDS(at.face) >= 0, hit = (fixeds)(0);
-    shadow_ray(&ray, &at, &light, vertices, faces, asked);
+    BlockRays block;
+    fixeds hit = (fixeds)(0);
+    begin_rays(&block, &at, &in, &light, (ints)(-1));
+    find_planes(&block);
     for (int triangle = 0; triangle < face_count; ++triangle)
-        hit |= casts_shadow(&ray, light.w, vertices, faces, triangle, asked);
-    STORE_LANES(hit ? (fixeds)(1) : (fixeds)(0), dark + first);
+        hit |= casts_shadow(&block.canonical.ray, light.w, vertices, faces, triangle, (fixeds)(-1));
+    STORE_LANES(hit, dark + first);
 }
 """
 
 
-def one_by_one(device, hierarchy: Hierarchy, rays: ShadowRays) -> Array:
-    """Return whether rays meet any triangle, by the predicate alone."""
-    program = build_text(device, mask(), ONE_BY_ONE, lanes=16)
-    count = len(rays.receivers.array)
+def one_by_one(device, hierarchy: Hierarchy, points: Array, receivers: Array, light: Array) -> Array:
+    """Return whether rays meet any triangle, by the predicate alone; a multiple of 16 of them."""
+    count, frame = len(points), hierarchy.frame
+    rays = np.ascontiguousarray(frame.pairs(points).T), receivers.astype(np.int32), frame.light(light)
+    values = dict(zip(("points", "receivers", "lights"), (Buffer(device, each) for each in rays), strict=True))
     dark = Buffer.empty(device, count, np.int32)
-    buffers = (rays.points, rays.receivers, hierarchy.vertices, hierarchy.faces, rays.light, dark)
-    numbers = np.int32(len(hierarchy.faces.array)), np.int32(count)
-    program["one_by_one"].set_args(*(buffer.memory for buffer in buffers), *numbers)
-    cl.enqueue_nd_range_kernel(device.queue, program["one_by_one"], (count // 16,), (1,))
+    stages = Stages(device, build_text(device, mask(), ONE_BY_ONE, lanes=16))
+    more = {"dark": dark, "face_count": len(hierarchy.faces.array), "stride": count}
+    stages.run("one_by_one", (count // 16, 1), {**vars(hierarchy), **values}, **more)
     return dark.to_host() != 0
 
 
@@ -107,10 +103,8 @@ def test_the_same_as_one_by_one(device, mesh):
     hierarchy = Hierarchy(device, *mesh)
     for light in lights_for(mesh):
         for points in (random_points(mesh, 1600), border_points(mesh, 800), neighbors(mesh, 1600)):
-            rays = hierarchy.rays(*points, light)
-            hierarchy.trace(rays)
-            found = rays.dark.to_host() != 0
-            wrong = np.flatnonzero(found != one_by_one(device, hierarchy, rays))
+            found = hierarchy.shadowed(*points, light)
+            wrong = np.flatnonzero(found != one_by_one(device, hierarchy, *points, light))
             assert not len(wrong), (light, wrong[:9], found[wrong[:9]])
 
 
@@ -142,7 +136,7 @@ def test_lights_next_to_receivers(device, distance):
             center = rng.uniform(-0.3, 0.3, 2)
             points[:, :2] = center + spread * distance * rng.uniform(-1.0, 1.0, (16, 2))
             light = np.array([*center, distance, 1.0])
-            expected = one_by_one(device, hierarchies[0], hierarchies[0].rays(points, receivers, light))
+            expected = one_by_one(device, hierarchies[0], points, receivers, light)
             for hierarchy in hierarchies:
                 assert np.array_equal(hierarchy.shadowed(points, receivers, light), expected)
             dark += np.count_nonzero(expected)
@@ -176,10 +170,9 @@ def test_triangles_seen_edge_on(device):
     points = light[:3] + toward * ((-3.0 - light[2]) / toward[:, 2])[:, None]
     points[:, 2] = -3.0
     hierarchy = Hierarchy(device, *mesh)
-    rays = hierarchy.rays(points, np.full(len(points), 300), light)
-    hierarchy.trace(rays)
-    found = rays.dark.to_host() != 0
-    assert np.array_equal(found, one_by_one(device, hierarchy, rays))
+    rays = points, np.full(len(points), 300), light
+    found = hierarchy.shadowed(*rays)
+    assert np.array_equal(found, one_by_one(device, hierarchy, *rays))
     assert found.mean() > 0.99
 
 

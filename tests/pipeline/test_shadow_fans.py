@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pyopencl as cl
 import pytest
 from caster_meshes import (
     Mesh,
@@ -18,58 +17,21 @@ from caster_meshes import (
     soup,
     sphere,
 )
-from kernel_stages import OTHER_LANES, Probe, mask
+from kernel_stages import OTHER_LANES, Probe
+from shadow_fans import hidden
 
-from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.hierarchy import Hierarchy
-from clshade.pipeline.programs import build_text
 from clshade.pipeline.struct_layout import SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
 MANY = 32
-# Without packets: what shadow_predicate.clh says of every triangle.
-ONE_BY_ONE = """
-#include "shadow_predicate.clh"
-
-kernel void one_by_one(global const float *points, global const int *receivers, global const float *ends,
-                       global const float *vertices, global const int *faces, global int *dark, float w, int face_count,
-                       int stride, int many)
-{
-    int row = get_global_id(0);
-    for (int j = 0; j < many && receivers[row] >= 0; j += LANES) {
-        float_pair3 end, point;
-#define ENDS(k) LOAD_LANES(ends + (row * 6 + k) * many + j)
-        end.x.high = ENDS(0), end.y.high = ENDS(1), end.z.high = ENDS(2);
-        end.x.low = ENDS(3), end.y.low = ENDS(4), end.z.low = ENDS(5);
-#define POINT(k) (floats)(points[k * stride + row])
-        point.x.high = POINT(0), point.y.high = POINT(1), point.z.high = POINT(2);
-        point.x.low = POINT(3), point.y.low = POINT(4), point.z.low = POINT(5);
-        ShadowRay ray;
-        shadow_segment(&ray, &point, &end, w);
-        receiver_corners(&ray, (fixeds)(receivers[row]), vertices, faces);
-        receiver_plane(&ray, w);
-        fixeds hit = (fixeds)(0);
-        for (int triangle = 0; triangle < face_count; ++triangle)
-            hit |= casts_shadow(&ray, w, vertices, faces, triangle, (fixeds)(-1));
-        STORE_LANES(hit, dark + row * many + j);
-    }
-}
-"""
 
 
 def compare(device, hierarchy: Hierarchy, points: Array, receivers: Array, ends: Array, directional=False) -> Array:
     """Check a fan of each receiver by the predicate alone; return which ends are hidden, (K, N)."""
-    fans = hierarchy.fans(points, receivers, ends, directional)
-    program = build_text(device, mask(), ONE_BY_ONE, lanes=16)
-    stride, _, many = fans.ends.array.shape
-    dark = Buffer(device, np.zeros((stride, many), np.int32))
-    buffers = (fans.points, fans.receivers, fans.ends, hierarchy.vertices, hierarchy.faces, dark)
-    numbers = np.float32(fans.w), *map(np.int32, (len(hierarchy.faces.array), stride, many))
-    program["one_by_one"].set_args(*(buffer.memory for buffer in buffers), *numbers)
-    cl.enqueue_nd_range_kernel(device.queue, program["one_by_one"], (stride,), (1,))
-    expected = dark.to_host()[: len(points), : ends.shape[1]] != 0
-    found = hierarchy.hidden(points, receivers, ends, directional)
-    wrong = np.argwhere(found != expected)
+    fans = device, hierarchy, points, receivers, ends, directional
+    found = hidden(*fans)
+    wrong = np.argwhere(found != hidden(*fans, one_by_one=True))
     assert not len(wrong), (wrong[:9], found[tuple(wrong[0])])
     return found
 
@@ -174,9 +136,10 @@ def test_directions(device, mesh):
 def test_fans_of_any_number_of_lanes(device, lanes):
     for mesh in MESHES.values():
         points, receivers = random_points(mesh, 50)
-        both = [Hierarchy(device, *mesh, lanes=each) for each in (16, lanes)]
+        hierarchy = Hierarchy(device, *mesh)
         for ends in ends_for(mesh, points, receivers, 5).values():
-            assert np.array_equal(*(each.hidden(points, receivers, ends) for each in both))
+            fans = device, hierarchy, points, receivers, ends
+            assert np.array_equal(*(hidden(*fans, lanes=each) for each in (16, lanes)))
 
 
 def test_the_same_as_lights_by_themselves(device):
@@ -187,7 +150,7 @@ def test_the_same_as_lights_by_themselves(device):
     grid = SHADOW_GRID / hierarchy.frame.unit
     lights = np.random.default_rng(9).normal(size=(16, 3)) * [0.3, 0.3, 0.1] + [0.5, 0.2, 4.0]
     lights = np.rint((lights - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
-    found = hierarchy.hidden(points, receivers, np.broadcast_to(lights, (200, 16, 3)))
+    found = hidden(device, hierarchy, points, receivers, np.broadcast_to(lights, (200, 16, 3)))
     for k, light in enumerate(lights):
         assert np.array_equal(found[:, k], hierarchy.shadowed(points, receivers, np.append(light, 1.0)))
     assert 0.1 < found.mean() < 0.9
@@ -202,7 +165,7 @@ def test_an_end_at_the_receiver_is_not_hidden(device):
     points = np.rint((points - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
     ends = points[:, None] + np.random.default_rng(2).normal(size=(32, 16, 3))
     ends[:, ::3] = points[:, None]
-    found = hierarchy.hidden(points, receivers, ends)
+    found = hidden(device, hierarchy, points, receivers, ends)
     assert not found[:, ::3].any()
     assert found[:, 1::3].any()
 
@@ -212,7 +175,7 @@ def test_neighbors_in_the_same_plane_cast_nothing(device):
     mesh = lattice(30)
     points, receivers = random_points(mesh, 400)
     ends = np.random.default_rng(3).normal(size=(400, 16, 3)) + [0.0, 0.0, 1.5]
-    assert not Hierarchy(device, *mesh).hidden(points, receivers, ends).any()
+    assert not hidden(device, Hierarchy(device, *mesh), points, receivers, ends).any()
 
 
 def test_the_ends_of_a_segment(device):
@@ -223,7 +186,7 @@ def test_the_ends_of_a_segment(device):
     hierarchy = Hierarchy(device, *mesh)
     heights = np.array([0.1, 0.4, 0.4999999, 0.5, 0.5000001, 0.6, 1.0, 30.0, 1e20])
     ends = np.array([0.013, 0.021, 1.0]) * heights[:, None]
-    found = hierarchy.hidden(np.zeros((1, 3)), np.array([0]), ends[None])
+    found = hidden(device, hierarchy, np.zeros((1, 3)), np.array([0]), ends[None])
     assert found[0].tolist() == [False] * 4 + [True] * 5
     assert hierarchy.frame.unit * 1e20 > SHADOW_REACH
 

@@ -17,11 +17,12 @@ import pyopencl as cl
 from caster_meshes import joined, lattice, moved, random_points, sphere
 from exact_shadows import DARK, EITHER, LIT, ExactShadows
 from oracle_asserts import assert_layers
+from shadow_fans import hidden
 
 from clshade import course, oracle
 from clshade.measure.stability.cases import lit
 from clshade.pipeline import buffers, instances, launches, programs, tile_lists
-from clshade.pipeline.hierarchy import build
+from clshade.pipeline.hierarchy import Hierarchy
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -157,14 +158,14 @@ def draw(form: str) -> float:
             assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
     mesh = joined(lattice(12), moved(sphere(), np.array([0.1, 0.2, 1.5]), 0.4))
     (points, faces), light = random_points(mesh, 40), np.array([0.2, 0.4, 9.0, 1.0])
-    hierarchy = build(*mesh, device)
+    hierarchy = Hierarchy(device, *mesh)
     dark, expected = hierarchy.shadowed(points, faces, light), ExactShadows(*mesh).of(points, faces, light)
     assert not dark[expected == LIT].any()
     assert dark[expected == DARK].all()
     assert 5 < dark.sum() < 35
     ends = np.repeat(light[None, None, :3], len(points), axis=0)
     decided = expected != EITHER
-    assert np.array_equal(hierarchy.hidden(points, faces, ends)[decided, 0], dark[decided])
+    assert np.array_equal(hidden(device, hierarchy, points, faces, ends)[decided, 0], dark[decided])
     course.shared_device = lambda: device  # type: ignore[assignment]
     up, eye = np.array([0.0, 0, 1]), np.array([0.0, 0, 5])
     lights = np.array([[1.0, 2, 3], [3.0, 1, 1]])

@@ -1,0 +1,78 @@
+"""Rays from receivers to points of their own: through the hierarchy of casters, and against all triangles one by one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from kernel_stages import mask
+
+from clshade.pipeline.buffers import Buffer
+from clshade.pipeline.hierarchy import Hierarchy, split
+from clshade.pipeline.launches import Stages
+from clshade.pipeline.opencl.device import Device
+from clshade.pipeline.programs import build_text
+from clshade.pipeline.struct_layout import SHADOW_REACH
+
+Array = np.ndarray
+FANS = """
+#include "shadow.cl"
+
+kernel void fans(global const float *points, global const int *receivers, global const float *ends,
+                 global const float *vertices, global const int *faces, global const float *nodes,
+                 global const float *leaves, global const Casters *casters, global int *dark, float w, int many,
+                 int face_count)
+{
+    int row = get_global_id(0);
+    Shadows in = {vertices, faces, nodes, leaves, 0, casters};
+    FanReceivers apex;
+    for (int k = 0; k < 6; ++k)
+        apex.point[k][0] = points[row * 6 + k];
+    apex.face[0] = receivers[row];
+    for (int j = 0; j < many; j += LANES) {
+#define END(k) LOAD_LANES(ends + (row * 6 + k) * many + j)
+        float_pair3 end = {{END(0), END(3)}, {END(1), END(4)}, {END(2), END(5)}};
+        BlockRays block;
+        begin_fan(&block, &in, &apex, 0, &end, w);
+        fixeds hit = (fixeds)(0);
+        if (face_count)
+            find_planes(&block);
+        else
+            hit = TO_FIXEDS(hidden_from(&block, (ints)(-1)));
+        for (int triangle = 0; triangle < face_count; ++triangle)
+            hit |= casts_shadow(&block.canonical.ray, w, vertices, faces, triangle, (fixeds)(-1));
+        STORE_LANES(hit, dark + row * many + j);
+    }
+}
+"""
+
+
+def hidden(
+    device: Device,
+    hierarchy: Hierarchy,
+    points: Array,
+    receivers: Array,
+    ends: Array,
+    directional: bool = False,
+    *,
+    lanes: int = 16,
+    one_by_one: bool = False,
+) -> Array:
+    """Return whether triangles hide points from receivers, (K, N).
+
+    points, receivers: as of `Hierarchy.shadowed`. ends: (K, N, 3), N points for each receiver, or directions toward them.
+    one_by_one: by what shadow_predicate.clh says of every triangle.
+    """
+    frame, (count, many, _) = hierarchy.frame, ends.shape
+    moved = ends * frame.unit if directional else (ends - frame.origin) * frame.unit
+    size = float(np.abs(moved).max(initial=0.0))
+    w = 1.0 if size <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(size)[1]
+    parts = np.zeros((count, 6, -(-many // 16) * 16), np.float32)
+    parts[:, :, :many] = split(moved * w).swapaxes(1, 2)
+    dark = Buffer(device, np.zeros((count, parts.shape[2]), np.int32))
+    arrays = {"points": frame.pairs(points), "receivers": receivers.astype(np.int32), "ends": parts}
+    values = {**vars(hierarchy), **{name: Buffer(device, array) for name, array in arrays.items()}, "dark": dark}
+    values |= {"w": 0.0 if directional else w, "many": parts.shape[2]}
+    face_count = len(hierarchy.faces.array) if one_by_one else 0
+    Stages(device, build_text(device, mask(), FANS, lanes=lanes)).run("fans", (count, 1), values, face_count=face_count)
+    return dark.to_host()[:, :many] != 0
