@@ -19,6 +19,7 @@ from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.features import Features
 from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.opencl.device import Device
+from clshade.pipeline.opencl.program_store import StoredProgram
 
 SCENE = clshade.builtin("quads")
 SLOWLY = 0.06  # seconds
@@ -187,7 +188,7 @@ def test_a_warning_of_the_compiler_is_said_and_fails_a_test(
     opened: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     """By `unwarned` in conftest.py. PoCL keeps the log with a program, which warns again when it is loaded."""
-    monkeypatch.setattr(programs, "_stored_at", lambda *_: tmp_path / "program")
+    monkeypatch.setattr(programs, "_stored_program", lambda *_: StoredProgram(tmp_path / "program"))
     features = Features.of()
     text = "#warning planted\nkernel void warned(global int *x) { x[0] = 1; }"
     for _ in range(2 if opened.keeps_programs else 1):
