@@ -131,7 +131,8 @@ def variables_of(target: str, library: str, source: Path, folder: Path) -> dict[
 def drawn(code: str, cache: Path, **variables: str) -> dict[str, Any]:
     """Return what a child process prints, its further messages, and the functions that compiled kernels call: of PoCL's
     library, and of the C library."""
-    done = python(code + FACTS, cache, timeout=1800.0, CLSHADE_DEVICE="pocl", **{QUICK: "", **variables})
+    own = {QUICK: "", "POCL_CACHE_DIR": str(cache / "pocl")}
+    done = python(code + FACTS, cache, timeout=1800.0, CLSHADE_DEVICE="pocl", **{**own, **variables})
     assert done.returncode == 0, done.stderr
     compiled = [path.read_bytes() for path in cache.rglob("*.so")]
     return {
