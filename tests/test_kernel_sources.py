@@ -111,4 +111,4 @@ def test_visits_are_counted():
 @pytest.mark.parametrize("path", [path for path in KERNELS if path.suffix == ".cl"], ids=lambda path: path.name)
 def test_chains_of_calls_are_short(path):
     """Each function between a kernel and others doubles the visits: 700,000 of a pixel stage took PoCL's linker a second."""
-    assert max(visits(flatten((path.name,))).values()) < 50_000
+    assert max(visits(flatten((path.name,))).values()) < 120_000
