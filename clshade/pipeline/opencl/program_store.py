@@ -57,13 +57,14 @@ class StoredProgram:
             return self._refuse("a run that began to use it ended abruptly")
         try:
             digest, body = self.path.read_bytes().split(b"\n", 1)
-            os.utime(self.path)  # the folder loses what was not used for longest
         except FileNotFoundError:
             return {}
         except (OSError, ValueError) as error:
             return self._refuse(f"it cannot be read ({getattr(error, 'strerror', None) or 'damaged'})")
         if hashlib.sha256(body).hexdigest().encode() != digest:
             return self._refuse("it is damaged")
+        with contextlib.suppress(OSError):
+            os.utime(self.path)  # the folder loses what was not used for longest
         index, content = body.split(b"\n", 1)
         files, first = {}, 0
         for name, size in json.loads(index).items():
@@ -83,9 +84,11 @@ class StoredProgram:
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(exist_ok=True)
             made = self.path.with_name(f"{self.path.name}-{os.getpid()}")
-            # Not synced: a power cut that loses content leaves a wrong digest.
-            made.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
-            os.replace(made, self.path)
+            try:  # not synced: a power cut that loses content leaves a wrong digest
+                made.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+                os.replace(made, self.path)
+            finally:
+                made.unlink(missing_ok=True)
             self.names = frozenset(files)
             _shrink(self.path.parent)
 
