@@ -22,10 +22,10 @@ _DONE = "compiled-ahead"  # a file of the cache: the kernels for which all has b
 _IDLE = b"19"  # the lowest priority
 
 
-def start(scene: Scene, settings: Settings) -> None:
+def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
     """Start the process, which compiles the optimized programs of this scene first, unless there is nothing to compile.
 
-    It ends by itself. `programs.AHEAD` turns it off.
+    device: the name of one, None for CLSHADE_DEVICE or the default. The process ends by itself. `programs.AHEAD` turns it off.
     """
     with contextlib.suppress(OSError):
         done = cache_root() / _DONE
@@ -36,9 +36,9 @@ def start(scene: Scene, settings: Settings) -> None:
         with tempfile.TemporaryFile() as trial:
             trial.write(trial_of(scene, settings, ()))
             trial.seek(0)
-            quiet = subprocess.DEVNULL
-            command = own_command("clshade.pipeline.ahead")
-            subprocess.Popen(command, stdin=trial, stdout=quiet, stderr=quiet, start_new_session=True)
+            command, quiet = own_command("clshade.pipeline.ahead"), subprocess.DEVNULL
+            variables = os.environ if device is None else {**os.environ, "CLSHADE_DEVICE": device}
+            subprocess.Popen(command, stdin=trial, stdout=quiet, stderr=quiet, env=variables, start_new_session=True)
 
 
 def main() -> None:

@@ -246,7 +246,7 @@ def _draw(
     if _draws_once(arguments):
         from ...pipeline import ahead
 
-        ahead.start(frame.scene, frame.settings)
+        ahead.start(frame.scene, frame.settings, arguments.device)
     stats = {**frame.stats, **{title: each.stats() for title, each in found.items()}}
     return (DONE if all(each.passed for each in found.values()) else FAILED), stats
 
