@@ -25,7 +25,7 @@ _IDLE = b"19"  # the lowest priority
 def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
     """Start the process, which compiles the optimized programs of this scene first, unless there is nothing to compile.
 
-    device: the name of one, None for CLSHADE_DEVICE or the default. The process ends by itself. `programs.AHEAD` turns it off.
+    device: a name, None for CLSHADE_DEVICE or the default. The process ends by itself. `programs.AHEAD` turns it off.
     """
     with contextlib.suppress(OSError):
         done = cache_root() / _DONE
