@@ -16,10 +16,19 @@ import time
 from collections import defaultdict
 from importlib import util
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 
 CHECKOUT = Path(__file__).resolve().parent.parent
+if (CHECKOUT / "clshade").is_dir():  # run from a checkout, installed or not
+    sys.path.insert(0, str(CHECKOUT))
+
+from clshade.base import interrupts  # noqa: E402
+
+if __name__ == "__main__":
+    interrupts.leave_soon()
+
+import numpy as np  # noqa: E402
+
 OTHER = "icosphere"  # the scene before `next`
 F3D = """
 import sys, f3d
@@ -35,6 +44,8 @@ def seconds(folder: str, scene: str, *options: str, cache: str = "cache") -> flo
     """Return how long `render` takes for the scene, 800x600 with 4 samples a pixel."""
     paths = [str(CHECKOUT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "XDG_CACHE_HOME": os.path.join(folder, cache)}
+    if cache != "cache":
+        environment["CLSHADE_COMPILE_AHEAD"] = "0"  # it would take from the next
     command = [sys.executable, "-m", "clshade", "render", scene, "-o", os.path.join(folder, "image"), *options]
     return run(command, environment)
 
@@ -55,18 +66,18 @@ def wait_for_programs(folder: str) -> None:
 
 def measure(scene: str) -> dict[str, float]:
     with TemporaryDirectory() as folder:
-        found = {"cold": seconds(folder, scene, cache="first")}
+        columns = {"cold": seconds(folder, scene, cache="first")}
         seconds(folder, OTHER)
-        found["next"] = seconds(folder, scene)
+        columns["next"] = seconds(folder, scene)
         wait_for_programs(folder)
         seconds(folder, scene)
-        found |= {"warm": seconds(folder, scene), "png": seconds(folder, scene, "--formats", "png")}
+        columns |= {"warm": seconds(folder, scene), "png": seconds(folder, scene, "--formats", "png")}
         if util.find_spec("f3d") is not None and os.path.exists(scene):
-            found["f3d"] = run([sys.executable, "-c", F3D, scene, os.path.join(folder, "f3d.png")])
-        return found
+            columns["f3d"] = run([sys.executable, "-c", F3D, scene, os.path.join(folder, "f3d.png")])
+        return columns
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="built-in scenes, or files")
     parser.add_argument("--rounds", type=int, default=3)
@@ -77,9 +88,10 @@ def main() -> None:
             for column, value in measure(scene).items():
                 times[scene][column].append(value)
     for scene, columns in times.items():
-        medians = "  ".join(f"{column} {median(values):.2f}" for column, values in columns.items())
+        medians = "  ".join(f"{column} {np.median(values):.2f}" for column, values in columns.items())
         print(f"{os.path.basename(scene):24}{medians}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    interrupts.run(main)

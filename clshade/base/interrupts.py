@@ -24,6 +24,7 @@ CLEARING = 1.0  # seconds for the message and the removal of temporary files aft
 _told = threading.Lock()
 _stderr: int | None = None  # a copy of standard error: images/exr.py redirects the original at times
 _at_end: list[Callable[[], None]] = []
+_exit_codes: list[int] = []  # that of the command that `run` has run
 _late = threading.Event()
 open_lines: set[object] = set()  # progress bars: the message begins on a line of its own
 
@@ -61,8 +62,7 @@ def run(command: Callable[[], int]) -> NoReturn:
 
     A script that imports much before calls `leave_soon` first.
     """
-    code, known = INTERRUPTED, list[int]()
-    atexit.register(_end, known)  # runs after those that are registered from now on
+    code = INTERRUPTED
     try:
         leave_soon()
         code = command()
@@ -70,18 +70,18 @@ def run(command: Callable[[], int]) -> NoReturn:
         tell()
     if code == INTERRUPTED:
         ignore()  # only cleanup is left
-    known.append(code)
+    _exit_codes.append(code)
     sys.exit(code)
 
 
-def _end(known: list[int]) -> None:
-    """End the process with its exit code, if that is known. To clear modules and libraries from memory would take longer
-    than all that is left to do."""
+@atexit.register  # of all that are registered later, it runs last
+def _end() -> None:
+    """End the process of `run` with its exit code: to clear modules and libraries from memory takes longer than all else."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        if known:
-            os._exit(known[0])
+        if _exit_codes:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(_exit_codes[0])
 
 
 def leave_soon(*, quiet: bool = False) -> None:

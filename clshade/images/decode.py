@@ -72,6 +72,11 @@ class CodedImage:
         self.write(numbers)
         return numbers if dtype is None else numbers.astype(dtype, copy=False)
 
+    def brightest(self) -> Array:
+        """Return the largest number of each channel, (C,)."""
+        largest = CodedImage(self.codes.max(axis=(0, 1))[None, None], self.colors, self.alphas)
+        return np.asarray(largest).reshape(-1)
+
     def write(self, texels: Array) -> None:
         """Fill texels (h, w, 3 or 4) float32 with the numbers, and a channel that the image lacks with 1."""
         band = np.full((BAND, *texels.shape[1:]), len(self.colors) - 1, self.codes.dtype)

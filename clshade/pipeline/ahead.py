@@ -14,8 +14,8 @@ from ..base.atomic_files import lock_file
 from ..scene.model import Scene, Settings
 from . import programs
 from .kernel_files import kernels_digest
-from .opencl.environment import cache_root
-from .opencl.probe import own_command
+from .opencl.environment import cache_root, keeps_cache
+from .opencl.probe import can_probe, own_command
 from .renderer import Renderer, trial_of
 
 _DONE = "compiled-ahead"  # a file of the cache: the kernels for which all has been compiled
@@ -27,10 +27,11 @@ def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
 
     device: a name, None for CLSHADE_DEVICE or the default. The process ends by itself. `programs.AHEAD` turns it off.
     """
+    own = any(program.folder is not None for program in programs.built())  # PoCL's, in files of clshade's
+    if not (own and can_probe() and keeps_cache() and programs.keeps_compiling()):
+        return
     with contextlib.suppress(OSError):
         done = cache_root() / _DONE
-        if not programs.keeps_compiling():
-            return
         if not programs.has_first() and done.exists() and done.read_text() == kernels_digest():
             return
         with tempfile.TemporaryFile() as trial:
@@ -47,11 +48,13 @@ def main() -> None:
     lock = lock_file(cache_root() / f"{_DONE}.lock")
     if lock is None:  # another process is at it
         return
-    arguments, _ = pickle.loads(sys.stdin.buffer.read())
-    for each in (arguments, *_likely()):
+    trial, drawn = sys.stdin.buffer.read(), 0
+    for each in ([pickle.loads(trial)[0]] if trial else []) + _likely():
         with contextlib.suppress(Exception), Renderer(**each) as renderer:
             renderer.render()
-    (cache_root() / _DONE).write_text(kernels_digest())
+            drawn += 1
+    if drawn:
+        (cache_root() / _DONE).write_text(kernels_digest())
 
 
 def _leave_processors() -> None:

@@ -144,15 +144,16 @@ class Stages:
     def _run_first(self, program: Program, code: tuple[Any, ...], size: Size, arguments: list[Any]) -> cl.Event:
         """Launch code that the runtime may have to compile or load first, and wait until it has run."""
         name = code[0]
-        stored = program.stored
-        guard = stored.first_use() if stored is not None else contextlib.nullcontext()
-        with program.lock, first_use(self.device, stored=stored is not None and name in stored) as use, guard:
-            program.arguments.pop(name, None)
-            self._set(program, name, arguments)
-            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
-            event.wait()
-            if self.device.profiling:
-                use.ran = (event.profile.end - event.profile.start) * 1e-9
-            program.launched.add(code)
-        program.keep()
+        stored = program.stored if program.stored is not None and name in program.stored else None
+        guard = contextlib.nullcontext() if stored is None else stored.first_use()
+        with program.lock:
+            with first_use(self.device, stored=stored is not None) as use, guard:
+                program.arguments.pop(name, None)
+                self._set(program, name, arguments)
+                event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
+                event.wait()
+                if self.device.profiling:
+                    use.ran = (event.profile.end - event.profile.start) * 1e-9
+                program.launched.add(code)
+            program.keep()
         return event

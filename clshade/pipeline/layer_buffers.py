@@ -41,7 +41,7 @@ def _fields(material: Material) -> tuple[Any, ...]:
 
 
 def _same_texels(a: Texture | None, b: Texture | None) -> bool:
-    return a is b or (a is not None and b is not None and np.array_equal(a.image, b.image))
+    return a is b or (a is not None and b is not None and np.array_equal(a.texels, b.texels))
 
 
 def material_numbers(scene: Scene) -> tuple[int, ...]:

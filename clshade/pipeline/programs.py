@@ -168,7 +168,6 @@ def keeps_compiling() -> bool:
 
 
 SLOW = 0.5  # seconds of compiling before a message
-LOADED = 0.02  # seconds within which a runtime finds what it has compiled earlier
 
 _own = threading.local()
 _said = False
@@ -264,7 +263,8 @@ def _build(
     options = [*features.options(), *lanes_of, *compiler_options(device)]
     source = _rewritten(source, options) or source
     with _building:
-        if needs is not None and not os.environ.get(QUICK) and not _is_at_hand(device, source, options):
+        hurries = needs is not None and not os.environ.get(QUICK) and environment.pocl_folder() is not None
+        if needs is not None and hurries and not _is_at_hand(device, source, options):
             options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
             _own.has_first = True
         key = (device.context.int_ptr, source, *options)

@@ -17,6 +17,7 @@ import numpy as np
 from ..base.arrays import Array, Integers
 from ..base.validation import arguments, items, known, one_of, set_fields
 from ..errors import ClshadeError, DeviceError
+from ..images.decode import CodedImage
 from ..scene.camera import Camera
 from ..scene.environment import Environment
 from ..scene.metallic_roughness import MetallicRoughness
@@ -34,7 +35,7 @@ from .instances import draws_from_one_copy
 from .many_views import Views, check_camera, check_cameras, result_arrays
 from .opencl.device import Device, shared_device
 from .programs import running_time
-from .scene_drawing import SceneDrawing
+from .scene_drawing import SceneDrawing, compiles_longer
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -61,7 +62,10 @@ def _with_small_images(value: Any, known: dict[int, Any]) -> Any:
     if id(value) not in known:
         small = value
         if isinstance(value, (Texture, Environment)):
-            small = replace(value, image=np.broadcast_to(value.image.max(axis=(0, 1)), value.image[:2, :2].shape))
+            texels = value.texels if isinstance(value, Texture) else value.image
+            brightest = texels.brightest() if isinstance(texels, CodedImage) else texels.max(axis=(0, 1))
+            height, width, channels = texels.shape
+            small = replace(value, image=np.broadcast_to(brightest, (min(height, 2), min(width, 2), channels)))
         elif isinstance(value, (Material, MetallicRoughness)):
             parts = {each.name: _with_small_images(getattr(value, each.name), known) for each in fields(value)}
             small = replace(value, **parts)
@@ -78,9 +82,10 @@ def trial_of(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes
         seen, meshes, known = copy.copy(scene), tuple(map(copy.copy, scene.meshes)), dict[int, Any]()
         for mesh in meshes:
             set_fields(mesh, material=_with_small_images(mesh.material, known))
+        first = programs.is_first() and compiles_longer(scene, settings)
         camera = replace(scene.camera, resolution=_TRIAL_SIZE)
         set_fields(seen, camera=camera, meshes=meshes, environment=_with_small_images(scene.environment, known))
-        return pickle.dumps(({"scene": seen, "settings": settings, "forced": forced}, programs.is_first()))
+        return pickle.dumps(({"scene": seen, "settings": settings, "forced": forced}, first))
     return b""
 
 

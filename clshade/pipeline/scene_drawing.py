@@ -30,11 +30,10 @@ _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "b
 _MOST_LIT, _MOST_FACES = 1 << 23, 1 << 18
 
 
-def _compiles_longer(device: Device, scene: Scene, settings: Settings, features: Features) -> bool:
-    """Return whether optimizing the kernels takes longer than one frame does without."""
+def compiles_longer(scene: Scene, settings: Settings) -> bool:
+    """Return whether optimizing the kernels takes longer than a frame does without, as far as its size tells."""
     lit = math.prod(scene.camera.resolution) * settings.samples * (1 + len(scene.lights))
-    slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
-    return device.keeps_programs and not slow and lit <= _MOST_LIT and scene.face_count <= _MOST_FACES
+    return lit <= _MOST_LIT and scene.face_count <= _MOST_FACES
 
 
 class SceneDrawing:
@@ -54,7 +53,8 @@ class SceneDrawing:
     ) -> None:
         self.device, self.scene, self.settings, self.features = device, scene, settings, features
         of_layers = layer_features(features, packed.layers.asked)
-        first = is_first() and _compiles_longer(device, scene, settings, features)
+        slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
+        first = is_first() and device.keeps_programs and not slow and compiles_longer(scene, settings)
         self.stages = stages = scene_stages(device, features, lanes, of_layers, first=first)
         self.pool, depth_test = Pool(device), bool(features["DEPTH_TEST"])
         self._resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)

@@ -105,7 +105,7 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: i
     sizes = [level.shape[0] * level.shape[1] for levels in mipmap for level in levels]
     texels = np.empty((sum(sizes), 4), np.float32)
     with ThreadPoolExecutor(_THREADS) as threads:
-        threads.map(_write_texels, chain.from_iterable(mipmap), np.split(texels, np.cumsum(sizes)))
+        list(threads.map(_write_texels, chain.from_iterable(mipmap), np.split(texels, np.cumsum(sizes))))
     offset = 0
     first: dict[tuple[object, ...], int] = {}
     for number, (row, texture, levels) in enumerate(zip(table, textures, mipmap, strict=True)):
@@ -257,7 +257,7 @@ _levels: WeakKeyDictionary[Texture, list[Array]] = WeakKeyDictionary()
 def levels_below(texture: Texture) -> list[Array]:
     """Return `smaller_levels` of a texture without its alpha; kept as long as the texture lives."""
     if texture not in _levels:
-        _levels[texture] = smaller_levels(texture.image[..., :3])
+        _levels[texture] = smaller_levels(np.asarray(texture.texels)[..., :3])
     return _levels[texture]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..scene import metallic_roughness
 from ..scene.image_light import brdf_table, specular
 from ..scene.material import TERMS
 from ..scene.metallic_roughness import MAPS
-from .kernel_files import kernel_folder
+from .kernel_files import kernel_text
 
 SUBPIXEL_BITS = 16  # snapped positions count 1/65536 px
 SAMPLE_BITS = 8  # samples lie at multiples of 1/256 px
@@ -75,11 +75,6 @@ CONSTANTS = {
 _NUMPY = {"double": "<f8", "float": "<f4", "int": "<i4", "ulong": "<u8"}
 
 
-@cache
-def _text() -> str:
-    return (kernel_folder() / "structs.h").read_text()
-
-
 class Structs:
     """The structs' NumPy types, as attributes, read at first use. real: the scalar type of their members of that name."""
 
@@ -90,7 +85,9 @@ class Structs:
     def types(self) -> dict[str, Any]:
         """All types by name."""
         found, kinds = {}, {**_NUMPY, "real": np.dtype(self.real).str}
-        for body, name in re.findall(r"^typedef struct \{(.*?)^\} (\w+);", _text(), re.DOTALL | re.MULTILINE):
+        for body, name in re.findall(
+            r"^typedef struct \{(.*?)^\} (\w+);", kernel_text("structs.h"), re.DOTALL | re.MULTILINE
+        ):
             members: list[tuple[str, str, tuple[int, ...]]] = []
             for kind, declared in re.findall(r"^ +(\w+) ([^;]+);", body, re.MULTILINE):
                 for each in declared.split(", "):
@@ -117,5 +114,6 @@ def header(*, double_reals: bool = False, with_double: bool = True) -> str:
     """
     lines = [f"#define FP64 {int(with_double)}", f"typedef {'double' if double_reals else 'float'} real;"]
     lines += [f"#define {name} {value}" for name, value in CONSTANTS.items()]
-    structs = _text() if with_double else re.sub(r"\bdoubles?\b", "ulong", _text())
+    text = kernel_text("structs.h")
+    structs = text if with_double else re.sub(r"\bdoubles?\b", "ulong", text)
     return "\n".join([*lines, structs])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import pickle
 import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,7 @@ from processes import python
 import clshade
 from clshade.base.atomic_files import lock_file
 from clshade.pipeline import ahead, programs
+from clshade.pipeline.opencl import environment
 from clshade.pipeline.opencl.device import Device
 from clshade.scene.model import Settings
 
@@ -53,6 +55,7 @@ def started(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     monkeypatch.setattr(subprocess, "Popen", lambda command, stdin, **_: given.append(stdin.read()))
     monkeypatch.setenv(programs.AHEAD, "1")
     monkeypatch.setattr(programs, "_own", SimpleNamespace())
+    monkeypatch.setattr(programs, "built", lambda: (SimpleNamespace(folder=fresh_cache),))
     return given
 
 
@@ -83,6 +86,10 @@ def test_what_is_compiled_ahead(started: list[bytes], fresh_cache: Path, monkeyp
     assert drawn[0]["scene"].camera.resolution == (64, 48)
     kinds = [(each["preset"], each["samples"], each["shadows"]) for each in drawn[1:]]
     assert len(set(kinds)) == 5
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO()))
+    monkeypatch.setattr(ahead, "lock_file", lambda path: 1)  # this process holds it
+    ahead.main()
+    assert len(drawn) == 6 + 5, "without the trial of a large scene"
     ahead.start(SCENE, Settings())
     assert len(started) == 1
     programs._own.has_first = True
@@ -101,6 +108,22 @@ def test_it_can_be_turned_off(
         monkeypatch.setenv(name, value)
     ahead.start(SCENE, Settings())
     assert bool(started) == starts
+
+
+@pytest.mark.parametrize(
+    "reason", ["another runtime, or a folder of the user's", "a cache that is not kept", "no Python"]
+)
+def test_nothing_starts_where_nothing_would_be_kept(
+    started: list[bytes], monkeypatch: pytest.MonkeyPatch, reason: str
+) -> None:
+    if reason == "no Python":
+        monkeypatch.setattr(sys, "frozen", True, raising=False)
+    elif reason == "a cache that is not kept":
+        monkeypatch.setattr(environment, "_home_is_kept", False)
+    else:
+        monkeypatch.setattr(programs, "built", lambda: (SimpleNamespace(folder=None),))
+    ahead.start(SCENE, Settings())
+    assert not started
 
 
 def test_it_yields_to_all_other_processes(tmp_path: Path) -> None:

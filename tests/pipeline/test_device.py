@@ -280,6 +280,14 @@ def test_a_test_that_began_early_is_the_only_one(fresh_cache: Path, monkeypatch:
     assert tried == ["0:0"]
 
 
+def test_a_test_that_waits_for_its_frame_is_not_late(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While its scene is loaded, however long that takes."""
+    probe_that(f"import sys; sys.stdin.read(); print('{probe.RIGHT}')", monkeypatch)
+    early = probe.Probe(POCL)
+    early.started -= 2 * probe.PROBE_SECONDS
+    assert early.finish(b"trial") == ""
+
+
 # A device whose compiler fails with some numbers of lanes: at the first build, at the first launch, or it hangs.
 FAILING = """
 import os, sys, time

@@ -112,7 +112,6 @@ def run(arguments: argparse.Namespace) -> int:
     # What is needed after loading is imported in parallel; not by a daemon, for an exit within a C++ module aborts.
     warming = Thread(target=_import_meanwhile, args=(arguments.check is not None,))
     warming.start()
-    Thread(target=_try_out_device, args=(arguments.device,)).start()
     check_view_options(arguments)
     check_stereo(arguments, "views", "sheet")
     folder, outputs = output_stems(arguments.scenes, arguments.output)
@@ -120,6 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
         for output in outputs:
             _check_output(output, arguments)
         check_save_scene(arguments, files_of(outputs[0], arguments))
+        Thread(target=_try_out_device, args=(arguments.device,)).start()
         if len(outputs) == 1:
             code, stats = _render(arguments.scenes[0], outputs[0], arguments, warming)
             _print_json(stats, arguments)
@@ -204,8 +204,9 @@ def _draw(
         from ...pipeline.mattes import check_mattes, cryptomatte
 
         check_mattes(arguments.cryptomatte, saving["files"] or ())
-    hashing = Thread(target=describe_images if "exr" in (saving["files"] or ()) else bool, args=(scene,))
-    hashing.start()
+    hashing = [Thread(target=describe_images, args=(scene,))] if "exr" in (saving["files"] or ()) else []
+    for thread in hashing:
+        thread.start()
     columns, rows = options["resolution"] or scene.camera.resolution
     first = programs.first_picture() if _draws_once(arguments) else contextlib.nullcontext()
     with first, console.told_when_slow(f"drawing {columns}x{rows} pixels ...", after_compiling=True):
@@ -224,7 +225,7 @@ def _draw(
 
         with console.told_when_slow("computing pixels again in float64 ...", after_compiling=True):
             check(frame, arguments.check)
-    for thread in (warming, hashing):
+    for thread in (warming, *hashing):
         thread.join()
     for warning in frame.write(output, **saving):
         console.warning(warning)
@@ -289,9 +290,10 @@ def _print_json(stats: Any, arguments: argparse.Namespace) -> None:
 
 
 def _try_out_device(name: str | None) -> None:
-    from ...pipeline.opencl.device import try_out_soon
+    with contextlib.suppress(Exception):  # `open_device` raises it again
+        from ...pipeline.opencl.device import try_out_soon
 
-    try_out_soon(name)
+        try_out_soon(name)
 
 
 def _import_meanwhile(checked: bool) -> None:

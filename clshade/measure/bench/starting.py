@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from ...errors import ClshadeError
+from ...pipeline.programs import AHEAD
 from ..timing import Spread, in_turns, spread
 
 NAME = "start-up"
@@ -42,7 +43,7 @@ def _seconds(folder: Path, cache: str, device: str) -> float:
     """Return the seconds that a process takes, with its caches in a folder of this name."""
     own = folder / cache
     own.mkdir(exist_ok=True)
-    environment = {**os.environ, "XDG_CACHE_HOME": str(own), "POCL_CACHE_DIR": ""}
+    environment = {**os.environ, "XDG_CACHE_HOME": str(own), "POCL_CACHE_DIR": "", AHEAD: "0"}
     out = ("-o", str(folder / "out"), "--device", device)
     start = time.perf_counter()
     command = [sys.executable, "-m", "clshade", "render", "--samples", "1", *out]

@@ -77,7 +77,7 @@ def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
     except ImportError as error:
         advice = f"install {install_advice()}"
         raise DeviceError(f"pyopencl cannot be imported ({one_line(str(error))}): {advice}") from None
-    # pyopencl's caches lie outside of the slots, are not checked for damage and not needed: `programs` has its own.
+    # pyopencl's caches lie outside of `programs`, are not checked for damage and not needed: `programs` has its own.
     if "PYOPENCL_NO_CACHE" not in os.environ:
         cl._PYOPENCL_NO_CACHE = True
     environment.starting()
@@ -221,6 +221,8 @@ def shared_device(
         if key not in _shared:
             start = time.perf_counter()
             _shared[key] = device = open_device(asked, profiling=profiling, trial=trial)
+            while _started:  # of a device that another process has tested meanwhile
+                _started.popitem()[1].abandon()
             console.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
         return _shared[key]
 

@@ -37,6 +37,7 @@ LEFT_SECONDS = 24 * 3600.0  # an unlocked folder of that age was left by a proce
 
 _guard = threading.RLock()
 _home: Path | None = None
+_home_is_kept = True  # for later processes
 _prepared = False
 _started_in: int | None = None  # the process that started OpenCL
 
@@ -76,12 +77,12 @@ def fault(folder: Path) -> str:
         return getattr(error, "strerror", None) or str(error)
 
 
-def _temporary_cache_home(instead: str) -> Path:
+def _temporary_cache_home(instead: str) -> tuple[Path, bool]:
     """Return a folder in the system's temporary folder: this user's, kept for later runs; or, if someone else created
     that or could have written to it, one for this process alone, removed when it exits: the cache holds code that gets
     loaded.
 
-    instead: what was wrong with the other folder, for the message.
+    instead: what was wrong with the other folder, for the message. Also returns whether it is kept.
     """
     import tempfile
 
@@ -98,7 +99,7 @@ def _temporary_cache_home(instead: str) -> Path:
             remedy = "set XDG_CACHE_HOME to a folder that can be written"
             where = f"kept in {folder}" if kept else "not kept"
             console.warning(f"compiled kernels are {where} ({instead}): {remedy}")
-            return folder
+            return folder, kept
         reason = f"{folder}: {reason}"
     except OSError as error:
         reason = f"the temporary folder: {error.strerror or error}"
@@ -122,7 +123,7 @@ def _is_private(folder: Path) -> bool:
 def cache_home() -> Path:
     """Return a writable cache folder. If the user's own is missing, unwritable or full: one in the temporary folder,
     which is then also set as XDG_CACHE_HOME, for child processes."""
-    global _home
+    global _home, _home_is_kept
     with _guard:
         if _home is None:
             import platformdirs
@@ -134,10 +135,16 @@ def cache_home() -> Path:
             except (RuntimeError, OSError):  # no HOME, and a user whom the system does not know, as in a container
                 reason = "no HOME"
             if reason:
-                home = _temporary_cache_home(reason)
+                home, _home_is_kept = _temporary_cache_home(reason)
                 os.environ["XDG_CACHE_HOME"] = str(home)
             _home = home
         return _home
+
+
+def keeps_cache() -> bool:
+    """Return whether the cache outlives this process."""
+    cache_home()
+    return _home_is_kept
 
 
 def cache_root() -> Path:

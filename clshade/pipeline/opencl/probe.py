@@ -151,8 +151,8 @@ def _abandon_all() -> None:
 
 
 class Probe:
-    """A probing process, started at once. Its first kernel does not come from the disk: a missing linker would go unnoticed.
-    End it with `finish` or `abandon`; the end of this process does so too.
+    """A probing process, started at once. Its first kernel comes from no cache: a missing linker would go unnoticed. End it
+    with `finish` or `abandon`; the end of this process does so too.
 
     lanes: pixels processed together in its frame, 0 for the device's own number; once finished, the number that was taken,
     0 if it did not come so far. waits: whether `finish` says which frame it draws.
@@ -163,6 +163,7 @@ class Probe:
     def __init__(self, info: DeviceInfo, lanes: int = 0, *, waits: bool = True) -> None:
         import subprocess
 
+        variables = {name: value for name, value in os.environ.items() if name != "POCL_CACHE_DIR"}
         self.info, self.lanes, self.owner = info, lanes, os.getpid()
         self.process: subprocess.Popen[bytes] | None = None
         _running.add(self)
@@ -170,7 +171,7 @@ class Probe:
         try:
             self.process = subprocess.Popen(
                 [*probe_command(info), str(lanes)],
-                env={**os.environ, "PYOPENCL_NO_CACHE": "1"},
+                env={**variables, "PYOPENCL_NO_CACHE": "1"},
                 stdin=subprocess.PIPE if waits else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
@@ -196,7 +197,8 @@ class Probe:
 
         assert self.process is not None
         try:
-            left = self.started + PROBE_SECONDS - time.monotonic()
+            started = self.started if self.process.stdin is None else time.monotonic()  # it has waited for the frame
+            left = started + PROBE_SECONDS - time.monotonic()
             out, err = map(_text, self.process.communicate(trial, timeout=max(left, 0.0)))
             if self not in _running:  # abandoned by an interrupt, which says nothing of the device
                 raise KeyboardInterrupt

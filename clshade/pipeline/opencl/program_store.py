@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -34,10 +35,12 @@ def _unmark_all() -> None:
 
 def _unmark(mark: Path) -> None:
     owner, lock = _held.pop(mark)
-    if owner == os.getpid():
-        with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError):
+        if owner == os.getpid():
+            os.ftruncate(lock, 0)
+        os.close(lock)
+        if owner == os.getpid():
             mark.unlink()
-    os.close(lock)
 
 
 class StoredProgram:
@@ -83,12 +86,7 @@ class StoredProgram:
         )
         with contextlib.suppress(OSError):
             self.path.parent.mkdir(exist_ok=True)
-            made = self.path.with_name(f"{self.path.name}-{os.getpid()}")
-            try:  # not synced: a power cut that loses content leaves a wrong digest
-                made.write_bytes(hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
-                os.replace(made, self.path)
-            finally:
-                made.unlink(missing_ok=True)
+            _write(self.path, hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
             self.names = frozenset(files)
             _shrink(self.path.parent)
 
@@ -100,6 +98,8 @@ class StoredProgram:
         if self.names:
             with contextlib.suppress(OSError):  # on a full disk, or one without locks: without a mark
                 lock = lock_file(self._mark)
+                if lock is not None:
+                    os.write(lock, b"x")
         if lock is not None:
             _held[self._mark] = os.getpid(), lock
         try:
@@ -110,13 +110,14 @@ class StoredProgram:
 
     def _died(self) -> bool:
         """Return whether the last process to use the program for the first time ended abruptly."""
-        lock = None
-        if self._mark.exists():
-            with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):
+            if self._mark.stat().st_size:  # its process may have ended in good order meanwhile, and truncated it
                 lock = lock_file(self._mark)
-        if lock is not None:
-            os.close(lock)
-        return lock is not None
+                if lock is not None:
+                    died = os.fstat(lock).st_size > 0
+                    os.close(lock)
+                    return died
+        return False
 
     def _refuse(self, reason: str) -> dict[str, bytes]:
         if reason not in _said:
@@ -126,6 +127,16 @@ class StoredProgram:
             with contextlib.suppress(OSError):
                 path.unlink()
         return {}
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a whole file or none. It is not synced: a power cut that loses content leaves a wrong digest."""
+    made = path.with_name(f"{path.name}-{os.getpid()}-{threading.get_native_id()}")
+    try:
+        made.write_bytes(content)
+        os.replace(made, path)
+    finally:
+        made.unlink(missing_ok=True)
 
 
 def _shrink(folder: Path) -> None:
@@ -160,4 +171,4 @@ def unpack(files: Mapping[str, bytes], folder: Path) -> None:
         path = folder / name
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
+            _write(path, content)
