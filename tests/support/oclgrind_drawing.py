@@ -165,7 +165,7 @@ def draw(form: str) -> float:
     assert 5 < dark.sum() < 35
     ends = np.repeat(light[None, None, :3], len(points), axis=0)
     decided = expected != EITHER
-    assert np.array_equal(hidden(device, hierarchy, points, faces, ends)[decided, 0], dark[decided])
+    assert np.array_equal(hidden(device, hierarchy, points, faces, ends, lanes=device.lanes)[decided, 0], dark[decided])
     course.shared_device = lambda: device  # type: ignore[assignment]
     up, eye = np.array([0.0, 0, 1]), np.array([0.0, 0, 5])
     lights = np.array([[1.0, 2, 3], [3.0, 1, 1]])

@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import shutil
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -60,7 +61,7 @@ class StoredProgram:
             return self._refuse("a run that began to use it ended abruptly")
         try:
             digest, body = self.path.read_bytes().split(b"\n", 1)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return {}
         except (OSError, ValueError) as error:
             return self._refuse(f"it cannot be read ({getattr(error, 'strerror', None) or 'damaged'})")
@@ -85,7 +86,9 @@ class StoredProgram:
             [json.dumps({name: len(each) for name, each in files.items()}).encode(), b"\n", *files.values()]
         )
         with contextlib.suppress(OSError):
-            self.path.parent.mkdir(exist_ok=True)
+            if not self.path.parent.is_dir():
+                self.path.parent.unlink(missing_ok=True)
+                self.path.parent.mkdir()
             _write(self.path, hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
             self.names = frozenset(files)
             _shrink(self.path.parent)
@@ -125,7 +128,7 @@ class StoredProgram:
             console.warning(f"a compiled program in {self.path.parent} is thrown away and compiled anew: {reason}")
         for path in (self.path, self._mark):
             with contextlib.suppress(OSError):
-                path.unlink()
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
         return {}
 
 
