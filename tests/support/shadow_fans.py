@@ -26,9 +26,11 @@ kernel void fans(global const float *points, global const int *receivers, global
     int row = get_global_id(0);
     Shadows in = {vertices, faces, nodes, leaves, 0, casters};
     FanReceivers apex;
-    for (int k = 0; k < 6; ++k)
-        apex.point[k][0] = points[row * 6 + k];
-    apex.face[0] = receivers[row];
+    for (int lane = 0; lane < LANES; ++lane) {
+        for (int k = 0; k < 6; ++k)
+            apex.point[k][lane] = points[row * 6 + k];
+        apex.face[lane] = receivers[row];
+    }
     for (int j = 0; j < many; j += LANES) {
 #define END(k) LOAD_LANES(ends + (row * 6 + k) * many + j)
         float_pair3 end = {{END(0), END(3)}, {END(1), END(4)}, {END(2), END(5)}};
