@@ -2,8 +2,8 @@
 
     python demos/first_picture.py teapot spot.obj helmet.glb        # two minutes a round, of which the medians count
 
-Columns: `cold`, with an empty cache; `next`, at once after another scene; `warm`, when what is compiled ahead is compiled;
-`png`, without the EXR; `f3d`, if the package is installed, draws a PNG of the same size. Each takes its turn in each round.
+`cold`: with an empty cache; `next`: at once after another scene; `warm`: when what is compiled ahead is compiled; `png`:
+without the EXR; `f3d`: by that package, if it is installed, as a PNG of this size. Each takes its turn in each round.
 """
 
 from __future__ import annotations
@@ -56,12 +56,11 @@ def run(command: list[str], environment: dict[str, str] | None = None) -> float:
     return time.perf_counter() - start
 
 
-def wait_for_programs(folder: str) -> None:
-    """Wait until what is compiled ahead is compiled, at most some minutes."""
-    for _ in range(0 if os.environ.get("CLSHADE_COMPILE_AHEAD") == "0" else 300):
-        if Path(folder, "cache", "clshade", "compiled-ahead").exists():
-            return
+def wait_for_programs(folder: str) -> None:  # compiled ahead; at most some minutes
+    left = 0 if os.environ.get("CLSHADE_COMPILE_AHEAD") == "0" else 300
+    while left and not Path(folder, "cache", "clshade", "compiled-ahead").exists():
         time.sleep(1.0)
+        left -= 1
 
 
 def measure(scene: str) -> dict[str, float]:
