@@ -19,7 +19,6 @@ from .opencl.probe import can_probe, own_command
 from .renderer import Renderer, trial_of
 
 _DONE = "compiled-ahead"  # a file of the cache: the kernels for which all has been compiled
-_IDLE = b"19"  # the lowest priority
 
 
 def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
@@ -27,8 +26,8 @@ def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
 
     device: a name, None for CLSHADE_DEVICE or the default. The process ends by itself. `programs.AHEAD` turns it off.
     """
-    own = any(program.folder is not None for program in programs.built())  # PoCL's, in files of clshade's
-    if not (own and can_probe() and keeps_cache() and programs.keeps_compiling()):
+    stores = any(program.folder is not None for program in programs.built())  # what PoCL compiles
+    if not (stores and can_probe() and keeps_cache() and programs.keeps_compiling()):
         return
     with contextlib.suppress(OSError):
         done = cache_root() / _DONE
@@ -64,7 +63,7 @@ def _leave_processors() -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     if hasattr(os, "getsid") and os.getsid(0) == os.getpid():  # priorities count within a session
         with contextlib.suppress(OSError), open("/proc/self/autogroup", "wb") as group:
-            group.write(_IDLE)
+            group.write(b"19")
 
 
 def _likely() -> list[dict[str, Any]]:

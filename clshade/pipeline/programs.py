@@ -144,7 +144,7 @@ def rewriting(rewrite: Rewriting) -> Iterator[None]:
 @contextlib.contextmanager
 def first_picture() -> Iterator[None]:
     """Within a block, let this thread build programs that compile fast where none is at hand: for what the scene needs
-    alone, and without optimization. They take half the time, frames many times as long, and the bits are equal."""
+    alone, and without optimization. Compiling takes half the time, a frame many times as long; the bits are equal."""
     _own.first = True
     try:
         yield
@@ -163,7 +163,7 @@ def has_first() -> bool:
 
 
 def keeps_compiling() -> bool:
-    """Return whether programs are compiled after a picture for the next ones: not in tests, where CI is set."""
+    """Return whether programs are compiled after a picture for the next ones: by default, except where CI is set."""
     return os.environ.get(AHEAD, "0" if os.environ.get("CI") else "1") != "0"
 
 
@@ -263,7 +263,7 @@ def _build(
     options = [*features.options(), *lanes_of, *compiler_options(device)]
     source = _rewritten(source, options) or source
     with _building:
-        hurries = needs is not None and not os.environ.get(QUICK) and environment.pocl_folder() is not None
+        hurries = not os.environ.get(QUICK) and environment.pocl_folder() is not None
         if needs is not None and hurries and not _is_at_hand(device, source, options):
             options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
             _own.has_first = True
@@ -275,6 +275,7 @@ def _build(
 
 
 def _is_at_hand(device: Device, source: str, options: list[str]) -> bool:
+    """Return whether a program has been built here, or lies on the disk."""
     place = _stored_program(device, source, options)
     return (device.context.int_ptr, source, *options) in _built or (place is not None and place.path.exists())
 
