@@ -389,7 +389,6 @@ _REASONS: dict[str, Callable[[Drawn], str]] = {
         "the depth test decides",
     ),
 }
-CHOICES = tuple(feature.name for feature in FEATURES if not feature.work)
 OPTIONAL = tuple(feature.name for feature in FEATURES if feature.work)
 COMPILED = tuple(feature.name for feature in FEATURES if feature.compiled)
 _BITS = {name: index for index, name in enumerate(feature.name for feature in FEATURES if not feature.compiled)}

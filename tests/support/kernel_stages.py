@@ -11,7 +11,7 @@ import pytest
 from clshade.oracle import transform
 from clshade.pipeline import struct_layout, triangle_source
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
-from clshade.pipeline.features import CHOICES, OPTIONAL, Features
+from clshade.pipeline.features import FEATURES, Features
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
@@ -51,7 +51,7 @@ reals power_one_minus(reals t, reals n)
 def mask(**overrides: int) -> Features:
     """Return features that are all 0 except those named and SORTED."""
     overrides = {"SORTED": 1, **overrides}
-    unknown = set(overrides) - {*CHOICES, *OPTIONAL}
+    unknown = set(overrides) - {each.name for each in FEATURES}
     assert not unknown, f"no such feature: {unknown}"
     return Features.of([name for name, value in overrides.items() if value])
 
