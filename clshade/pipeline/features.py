@@ -392,6 +392,33 @@ _REASONS: dict[str, Callable[[Drawn], str]] = {
 OPTIONAL = tuple(feature.name for feature in FEATURES if feature.work)
 COMPILED = tuple(feature.name for feature in FEATURES if feature.compiled)
 _BITS = {name: index for index, name in enumerate(feature.name for feature in FEATURES if not feature.compiled)}
+_RARE = (
+    *(
+        "WEIGHTED",
+        "CENTROID",
+        "ORTHOGRAPHIC",
+        "CORNER_COLORS",
+        "BRIGHT",
+        "LINES",
+        "LINES_ONLY",
+        "BACKDROP",
+        "LIGHT_SHAPES",
+    ),
+    *(
+        "AREA_LIGHTS",
+        "SHADOWS",
+        "SHADOW_ALPHA",
+        "AMBIENT_OCCLUSION",
+        "SCALARS",
+        "ALPHA_TEST",
+        "NEAREST",
+        "UV_SETS",
+        "BLEND",
+    ),
+    *("VERTEX_ALPHA", "OWNERS", "SORTED"),
+)
+# What a first picture's program has besides what its scene needs: few instructions, and most scenes after it need no other.
+COMMON = sum(1 << bit for name, bit in _BITS.items() if name not in _RARE)
 # Of features in a row; kernels ask for one or any of them.
 GROUPS = {"TERMS": [term.feature for term in TERMS.values()], "MAPS": [f"{each.name}_MAP" for each in MAPS.values()]}
 

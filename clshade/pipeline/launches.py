@@ -14,7 +14,7 @@ import pyopencl as cl
 from ..errors import DeviceError
 from . import struct_layout
 from .buffers import Buffer
-from .features import Features
+from .features import COMMON, Features
 from .opencl.device import Device
 from .programs import Program, build, first_use
 
@@ -42,7 +42,8 @@ def scene_stages(
     files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
     geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files, needs=-1 if first else None)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=features.needs if first else None)]
+    needs = features.needs | COMMON if first else None
+    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=needs)]
     if layers is not None:
         own = layers.compiled(_LAYER_FEATURES)
         programs.append(build(device, own, ("surface_layers.cl",), lanes=lanes, needs=-1 if first else None))

@@ -143,8 +143,8 @@ def rewriting(rewrite: Rewriting) -> Iterator[None]:
 
 @contextlib.contextmanager
 def first_picture() -> Iterator[None]:
-    """Within a block, let this thread build programs that compile fast where none is at hand: for what the scene needs
-    alone, and without optimization. Compiling takes half the time, a frame many times as long; the bits are equal."""
+    """Within a block, let this thread build programs that compile fast where none is at hand: for what the scene and
+    most others need, and without optimization. Compiling takes half the time, a frame many times as long; bits are equal."""
     _own.first = True
     try:
         yield
