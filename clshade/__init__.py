@@ -40,7 +40,7 @@ _HOMES = {
     "Frame": "clshade.pipeline.frame",
     "flow": "clshade.pipeline.flow",
     "visible": "clshade.pipeline.visible",
-    "Views": "clshade.pipeline.many_views",
+    "Views": "clshade.pipeline.frame",
     "with_look": "clshade.scene.look",
     "check": "clshade.measure.check.check",
     "verify": "clshade.measure.verify.verify",
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from .measure.verify.verify import verify as verify
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
-    from .pipeline.many_views import Views as Views
+    from .pipeline.frame import Views as Views
     from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render

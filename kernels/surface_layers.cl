@@ -1,4 +1,4 @@
-// The layers of SURFACE_LAYERS (clshade/pipeline/layer_outputs.py) at each pixel's sample nearest the center, never a mean.
+// The layers of LAYER_BITS (clshade/pipeline/surface_inputs.py) at each pixel's sample nearest the center, never a mean.
 #include "surface.clh"
 #include "samples.clh"
 #include "layer_blocks.clh"

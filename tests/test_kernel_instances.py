@@ -15,11 +15,11 @@ from clshade.pipeline import instances, placements, scene_buffers
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.launches import Stages, items
-from clshade.pipeline.layer_buffers import first_instances
 from clshade.pipeline.programs import build_text
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.pipeline.triangle_source import SceneFaces, Triangles
 from clshade.scene.model import Scene, Settings
+from clshade.scene.objects import first_instances
 
 STAGES = """
 #include "project.cl"

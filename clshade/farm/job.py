@@ -15,9 +15,9 @@ from pathlib import Path
 from ..errors import ClshadeError, WorkerError
 from ..images.cryptomatte import MatteKind
 from ..pipeline.flow import flow
-from ..pipeline.flow_vectors import Flow, FlowName
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths, visible_path
+from ..pipeline.frame_results import Flow, FlowName
 from ..pipeline.mattes import cryptomatte
 from ..pipeline.renderer import Renderer
 from ..pipeline.visible import visible

@@ -21,7 +21,6 @@ from ..errors import InputError
 from ..images.colorbar import bar_width
 from ..images.cryptomatte import MatteKind
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.flow_vectors import FlowName
 from ..pipeline.frame_files import (
     FILES,
     SAVING,
@@ -32,6 +31,7 @@ from ..pipeline.frame_files import (
     chosen_paths,
     resolution_of,
 )
+from ..pipeline.frame_results import FlowName
 from ..pipeline.mattes import check_mattes
 from ..scene.camera import Camera
 from ..scene.model import Scene

@@ -29,7 +29,7 @@ class LayerRow:
     components: the last parts of its channels' names; none for a single number.
     background: where there is no surface; of a number that kernels/surface_layers.cl writes 0, another finite one, or NaN.
     setting: without which there is no such layer.
-    reads: tables that it needs whatever the image does, see `pipeline.layer_buffers.layer_tables`.
+    reads: tables that it needs whatever the image does, see `pipeline.layers.layer_tables`.
     keeps_digits: whether files hold it as float even where other layers are half.
     names: the attribute of an EXR's header with the names of what it counts.
     words: what else people call it, in lower case.

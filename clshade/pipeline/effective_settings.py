@@ -63,35 +63,26 @@ def effective_settings(
 
 
 def _shown(scene: Scene, settings: Settings) -> Scene:
-    """Return the scene as the settings show it, with their background; without one, and if only lines are drawn, with
-    theirs."""
+    """Return the scene as the settings show it. Its own background stays if they name none, but is paper behind lines
+    alone."""
+    scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
     if settings.background == "environment":
+        if scene.environment is None:
+            needed = "an environment (Scene.environment; --environment FILE or studio)"
+            raise InputError(f"render: background: environment needs {needed}")
         scene = replace(scene, background=0.0)  # what is behind that is not seen
     elif settings.background != "scene":
         scene = replace(scene, background=settings.background)
     elif settings.edges is not None and settings.edges.only:
         scene = replace(scene, background=PAPER)
-    scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
-    if settings.background == "environment" and scene.environment is None:
-        raise InputError(
-            "render: background: environment needs an environment (Scene.environment; --environment FILE or studio)"
-        )
     return scene
 
 
 def numbers_alone(settings: Settings, layers: tuple[Layer, ...]) -> Settings:
     """Return settings with which each sample shows the same triangle, unlit, and these layers of numbers."""
+    plain: dict[str, Any] = {"shader": "nolight", "sample_shading": False, "shadows": False, "ambient_occlusion": 0}
     return replace(
-        settings,
-        shader="nolight",
-        layers=layers,
-        sample_shading=False,
-        shadows=False,
-        ambient_occlusion=0,
-        texture_filter="bilinear",
-        scalars=None,
-        edges=None,
-        background=None,
+        settings, **plain, layers=layers, texture_filter="bilinear", scalars=None, edges=None, background=None
     )
 
 
@@ -115,15 +106,12 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
     if any(isinstance(light, RectangleLight) for light in scene.lights):
         usual["shadows"] = True
     known = {**vars(Settings.from_preset(preset)), **usual, **given}
-    lights_shine = known["shader"] != "pbr" or scene.own_lights
+    is_pbr = known["shader"] == "pbr"
+    lights_shine = not is_pbr or scene.own_lights
     if given.get("shadows") and not lights_shine:
         usual["ambient_occlusion"] = OCCLUSION_RAYS
-    varies = (
-        (known["shadows"] and lights_shine)
-        or {**usual, **given}.get("ambient_occlusion")
-        or any(textures_of(mesh, maps=known["shader"] == "pbr") for mesh in objects_of(scene).meshes)
-    )
-    if varies and known["samples"] > 1:
+    varies = (known["shadows"] and lights_shine) or {**usual, **given}.get("ambient_occlusion")
+    if known["samples"] > 1 and (varies or any(textures_of(each, maps=is_pbr) for each in objects_of(scene).meshes)):
         usual["sample_shading"] = True
     return {**usual, **given}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -12,11 +11,11 @@ from ..base.arrays import Array, Bools, Faces, Floats
 from ..base.validation import arguments, value_error
 from ..scene.camera import Camera
 from ..scene.geometry import bounding_box, camera_axes, face_weights, in_image, pixel_rays, triangles
-from ..scene.model import Mesh, Scene, Settings
+from ..scene.model import Scene, Settings
 from . import sample_pattern
 from .camera_space import near_plane
-from .flow_vectors import Flow
 from .frame import Frame
+from .frame_results import Flow
 from .hierarchy import Hierarchy
 from .opencl.device import Device, shared_device
 from .placements import mirrors
@@ -34,23 +33,13 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     Parameters
     ----------
     frame : Frame
-        A rendered frame with the layer id.
+        A rendered frame with the layer id, without which it is refused, as is a scene with other faces.
     to : Frame, Scene or Camera
         The other image: a frame, a scene with its camera, or another camera of the frame's scene. A
         scene may have its meshes elsewhere: the same faces and as many instances, with other vertices
         or placements, such as another time of an animation.
     device : Device or str, optional
         Where it is decided what is hidden, see `clshade.Renderer`.
-
-    Returns
-    -------
-    Flow
-        Vectors, in pixels to the right and down, and the mask of what the other image does not show.
-
-    Raises
-    ------
-    InputError
-        If the frame has no layer id, or the other scene has other faces.
 
     Notes
     -----
@@ -76,27 +65,25 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     """
     if "id" not in frame:
         raise value_error("flow", "frame", 'a frame with the layer id (layers=("id",))', ", ".join(frame) or "none")
-    scene, settings = _scene_of(frame, to), to.settings if isinstance(to, Frame) else frame.settings
+    if not isinstance(to, (Frame, Scene, Camera)):
+        raise value_error("flow", "to", "a Frame, a Scene or a Camera", to)
+    settings = to.settings if isinstance(to, Frame) else frame.settings
+    scene = replace(frame.scene, camera=to) if isinstance(to, Camera) else to.scene if isinstance(to, Frame) else to
     _check_faces(frame.scene, scene)
     shown = frame["id"]
     vectors = np.full((*shown.shape, 2), np.nan, np.float32)
     occluded = np.ones(shown.shape, bool)
     target = _Target(frame.scene, scene, settings, device)
-    for rows, (rays, origins) in _bands(frame):
+    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SAMPLE_BITS)).tolist()
+    step = max(1, _BAND // shown.shape[1])
+    for start in range(0, len(shown), step):
+        rows = slice(start, start + step)
+        rays, origins = pixel_rays(frame.scene.camera, (right, up), rows)
         at = np.nonzero(shown[rows])
-        if not len(at[0]):
-            continue
-        found, hidden = target.of(shown[rows][at].astype(np.int64) - 1, origins[at], rays[at])
-        vectors[rows][at], occluded[rows][at] = found, hidden
+        if len(at[0]):
+            face = shown[rows][at].astype(np.int64) - 1
+            vectors[rows][at], occluded[rows][at] = target.of(face, origins[at], rays[at])
     return Flow(vectors, occluded, scene, settings)
-
-
-def _scene_of(frame: Frame, to: View) -> Scene:
-    if isinstance(to, Camera):
-        return replace(frame.scene, camera=to)
-    if not isinstance(to, (Frame, Scene)):
-        raise value_error("flow", "to", "a Frame, a Scene or a Camera", to)
-    return to if isinstance(to, Scene) else to.scene
 
 
 def _check_faces(scene: Scene, other: Scene) -> None:
@@ -113,31 +100,22 @@ def _check_faces(scene: Scene, other: Scene) -> None:
             raise value_error("flow", "to", expected, "others")
 
 
-def _bands(frame: Frame) -> Iterator[tuple[slice, tuple[Floats, Floats]]]:
-    """Yield rows of the image, and directions and origins of the rays of their samples nearest the center."""
-    count, columns = frame["id"].shape
-    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SAMPLE_BITS)).tolist()
-    step = max(1, _BAND // columns)
-    for start in range(0, count, step):
-        rows = slice(start, start + step)
-        yield rows, pixel_rays(frame.scene.camera, (right, up), rows)
-
-
 class _Target:
     """The other image: where points of faces are in it, and whether it shows them. start: the scene in which the points are
     seen."""
 
     def __init__(self, start: Scene, scene: Scene, settings: Settings, device: Device | str | None) -> None:
         self._camera, self._start_camera = scene.camera, start.camera
-        verts, self._faces = triangles(scene)
-        self._verts = verts
+        self._verts, self._faces = triangles(scene)
+        verts = self._verts
         low, high = bounding_box(scene)
         self._origin = low + 0.5 * (high - low)
         self._start_verts = verts if start.meshes is scene.meshes else triangles(start)[0]
         self._near = settings.near or near_plane(scene)
-        self._shown = ~_culled(scene, settings, verts, self._faces)
+        culled, clear = _not_shown(scene, settings, verts, self._faces)
+        self._shown = ~culled
         nearer = (verts - scene.camera.eye) @ camera_axes(scene.camera)[2] < self._near
-        casts = self._shown & ~nearer[self._faces].all(axis=1) & ~_see_through(scene, settings)
+        casts = self._shown & ~nearer[self._faces].all(axis=1) & ~clear
         device = device if isinstance(device, Device) else shared_device(device, profiling=True)
         self._hierarchy = Hierarchy(device, verts - self._origin, np.where(casts[:, None], self._faces, np.int32(0)))
 
@@ -168,27 +146,17 @@ class _Target:
         return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
 
 
-def _culled(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> Bools:
-    """Return the faces whose back the camera sees, where backs are not drawn, (F,)."""
-    found = np.zeros(len(faces), bool)
+def _not_shown(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> tuple[Bools, Bools]:
+    """Return the faces whose back the camera sees, where backs are not drawn, (F,), and those through which layers look."""
+    culled, clear = np.zeros((2, len(faces)), bool)
     end = 0
-    for mesh, matrix in _placed(scene):
+    for mesh, matrix in [(each, matrix) for each in scene.meshes for matrix in np.asarray(each.instances)]:
         start, end = end, end + len(mesh.faces)
+        clear[start:end] = mesh.blends and mesh.material.opacity < settings.layer_alpha
         if mesh.material.sides == "both" and not settings.cull:
             continue
         a, b, c = np.moveaxis(verts[faces[start:end]], 1, 0)
         toward = -camera_axes(scene.camera)[2] if scene.camera.orthographic else scene.camera.eye - a
         volume = (np.cross(b - a, c - a) * toward).sum(axis=1)
-        found[start:end] = (volume > 0.0) if mirrors(matrix) else (volume < 0.0)
-    return found
-
-
-def _see_through(scene: Scene, settings: Settings) -> Bools:
-    """Return the faces through which layers look, (F,)."""
-    meshes = [mesh for mesh, _ in _placed(scene)]
-    clear = [mesh.blends and mesh.material.opacity < settings.layer_alpha for mesh in meshes]
-    return np.repeat(np.array(clear, bool), [len(mesh.faces) for mesh in meshes])
-
-
-def _placed(scene: Scene) -> list[tuple[Mesh, Array]]:
-    return [(mesh, matrix) for mesh in scene.meshes for matrix in np.asarray(mesh.instances)]
+        culled[start:end] = (volume > 0.0) if mirrors(matrix) else (volume < 0.0)
+    return culled, clear

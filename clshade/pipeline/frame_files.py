@@ -13,25 +13,26 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, 
 import numpy as np
 
 from ..base import atomic_files
-from ..base.arrays import Array, Bytes
-from ..base.json_values import plain
+from ..base.arrays import Bytes
+from ..base.atomic_files import Path as AnyPath
 from ..base.validation import choice, flag, sequence, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..images.depth_png import SCALE, checked_scale
 from ..images.layers import LAYER_TABLE
-from ..scene.camera import Camera
 from ..scene.formats.table import EXTENSIONS
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.scalar_colors import color_map_of
 
 if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from ..images.exr import Compression
     from ..images.tonemap import Operator
 
 FileKind: TypeAlias = Literal["exr", "png", "npz", "depth"]
 KINDS: tuple[FileKind, ...] = get_args(FileKind)
-FILES: tuple[FileKind, ...] = ("exr", "png")  # written by default, in the order of `output_paths`
+FILES: tuple[FileKind, ...] = ("exr", "png")  # written by default
 ENDINGS: dict[FileKind, str] = {"exr": ".exr", "png": ".png", "npz": ".npz", "depth": ".depth.png"}
 Encoder: TypeAlias = Callable[[BinaryIO], list[str] | None]  # writes to an open file, returns warnings
 
@@ -50,12 +51,13 @@ class SavingOptions(TypedDict, total=False):
     depth_scale: float
 
 
+_DEFAULTS: SavingOptions = {"files": None, "tonemap": None, "exposure": 0.0, "half": False, "compression": "zip"}
+_DEFAULTS |= {"crop": False, "deterministic": False, "colorbar": False, "depth_scale": SCALE}
+SAVING = tuple(_DEFAULTS)
+ASKED = ("Frame.save", "path")
+
 # Headers leave fields of Settings out where they are as by default, from this one on.
 _FIRST_LEFT_OUT = [each.name for each in fields(Settings)].index("scalars")
-
-SAVING = tuple(SavingOptions.__annotations__)
-
-ASKED = ("Frame.save", "path")  # function and argument that errors name, unless a caller names its own
 
 _IMAGES = ".jpg .jpeg .jp2 .jxl .webp .avif .heic .gif .apng .bmp .tif .tiff .tga .ico .ppm .pgm .pnm .pfm"
 _IMAGES += " .hdr .rgbe .pic .dds .dpx .cin .psd .svg .pdf .eps"
@@ -63,38 +65,39 @@ _OTHERS = ".csv .mp4 .mov .avi .mkv .webm"
 OTHER_FORMATS = (*_IMAGES.split(), *EXTENSIONS, *_OTHERS.split())  # extensions of formats that are not written
 
 
-def output_paths(path: str | os.PathLike[str], asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
+def output_paths(path: AnyPath, asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
     """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
-    standard output, or a file of another format."""
+    standard output, or a file of another format. asked: function and argument that errors name."""
     stem = _stem(path, asked)
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 
-def _stem(path: str | os.PathLike[str], asked: tuple[str, str]) -> Path:
+def _stem(path: AnyPath, asked: tuple[str, str]) -> Path:
     """Return what the names of all files for `path` begin with. Raises InputError like `output_paths`."""
     path = Path(checked_path(*asked, path))
-    stem = path.with_suffix("") if path.suffix.lower() in (".exr", ".png", ".npz") else path
+    ending = path.suffix.lower()
+    stem = path.with_suffix("") if ending in (".exr", ".png", ".npz") else path
     if stem.name in ("", ".."):
         raise value_error(*asked, "a file name", str(path))
-    if path.name == "-" or path.suffix.lower() in OTHER_FORMATS:
+    if path.name == "-" or ending in OTHER_FORMATS:
         name = path.stem if path.name != "-" else "image"
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
         raise value_error(*asked, both, str(path))
     return stem
 
 
-def visible_path(path: str | os.PathLike[str], ending: str, asked: tuple[str, str] = ASKED) -> Path:
+def visible_path(path: AnyPath, ending: str, asked: tuple[str, str] = ASKED) -> Path:
     """Return the path of the table of shares of instances that is written with `path`. ending: csv or json."""
     stem = _stem(path, asked)
     return stem.with_name(f"{stem.name}_visible.{ending}")
 
 
-def default_files(path: str | os.PathLike[str]) -> tuple[FileKind, ...]:
+def default_files(path: AnyPath) -> tuple[FileKind, ...]:
     """Return the files that `Frame.save` writes for `path` unless it is told which."""
     return ("npz",) if os.fspath(path).lower().endswith(".npz") else FILES
 
 
-def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind] | None = None) -> dict[FileKind, Path]:
+def chosen_paths(path: AnyPath, files: Sequence[FileKind] | None = None) -> dict[FileKind, Path]:
     """Return the paths of the files that `Frame.save` writes. Raises InputError like `output_paths`, and for files other
     than KINDS, or none."""
     stem = _stem(path, ASKED)
@@ -108,17 +111,10 @@ def chosen_paths(path: str | os.PathLike[str], files: Sequence[FileKind] | None 
 
 def resolution_of(path: str, kind: FileKind) -> tuple[int, int] | None:
     """Return columns and rows of a file that `Frame.save` wrote, from its header; None if it is no such file."""
-    if kind in ("png", "depth"):
-        from ..images import png
+    from ..images import exr, npz, png
 
-        return png.resolution(path)
-    if kind == "npz":
-        from ..images import npz
-
-        return npz.resolution(path)
-    from ..images import exr
-
-    return exr.resolution(path)
+    found: tuple[int, int] | None = {"exr": exr, "npz": npz}.get(kind, png).resolution(path)
+    return found
 
 
 def check_layers(files: Container[str], layers: Container[str]) -> None:
@@ -128,45 +124,36 @@ def check_layers(files: Container[str], layers: Container[str]) -> None:
 
 
 def check_output(
-    path: str | os.PathLike[str],
-    settings: Settings | None = None,
-    *,
-    tonemap: Operator | None = None,
-    exposure: float = 0.0,
-    compression: Compression = "zip",
-    files: Sequence[FileKind] | None = None,
-    depth_scale: float = SCALE,
-    colorbar: bool = False,
-    asked: tuple[str, str] = ASKED,
-    **flags: bool,
-) -> None:
-    """Raise what `Frame.save` would raise for these arguments, as far as can be known without writing.
-
-    settings: of the frame, which needs scalars for a colorbar.
-    """
+    path: AnyPath, settings: Settings | None = None, asked: tuple[str, str] = ASKED, **options: Unpack[SavingOptions]
+) -> SavingOptions:
+    """Return the options of `Frame.save`, complete with defaults. Raises what it would raise for these arguments, as far as
+    can be known without writing. settings: of the frame, which needs scalars for a colorbar."""
     from ..images import exr
     from ..images.tonemap import checked
 
-    for name, value in {**flags, "colorbar": colorbar}.items():
-        flag("Frame.save", name, value)
-    if colorbar and settings is not None and settings.scalars is None:
+    chosen: SavingOptions = {**_DEFAULTS, **options}
+    for name, value in chosen.items():
+        if name in ("half", "crop", "deterministic", "colorbar"):
+            flag("Frame.save", name, value)
+    if chosen["colorbar"] and settings is not None and settings.scalars is None:
         raise InputError("Frame.save: colorbar: needs scalars, whose color map it shows")
-    checked("srgb" if tonemap is None else tonemap, exposure)
-    choice("exr", "compression", compression, exr.COMPRESSIONS)
-    checked_scale("Frame.save", "depth_scale", depth_scale)
+    checked("srgb" if chosen["tonemap"] is None else chosen["tonemap"], chosen["exposure"])
+    choice("exr", "compression", chosen["compression"], exr.COMPRESSIONS)
+    checked_scale("Frame.save", "depth_scale", chosen["depth_scale"])
     _stem(path, asked)
-    for file in chosen_paths(path, files).values():
+    for file in chosen_paths(path, chosen["files"]).values():
         atomic_files.check(file)
+    return chosen
 
 
 def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str, Any]:
     """Return the EXR's header attributes that do not depend on times or checks; see `Frame.metadata`."""
     from ..scene.geometry import camera_metadata
-    from .layer_buffers import number_names
+    from .layers import number_names
 
     found = camera_metadata(scene.camera)
-    given = [(each.name, getattr(settings, each.name), each.default) for each in fields(settings)]
-    written = [*given[:_FIRST_LEFT_OUT], *(each for each in given[_FIRST_LEFT_OUT:] if each[1] != each[2])]
+    values = [(each.name, getattr(settings, each.name), each.default) for each in fields(settings)]
+    written = (each for k, each in enumerate(values) if k < _FIRST_LEFT_OUT or each[1] != each[2])
     found["settings"] = ", ".join(f"{name}={value}" for name, value, _ in written)
     if settings.scalars is not None:
         color_map = color_map_of(scene, settings.scalars)
@@ -174,9 +161,8 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
     found["scene"] = f"{scene.name or 'unnamed'}, {scene.face_count} triangles"
     around = scene.environment
     if around is not None and (settings.shader == "pbr" or settings.background == "environment"):
-        found["environment"] = (
-            f"{around.name or 'unnamed'}, rotation={around.rotation:g}, intensity={around.intensity:g}"
-        )
+        turned = f"rotation={around.rotation:g}, intensity={around.intensity:g}"
+        found["environment"] = f"{around.name or 'unnamed'}, {turned}"
     for layer, row in LAYER_TABLE.items():  # the names of what their numbers count as JSON, number -> name
         if row.names and layer in layers:
             names = {number: name for number, name in number_names(scene, layer) if name}
@@ -200,20 +186,6 @@ def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Opera
     return colorbar.with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
 
 
-def named_arrays(
-    camera: Camera, rgba: Array, channels: Mapping[str, Array], metadata: Mapping[str, Any]
-) -> dict[str, Array]:
-    """Return what `Frame.arrays` describes."""
-    camera_arrays: dict[str, Any] = {"pose": camera.pose(), "plane": camera.plane}
-    if not camera.orthographic:
-        matrix, pose = camera.to_matrix()
-        camera_arrays = {"K": matrix, "pose": pose, "pixel_center": 0.5}
-    camera_arrays |= {"convention": "opencv", "resolution": camera.resolution}
-    camera_arrays["metadata"] = json.dumps(plain(dict(metadata)), ensure_ascii=False)
-    layers = {name: array for name, array in channels.items() if name not in ("R", "G", "B", "A")}
-    return {"rgba": rgba, **layers, **{name: np.asarray(value) for name, value in camera_arrays.items()}}
-
-
 def write_files(paths: Mapping[FileKind, Path], encoders: Mapping[FileKind, Encoder]) -> list[str]:
     """Write the files of `chosen_paths`, all or none; return the warnings. Raises OutputError."""
     with atomic_files.replacing_all(*paths.values()) as opened:
@@ -224,10 +196,8 @@ def write_files(paths: Mapping[FileKind, Path], encoders: Mapping[FileKind, Enco
                 return encoders[kind](file[kind]) or []
 
         first, *others = paths
-        if not others:
-            return write(first)
         # All release the GIL while they compress, so they run concurrently.
-        with ThreadPoolExecutor(len(others)) as beside:
+        with ThreadPoolExecutor(max(1, len(others))) as beside:
             waiting = [beside.submit(write, kind) for kind in others]
             lines = write(first)
             return [*lines, *(line for each in waiting for line in each.result())]

@@ -85,11 +85,12 @@ class FrameInFlight:
 @dataclass
 class SceneFrame(FrameInFlight):
     """A frame of a scene. space: of its camera. tables: its own, those of `image` and `counted`. streams: whether the image
-    is written past the caches, if it has rows of 64 bytes."""
+    is written past the caches, if it has rows of 64 bytes. layers: into what they are drawn, by name."""
 
     space: CameraSpace = field(kw_only=True)
     tables: FrameTables = field(kw_only=True)
     streams: bool = field(kw_only=True)
+    layers: dict[str, Buffer] = field(default_factory=dict)
 
     @classmethod
     def of(

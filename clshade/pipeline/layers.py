@@ -2,31 +2,126 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Array
 from ..images.layers import LAYER_TABLE, Layer
+from ..scene.model import Material, Scene, Settings, Texture
+from ..scene.objects import first_instances, instance_names, object_names, object_numbers
 from .buffers import Buffer, Pool
 from .camera_space import CameraSpace
+from .features import Features, uses_normal_indices
+from .frame_state import SceneFrame
+from .gather import Gatherer
 from .launches import Stages, items
-from .layer_buffers import LayerTables
-from .layer_outputs import SURFACE_LAYERS
 from .struct_layout import NAN_POSITION
-from .surface_inputs import SurfaceInputs
+from .surface_inputs import LAYER_BITS, MIRRORED, SurfaceInputs
 
 _BAND = 1 << 13  # pixels
+
+
+class LayerTables(NamedTuple):
+    """What only layers read.
+
+    asked: bits of LAYER_BITS and MIRRORED, 0 without any. arrays: those of object_id, material_id and
+    instance_id, (F,) uint32; and by the names of the kernel's parameters, normals and uvs with their indices as in
+    scene_buffers.Packed, unless those of the lighting serve; mirrored, (F,) int32, whether a face's placement mirrors;
+    scalars, (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn
+    from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
+    """
+
+    asked: int
+    arrays: Mapping[str, Array]
+    scalar_exponent: int = 0
+
+
+def _material_key(material: Material) -> tuple[Any, ...]:
+    """Return a hashable key of a material: every field, but not the texels of its texture."""
+    values = [getattr(material, field.name) for field in fields(Material) if field.name != "texture"]
+    texture = material.texture
+    described = None if texture is None else (texture.texels.shape, texture.wrap, texture.lookup, texture.filter)
+    return (*(tuple(value) if isinstance(value, np.ndarray) else value for value in values), described)
+
+
+def material_numbers(scene: Scene) -> tuple[int, ...]:
+    """Return the number of each mesh's material, from 1 in the order of the meshes; equal materials, name and texels
+    included, share one."""
+    numbers: dict[int, int] = {}  # by id
+    # Scenes may have thousands of materials: few pairs are compared.
+    alike: dict[tuple[Any, ...], list[tuple[Texture | None, int]]] = {}
+    count = 0
+    for material in {id(mesh.material): mesh.material for mesh in scene.meshes}.values():
+        mine, known = material.texture, alike.setdefault(_material_key(material), [])
+        for texture, number in known:
+            if texture is mine or (texture and mine and np.array_equal(texture.texels, mine.texels)):
+                numbers[id(material)] = number
+                break
+        else:
+            numbers[id(material)] = count = count + 1
+            known.append((mine, count))
+    return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
+
+
+def number_names(scene: Scene, layer: Layer) -> Iterable[tuple[int, str]]:
+    """Return the numbers of object_id, material_id or instance_id with their names, "" for none."""
+    if layer == "material_id":
+        return zip(material_numbers(scene), (mesh.material.name for mesh in scene.meshes), strict=True)
+    return enumerate(object_names(scene) if layer == "object_id" else instance_names(scene), 1)
+
+
+def layer_features(light: Features, asked: int) -> Features | None:
+    """Return the features of the layers' program; None if it draws none. light: those of the image's.
+    asked: see LayerTables."""
+    if not asked:
+        return None
+    casts = any(asked & bit for name, bit in LAYER_BITS.items() if "casters" in LAYER_TABLE[name].reads)
+    return light.including("CASTERS") if casts else light
+
+
+def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Features) -> LayerTables:
+    """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
+    program."""
+    asked = settings.layers
+    bits = sum(bit for name, bit in LAYER_BITS.items() if name in asked)
+    if not gatherer.copies:
+        return LayerTables(bits, {})
+    reads = {table for name in asked for table in LAYER_TABLE[name].reads}
+    exponent, found = 0, dict[str, "Array | None"]()
+    if "normals" in reads and not light.needs_any("TERMS"):
+        indexed = any(uses_normal_indices(scene, mesh) for mesh in scene.meshes if len(mesh.faces))
+        normals, found["normal_faces"] = gatherer.normals(indexed)
+        found["object_normals" if light["INSTANCES"] else "normals"] = normals
+    if "uvs" in reads:
+        indexed = any(mesh.uv_faces is not None for mesh in scene.meshes if len(mesh.faces))
+        found["uvs"], found["uv_faces"] = gatherer.uvs(indexed, untextured=True)
+    if "mirrored" in reads and any(each.mirrored.any() for each in gatherer.copies):
+        bits |= MIRRORED
+        found["mirrored"] = gatherer.mirrored()
+    if "scalars" in reads:
+        found["scalars"], exponent = gatherer.corner_scalars()
+    numbers = {"object_id": object_numbers, "material_id": material_numbers}
+    found |= {name: gatherer.per_face(of(scene), np.uint32) for name, of in numbers.items() if name in asked}
+    if "instance_id" in asked and not light["INSTANCES"]:
+        found["instance_id"] = gatherer.per_copy(first_instances(scene))
+    return LayerTables(bits, {name: array for name, array in found.items() if array is not None}, exponent)
 
 
 class Layers:
     """The layers asked for; what they read besides the image's tables stays on the device.
 
-    names: of the layers, as in Settings.
+    names: of the layers, as in Settings. kinds: components, () or (K,), and type of each. kernel_types: those in which the
+    kernels write them, which are other ones of P.
     """
 
     def __init__(self, stages: Stages, pool: Pool, names: tuple[Layer, ...], tables: LayerTables) -> None:
-        self._stages, self._pool, self._names = stages, pool, names
+        self._stages, self._pool, real = stages, pool, stages.structs.real
+        self.kinds: dict[str, tuple[tuple[int, ...], np.dtype]]
+        self.kinds = {name: (LAYER_TABLE[name].shape, LAYER_TABLE[name].dtype(real)) for name in names}
+        self.kernel_types = {name: np.dtype(real) if name == "P" else kind for name, (_, kind) in self.kinds.items()}
         self._asked, self._scalar_exponent = tables.asked, tables.scalar_exponent
         self._own = {name: Buffer(stages.device, array) for name, array in tables.arrays.items()}
         self._surface = {name: buffer for name, buffer in self._own.items() if name in SurfaceInputs._fields}
@@ -36,54 +131,47 @@ class Layers:
         """Size of the tables that only layers read."""
         return sum(buffer.array.nbytes for buffer in self._own.values())
 
-    def kinds(self) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
-        """Return the components and the type of each layer, by name: () or (K,)."""
-        real = self._stages.structs.real
-        return {name: (LAYER_TABLE[name].shape, LAYER_TABLE[name].dtype(real)) for name in self._names}
-
-    def kernel_type(self, name: str) -> np.dtype:
-        """Return the type in which the kernels write a layer: that of `kinds`, but for P."""
-        return np.dtype(self._stages.structs.real) if name == "P" else self.kinds()[name][1]
-
-    def draw(
-        self, surface: SurfaceInputs, owners: Buffer, tiles: int, space: CameraSpace, events: dict[str, Any]
-    ) -> dict[str, Array]:
-        """Draw the layers: by name, (M, N) or (M, N, K). surface: the image's inputs. owners: (M, N) triangles."""
-        columns, rows = space.camera.resolution
-        found: dict[str, Buffer] = {}
-        arrays: dict[str, Array] = {}
-        for name, (width, _) in self.kinds().items():
-            found[name], arrays[name] = self._pool.take((rows, columns, *width), self.kernel_type(name))
-        self.enqueue(found, surface, owners, tiles, events)
-        for buffer in found.values():
+    def draw(self, frame: SceneFrame) -> dict[str, Array]:
+        """Draw the layers of a frame that is drawn: by name, (M, N) or (M, N, K)."""
+        drawn: dict[str, Array] = {}
+        if frame.owners is None:
+            return drawn
+        size = frame.owners.array.shape
+        for name, (width, _) in self.kinds.items():
+            frame.layers[name], drawn[name] = self._pool.take((*size, *width), self.kernel_types[name])
+        self.enqueue(frame)
+        for buffer in (*frame.layers.values(), *([frame.owners] if "P" in drawn else [])):
             buffer.to_host()
-        drawn = dict(arrays)
-        if "P" in arrays and arrays["P"].dtype != np.float64:
-            arrays["P"] = self._pool.take_host((rows, columns, 3), np.float64)
-        self.finish(drawn, arrays, owners.to_host() if "P" in drawn else owners.array, space)
+        arrays = dict(drawn)
+        if "P" in drawn and drawn["P"].dtype != np.float64:
+            arrays["P"] = self._pool.take_host((*size, 3), np.float64)
+        self.finish(drawn, arrays, frame.owners.array, frame.space)
         return arrays
 
-    def enqueue(
-        self, found: dict[str, Buffer], surface: SurfaceInputs, owners: Buffer, tiles: int, events: dict[str, Any]
-    ) -> None:
-        """Enqueue the drawing of the layers into buffers; see `draw`."""
-        count, stages = owners.array.size, self._stages
+    def enqueue(self, frame: SceneFrame) -> None:
+        """Enqueue the drawing of the layers into the frame's buffers."""
+        found, surface, owners, stages = frame.layers, frame.inputs, frame.owners, self._stages
+        if owners is None or not found:
+            return
+        assert surface is not None
         values: dict[str, Any] = {"owners": owners, "triangles": surface.triangles, "image": surface.image}
         values |= {"triangle_instances": surface.triangle_instances, "instances": surface.instances}
         for name, buffer in found.items():
             if name == "Z":
-                events["layer_z"] = stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=buffer)
-            elif name not in SURFACE_LAYERS:
+                size = stages.tiles("layer_z", frame.tiles)
+                frame.events["layer_z"] = stages.run("layer_z", size, values, depths=buffer)
+            elif name not in LAYER_BITS:
                 kernel = "layer_id" if name == "id" else "layer_number"
                 if name == "instance_id" and surface.instances is not None:
                     kernel = "layer_instance_id"
-                own = {"ids": buffer, "shown": buffer, "numbers": self._own.get(name)}
-                events[f"layer_{name}"] = stages.run(kernel, items(count), values, **own, count=count)
-        if any(name in SURFACE_LAYERS for name in found):
+                own = {"ids": buffer, "shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
+                frame.events[f"layer_{name}"] = stages.run(kernel, items(owners.array.size), values, **own)
+        if any(name in LAYER_BITS for name in found):
             values |= surface._replace(**self._surface).values()
             values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}
-            values |= {f"to_{name}": found.get(name) for name in SURFACE_LAYERS}
-            events["surface_layers"] = stages.run("surface_layers", stages.tiles("surface_layers", tiles), values)
+            values |= {f"to_{name}": found.get(name) for name in LAYER_BITS}
+            size = stages.tiles("surface_layers", frame.tiles)
+            frame.events["surface_layers"] = stages.run("surface_layers", size, values)
 
     def finish(self, drawn: dict[str, Array], arrays: dict[str, Array], owners: Array, space: CameraSpace) -> None:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -14,19 +14,11 @@ from ..scene.settings import Layer
 from . import sample_pattern
 from .effective_settings import numbers_alone
 from .frame import Frame
-from .layer_buffers import number_names
+from .layers import number_names
 from .renderer import Renderer
 
 if TYPE_CHECKING:
     from .opencl.device import Device
-
-
-# Layer, and name of the Cryptomatte layer.
-_LAYERS: dict[MatteKind, tuple[Layer, str]] = {
-    "object": ("object_id", "CryptoObject"),
-    "material": ("material_id", "CryptoMaterial"),
-    "instance": ("instance_id", "CryptoInstance"),
-}
 
 
 @arguments(frame=Frame)
@@ -34,6 +26,10 @@ def cryptomatte(
     frame: Frame, kinds: Sequence[MatteKind] = MATTES, *, ranks: int = RANKS, device: Device | str | None = None
 ) -> dict[MatteKind, Matte]:
     """Return Cryptomatte layers of a frame: for each pixel the things that its samples show, and the share of each.
+
+    For each kind these are `channels`, arrays (M, N) float32 such as ``CryptoObject00.R``, and `metadata` for
+    the header of an EXR file. Shares are exact: numbers of samples over all. What blends counts as layers do,
+    by `layer_alpha`. Raises InputError without mmh3.
 
     Parameters
     ----------
@@ -48,56 +44,35 @@ def cryptomatte(
         Things that a pixel lists at most: those that most of its samples show.
     device : Device or str, optional
         As for `Renderer`. The masks are the same on every device.
-
-    Returns
-    -------
-    dict
-        For each kind `channels`, arrays (M, N) float32 such as ``CryptoObject00.R``, and `metadata`
-        for the header of an EXR file.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, or mmh3 is not installed.
-
-    Notes
-    -----
-    Shares are exact: numbers of samples over all. What blends counts as layers do, by `layer_alpha`.
     """
-    asked = _checked_kinds(kinds)
+    asked = check_mattes(kinds)
     integer("cryptomatte", "ranks", ranks, 1, MOST_RANKS)
     scene, settings = frame.scene, frame.settings
-    layers = tuple(_LAYERS[kind][0] for kind in asked)
-    numbers: dict[Layer, list[Array]] = {layer: [] for layer in layers}
-    with Renderer(scene, settings=numbers_alone(settings, layers), device=device) as renderer:
+    layers: dict[MatteKind, Layer] = {kind: cast("Layer", f"{kind}_id") for kind in MATTES if kind in asked}
+    numbers: dict[MatteKind, list[Array]] = {kind: [] for kind in layers}
+    with Renderer(scene, settings=numbers_alone(settings, tuple(layers.values())), device=device) as renderer:
         for place in sample_pattern.positions(settings.samples):  # nearest to the center first
             if settings.samples > 1:
                 renderer.place_samples(place[None])
             drawn = renderer.render()
-            for layer, shown in numbers.items():
-                shown.append(drawn[layer])
+            for kind, layer in layers.items():
+                numbers[kind].append(drawn[layer])
     mattes = {}
-    for kind in MATTES:
-        if kind in asked:
-            layer, label = _LAYERS[kind]
-            names = {number: name or f"{kind} {number}" for number, name in number_names(scene, layer)}
-            mattes[kind] = matte(label, np.array(numbers[layer]), names, ranks)
+    for kind, layer in layers.items():
+        names = {number: name or f"{kind} {number}" for number, name in number_names(scene, layer)}
+        mattes[kind] = matte(f"Crypto{kind.capitalize()}", np.array(numbers[kind]), names, ranks)
     return mattes
 
 
-def _checked_kinds(kinds: Sequence[MatteKind]) -> tuple[MatteKind, ...]:
+def check_mattes(kinds: Sequence[MatteKind], files: Container[str] = ("exr",)) -> tuple[MatteKind, ...]:
+    """Return kinds of `frame.mattes`. Raises InputError for others, without mmh3, and if these files of `Frame.save` do not
+    hold them."""
     asked = None if isinstance(kinds, str) else sequence(kinds)
     if not asked:
         raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
     for kind in asked:
         choice("cryptomatte", "kinds", kind, MATTES)
     hashes(())  # before anything is drawn: raises without mmh3
-    return tuple(asked)
-
-
-def check_mattes(kinds: Sequence[MatteKind], files: Container[str]) -> None:
-    """Raise InputError, before anything is drawn, for what `Frame.save` could not write with `frame.mattes` of these
-    kinds."""
-    _checked_kinds(kinds)
     if "exr" not in files:
         raise value_error("cryptomatte", "files", "exr among them, which holds it", files)
+    return tuple(asked)

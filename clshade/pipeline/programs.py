@@ -19,7 +19,7 @@ import numpy as np
 
 from ..base import console
 from ..errors import DeviceError
-from . import layer_outputs, surface_inputs
+from . import surface_inputs
 from .features import Features, bit_definitions
 from .kernel_files import kernel_text
 from .opencl import environment, program_store
@@ -248,7 +248,7 @@ def build_text(
 def declarations(*, double_reals: bool = False, with_double: bool = True) -> str:
     """Return OpenCL C that the host puts before a program's files: structs, constants, features, arguments, layers."""
     structs = header(double_reals=double_reals, with_double=with_double)
-    return structs + bit_definitions() + surface_inputs.macros() + layer_outputs.macros()
+    return structs + bit_definitions() + surface_inputs.macros() + surface_inputs.layer_macros()
 
 
 def _build(

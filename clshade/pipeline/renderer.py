@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import os
 import pickle
 import threading
@@ -15,24 +14,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.arrays import Array, Integers
-from ..base.validation import arguments, items, known, one_of, set_fields
+from ..base.validation import arguments, items, known, one_of
 from ..errors import ClshadeError, DeviceError
 from ..images.decode import CodedImage
 from ..scene.camera import Camera
 from ..scene.environment import Environment
 from ..scene.metallic_roughness import MetallicRoughness
-from ..scene.model import Material, Scene, Settings, Texture
+from ..scene.model import Material, Scene, Settings, Texture, with_fields
 from ..scene.settings import LAYERS, Preset, RenderOptions
 from . import programs, scene_buffers
 from .buffers import Pool, finish
 from .camera_space import CameraSpace
 from .effective_settings import effective_settings
 from .features import OPTIONAL, at_lanes, ignored
-from .frame import Frame
-from .frame_queue import STREAMED_PIXELS, FrameQueue
+from .frame import Frame, Views
+from .frame_queue import STREAMED_PIXELS, FrameQueue, check_camera, check_cameras, event_ms, result_arrays
 from .frame_state import SceneFrame
 from .instances import draws_from_one_copy
-from .many_views import Views, check_camera, check_cameras, result_arrays
 from .opencl.device import Device, shared_device
 from .programs import running_time
 from .scene_drawing import SceneDrawing, compiles_longer
@@ -44,12 +42,7 @@ _KEPT_WHEN_CLOSED = {"scene", "settings", "features", "device", "_lock", "_proce
 
 
 def _seen_by(scene: Scene, camera: Camera) -> Scene:
-    """Return the scene with another camera, without checking the rest again."""
-    if camera is scene.camera:
-        return scene
-    seen = copy.copy(scene)
-    set_fields(seen, camera=camera)
-    return seen
+    return scene if camera is scene.camera else with_fields(scene, camera=camera)
 
 
 # Of the frame with which a device is tested: columns and rows, and most faces, with which it takes no time of its own.
@@ -79,12 +72,12 @@ def trial_of(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes
     if scene.face_count > _TRIAL_FACES:
         return b""
     with contextlib.suppress(Exception):
-        seen, meshes, known = copy.copy(scene), tuple(map(copy.copy, scene.meshes)), dict[int, Any]()
-        for mesh in meshes:
-            set_fields(mesh, material=_with_small_images(mesh.material, known))
+        known: dict[int, Any] = {}
+        meshes = tuple(with_fields(each, material=_with_small_images(each.material, known)) for each in scene.meshes)
         first = programs.is_first() and compiles_longer(scene, settings)
         camera = replace(scene.camera, resolution=_TRIAL_SIZE)
-        set_fields(seen, camera=camera, meshes=meshes, environment=_with_small_images(scene.environment, known))
+        around = _with_small_images(scene.environment, known)
+        seen = with_fields(scene, camera=camera, meshes=meshes, environment=around)
         return pickle.dumps(({"scene": seen, "settings": settings, "forced": forced}, first))
     return b""
 
@@ -93,7 +86,8 @@ class Renderer:
     """A scene on the device, uploaded once and drawn any number of times, with a camera per frame.
 
     Use it as a context manager, or call `close`. Threads may share a renderer; their frames are
-    drawn one after the other.
+    drawn one after the other. Its attributes `scene`, `settings`, `device` and `features`, those that
+    the kernels are compiled with, are what the arguments mean together.
 
     Parameters
     ----------
@@ -109,32 +103,19 @@ class Renderer:
     settings : Settings, optional
         Complete settings, in place of a preset.
     forced : collection of str, optional
-        Names in ``features.OPTIONAL`` of work to do even if the scene does not need it. The bits
-        of the image stay the same; drawing becomes slower.
+        Names in ``features.OPTIONAL`` of work to do even if the scene does not need it, which is slower.
     lanes : {1, 4, 8, 16}, optional
         Number of pixels processed together. Default: what suits the device. The bits of the image
-        do not depend on it.
+        depend neither on it nor on `forced`.
     **fields
         Any field of `Settings`, which replaces that of the preset or of `settings`, and
-        ``resolution=(N, M)``, columns and rows.
-
-    Attributes
-    ----------
-    scene : Scene
-        The scene, with `resolution` applied to its camera.
-    settings : Settings
-        The settings in effect.
-    features : Features
-        The features the kernels are compiled with.
-    device : Device
-        The device that draws.
+        ``resolution=(N, M)``, columns and rows, which replaces that of the scene's camera.
 
     Raises
     ------
-    InputError
-        If an argument is refused, or the scene does not fit into this machine's memory.
-    DeviceError
-        If no OpenCL device works, or the scene does not fit into its memory.
+    InputError, DeviceError
+        If an argument is refused, or the scene does not fit into this machine's memory; if no OpenCL
+        device works, or the scene does not fit into its memory.
 
     Examples
     --------
@@ -184,18 +165,17 @@ class Renderer:
         self._build_ms = (programs.waited() - waited) * 1e3
 
     def place_samples(self, places: Integers) -> None:
-        """Set where the next frames' pixels are sampled.
+        """Set where the next frames' pixels are sampled, of settings with several samples.
 
         Parameters
         ----------
         places : ndarray, (S, 2) int
-            As `sample_pattern.positions` returns them, at most as many as in the settings. Kernels for
-            one sample know no other place than the center: the settings have to have several.
+            As `sample_pattern.positions` returns them, at most as many as in the settings.
         """
         self._drawing.place_samples(places)
 
     def render(self, camera: Camera | None = None) -> Frame:
-        """Draw one frame.
+        """Draw one frame, which owns its arrays and stays valid after `close`.
 
         Parameters
         ----------
@@ -203,24 +183,33 @@ class Renderer:
             Camera of this frame, of the same kind (perspective or orthographic) as the scene's.
             Default: the scene's camera.
 
-        Returns
-        -------
-        Frame
-            The frame. It owns its arrays and stays valid after `close`.
-
         Raises
         ------
-        InputError
-            If the camera is refused, or if the scene has too many triangles after clipping.
-        DeviceError
-            If the device fails, or if the renderer was created in another process, before a fork.
-        ClshadeError
-            If the renderer is closed.
+        InputError, DeviceError, ClshadeError
+            For a camera that is refused, or too many triangles after clipping; if the device fails, or the
+            renderer was created in another process, before a fork; if the renderer is closed.
         """
         camera = self.scene.camera if camera is None else camera
         check_camera("Renderer.render", "camera", camera, self.scene.camera)
+        columns, rows = camera.resolution
         with self._holding("render"):
-            return self._render(camera)
+            start, waited = running_time(), programs.waited()
+            drawing = self._drawing
+            rgba, image = drawing.pool.take((rows, columns, 4), self.stages.structs.real)
+            owners, _kept = drawing.pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
+            streams = rows * columns >= STREAMED_PIXELS
+            frame = SceneFrame.of(self._space(camera), drawing.tables, rgba, owners, streams=streams)
+            layers = drawing.draw(frame)
+            rgba.to_host()
+            times = self._times_since(start, waited, "frame", frame.host_ms)
+            facts_of = drawing.facts_of(frame)
+            events = frame.events if self.device.profiling else {}
+
+        def stats() -> dict[str, Any]:
+            kernels = {name: event_ms(event) for name, event in events.items() if event}
+            return {**times, "times_ms": {**kernels, **times["times_ms"]}, **facts_of()}
+
+        return Frame(image, layers, _seen_by(self.scene, camera), self.settings, stats)
 
     @contextlib.contextmanager
     def _holding(self, name: str) -> Iterator[None]:
@@ -259,26 +248,17 @@ class Renderer:
             The images and the layers of all K views, in the order of the cameras; K may be 0. The next call
             uses their memory again once nothing refers to it.
 
-        Raises
-        ------
-        InputError
-            If a camera or an array is refused, before the first view is drawn; or if the scene has
-            too many triangles after clipping.
-        DeviceError
-            If the device fails, or if the renderer was created in another process, before a fork.
-        ClshadeError
-            If the renderer is closed.
-
         Notes
         -----
-        After an error or an interrupt `out` holds the views drawn so far, and the renderer stays usable.
+        Errors are those of `render`; cameras and arrays are refused before the first view is drawn. After an
+        error or an interrupt `out` holds the views drawn so far, and the renderer stays usable.
 
         Examples
         --------
         >>> import clshade
         >>> from clshade.scene.adjust_camera import adjusted
-        >>> scene = clshade.builtin("icosphere")
-        >>> cameras = [adjusted(scene.camera.with_resolution((64, 48)), azimuth=10.0 * k) for k in range(36)]
+        >>> scene = clshade.builtin("icosphere", resolution=(64, 48))
+        >>> cameras = [adjusted(scene.camera, azimuth=10.0 * k) for k in range(36)]
         >>> with clshade.Renderer(scene, layers=("Z", "id")) as renderer:
         ...     views = renderer.render_many(cameras)
         >>> views.rgb.shape, views["Z"].shape
@@ -289,23 +269,16 @@ class Renderer:
         with self._holding("render_many"):
             start, waited = running_time(), programs.waited()
             drawing = self._drawing
-            spaces = [CameraSpace.of(camera, drawing.extent, self.settings.near) for camera in chosen]
-            kinds = {"rgba": ((4,), np.dtype(self.stages.structs.real)), **drawing.layers.kinds()}
-            shapes = {name: (len(chosen), rows, columns, *width) for name, (width, _) in kinds.items()}
-            arrays = result_arrays(
-                {name: (shapes[name], kind) for name, (_, kind) in kinds.items()}, out, self._results.take_host
-            )
+            kinds = {"rgba": ((4,), np.dtype(self.stages.structs.real)), **drawing.layers.kinds}
+            wanted = {name: ((len(chosen), rows, columns, *width), kind) for name, (width, kind) in kinds.items()}
+            arrays = result_arrays(wanted, out, self._results.take_host)
             queue = FrameQueue(drawing, arrays)
-            queue.draw(spaces)
-            times = {**self._times, **queue.stage_ms, "views": (running_time() - start) * 1e3}
-            build_ms = self._build_ms + (programs.waited() - waited) * 1e3
-            self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
+            queue.draw([self._space(camera) for camera in chosen])
             stats = {
                 "views": len(chosen),
                 "resolution": (columns, rows),
                 **drawing.sizes(),
-                "times_ms": times,
-                "build_ms": build_ms,
+                **self._times_since(start, waited, "views", queue.stage_ms),
                 "ignored": ignored(self.scene, self.settings),
                 "device": self.device.title,
                 "lanes": self.stages.lanes,
@@ -314,31 +287,15 @@ class Renderer:
         scenes = [_seen_by(self.scene, camera) for camera in chosen]
         return Views(arrays, scenes, self.settings, queue.facts, stats)
 
-    def _render(self, camera: Camera) -> Frame:
-        columns, rows = camera.resolution
-        start, waited = running_time(), programs.waited()
-        drawing = self._drawing
-        rgba, image = drawing.pool.take((rows, columns, 4), self.stages.structs.real)
-        owners, owned = drawing.pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
-        space = CameraSpace.of(camera, drawing.extent, self.settings.near)
-        streams = rows * columns >= STREAMED_PIXELS
-        frame = SceneFrame.of(space, drawing.tables, rgba, owners, streams=streams)
-        layers = drawing.draw(frame)
-        rgba.to_host()
-        times = {**self._times, **frame.host_ms, "frame": (running_time() - start) * 1e3}
+    def _space(self, camera: Camera) -> CameraSpace:
+        return CameraSpace.of(camera, self._drawing.extent, self.settings.near)
+
+    def _times_since(self, start: float, waited: float, whole: str, stage_ms: Mapping[str, float]) -> dict[str, Any]:
+        """Return times in ms for `stats`, those of making the renderer the first time. whole: name of the time of all."""
+        times = {**self._times, **stage_ms, whole: (running_time() - start) * 1e3}
         build_ms = self._build_ms + (programs.waited() - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
-        scene = _seen_by(self.scene, camera)
-        facts_of = drawing.facts_of(frame, {"image": image.nbytes, "owners": 0 if owned is None else owned.nbytes})
-        events, profiling = frame.events, self.device.profiling
-
-        def stats() -> dict[str, Any]:
-            kernels = (
-                {name: (e.profile.end - e.profile.start) / 1e6 for name, e in events.items() if e} if profiling else {}
-            )
-            return {"times_ms": {**kernels, **times}, "build_ms": build_ms, **facts_of()}
-
-        return Frame(image, layers, scene, self.settings, stats)
+        return {"times_ms": times, "build_ms": build_ms}
 
     def _finish(self) -> None:
         if os.getpid() == self._process:
@@ -373,34 +330,13 @@ def render(
 
     Parameters
     ----------
-    scene : Scene
-        The scene to draw.
-    preset : {"course", "standard", "pbr"}, optional
-        Preset of the settings. Default: the scene's own.
-    device : Device or str, optional
-        An open device or the name of one, see `Renderer`. Default: the environment variable
-        CLSHADE_DEVICE, else PoCL, Intel, any.
-    settings : Settings, optional
-        Complete settings, in place of a preset.
-    **fields
-        Any field of `Settings`, which replaces that of the preset or of `settings`, and
-        ``resolution=(N, M)``, columns and rows, which replaces that of the scene's camera.
+    scene, preset, device, settings, **fields
+        See `Renderer`, which draws any number of frames, for arguments and errors.
 
     Returns
     -------
     Frame
         The image and the layers asked for.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused.
-    DeviceError
-        If no OpenCL device works.
-
-    See Also
-    --------
-    Renderer : Draws many frames of a scene.
 
     Examples
     --------

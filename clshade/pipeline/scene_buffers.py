@@ -18,7 +18,7 @@ from . import struct_layout
 from .features import Features, derive, looked_up_at_corners, looks_up
 from .gather import Gatherer
 from .instances import InstanceTables, draws_from_one_copy, instance_tables, placed_extent
-from .layer_buffers import LayerTables, layer_tables
+from .layers import LayerTables, layer_tables
 from .opencl.device import Device
 from .scalar_tables import ScalarTables, color_table
 from .shading_tables import backdrop_table, environment_tables, texture_tables

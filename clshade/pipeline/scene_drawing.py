@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from ..base.arrays import Array, Integers
 from ..scene.model import Scene, Settings
 from . import scene_buffers
-from .buffers import Buffer, Pool, finish
+from .buffers import Pool, finish
 from .clip import Clipping
 from .features import Features, ignored
 from .frame_state import SceneFrame
 from .launches import scene_stages
-from .layer_buffers import layer_features
-from .layers import Layers
+from .layers import Layers, layer_features
 from .lines import Lines
 from .opencl.device import Device
 from .programs import is_first
@@ -145,31 +144,23 @@ class SceneDrawing:
         """Draw a frame, and return its layers by name."""
         self._begin(frame)
         self._complete(frame)
-        if frame.owners is None or not self.settings.layers:
-            return {}
-        assert frame.inputs is not None
-        return self.layers.draw(frame.inputs, frame.owners, frame.tiles, frame.space, frame.events)
+        return self.layers.draw(frame)
 
-    def enqueue(self, frame: SceneFrame, layers: Mapping[str, Buffer]) -> None:
-        """Enqueue the drawing of a frame, and of its layers into buffers by name. If `frame.counters` is None, the host has
-        not waited: nothing is drawn if there are faces to clip, or more entries than `frame.room`, in `frame.counted`."""
+    def enqueue(self, frame: SceneFrame) -> None:
+        """Enqueue the drawing of a frame, and of its layers. If `frame.counters` is None, the host has not waited: nothing
+        is drawn if there are faces to clip, or more entries than `frame.room`, in `frame.counted`."""
         self._begin(frame)
         frame.room = self._lists.room
-        self._enqueue_layers(frame, layers)
+        self.layers.enqueue(frame)
 
-    def draw_again(self, frame: SceneFrame, layers: Mapping[str, Buffer]) -> None:
+    def draw_again(self, frame: SceneFrame) -> None:
         """Redraw a frame that the device skipped, and enqueue its layers."""
         assert frame.counters is not None
         finish(self.device)  # kernels of the next frame use what is replaced
         self._clips, frame.counters = bool(frame.counters["to_clip"]), None
         self._begin(frame)
         self._complete(frame)
-        self._enqueue_layers(frame, layers)
-
-    def _enqueue_layers(self, frame: SceneFrame, layers: Mapping[str, Buffer]) -> None:
-        if frame.owners is not None:
-            assert frame.inputs is not None
-            self.layers.enqueue(dict(layers), frame.inputs, frame.owners, frame.tiles, frame.events)
+        self.layers.enqueue(frame)
 
     def place_samples(self, places: Integers) -> None:
         """Set where the next frames' pixels are sampled, see `Renderer.place_samples`."""
@@ -179,14 +170,16 @@ class SceneDrawing:
         """Return the numbers of triangles and vertices, those of all instances."""
         return self._source.sizes()
 
-    def facts_of(self, frame: SceneFrame, image_bytes: dict[str, int]) -> Callable[[], dict[str, Any]]:
+    def facts_of(self, frame: SceneFrame) -> Callable[[], dict[str, Any]]:
         """Return a function that returns the entries of `Frame.stats` other than times; it outlives the renderer."""
         features, tiles, counters = self.features, frame.tiles, frame.counters
         assert counters is not None
         sizes, scene, settings, resolution = self.sizes(), self.scene, self.settings, frame.resolution
+        buffers = {"image": frame.rgba, "owners": frame.owners}
+        sizes_of = {name: 0 if buffer is None else buffer.array.nbytes for name, buffer in buffers.items()}
         if self._source.nbytes:
-            image_bytes = {**image_bytes, "triangles": self._source.nbytes}
-        title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self.scene_bytes, **image_bytes}
+            sizes_of["triangles"] = self._source.nbytes
+        title, lanes, own_bytes = self.device.title, self.stages.lanes, {"scene": self.scene_bytes, **sizes_of}
         is_sorted = frame.is_sorted
 
         def facts() -> dict[str, Any]:

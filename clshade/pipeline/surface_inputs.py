@@ -1,10 +1,12 @@
-"""The inputs of the pixel stages from scene and view: declared here for the host and, by macros, for the kernels."""
+"""The inputs of the pixel stages, and the layers: declared here for the host and, by macros, for the kernels."""
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Annotated, NamedTuple, get_type_hints
 
+from ..images.layers import LAYER_TABLE
 from .buffers import Buffer
 
 
@@ -99,4 +101,29 @@ def macros() -> str:
         f"#if CASTERS\n{definitions(casters=True)}"
         f"#elif INSTANCES\n{definitions(instances=True)}"
         f"#else\n{definitions()}#endif\n"
+    )
+
+
+# The layers that kernels/surface_layers.cl writes, and their bits in what is asked for. Z and the numbers are drawn from the
+# triangles that own the pixels by kernels/layers.cl.
+_LAYERS = {name: row for name, row in LAYER_TABLE.items() if row.kind != "uint32" and name != "Z"}
+LAYER_BITS = {name: 1 << index for index, name in enumerate(_LAYERS)}
+MIRRORED = 1 << len(LAYER_BITS)  # another bit: whether placements mirror
+
+
+def layer_macros() -> str:
+    """Return OpenCL C: the bits, LAYER_N and so on, and MIRRORED; LAYER_PARAMETERS of the kernel, to_N and so on;
+    LAYER_VALUES, members named as the layers of type reals3; and FOR_LAYERS(DO), which is DO(name, bit, components,
+    background) for each."""
+    bits = {name: f"LAYER_{name.upper()}" for name in _LAYERS}
+    each = ""
+    for name, row in _LAYERS.items():
+        background = "NAN_POSITION" if math.isnan(row.background) else f"{row.background!r}f"
+        each += f" DO({name}, {bits[name]}, {len(row.components) or 1}, {background})"
+    return (
+        "".join(f"#define {bits[name]} {bit}\n" for name, bit in LAYER_BITS.items())
+        + f"#define MIRRORED {MIRRORED}\n"
+        + f"#define LAYER_PARAMETERS {', '.join(f'global real *to_{name}' for name in _LAYERS)}\n"
+        + f"#define LAYER_VALUES reals3 {', '.join(_LAYERS)};\n"
+        + f"#define FOR_LAYERS(DO){each}\n"
     )

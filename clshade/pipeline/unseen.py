@@ -98,10 +98,8 @@ def _not_covered(scene: Scene, counts: Mapping[str, Any]) -> str:
 def _dark(scene: Scene, settings: Settings) -> str:
     if settings.shader == "nolight":
         return "the colors and textures of all faces in view are black"
-    lit = any(light.intensity.any() for light in scene.lights)
-    ambient = np.any(scene.ambient) or (settings.shader == "pbr" and scene.environment is not None)
-    if not lit and not ambient:
-        return "the scene has no light"
-    if not ambient:
+    if np.any(scene.ambient) or (settings.shader == "pbr" and scene.environment is not None):
+        return "materials or colors of all faces in view are black"
+    if any(light.intensity.any() for light in scene.lights):
         return "no light reaches the faces in view, and there is no ambient light"
-    return "materials or colors of all faces in view are black"
+    return "the scene has no light"

@@ -8,11 +8,11 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats, Integers
+from ..base.arrays import Array, Bools, Floats
 from ..base.atomic_files import write_bytes
 from ..base.json_values import plain
 from ..base.text_tables import as_csv
@@ -33,32 +33,18 @@ if TYPE_CHECKING:
 
 MOST_MARGIN = 8  # images on each side: 288 around one
 ENDINGS = (".csv", ".json")
-_COLUMNS = {
-    "instance": np.uint32,
-    "object": np.uint32,
-    "name": np.str_,
-    "pixels": np.int64,
-    "alone": np.int64,
-    "whole": np.int64,
-    "visible": np.float64,
-    "inside": np.float64,
-}
+_COLUMNS = ("instance", "object", "name", "pixels", "alone", "whole", "visible", "inside")
 
 
 @dataclass(frozen=True, eq=False)
 class Visible:
     """How much of each instance an image shows, see `clshade.visible`.
 
-    Attributes
-    ----------
-    table : structured ndarray, (K,)
-        A row for each instance, in the order of the layer instance_id. Columns: ``instance``, its
-        number in that layer; ``object``, that of its object in object_id; ``name``, its name or else its
-        object's; ``pixels``, those that show it; ``alone``, those that would if nothing else were there;
-        ``whole``, the same, and the pixels around the image that would; ``visible``, pixels / alone;
-        ``inside``, alone / whole. Shares of nothing are NaN.
-    masks : ndarray of bool, (K, M, N), or None
-        The pixels that would show each instance if nothing else were there; None unless asked for.
+    table: a structured array, (K,), a row for each instance in the order of the layer instance_id. Columns: ``instance``,
+    its number in that layer; ``object``, that of its object in object_id; ``name``, its name or else its object's;
+    ``pixels``, those that show it; ``alone``, those that would if nothing else were there; ``whole``, these and the pixels
+    around the image that would; ``visible``, pixels / alone; ``inside``, alone / whole. Shares of nothing are NaN.
+    masks: (K, M, N), the pixels that would show each instance if nothing else were there; None unless asked for.
     """
 
     table: Array
@@ -72,16 +58,17 @@ class Visible:
         path : str or path-like
             File name ending in .csv or .json.
         """
-        name = checked_path("Visible.save", "path", path)
+        name, columns = checked_path("Visible.save", "path", path), self.table.dtype.names or ()
         ending = os.path.splitext(name)[1].lower()
         if ending not in ENDINGS:
             raise value_error("Visible.save", "path", f"a file name ending in {' or '.join(ENDINGS)}", name)
-        rows = [dict(zip(self.table.dtype.names or (), plain(list(row.item())), strict=True)) for row in self.table]
+        rows = [plain(list(row.item())) for row in self.table]
         if ending == ".json":
-            write_bytes(name, json.dumps(rows, indent=1, ensure_ascii=False).encode() + b"\n")
-            return
-        texts = (["" if value is None else str(value) for value in row.values()] for row in rows)
-        write_bytes(name, as_csv(self.table.dtype.names or (), texts).encode())
+            named = [dict(zip(columns, row, strict=True)) for row in rows]
+            write_bytes(name, json.dumps(named, indent=1, ensure_ascii=False).encode() + b"\n")
+        else:
+            texts = (["" if value is None else str(value) for value in row] for row in rows)
+            write_bytes(name, as_csv(columns, texts).encode())
 
 
 def visible(
@@ -106,13 +93,8 @@ def visible(
         How far an instance counts beyond the image, in images: 1 to each side, so that what lies in an
         area of three by three images is its whole; 0 to 8.
     preset, device, settings, **fields
-        As of `clshade.render`. What decides which triangles are seen counts, such as ``cull``, ``near``
+        See `clshade.Renderer`. What decides which triangles are seen counts, such as ``cull``, ``near``
         and ``layer_alpha``; shading does not.
-
-    Returns
-    -------
-    Visible
-        A table of counts and shares, and the masks if asked for.
 
     Notes
     -----
@@ -136,32 +118,28 @@ def visible(
     placed = list(_instances(scene))
     count = len(placed)
     with Renderer(scene, device=device, settings=settings) as renderer:
-        seen, device = _counted(renderer.render()["instance_id"], count), renderer.device
+        seen, device = np.bincount(renderer.render()["instance_id"].ravel(), minlength=count + 1), renderer.device
     columns, height = scene.camera.resolution
-    alone, around = np.zeros((2, count + 1), np.int64)
+    alone, whole = np.zeros((2, count + 1), np.int64)
     found = np.zeros((count if many else 0, height, columns), bool)
     for group in _groups(placed):
         numbers = [each.number for each in group]
         shown = replace(scene, meshes=tuple(mesh for each in group for mesh in each.meshes))
         for place, image in _drawn(shown, group, settings, device, beyond):
-            pixels = _counted(image, len(group))[1:]
-            (around if any(place) else alone)[numbers] += pixels
-            if many and not any(place):
-                for k, number in enumerate(numbers, 1):
+            pixels = np.bincount(image.ravel(), minlength=len(group) + 1)[1:]
+            whole[numbers] += pixels
+            if not any(place):
+                alone[numbers] += pixels
+                for k, number in enumerate(numbers if many else (), 1):
                     found[number - 1] = image == k
     rows = []
     for number, object_number, name, *_ in placed:
-        counts = (int(seen[number]), int(alone[number]), int(alone[number] + around[number]))
-        share, inside = (part / most if most else math.nan for part, most in (counts[:2], counts[1:]))
-        rows.append((number, object_number, name, *counts, share, inside))
-    longest = max((len(row[2]) for row in rows), default=0)
-    kinds = {**_COLUMNS, "name": f"U{max(longest, 1)}"}
-    return Visible(np.array(rows, [*kinds.items()]), found if many else None)
-
-
-def _counted(numbers: Array, most: int) -> Integers:
-    """Return how many pixels show each number, (most + 1,)."""
-    return np.bincount(numbers.ravel(), minlength=most + 1)
+        counts = int(seen[number]), int(alone[number]), int(whole[number])
+        shares = (part / most if most else math.nan for part, most in (counts[:2], counts[1:]))
+        rows.append((number, object_number, name, *counts, *shares))
+    longest = max((len(each.name) for each in placed), default=0)
+    kinds = f"u4 u4 U{max(longest, 1)} i8 i8 i8 f8 f8".split()
+    return Visible(np.array(rows, list(zip(_COLUMNS, kinds, strict=True))), found if many else None)
 
 
 def _bare(mesh: Mesh) -> Mesh:
@@ -170,15 +148,8 @@ def _bare(mesh: Mesh) -> Mesh:
     if mesh.tests_alpha or mesh.blends:
         plain = replace(own, pbr=None)
         return replace(mesh, material=plain, normals=None, normal_faces=None, tangents=None, tangent_faces=None)
-    return Mesh(
-        mesh.verts,
-        mesh.faces,
-        material=Material(sides=own.sides),
-        instances=mesh.instances,
-        name=mesh.name,
-        instance_names=mesh.instance_names,
-        part_of=mesh.part_of,
-    )
+    names: dict[str, Any] = {"name": mesh.name, "instance_names": mesh.instance_names, "part_of": mesh.part_of}
+    return Mesh(mesh.verts, mesh.faces, material=Material(sides=own.sides), instances=mesh.instances, **names)
 
 
 class _Instance(NamedTuple):
@@ -191,11 +162,6 @@ class _Instance(NamedTuple):
     meshes: tuple[Mesh, ...]
     low: Floats
     high: Floats
-
-    def reaches(self, place: tuple[int, int], camera: Camera) -> bool:
-        """Return whether its box meets the image that lies so many images to the right and down of the camera's."""
-        start = np.array(place) * camera.resolution
-        return bool((self.low < start + camera.resolution).all() and (self.high > start).all())
 
 
 def _instances(scene: Scene) -> Iterator[_Instance]:
@@ -251,9 +217,14 @@ def _drawn(
 ) -> Iterator[tuple[tuple[int, int], Array]]:
     """Yield the layer instance_id of a scene of a group's instances, and of the images around that may show any, with how
     many images to the right and down these are."""
-    around = range(-margin, margin + 1)
-    camera = scene.camera
-    reach = [place for place in product(around, around) if any(each.reaches(place, camera) for each in group)]
+    around, camera = range(-margin, margin + 1), scene.camera
+    low, high = (np.array([getattr(each, end) for each in group]) for end in ("low", "high"))
+
+    def is_reached(place: tuple[int, int]) -> bool:
+        start = np.array(place) * camera.resolution
+        return bool(((low < start + camera.resolution) & (high > start)).all(axis=1).any())
+
+    reach = list(filter(is_reached, product(around, around)))
     if reach:
         with Renderer(scene, device=device, settings=settings) as renderer:
             for right, down in reach:

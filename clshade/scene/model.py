@@ -643,12 +643,12 @@ def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scen
     return replace(scene, meshes=tuple(with_fields(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
 
 
-Part = TypeVar("Part", Mesh, Material)
+Part = TypeVar("Part", Mesh, Material, Scene)
 
 
 def with_fields(part: Part, **changes: Any) -> Part:
-    """Return a mesh or material with other values that need no check, for thousands of them: `dataclasses.replace` checks
-    all fields anew."""
+    """Return a mesh, material or scene with other values that need no check, for thousands of them: `dataclasses.replace`
+    checks all fields anew."""
     made = object.__new__(type(part))
     vars(made).update(vars(part), **changes)
     return made

@@ -23,7 +23,7 @@ from ..farm.running import Run, draw_frames
 from ..images import exr, exr_tiles, png
 from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
-from ..pipeline.drawing_record import Storage, record_of, sealed
+from ..pipeline.drawing_record import record_of, sealed
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
 from ..scene.camera import Camera
@@ -195,7 +195,7 @@ def draw_poster(
     tiles = _Tiles(whole_camera(scene.camera, scene.camera.resolution if resolution is None else resolution), tile)
     whole = replace(scene, camera=tiles.whole)
     # All that is refused is refused before tiles of an earlier run are removed.
-    frame_files.check_output(name, settled, **options)
+    chosen = frame_files.check_output(name, settled, **options)
     if settled.layers and options.get("compression") in exr.LOSSY:
         raise value_error("draw_poster", "compression", "a lossless one with layers", options["compression"])
     integer("draw_poster", "workers", workers, 1, MOST_WORKERS)
@@ -222,7 +222,7 @@ def draw_poster(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
-        joining = _Joining(tiles, folder.pattern, whole, settled, Storage.of(whole, options))
+        joining = _Joining(tiles, folder.pattern, whole, settled, chosen)
         write = {"exr": joining.write_exr, "png": joining.write_png}
         with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
             for (kind, file_path), file in zip(paths.items(), opened, strict=True):
@@ -243,8 +243,8 @@ def draw_poster(
 class _Joining:
     """What joins the files of tiles. scene: with the camera of the whole."""
 
-    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings, storage: Storage) -> None:
-        self._tiles, self._scene, self._settings, self._storage = tiles, scene, settings, storage
+    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings, saving: SavingOptions) -> None:
+        self._tiles, self._scene, self._settings, self._saving = tiles, scene, settings, saving
         self._pattern = parse_pattern(pattern, len(tiles))
 
     def _name(self, number: int, kind: FileKind) -> str:
@@ -253,7 +253,7 @@ class _Joining:
     def write_exr(self, file: BinaryIO) -> None:
         tiles = self._tiles
         metadata = frame_files.header(self._scene, self._settings, self._settings.layers)
-        metadata = sealed(metadata, record_of(self._scene, self._settings, self._storage))
+        metadata = sealed(metadata, record_of(self._scene, self._settings, self._saving))
         start = exr_tiles.header(self._name(0, "exr"), tiles.whole.resolution, tiles.tile, metadata)
         names = (self._name(number, "exr") for number in tiles)
         exr_tiles.join(file, start, names, tiles.across, tiles.down)

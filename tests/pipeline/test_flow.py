@@ -17,8 +17,8 @@ from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import read_cameras
 from clshade.measure.check.flow_bounds import flow_errors
-from clshade.pipeline.flow_vectors import Flow
 from clshade.pipeline.frame import Frame
+from clshade.pipeline.frame_results import Flow
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes, face_weights, in_image, pixel_rays, triangles
 from clshade.scene.model import Material, Mesh, Scene

@@ -14,8 +14,7 @@ import pytest
 from processes import ROOT
 
 from clshade import Camera, Mesh, Renderer, Scene
-from clshade.pipeline.frame import Frame
-from clshade.pipeline.many_views import Views
+from clshade.pipeline.frame import Frame, Views
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))
 TRIANGLE = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))

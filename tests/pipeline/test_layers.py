@@ -14,15 +14,16 @@ import clshade
 from clshade import oracle
 from clshade.images.layers import LAYER_TABLE
 from clshade.measure.check import layer_bounds
-from clshade.pipeline import layer_buffers, programs
+from clshade.pipeline import layers, programs
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.layer_buffers import material_numbers
-from clshade.pipeline.layer_outputs import LAYER_BITS
+from clshade.pipeline.layers import material_numbers
 from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.surface_inputs import LAYER_BITS
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
 from clshade.scene.model import Material, Mesh, Scene, Settings
+from clshade.scene.objects import first_instances
 
 PARALLEL = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
 LAYERS = Settings(layers="all").layers  # of a scene without scalars and ambient occlusion
@@ -258,19 +259,19 @@ def test_a_scene_of_nothing(device, meshes):
 
 def test_instances_are_counted_through_the_meshes():
     scene = mixed()
-    assert layer_buffers.first_instances(scene) == [1, 2, 3, 6, 7]
+    assert first_instances(scene) == [1, 2, 3, 6, 7]
     numbers = oracle.layers.instance_numbers(scene)
     assert numbers.tolist() == [1] * 2 + [3] * 14 + [4] * 14 + [5] * 14 + [6] * 3 + [7]
-    assert layer_buffers.first_instances(replace(scene, meshes=())) == []
+    assert first_instances(replace(scene, meshes=())) == []
 
 
 def test_instances_that_a_uint32_cannot_count_are_refused():
     many = Mesh(np.zeros((1, 3)), np.zeros((0, 3), int), instances=np.tile(np.eye(4), (1 << 14, 1, 1)))
     scene = Scene((*[many] * ((1 << 18) - 1), wedge()), CAMERA)
-    assert layer_buffers.first_instances(scene)[-1] == (1 << 32) - (1 << 14) + 1
+    assert first_instances(scene)[-1] == (1 << 32) - (1 << 14) + 1
     message = "render: scene: expected at most 4294967295 instances with the layer instance_id, found 4294967297"
     with pytest.raises(clshade.errors.InputError, match=message):
-        layer_buffers.first_instances(replace(scene, meshes=(*[many] * (1 << 18), wedge())))
+        first_instances(replace(scene, meshes=(*[many] * (1 << 18), wedge())))
 
 
 def test_equal_materials_share_a_number():
@@ -294,7 +295,7 @@ def test_equal_materials_share_a_number():
 def test_many_materials_are_not_compared_in_pairs(monkeypatch):
     """No comparison for 3000 materials of scalars; one for two textures of equal size."""
     compared = []
-    monkeypatch.setattr(layer_buffers.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
+    monkeypatch.setattr(layers.np, "array_equal", lambda a, b: compared.append((a, b)) or bool((a == b).all()))
     materials = [Material(kd=k / 3000, name=f"{k % 7}") for k in range(3000)]
     materials += [Material(texture=replace(CHECKERS, image=CHECKERS.image + np.float32(k))) for k in range(2)]
     scene = Scene(tuple(replace(wedge(), material=material) for material in materials), CAMERA)

@@ -18,9 +18,8 @@ from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import ClshadeError, InputError
 from clshade.pipeline import buffers, frame_queue
 from clshade.pipeline.buffers import aligned
-from clshade.pipeline.frame import Frame, same_bits
+from clshade.pipeline.frame import Frame, Views, same_bits
 from clshade.pipeline.launches import Stages
-from clshade.pipeline.many_views import Views
 from clshade.scene.adjust_camera import adjusted
 
 SIZE = 48

@@ -16,7 +16,7 @@ from ...errors import InputError
 from .arguments import with_values
 
 if TYPE_CHECKING:
-    from ...pipeline.drawing_record import Record
+    from ...measure.verify.recorded_image import Record
     from ...scene.model import Scene
 
 # By which a camera may differ that was chosen for a scene, on another processor: some roundings.

@@ -214,7 +214,7 @@ def _draw(
     frame.command = command
     if cameras:
         from ...pipeline.flow import flow
-        from ...pipeline.flow_vectors import FLOWS
+        from ...pipeline.frame_results import FLOWS
 
         flows = [flow(frame, camera, device=arguments.device) for camera in cameras]
         frame.flows = dict(zip(FLOWS, flows, strict=False))

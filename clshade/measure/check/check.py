@@ -19,7 +19,7 @@ from ...base.validation import arguments, count_or_all, integer
 from ...oracle import OracleFrame
 from ...oracle.layers import instance_numbers
 from ...pipeline.frame import Frame
-from ...pipeline.image_check import Check
+from ...pipeline.frame_results import Check
 from ..defaults import PIXELS
 from . import oracle_bounds
 from .flow_bounds import flow_errors

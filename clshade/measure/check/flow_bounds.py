@@ -6,7 +6,7 @@ import numpy as np
 
 from ... import oracle
 from ...base.arrays import Array, Bools, Floats
-from ...pipeline.flow_vectors import Flow
+from ...pipeline.frame_results import Flow
 from ...scene.model import Scene, Settings
 from .oracle_bounds import HALF_ULP
 

@@ -14,7 +14,7 @@ from ...base.arrays import Bytes
 from ...images.metrics import ImageError, image_error, rms, rmse
 from ...images.tonemap import tonemap
 from ...pipeline.frame import Frame
-from ...pipeline.image_check import Check
+from ...pipeline.frame_results import Check
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene import adjust_camera

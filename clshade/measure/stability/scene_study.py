@@ -10,7 +10,7 @@ import numpy as np
 
 from ...base.arrays import Floats, Floats32, Integers
 from ...pipeline.frame import Frame
-from ...pipeline.image_check import Check
+from ...pipeline.frame_results import Check
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import render
 from ...scene.model import Scene, Settings

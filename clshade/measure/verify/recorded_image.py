@@ -3,21 +3,58 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ...base.arrays import Array, Floats
 from ...base.atomic_files import shown
 from ...base.input_files import file_error
+from ...base.json_values import found_text, parse_text
+from ...errors import InputError
 from ...images import exr, exr_limits
 from ...images.layers import LAYER_TABLE
-from ...pipeline.drawing_record import RECORD, SEAL, Record, read_record, seal_of
+from ...images.tonemap import Operator, checked
+from ...pipeline.drawing_record import EXR, PNG, RECORD, SEAL, STEPS, seal_of
+from ...scene.camera import Camera
+from ...scene.description import PARTS
+from ...scene.edges import Edges
+from ...scene.model import Settings
+from ...scene.scalars import Scalars
 
+_FIRST_STEPS = 256  # of snapped corners, per pixel, when records did not name them
 _LARGEST = {np.dtype(np.float16): 2.0**16, np.dtype(np.float32): 2.0**128}  # what would follow the largest finite one
+
+
+@dataclass(frozen=True)
+class Storage:
+    """What a frame's files keep of it: options of `Frame.save`. The first three are those of the PNG beside the EXR."""
+
+    tonemap: Operator
+    exposure: float
+    colorbar: bool
+    half: bool
+    compression: str
+    crop: bool
+
+
+@dataclass(frozen=True)
+class Record:
+    """A record that was read. scene: SHA-256 of each of `description.PARTS`."""
+
+    scene: dict[str, str]
+    name: str
+    camera: Camera | None
+    settings: Settings
+    storage: Storage
+    kernels: str
+    version: str
+    device: str | None
+    command: str | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +101,73 @@ def read_recorded(path: str | os.PathLike[str]) -> RecordedImage:
         channels[name] = np.stack(parts, axis=-1) if names else parts[0]
     found = (*_header_faults(header, record), *sorted(faults))
     return RecordedImage(Path(path), record, channels, tuple(planes), found)
+
+
+def read_record(header: Mapping[str, Any], owner: str) -> Record:
+    """Return the record in a header that `exr.read` returned. owner: the file, for messages. Raises InputError of one line
+    if there is none, or none that could have been written."""
+    text = header.get(RECORD)
+    if not isinstance(text, str):
+        raise file_error(owner, f"header: {RECORD}", "an EXR that clshade drew, with the record of how", "none")
+    value = parse_text(text.encode("utf-8", "replace"), owner, "the record of a drawing", unique=True)
+    get = partial(_get, value, owner)
+    steps = get("subpixels", int, _FIRST_STEPS)
+    if steps != STEPS:
+        drawn = f"1/{steps} px: only the version of clshade that drew the image can verify it"
+        raise file_error(owner, f"header: {RECORD}.subpixels", f"corners snapped to 1/{STEPS} px", drawn)
+    scene = get("scene", dict)
+    if set(scene) != set(PARTS) or not all(isinstance(each, str) for each in scene.values()):
+        raise file_error(owner, f"{RECORD}.scene", f"digests of {', '.join(PARTS)}", found_text(scene))
+    make = partial(_made, owner)
+    storage = get("storage", dict)
+    picture = _typed(owner, storage.get("png"), PNG, "storage.png")
+    _typed(owner, storage, {"png": dict, **EXR}, "storage")
+    make(checked, {"operator": picture["tonemap"], "exposure": picture["exposure"]}, "storage.png")
+    camera = value.get("camera")
+    settings = make(_settings, get("settings", dict), "settings")
+    if picture["colorbar"] and settings.scalars is None:
+        raise file_error(owner, f"header: {RECORD}.storage.png", "no colorbar without scalars", "one")
+    return Record(
+        scene=scene,
+        name=get("name", str),
+        camera=None if camera is None else make(Camera, camera, "camera"),
+        settings=settings,
+        storage=Storage(**picture, **{name: storage[name] for name in EXR}),
+        kernels=get("kernels", str),
+        version=get("version", str),
+        device=get("device", str, None),
+        command=get("command", str, None),
+    )
+
+
+def _get(value: Any, owner: str, name: str, kind: type, *default: Any) -> Any:
+    found = value.get(name, *default) if isinstance(value, dict) else None
+    if not isinstance(found, kind) and not (default and found is None):
+        raise file_error(owner, f"header: {RECORD}.{name}", kind.__name__, found_text(found))
+    return found
+
+
+def _typed(owner: str, values: Any, types: Mapping[str, type], name: str) -> Any:
+    """Return values that are a mapping with these names and types. Raises InputError for others."""
+    if not isinstance(values, dict) or {key: type(each) for key, each in values.items()} != types:
+        expected = ", ".join(f"{key}: {each.__name__}" for key, each in types.items())
+        raise file_error(owner, f"header: {RECORD}.{name}", expected, found_text(values))
+    return values
+
+
+def _made(owner: str, make: Callable[..., Any], values: Any, name: str) -> Any:
+    """Return what these arguments make. Raises InputError, naming the part of the record, where they make nothing."""
+    try:
+        return make(**cast("dict[str, Any]", values))
+    except (InputError, TypeError, ValueError, OverflowError) as error:
+        raise file_error(owner, f"header: {RECORD}.{name}", "what clshade writes", str(error)) from None
+
+
+def _settings(**values: Any) -> Settings:
+    for name, kind in (("edges", Edges), ("scalars", Scalars)):
+        if values.get(name) is not None:
+            values[name] = kind(**values[name])
+    return Settings(**values)
 
 
 def _type_faults(planes: list[Array], name: str, record: Record, owner: str) -> list[str]:

@@ -21,7 +21,6 @@ from ...images.joint_tonemaps import JOINT
 from ...images.layers import LAYER_TABLE
 from ...oracle import OracleFrame, OracleLayers
 from ...pipeline import frame_files
-from ...pipeline.drawing_record import Picture, Record
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.frame import Frame
 from ...pipeline.kernel_files import kernels_digest
@@ -33,7 +32,7 @@ from ..check.check import Comparison
 from ..check.layer_bounds import layer_errors
 from ..defaults import SAMPLE
 from .confidence import sampled, upper_bound
-from .recorded_image import RecordedImage, nearest_stored, read_recorded, stored_range
+from .recorded_image import Record, RecordedImage, Storage, nearest_stored, read_recorded, stored_range
 from .verification import Verification
 
 _ENTROPY = 6  # bytes of a seed that nobody chose
@@ -243,7 +242,7 @@ class _Picture:
 
 def _picture(image: RecordedImage, scene: Scene) -> _Picture:
     """Compare the PNG beside an EXR, if there is one, with it."""
-    path, how = image.path.with_suffix(".png"), image.record.storage.png
+    path, how = image.path.with_suffix(".png"), image.record.storage
     if not path.exists():
         return _Picture()
     if not image.exact and (how.tonemap in JOINT or scene.background is None):
@@ -263,7 +262,7 @@ def _picture(image: RecordedImage, scene: Scene) -> _Picture:
     return _Picture(True, (f"{path.name} is not the EXR, tone-mapped: {len(other):,} pixels differ, {place}",))
 
 
-def _codes(image: RecordedImage, scene: Scene, how: Picture) -> tuple[Array, Array]:
+def _codes(image: RecordedImage, scene: Scene, how: Storage) -> tuple[Array, Array]:
     """Return the least and the largest codes that the PNG may have."""
     rgba, settings = image.channels["RGBA"], image.record.settings
     found = []
