@@ -232,15 +232,13 @@ def seam_coordinates(kind: type, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(
-    ("precision", "lanes"),
-    [(precision, lanes) for precision in ("float32", "fast", "float64") for lanes in (None, 1)],
+    ("precision", "lanes"), [(precision, lanes) for precision in ("float32", "float64") for lanes in (None, 1)]
 )
 def test_texels_across_the_seam(device, precision, lanes):
     """Texel weights at coordinates of 1/16 to 2^40, many of them next to an integer.
 
     A unit is 2^-24, in float64 2^-53: one for the fraction's rounding, one if a weight is 1 minus the fraction. As
-    derived in texture.clh, 3 unit^2 of the coordinate and 4 of the position within the image, times texels. `fast` uses
-    only the high part and rounds within the image four times: 4 units times texels.
+    derived in texture.clh, 3 unit^2 of the coordinate and 4 of the position within the image, times texels.
     """
     skip_unsupported(device, {"precision": precision})
     kind = np.float64 if precision == "float64" else np.float32
@@ -250,19 +248,19 @@ def test_texels_across_the_seam(device, precision, lanes):
     which = [rng.integers(len(WRAPS), size=count // 16), rng.integers(4, size=count // 16) // 3]
     sizes = np.repeat(rng.choice([1, 2, 3, 8, 1000, 32768], count // 16), 16)
     wraps, lookups = (np.repeat(a, 16) for a in which)
-    features = {"FAST": int(precision == "fast"), "DOUBLE": int(precision == "float64")}
+    features = {"DOUBLE": int(precision == "float64")}
     numbers = np.array([struct_layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in WRAPS])[wraps]
     modes = np.array([struct_layout.CONSTANTS[f"LOOKUP_{name}"] for name in ("STANDARD", "COURSE")])[lookups]
     arrays = (a.astype(np.int32) for a in (sizes, numbers, modes))
     found = Probe(device, FOOTPRINT, lanes=lanes, **features)("texels", high, low, *arrays, width=3, dtype=kind)
     for k in range(count):
-        u = Fraction(float(high[k])) + (0 if precision == "fast" else Fraction(float(low[k])))
+        u = Fraction(float(high[k])) + Fraction(float(low[k]))
         expected = shares_of(u, int(sizes[k]), ("standard", "course")[lookups[k]], WRAPS[wraps[k]])
         first, second, fraction = (float(value) for value in found[k])
         shares = {int(first): 1.0 - fraction}
         shares[int(second)] = shares.get(int(second), 0.0) + fraction
         wrong = max(abs(float(expected.get(i, 0)) - shares.get(i, 0.0)) for i in {*expected, *shares})
-        within = 4.0 * unit if precision == "fast" else unit * unit * (3.0 * abs(float(u)) + 4.0)
+        within = unit * unit * (3.0 * abs(float(u)) + 4.0)
         assert wrong <= 2.0 * unit + within * int(sizes[k]), (float(high[k]), float(low[k]), k)
 
 

@@ -213,12 +213,12 @@ def uv_slack(settings: Settings, uvs: Floats, condition: Floats, size: tuple[int
     (K,) of `shade_pixels`, and a texture of `size` columns and rows.
 
     In float32 they are accurate to 2^-42 of the largest one at a corner, with another 2^-25 of a texel from planes
-    (kernels/texture.clh), twice that with the oracle's own; with `fast`, as means of float32, to 76 * 2^-24. Rounding of
-    positions in float64 counts as for the weights, 76 * 2^-53.
+    (kernels/texture.clh), twice that with the oracle's own. Rounding of positions in float64 counts as for the weights,
+    76 * 2^-53.
     """
-    own = {"float32": 2.0**-41, "fast": 2.0**-17, "float64": 0.0}[settings.precision]
+    own, of_texel = (0.0, 0.0) if settings.precision == "float64" else (2.0**-41, 2.0**-24)
     most: Floats = np.abs(uvs).max(axis=(1, 2)) * np.maximum(own, 76.0 * 2.0**-53 * condition)
-    return most[:, None] + (0.0 if settings.precision == "float64" else 2.0**-24) / np.array(size)
+    return most[:, None] + of_texel / np.array(size)
 
 
 def corner_colors(scene: Scene, settings: Settings, corners: Corners, face: Integers) -> Floats:

@@ -15,11 +15,11 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..scene.model import LEAST_ROUGHNESS, Material
 from . import lights
-from .shade import GATE, conditioning, light_condition, most_arriving
+from .shade import conditioning, light_condition, most_arriving
 from .vectors import dot, length, unit
 
 # How far rounding may move a unit vector or a cosine, by precision: the roundings that `oracle_bounds.ALLOWED` allows.
-REACH = {"float32": 32.0 * 2.0**-24, "fast": 512.0 * 2.0**-24, "float64": 1e-12}
+REACH = {"float32": 32.0 * 2.0**-24, "float64": 1e-12}
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,15 +143,13 @@ def reflected(
     parallel: bool = False,
     wear: Floats | float = 0.0,
     shapes: Sequence[lights.Shape] = (),
-    gate: float = GATE,
     reaching: Floats | None = None,
 ) -> Reflected:
     """Return what surfaces reflect, and how far rounding may change it.
 
     most: (..., 3) the largest color that errors are relative to. reach: see `REACH`. extent, normal_length, parallel: as of
-    `shade.conditions`; shapes, gate: as of `shade.reflected` and `shade.jumps`. reaching: (L, ...) factors of the lights,
-    which `spread` does not know. wear: (...) how far the roughness and the
-    metallic part may be off, over `reach`.
+    `shade.conditions`; shapes: as of `shade.reflected`. reaching: (L, ...) factors of the lights, which `spread` does not
+    know. wear: (...) how far the roughness and the metallic part may be off, over `reach`.
 
     A cosine within r of its value, r being `reach` times the light's own condition number, bounds distribution, visibility
     and reflectance from above and below, since each is monotonic; so their product lies between two values. Their difference
@@ -166,7 +164,7 @@ def reflected(
     shape = np.broadcast_shapes(point.shape, normal.shape, f0.shape)
     tinted, plain, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
-    most_light = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
+    most_light = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel)
     common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
     each = lights.each(light_positions, light_intensities, shapes, point, extent)
     for k, ((position, intensity, kind), most_intensity) in enumerate(zip(each, most_light, strict=True)):

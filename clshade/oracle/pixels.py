@@ -66,11 +66,10 @@ class Batch:
     points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
     texel: per pixel. mapped: per pixel, colors of scalars. tinted: whether the color multiplies the ambient light. turned:
     (K,) whether the normal is flipped. view: None, or the unit vector toward an orthographic camera, the same everywhere.
-    gate: see `shade.jumps`. facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the
-    corners. maps: per pixel. environment: of the scene, if it has one. seen: what reaches
-    the pixels, or with shader gouraud the corners (U, 3); None without shadows. bends: (U, 3), see `corners.placed_bends`.
-    open: what of the ambient light reaches the pixels, or with shader gouraud and `tinted` the corners; None without ambient
-    occlusion.
+    facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the corners. maps: per
+    pixel. environment: of the scene, if it has one. seen: what reaches the pixels, or with shader gouraud the corners
+    (U, 3); None without shadows. bends: (U, 3), see `corners.placed_bends`. open: what of the ambient light reaches the
+    pixels, or with shader gouraud and `tinted` the corners; None without ambient occlusion.
     """
 
     points: Floats
@@ -86,7 +85,6 @@ class Batch:
     mapped: MapColors
     turned: Bools
     view: Floats | None
-    gate: float
     facets: microfacet.Facets
     reach: float
     tangents: Floats
@@ -157,7 +155,6 @@ def shade_pixels(
         mapped=map_colors(scene, settings, corners, face, weights, unit),
         turned=behind & two_sided,
         view=-axes[2] if scene.camera.orthographic else None,
-        gate=shade.FAST_GATE if settings.precision == "fast" else shade.GATE,
         facets=microfacet.facets_of([m.material for m in scene.meshes])[corners.mesh[used]],
         reach=microfacet.REACH[settings.precision],
         tangents=corners.tangents[used],
@@ -316,15 +313,13 @@ def _gouraud(batch: Batch) -> Shaded:
         rgb = rgb + ambient
     place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
     steepness = shade.steepness(points, normals, surface, eye, lights.positions, lights.shapes)
-    conditions = shade.conditions(
-        *place, eye, lights.positions, parallel, steepness, shapes=lights.shapes, gate=batch.gate
-    )
+    conditions = shade.conditions(*place, eye, lights.positions, parallel, steepness, lights.shapes)
     worst = shade.condition_number(conditions).argmax(axis=1)
     conditions = np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0]
-    jump = shade.jumps(points, normals, *place[1:], surface, eye, *given, parallel, batch.gate, lights.shapes)
+    jump = shade.jumps(points, normals, *place[1:], surface, eye, *given, parallel, lights.shapes)
     jump = jump.max(axis=1)[where]
     worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most * batch.mapped.most
-    arriving = shade.most_arriving(points, place[1], eye, *given, lights.shapes, parallel, batch.gate)
+    arriving = shade.most_arriving(points, place[1], eye, *given, lights.shapes, parallel)
     if arriving.ndim > 2:  # of the brightest corner
         arriving = np.abs(arriving).max(axis=2)[:, where]
     budget = shade.budget(worst_color, pixel, arriving, batch.tinted)
@@ -398,11 +393,11 @@ def _phong(batch: Batch) -> Shaded:
     parallel = batch.view is not None
     steepness = shade.steepness(point, normal, surface, eye, lights.positions, lights.shapes)
     around = point, at.extent, at.normal_length, eye, lights.positions, parallel, steepness
-    conditions = shade.conditions(*around, shapes=lights.shapes, gate=batch.gate)
-    gates = at.extent, at.normal_length, surface, eye, *given, parallel, batch.gate, lights.shapes
+    conditions = shade.conditions(*around, lights.shapes)
+    gates = at.extent, at.normal_length, surface, eye, *given, parallel, lights.shapes
     jump = shade.jumps(point, normal, *gates) * at.most
     jump = jump + batch.flips(at.vertex_color * factor)
-    arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel, batch.gate)
+    arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel)
     budget = shade.budget(at.most, surface, arriving, batch.tinted)
     of_ambient = at.most if batch.tinted else 1.0
     budget, jump = budget + rounded * of_ambient, jump + hidden * of_ambient
@@ -453,7 +448,6 @@ def _pbr(batch: Batch) -> Shaded:
             parallel,
             found.error(batch.reach),
             lights.shapes,
-            batch.gate,
             reaching,
         )
 
@@ -465,9 +459,7 @@ def _pbr(batch: Batch) -> Shaded:
         hidden = np.abs(around.tinted * at.color) + around.plain
     rgb = microfacet.light(lit, at.color, ka_Ia, facets, batch.tinted)
     per_color = lit.tinted + ka_Ia if batch.tinted else lit.tinted
-    conditions = shade.conditions(
-        at.point, *place, eye, lights.positions, parallel, shapes=lights.shapes, gate=batch.gate
-    )
+    conditions = shade.conditions(at.point, *place, eye, lights.positions, parallel, shapes=lights.shapes)
     budget = microfacet.budget(all_of_it, at.most, found.brightest(plain), lit.spread, batch.tinted)
     ambient = np.abs(all_of_it * at.color if batch.tinted else all_of_it)
     jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * open_spread[:, None]

@@ -19,10 +19,6 @@ from .vectors import length
 # roundings if kappa is 1. If it is larger, the directions that they are products of are off by kappa times as much: an
 # error 2^-24 s of P turns L by 2^-24 s/|P-L| and V by 2^-24 s/|P-eye|, one 2^-24 of the mean normal turns N by 2^-24/|N|.
 GATE = 1e-6
-# With precision `fast` lengths are accurate to 4.7e-6 only (kernels/numerics.clh). Those of L and V scale N.L and R.V and
-# leave their signs alone; that of N counts twice in the first of the terms 2(N.L)(N.V) - L.V, which are at most 1 and equal
-# where R.V is 0: 9.4e-6 more.
-FAST_GATE = 1.1e-5
 
 
 def barycentrics(edges: Array, z: Floats, interpolation: str) -> Floats:
@@ -107,7 +103,6 @@ def most_arriving(
     light_intensities: Floats,
     shapes: Sequence[Shape],
     parallel: bool = False,
-    gate: float = GATE,
 ) -> Floats:
     """Return the intensities of the lights as they arrive at most, see `lights.most_share`: (L, 3), or (L, ..., 3) if any
     is attenuated or of finite size; of such a light there are as many rows as points. Other arguments as of `jumps`."""
@@ -118,7 +113,7 @@ def most_arriving(
     found = []
     for position, intensity, shape in lights.each(light_positions, intensities, shapes, point, extent):
         size = _size(extent, eye, position, parallel) + shape.blur
-        found.append(intensity * lights.most_share(point, position, shape, size, gate)[..., None])
+        found.append(intensity * lights.most_share(point, position, shape, size, GATE)[..., None])
     return np.stack(found)
 
 
@@ -147,7 +142,6 @@ def conditions(
     parallel: bool = False,
     steepness: Floats | float = 1.0,
     shapes: Sequence[Shape] = (),
-    gate: float = GATE,
 ) -> Floats:
     """Return the terms of kappa, (..., 4): 1/|N|, s/|P-eye|, s/|P-L| of the worst light (0 without lights), and
     `steepness`. Arguments as of `conditioning` and `jumps`. The term of a light with a cone or attenuation is at least 1,
@@ -160,7 +154,7 @@ def conditions(
         amplified = light_condition(point, extent, eye, position, parallel, shape)
         if shape.varies:
             amplified = np.fmax(amplified, 1.0)
-            amplified = amplified * lights.sensitivity(point, position, shape, gate * amplified)
+            amplified = amplified * lights.sensitivity(point, position, shape, GATE * amplified)
         of_light = np.fmax(of_light, amplified)
     return np.stack(np.broadcast_arrays(of_normal, of_eye, of_light, steepness), axis=-1)
 
@@ -213,21 +207,20 @@ def jumps(
     light_positions: Floats,
     light_intensities: Floats,
     parallel: bool = False,
-    gate: float = GATE,
     shapes: Sequence[Shape] = (),
 ) -> Floats:
     """Return how much the light of a white surface can change if rounding decides whether a term sends anything, (..., 3):
-    for each light `Term.jump`, where cosines are right to `gate` times that light's own kappa.
+    for each light `Term.jump`, where cosines are right to `GATE` times that light's own kappa.
 
     Arguments as of `conditioning` and `reflected`; 0 for a zero normal.
     """
     found = np.zeros((*np.broadcast_shapes(np.shape(point), np.shape(normal))[:-1], 3))
     has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
     common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
-    most = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel, gate)
+    most = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel)
     each = lights.each(light_positions, light_intensities, shapes, point, extent)
     for (position, _, shape), intensity in zip(each, most, strict=True):
-        reach = gate * np.fmax(common, light_condition(point, extent, eye, position, parallel, shape))
+        reach = GATE * np.fmax(common, light_condition(point, extent, eye, position, parallel, shape))
         at = Directions.at(point, normal, eye, lights.place(point, position, shape))
         for name, k in surface.k.items():
             jump = TERMS[name].jump

@@ -246,7 +246,6 @@ _TERMS_OF_PBR = ["kd", "ks"]  # that shader pbr has, too
 
 # A feature is compiled if leaving it out saves 5 % of some scene's frame: `bench --features` of commit 1e1eb0f measured it.
 FEATURES = (
-    Feature("FAST", chosen=lambda d: d.settings.precision == "fast", compiled=True),
     Feature("DOUBLE", chosen=lambda d: d.settings.precision == "float64", compiled=True),
     Feature("SAMPLES", chosen=lambda d: d.settings.samples > 1, compiled=True),
     # Lighting that is forced on for nolight is done pixel by pixel.
@@ -464,8 +463,6 @@ class Features:
         """Return what a program is compiled with, of which it reads `names`: all that is a condition at run time is 0."""
         unread = set(COMPILED).difference(names)
         kept = {name: 0 if name in unread else value for name, value in self.values if name not in _BITS}
-        if kept["FAST"] and self._table.get("ALPHA_TEST"):
-            kept["FAST"] = 2  # see numerics.clh
         return Features(tuple(kept.items()))
 
     def including(self, name: str) -> Features:

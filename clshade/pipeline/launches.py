@@ -23,7 +23,7 @@ _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
 _GEOMETRY_FEATURES = ("DOUBLE", "SAMPLES", "DEPTH_TEST", "INSTANCES")
 _INSTANCES_FILE = "instances.cl"  # of the geometry too
 _LINE_FEATURES = ("DOUBLE", "SAMPLES", "DEPTH_TEST")
-_LAYER_FEATURES = ("DOUBLE", "FAST", "SAMPLES", "INSTANCES", "CASTERS")
+_LAYER_FEATURES = ("DOUBLE", "SAMPLES", "INSTANCES", "CASTERS")
 _WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
 
 Size = tuple[int, int]  # work-items of a launch, in one dimension, and of a work-group
@@ -54,7 +54,7 @@ def scene_stages(
 
 def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
     """Return the stages that look up textures at given coordinates."""
-    return Stages(device, build(device, features.compiled(("FAST", "DOUBLE")), ("bilerp.cl",), lanes=lanes))
+    return Stages(device, build(device, features.compiled(("DOUBLE",)), ("bilerp.cl",), lanes=lanes))
 
 
 def stages_of(device: Device, name: str, lanes: int | None = None) -> Stages:

@@ -188,8 +188,7 @@ class Settings:
         "float32",
         Precision,
         "of the arithmetic",
-        "`fast`: float32 with shorter polynomials and plain texture coordinates, accurate to about 3e-5, and also the "
-        "same bits on every device. `float64`: the image is float64 as well; some devices lack it.",
+        "`fast` is another name of `float32`. `float64`: the image is float64 as well; some devices lack it.",
         "float32, the same bits everywhere",
     )
     samples: int = declare.whole(
@@ -276,7 +275,7 @@ class Settings:
                     f"{who}: layers: expected {LAYER_TABLE[name].setting} with the layer {name}, found none"
                 )
         asked = tuple(name for name in LAYERS if name in layers or ("all" in layers and name not in missing))
-        set_fields(self, layers=asked)
+        set_fields(self, layers=asked, precision="float32" if self.precision == "fast" else self.precision)
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:

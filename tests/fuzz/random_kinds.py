@@ -134,9 +134,6 @@ def _settings(rng: Random, shader: str, textured: bool, scalars: str, backdrop: 
         fields |= {"samples": 2, "sample_shading": often(0.3), "resolve": "weighted" if often(0.3) else "mean"}
     if textured and Settings.from_preset(base, **fields).texture_at == "pixel" and often(0.4):
         fields["texture_filter"] = "trilinear"
-    # fast has no bound for texture coordinates of any size, see `oracle_bounds.allowed`.
-    if not textured and fields["precision"] == "float32" and often(0.3):
-        fields["precision"] = "fast"
     if scalars:
         fields["scalars"] = "data"
     if backdrop:

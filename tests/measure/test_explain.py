@@ -47,17 +47,16 @@ def draw(device, scene: Scene, **options: Any) -> Frame:
 
 def varied(number: int, golden: GoldenScene) -> GoldenScene:
     """Return a golden scene with some terms of 0, some of one material, some without layers: all those without light, where
-    no map turns the layer of normals. Precision `fast` is float32: with the alpha test it has other bits."""
+    no map turns the layer of normals."""
     zero = {name: 0.0 for bit, name in enumerate(("ka", "kd", "ks")) if number >> bit & 1}
     power = {"n": 1.0} if number % 5 == 0 else {}
     scene, settings = golden.scene, golden.settings
     meshes = [replace(mesh, material=replace(mesh.material, **zero, **power)) for mesh in scene.meshes]
-    precision = "float32" if settings.precision == "fast" else settings.precision
     layers = settings.layers if scene.lights and number % 3 else ()
     return replace(
         golden,
         scene=replace(scene, meshes=tuple(meshes[: 2 if number % 4 else 1])),
-        settings=replace(settings, precision=precision, layers=layers),
+        settings=replace(settings, layers=layers),
     )
 
 
@@ -137,15 +136,6 @@ def test_what_is_left_out_and_what_it_saves(device, monkeypatch):
     assert "the same bits" in text
     assert "medians of 3 frames" in text
     json.dumps(found.stats())
-
-
-@pytest.mark.long
-def test_an_alpha_test_does_not_make_fast_more_precise(device):
-    scene = golden(True)[12][0]
-    assert scene.settings.precision == "fast"
-    found = explain(scene.scene, device=device, settings=scene.settings)
-    assert "ALPHA_TEST" in found.left_out
-    assert found.passed
 
 
 def test_work_that_the_view_and_the_settings_do_without(device):

@@ -29,12 +29,11 @@ def test_errors_are_as_in_theory(device, monkeypatch):
         assert all(row.wrong[way] == 0 and row.ms[way] > 0.0 for way in row.ms)
         assert row.rms.get("float64", 0.0) < row.axis.own_error(row.value)
     errors = {axis.name: [row.rms for row in rows if row.axis is axis] for axis in some}
-    for way, most in (("standard", 1e-4), ("fast", 0.01)):
-        first, _, last = (rms[way] for rms in errors["exponent"])
-        assert 100.0 < last / first < 1e4  # sqrt(n) is 1000
-        assert last < most
-        distances = [rms[way] for rms in errors["distance"]]
-        assert distances == pytest.approx(distances[:1] * 3, rel=0.05)
+    first, _, last = (rms["standard"] for rms in errors["exponent"])
+    assert 100.0 < last / first < 1e4  # sqrt(n) is 1000
+    assert last < 1e-4
+    distances = [rms["standard"] for rms in errors["distance"]]
+    assert distances == pytest.approx(distances[:1] * 3, rel=0.05)
     assert errors["exponent"][2][PLAIN] > 0.02  # no digit is left
     assert errors["distance"][2][PLAIN] > 1e3 * errors["distance"][0][PLAIN]
     assert errors["aspect"][2][PLAIN] > 2.0 * errors["aspect"][2]["standard"] > 1e-5
@@ -76,8 +75,8 @@ def test_scenes_are_as_named(monkeypatch):
 
 
 def power(*errors: float):
-    rows = [Row(ASPECT, 10.0**k, {"fast": rms}, {"fast": 0}, {"fast": 1.0}) for k, rms in enumerate(errors)]
-    return curves.power(rows, "fast", ASPECT)
+    rows = [Row(ASPECT, 10.0**k, {PLAIN: rms}, {PLAIN: 0}, {PLAIN: 1.0}) for k, rms in enumerate(errors)]
+    return curves.power(rows, PLAIN, ASPECT)
 
 
 def test_powers_leave_out_useless_images_and_none():

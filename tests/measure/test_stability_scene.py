@@ -164,7 +164,7 @@ def calm_frame(device):
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("shader", ["phong", "gouraud"])
-@pytest.mark.parametrize("precision", ["float32", "fast", "float64"])
+@pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_the_factors_make_the_bound(calm_frame, shader, precision):
     """Their product, without what is in no bound, is the bound: that of the settings, whatever was drawn."""
     frame = changed(calm_frame, replace(calm_frame.settings, shader=shader, precision=precision))

@@ -175,6 +175,17 @@ def test_records_that_cannot_be_are_refused(tmp_path, record, storage):
         clshade.verify(path, scene())
 
 
+def test_an_image_of_precision_fast_is_refused_in_one_sentence(tmp_path):
+    path = saved(tmp_path)
+    settings = json.loads(exr.read(path)[1][RECORD])["settings"]
+    written_again(path, {"settings": {**settings, "precision": "fast"}})
+    expected = (
+        "header: clshade.settings.precision: expected float32 or float64, found fast: only the version of clshade"
+    )
+    with pytest.raises(InputError, match=expected):
+        clshade.verify(path, scene())
+
+
 @pytest.mark.parametrize("steps", [None, 256])
 def test_an_image_of_coarser_corners_is_refused_in_one_sentence(tmp_path, steps):
     path = saved(tmp_path)

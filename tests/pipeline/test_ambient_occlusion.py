@@ -181,7 +181,6 @@ CASES = {
     "near": ({"ao_distance": 0.8}, scene_of),
     "course": ({"preset": "course"}, scene_of),
     "float64": ({"precision": "float64"}, scene_of),
-    "fast": ({"precision": "fast"}, scene_of),
 }
 
 

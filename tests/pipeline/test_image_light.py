@@ -39,12 +39,7 @@ def draw(device, scene: Scene, **options) -> Frame:
     return rendered(scene, device=device, **given)
 
 
-LONG = pytest.mark.long
-
-
-@pytest.mark.parametrize(
-    "precision", ["float32", pytest.param("fast", marks=LONG), pytest.param("float64", marks=LONG)]
-)
+@pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.long)])
 def test_frames_against_the_oracle(device, precision):
     skip_unsupported(device, {"precision": precision})
     lamp = PointLight((2, 3, 4), (0.5, 0.4, 0.3))

@@ -37,7 +37,6 @@ CASES = {
         {"interpolation": "affine", "texture_at": "vertex", "shader": "nolight"},
     ),
     "orthographic": (mixed(camera=PARALLEL), "standard", {"shader": "gouraud", "samples": 2}),
-    "fast": (mixed(), "standard", {"precision": "fast"}),
     "float64": (mixed(), "standard", {"precision": "float64", "samples": 3}),
     "float64, course": (mixed(camera=PARALLEL), "course", {"precision": "float64"}),
     "the teapot": (clshade.builtin("teapot"), "standard", {"resolution": (80, 60)}),

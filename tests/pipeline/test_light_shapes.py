@@ -32,7 +32,6 @@ LIGHTS = {
         {"shader": "gouraud"},
         {"preset": "course"},
         {"precision": "float64"},
-        {"precision": "fast"},
         {"samples": 4, "sample_shading": True},
     ],
     ids=str,

@@ -41,7 +41,6 @@ LIGHTS = {
         {"light_samples": 1},
         {"preset": "course", "light_samples": 7},
         {"precision": "float64"},
-        {"precision": "fast"},
         {"samples": 4, "sample_shading": True},
         {"samples": 3, "light_samples": 256},
     ],
@@ -209,9 +208,7 @@ def roofed(light, material: Material = GLOSSY) -> Scene:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "options", [{}, {"shader": "gouraud"}, {"shader": "pbr"}, {"precision": "float64"}, {"precision": "fast"}], ids=str
-)
+@pytest.mark.parametrize("options", [{}, {"shader": "gouraud"}, {"shader": "pbr"}, {"precision": "float64"}], ids=str)
 def test_shadows_against_the_oracle(device, options):
     skip_unsupported(device, options)
     for light in LIGHTS.values():

@@ -66,7 +66,6 @@ def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
 
 
 CASES = {
-    "fast": ({}, {"precision": "fast"}),
     "float64": ({}, {"precision": "float64"}),
     "trilinear": ({}, {"texture_filter": "trilinear"}),
     "samples": ({}, {"samples": 4}),

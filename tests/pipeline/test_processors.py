@@ -60,7 +60,7 @@ cases = [
     (teapot, {"preset": "course", "shader": "gouraud"}),
     (mapped, {"preset": "pbr", "background": "environment", "shadows": False}),
     (replace(teapot, lights=(*teapot.lights, lamp)), {"shadows": True, "ambient_occlusion": 5, "light_samples": 4}),
-    (glass, {"shadows": True, "precision": "fast"}),
+    (glass, {"shadows": True}),
     (replace(knot, meshes=height), lines),
 ]
 (info, _), *_ = found_devices("pocl")

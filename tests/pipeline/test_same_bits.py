@@ -137,7 +137,7 @@ SEVERAL = [
     {"samples": 17, "sample_shading": True},
     {"samples": 19, "sample_shading": True, "resolve": "weighted", "texture_filter": "trilinear"},
     {"samples": 4, "resolve": "weighted", "preset": "course", "shader": "gouraud"},
-    {"samples": 3, "resolve": "weighted", "precision": "fast"},
+    {"samples": 3, "resolve": "weighted"},
     {"samples": 3, "resolve": "weighted", "precision": "float64"},
     {"samples": 1, "shader": "gouraud"},
 ]

@@ -84,7 +84,7 @@ CASES = {
     "affine at corners": ({}, {"preset": "course", "scalars": Scalars("data", "tab10", (-0.1, 0.2))}),
     "float64": ({"values": lambda v, f: np.where(np.arange(len(v)) % 11, v[:, 0], np.inf)}, {"precision": "float64"}),
     "near": ({"instances": [np.diag([-1.0, 1, 1, 1])]}, {"near": 3.2, "shader": "gouraud"}),
-    "fast": ({}, {"precision": "fast", "shader": "nolight"}),
+    "nolight": ({}, {"shader": "nolight"}),
 }
 
 

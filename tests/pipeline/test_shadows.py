@@ -98,7 +98,6 @@ CASES = {
     "clipped": ({"near": 4.0}, scene_of),
     "course": ({"preset": "course"}, scene_of),
     "float64": ({"precision": "float64"}, scene_of),
-    "fast": ({"precision": "fast"}, scene_of),
     "gouraud, course": ({"preset": "course", "shader": "gouraud"}, scene_of),
     "gouraud, sun": ({"shader": "gouraud"}, lambda: scene_of("sun")),
 }

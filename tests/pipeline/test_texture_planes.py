@@ -39,27 +39,18 @@ def bits(frame: Frame) -> np.ndarray:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("precision", "options"),
-    [
-        ("float32", {"lanes": 8}),
-        ("float32", {"lanes": 4}),
-        ("float32", {"lanes": 1}),
-        ("fast", {"lanes": 1}),
-        ("float32", {"forced": {"MIPMAPS"}}),
-        ("fast", {"forced": {"MIPMAPS"}}),
-        ("float32", {"forced": {"MATERIALS"}}),
-        ("float32", {"forced": {"SORTED"}}),
-    ],
+    "options",
+    [*({"lanes": lanes} for lanes in (8, 4, 1)), *({"forced": {name}} for name in ("MIPMAPS", "MATERIALS", "SORTED"))],
     ids=str,
 )
-def test_the_choice_depends_on_triangle_and_tile_alone(device, precision, options):
+def test_the_choice_depends_on_triangle_and_tile_alone(device, options):
     """Work-items take tiles in another order each time; lanes and features that are not needed change nothing."""
     scene = patches(75.0)
-    with Renderer(scene, device=device, precision=precision) as renderer:
+    with Renderer(scene, device=device) as renderer:
         expected = bits(renderer.render())
         for _ in range(12):
             assert np.array_equal(bits(renderer.render()), expected)
-    assert np.array_equal(bits(rendered(scene, device=device, precision=precision, **options)), expected)
+    assert np.array_equal(bits(rendered(scene, device=device, **options)), expected)
 
 
 @pytest.mark.long

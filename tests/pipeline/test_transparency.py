@@ -309,7 +309,7 @@ OPTIONS = [  # every other one without a background
     {"samples": 4, "resolve": "weighted"},
     {"precision": "float64", "samples": 2},
     {"shader": "gouraud", "texture_filter": "trilinear"},
-    {"texture_at": "vertex", "shader": "nolight", "precision": "fast"},
+    {"texture_at": "vertex", "shader": "nolight"},
     {"samples": 4, "edges": "boundary"},
 ]
 

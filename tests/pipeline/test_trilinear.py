@@ -21,7 +21,7 @@ from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.shading_tables import smaller_levels, texture_tables
 from clshade.scene.camera import Camera
-from clshade.scene.model import PRECISIONS, Material, Mesh, Scene, Settings, Texture
+from clshade.scene.model import Material, Mesh, Scene, Settings, Texture
 
 LAYERS = ("Z", "id")
 QUAD = [[0, 1, 2], [0, 2, 3]]
@@ -64,13 +64,13 @@ SIZE = (48, 20)  # columns and rows: levels 0 to 5
 LAST = 5
 # rho^2: a product per side, 2 roundings of its square; their sum, 1: 3 of 2^-53 or 2^-24, which are 3/(2 ln 2) = 2.2 in
 # lambda. The logarithm, at most 3/2 before it is halved, is within 1 rounding, and a sum of 1 may be rounded once more:
-# 3.7 in total. FAST: 7.4e-6 of the logarithm's 1/2, halved.
-DETAIL = {"float32": 4 * 2.0**-24, "fast": 1.9e-6 + 4 * 2.0**-24, "float64": 4 * 2.0**-53}
+# 3.7 in total.
+DETAIL = {"float32": 4 * 2.0**-24, "float64": 4 * 2.0**-53}
 
 
 def details(device: Device, slopes: np.ndarray, precision: str = "float32", lanes: int | None = None) -> np.ndarray:
     """Return level and fraction (K, 2) for slopes (K, 4): u and v to the right, u and v up."""
-    features = {"FAST": int(precision == "fast"), "DOUBLE": int(precision == "float64")}
+    features = {"DOUBLE": int(precision == "float64")}
     probe = Probe(device, TEXT, MIPMAPS=1, lanes=lanes, **features)
     kind = np.float64 if precision == "float64" else np.float32
     table, _ = texture_tables([Texture(noise(*SIZE))], mipmaps=True)
@@ -79,7 +79,7 @@ def details(device: Device, slopes: np.ndarray, precision: str = "float32", lane
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", DETAIL)
 def test_level_of_detail(device, precision):
     rng = np.random.default_rng(1)
     slopes = np.exp2(rng.uniform(-9, 3, (20_000, 1))) * rng.normal(size=(20_000, 4))
@@ -147,7 +147,7 @@ TEXTURES = [
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", DETAIL)
 @pytest.mark.parametrize(("size", "wrap"), TEXTURES, ids=str)
 def test_sizes_and_wraps(device, size, wrap, precision):
     scene = cards(noise(*size), wrap)
@@ -228,11 +228,10 @@ def test_huge_texture_coordinates_that_are_equal(device, wrap):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("precision", ["float32", *(name for name in ("fast", "float64"))])
+@pytest.mark.parametrize("precision", DETAIL)
 def test_clipped_pieces(device, precision):
     """The pieces have other corners than the face, but the same slopes."""
-    repeats = 30.0 if precision == "fast" else 600.0  # fast keeps coordinates in float32
-    frame = draw(device, floor(repeats, noise(37, 53)), precision=precision)
+    frame = draw(device, floor(600.0, noise(37, 53)), precision=precision)
     assert frame.stats["clipped"] > 0
     assert 0.3 < frame.alpha.mean() < 0.7
     assert_drawn(frame)

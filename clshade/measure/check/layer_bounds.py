@@ -22,11 +22,10 @@ WEIGHT_UNITS = 36.0
 # Means of corners by the last two weights, relative to the largest corner: the weights' 2 * 17, the rounding of the
 # corners and of their differences, which may be twice as large, 3, and two fma: 2 * (34 + 3) + 2.
 MEAN_UNITS = 76.0
-# The length and its reciprocal add 6. With `fast` they are accurate to 4.7e-6, 79 * 2^-24 (kernels/numerics.clh).
-NORMAL_UNITS = {"float32": MEAN_UNITS + 6.0, "fast": MEAN_UNITS + 80.0, "float64": MEAN_UNITS + 6.0}
-# Texture coordinates are double-single, accurate to 2^-42 of the largest corner's, rounded once; with `fast` they are
-# means like the others. In float64 the oracle's own 8 units count as well.
-UV_UNITS = {"float32": 1.0, "fast": MEAN_UNITS, "float64": MEAN_UNITS}
+NORMAL_UNITS = MEAN_UNITS + 6.0  # the length and its reciprocal add 6
+# Texture coordinates are double-single, accurate to 2^-42 of the largest corner's, rounded once. In float64 they are means
+# like the others, and the oracle's own 8 units count as well.
+UV_UNITS = {"float32": 1.0, "float64": MEAN_UNITS}
 
 # The share of rays is a quotient of whole numbers, rounded once; products and sums of what veils let pass are rounded as
 # those of lights, 32 times, and more in all as `Openness.rounding` says.
@@ -40,17 +39,16 @@ def half_ulp(settings: Settings) -> float:
 
 def layer_bounds(oracle: OracleLayers, scene: Scene, settings: Settings) -> dict[str, Array]:
     """Return the largest absolute error allowed in each layer except albedo, (...)."""
-    precision = settings.precision
     unit = np.maximum(half_ulp(settings), 2.0**-53 * oracle.weight_condition)  # positions are float64 on both sides
     eye = float(np.abs(scene.camera.eye).max())
     with np.errstate(divide="ignore", over="ignore"):
-        normal = (NORMAL_UNITS[precision] * unit + oracle.normal_error) / oracle.normal_length
+        normal = (NORMAL_UNITS * unit + oracle.normal_error) / oracle.normal_length
         # World positions are float64: the eye, the point and the corners that it interpolates are rounded to it.
         position = MEAN_UNITS * unit * oracle.reach + 8.0 * 2.0**-53 * (oracle.reach + eye)
     return {
         "N": normal,
         "P": position,
-        "uv": UV_UNITS[precision] * unit * oracle.most_uv,
+        "uv": UV_UNITS[settings.precision] * unit * oracle.most_uv,
         "barycentrics": WEIGHT_UNITS * unit,
         "scalar": np.maximum(MEAN_UNITS * unit * oracle.most_scalar, _least_scalar(scene, settings)),
         "AO": oracle.open_spread + OPEN_UNITS * half_ulp(settings) * oracle.open_rounding,

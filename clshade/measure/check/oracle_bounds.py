@@ -21,15 +21,10 @@ DEPTH_TIE = 2.0**-38
 # and two sums 4, of the area, its reciprocal and the product 3, of Z 1. Of the oracle's mean ratio of depths 9, of Z 3.
 DEPTH_ROUNDINGS = 10
 DEPTH_ROUNDINGS_FLOAT64 = 10 + 12
-# Largest color error in units of `color_bound`, by precision. fast: the lengths of its directions are off by 4.7e-6
-# each, its power by 7.4e-6 and 6.3e-6; a highlight amplifies errors of directions by at most 2.4*sqrt(n):
-# 2.5e-5*sqrt(n), 420 * 2^-24.
-ALLOWED = {"float32": 32.0, "fast": 512.0, "float64": 1.0}
+ALLOWED = {"float32": 32.0, "float64": 1.0}  # largest color error in units of `color_bound`, by precision
 # In float32, texture coordinates are double-single: some eight roundings, each 2^-48 of the largest coordinate, times the
 # texels across the image, add up to one bound when coordinates span this many texels. The 32 include one such bound.
 TEXELS_PER_BOUND = 2.0**-24 / (8.0 * 2.0**-48)
-# fast interpolates texture coordinates in float32: this many further bounds per texel of the larger side.
-FAST_PER_TEXEL = 16.0
 # float64 interpolates them in float64, as the oracle does: some four roundings on either side, each 2^-53 of the
 # largest coordinate, times the texels.
 FLOAT64_PER_TEXEL = 8.0 * 2.0**-53 / 1e-12
@@ -125,8 +120,6 @@ def texture_side(mesh: Mesh) -> int:
 def texture_bounds(side: Array | int, reach: Array | float, precision: str) -> Floats:
     """Return the bounds allowed on top of ALLOWED, (...), for textures of `side` texels and coordinates up to `reach`."""
     texels = np.asarray(side) * np.asarray(reach, np.float64)
-    if precision == "fast":
-        return FAST_PER_TEXEL * np.asarray(side, np.float64)
     if precision == "float64":
         return FLOAT64_PER_TEXEL * texels
     more: Floats = np.maximum(texels / TEXELS_PER_BOUND - 1.0, 0.0)

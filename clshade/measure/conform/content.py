@@ -20,13 +20,12 @@ Choice = dict[str, Any]  # a level for each of the 31 choices, as golden.json ho
 # All that the pixel program is compiled for: with all optional features in it, these are the only ones.
 PROGRAMS: dict[str, dict[str, Any]] = {
     "phong": {"shader": "phong", "precision": "float32", "samples": 1, "visibility": "depth"},
-    "painter": {"shader": "phong", "precision": "fast", "samples": 5, "visibility": "painter"},
+    "painter": {"shader": "phong", "precision": "float32", "samples": 5, "visibility": "painter"},
     "float64": {"shader": "phong", "precision": "float64", "samples": 3, "visibility": "depth"},
     "gouraud": {"shader": "gouraud", "precision": "float32", "samples": 1, "visibility": "painter"},
     "gouraud-samples": {"shader": "gouraud", "precision": "float64", "samples": 2, "visibility": "depth"},
     "nolight": {"shader": "nolight", "precision": "float32", "samples": 1, "visibility": "depth"},
     "pbr": {"shader": "pbr", "precision": "float32", "samples": 4, "visibility": "depth"},
-    "pbr-fast": {"shader": "pbr", "precision": "fast", "samples": 1, "visibility": "depth"},
 }
 
 
@@ -63,9 +62,8 @@ class GoldenScene:
 
     def without_float64(self) -> GoldenScene:
         """Return the scene drawn in float32 and without edges, as a device without float64 can."""
-        precision = "float32" if self.settings.precision == "float64" else self.settings.precision
-        settings = replace(self.settings, precision=precision, edges=None)
-        return replace(self, choice={**self.choice, "edges": None, "precision": precision}, settings=settings)
+        settings = replace(self.settings, precision="float32", edges=None)
+        return replace(self, choice={**self.choice, "edges": None, "precision": "float32"}, settings=settings)
 
 
 def golden_scene(number: int, row: Choice) -> GoldenScene:

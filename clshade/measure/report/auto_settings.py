@@ -31,7 +31,7 @@ LADDER = (
     ("samples-16", "samples-64"),
     ("gouraud", "gouraud-4", "gouraud-16"),
     ("trilinear", "trilinear-4"),
-    *(("fast",), ("course",), ("vertex-texture",)),
+    *(("course",), ("vertex-texture",)),
 )
 TRIAL_FRAMES = 3  # of each variant that is drawn
 FRAMES, SECONDS = 15, 0.6  # of each that may be chosen, in turns: fewer once all took so long

@@ -84,7 +84,7 @@ def explain(scene: Scene, **options: Any) -> Explanation:
 
     Raises InputError and DeviceError.
     """
-    with Renderer(scene, **options) as lean, Renderer(scene, forced=_everything(lean), **options) as full:
+    with Renderer(scene, **options) as lean, Renderer(scene, forced=OPTIONAL, **options) as full:
         frame, other = lean.render(), full.render()
         identical, sizes = same_bits(frame, other), (_bytes(frame), _bytes(other))
         del other  # releases its memory for the next frames
@@ -101,11 +101,6 @@ def explain(scene: Scene, **options: Any) -> Explanation:
         saved_ms=spread([after["frame"] - before["frame"] for before, after in timed]),
         identical=identical,
     )
-
-
-def _everything(lean: Renderer) -> set[str]:
-    """Return all features that change no bit where they are not needed: with the alpha test `fast` is more precise."""
-    return set(OPTIONAL).difference(["ALPHA_TEST"] if lean.settings.precision == "fast" else [])
 
 
 def _medians(times: Sequence[dict[str, float]]) -> dict[str, float]:

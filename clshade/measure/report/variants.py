@@ -42,7 +42,6 @@ OCCLUSION_RAYS = (1, 4, 16, 64)  # besides the base's own
 COURSE = {"visibility": "painter", "lighting_at": "centroid", "interpolation": "affine", "texture_at": "vertex"}
 VARIANTS = (
     _variant(BASE, "1 sample"),
-    _variant("fast", "precision fast", precision="fast"),
     _variant("float64", "precision float64", precision="float64"),
     *(_variant(f"samples-{n}", f"{n} samples", samples=n) for n in (4, 16, 64)),
     *(_variant(f"shaded-{n}", f"{n} shaded samples", samples=n, sample_shading=True) for n in (4, 16, 64)),
@@ -67,7 +66,7 @@ VARIANTS = (
 
 # The variants of a report without details: those that are worth their time on some scene, and others for a limit.
 COMMON = (
-    *(BASE, "fast", "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16", "shaded-64"),
+    *(BASE, "samples-4", "samples-16", "samples-64", "shaded-4", "shaded-16", "shaded-64"),
     *("gouraud", "gouraud-4", "trilinear-4", "light-1", "light-4", "light-64", "occlusion-4", "occlusion-64"),
 )
 LIMITED = ("gouraud-16", "trilinear", "vertex-texture", "course")

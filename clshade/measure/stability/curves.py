@@ -36,8 +36,8 @@ SIDE = 160  # pixels of the images
 NEAR = 1e-2  # of the near plane: a scene's size says nothing about it here
 FRAMES = 15  # of every way at every stiffness
 PLAIN = "plain"  # float32
-WAYS: dict[str, Precision] = {"standard": "float32", "fast": "fast", "float64": "float64"}  # and their precision
-COLORS = {"standard": figures.OURS, "fast": "#c07a00", "float64": "#2e8b57", PLAIN: figures.OTHER}
+WAYS: dict[str, Precision] = {"standard": "float32", "float64": "float64"}  # and their precision
+COLORS = {"standard": figures.OURS, "float64": "#2e8b57", PLAIN: figures.OTHER}
 USELESS = 0.03  # RMS errors above this share of the light are of images that show nothing right, and follow no power
 ABOUT = (
     f"RMS of |value - oracle| / light over an image of {SIDE}x{SIDE} pixels, light being the most that a point of the scene "

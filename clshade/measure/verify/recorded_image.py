@@ -26,6 +26,7 @@ from ...scene.edges import Edges
 from ...scene.model import Settings
 from ...scene.scalars import Scalars
 
+_ITS_VERSION = "only the version of clshade that drew the image can verify it"
 _FIRST_STEPS = 256  # of snapped corners, per pixel, when records did not name them
 _LARGEST = {np.dtype(np.float16): 2.0**16, np.dtype(np.float32): 2.0**128}  # what would follow the largest finite one
 
@@ -113,8 +114,9 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
     get = partial(_get, value, owner)
     steps = get("subpixels", int, _FIRST_STEPS)
     if steps != STEPS:
-        drawn = f"1/{steps} px: only the version of clshade that drew the image can verify it"
-        raise file_error(owner, f"header: {RECORD}.subpixels", f"corners snapped to 1/{STEPS} px", drawn)
+        raise file_error(
+            owner, f"header: {RECORD}.subpixels", f"corners snapped to 1/{STEPS} px", f"1/{steps} px: {_ITS_VERSION}"
+        )
     scene = get("scene", dict)
     if set(scene) != set(PARTS) or not all(isinstance(each, str) for each in scene.values()):
         raise file_error(owner, f"{RECORD}.scene", f"digests of {', '.join(PARTS)}", found_text(scene))
@@ -124,7 +126,11 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
     _typed(owner, storage, {"png": dict, **EXR}, "storage")
     make(checked, {"operator": picture["tonemap"], "exposure": picture["exposure"]}, "storage.png")
     camera = value.get("camera")
-    settings = make(_settings, get("settings", dict), "settings")
+    drawn = get("settings", dict)
+    if drawn.get("precision") == "fast":  # which had bits of its own
+        field = f"header: {RECORD}.settings.precision"
+        raise file_error(owner, field, "float32 or float64", f"fast: {_ITS_VERSION}")
+    settings = make(_settings, drawn, "settings")
     if picture["colorbar"] and settings.scalars is None:
         raise file_error(owner, f"header: {RECORD}.storage.png", "no colorbar without scalars", "one")
     return Record(
