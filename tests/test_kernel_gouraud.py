@@ -39,7 +39,7 @@ def corners(pipeline: Pipeline, inputs) -> np.ndarray:
     surface = pipeline.surface(**inputs.arrays())
     size = pipeline.stages.vectors(pipeline.visible)
     own = {"order": pipeline.order, "to_light": light, "count": pipeline.visible}
-    pipeline.stages.run("gouraud_corners", size, surface.values(), **own)
+    pipeline.stages.run("gouraud_corners", size, surface, **own)
     return light.to_host().reshape(-1, 3, 4)
 
 

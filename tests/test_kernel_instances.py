@@ -11,7 +11,7 @@ from devices import needs_float64
 from kernel_stages import Probe, bits, image_of, mask, view_of
 from layer_scenes import crowd, matrices
 
-from clshade.pipeline import instances, placements, scene_buffers
+from clshade.pipeline import instances, placements, scene_tables
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.launches import Stages, items
@@ -60,16 +60,18 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(instances, "LEAST_COPIES", 1 << 40 if copies else 0)
-        packed = scene_buffers.pack(scene, Settings())
+        packed = scene_tables.pack(scene, Settings())
     table, camera = packed.instances, scene.camera
     space = CameraSpace.of(camera, Extent(tuple(packed.low), tuple(packed.high), 10.0), None)
-    view = view_of(device, camera, space.near, space.scale, DOUBLE_POSITIONS=packed.positions.dtype == np.float64)
+    view = view_of(
+        device, camera, space.near, space.scale, DOUBLE_POSITIONS=packed.arrays["positions"].dtype == np.float64
+    )
     image = image_of(device, camera.resolution, needs=mask(SIDES=1).needs)
     counted = Buffer(device, np.zeros(1, SINGLE.Counters))
     values = {"image": image, "counters": counted}
     frame = SimpleNamespace(space=space, tables=SimpleNamespace(view=view), counted=counted, values=values, events={})
-    positions, faces = Buffer(device, packed.positions), Buffer(device, packed.faces)
-    sides = {name: Buffer(device, getattr(packed, name)) for name in ("face_materials", "materials")}
+    positions, faces = Buffer(device, packed.arrays["positions"]), Buffer(device, packed.arrays["faces"])
+    sides = {name: Buffer(device, packed.arrays[name]) for name in ("face_materials", "materials")}
     painter = not stages.features["DEPTH_TEST"]
     if table is None:
         source = SceneFaces(stages, positions, faces, sides)

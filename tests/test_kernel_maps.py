@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from kernel_stages import OTHER_LANES, Probe
 
-from clshade.pipeline import surface_inputs
-
-TURNED = (
-    surface_inputs.macros()
-    + """
+TURNED = """
 #include "surface.clh"
 #define IN(name) LOAD_LANES(name + i)
 kernel void turn(global const REAL *nx, global const REAL *ny, global const REAL *nz, global const REAL *tx,
@@ -33,7 +29,6 @@ kernel void turn(global const REAL *nx, global const REAL *ny, global const REAL
     }
 }
 """
-)
 
 
 @pytest.mark.sampled

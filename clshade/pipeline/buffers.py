@@ -6,6 +6,7 @@ import contextlib
 import math
 import weakref
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -73,7 +74,7 @@ def wait(device: Device, events: Iterable[cl.Event]) -> None:
 
 
 def transfers(device: Device) -> cl.CommandQueue | None:
-    """Return a queue for copies from the device while its own queue draws; None if the host shares its memory."""
+    """Return a queue for copies from the device while its own draws; None if the host shares its memory."""
     if device.is_cpu and _coherent(device.context, device.queue):
         return None
     with _named(device):
@@ -83,18 +84,17 @@ def transfers(device: Device) -> cl.CommandQueue | None:
 class Buffer:
     """Device memory that the host reads and writes as a NumPy array.
 
-    On a CPU the kernels work in the array itself (no copy); on other devices `writing` and `to_host` copy.
+    is_shared: whether the kernels work in the array itself, as on CPUs; on other devices `writing` and `to_host` copy.
     """
 
     def __init__(self, device: Device, array: Array) -> None:
         self._device, self._queue = device, device.queue
-        self._shared = device.is_cpu and _coherent(device.context, device.queue)
+        self.is_shared = device.is_cpu and _coherent(device.context, device.queue)
         array = np.ascontiguousarray(array)
         if array.dtype == np.float64 and array.ctypes.data % ALIGNMENT:
             array, given = aligned(array.shape, array.dtype), array
             array[:] = given
-        self.array = array
-        size = self.array.nbytes
+        self.array, size = array, array.nbytes
         if size > device.max_allocation:
             limit = f"the device allows {device.max_allocation}"
             raise DeviceError(f"{device.name}: one buffer needs {size} bytes, {limit}")
@@ -102,9 +102,9 @@ class Buffer:
             if size == 0:
                 self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
             else:
-                access = _FLAGS.READ_WRITE if self.array.flags.writeable else _FLAGS.READ_ONLY
-                place = _FLAGS.USE_HOST_PTR if self._shared else _FLAGS.COPY_HOST_PTR
-                self.memory = cl.Buffer(device.context, access | place, hostbuf=self.array)
+                access = _FLAGS.READ_WRITE if array.flags.writeable else _FLAGS.READ_ONLY
+                place = _FLAGS.USE_HOST_PTR if self.is_shared else _FLAGS.COPY_HOST_PTR
+                self.memory = cl.Buffer(device.context, access | place, hostbuf=array)
         except cl.Error as error:
             raise DeviceError(f"{device.name}: no memory for {size} bytes: {error}") from error
 
@@ -122,11 +122,6 @@ class Buffer:
         """Return another buffer with the same content."""
         return Buffer(self._device, self.array.copy())
 
-    @property
-    def is_shared(self) -> bool:
-        """Whether the kernels work in the array itself."""
-        return self._shared
-
     @contextlib.contextmanager
     def writing(self, count: int | None = None, *, waits: bool = True) -> Iterator[Array]:
         """Yield the first `count` rows (default: all) for the host to overwrite.
@@ -136,7 +131,7 @@ class Buffer:
         """
         rows = self.array[: len(self.array) if count is None else count]
         yield rows
-        if rows.nbytes and not self._shared:
+        if rows.nbytes and not self.is_shared:
             with _named(self._device):
                 # Freed, the event would be waited for.
                 self._written = cl.enqueue_copy(self._queue, self.memory, rows, is_blocking=waits)
@@ -149,7 +144,7 @@ class Buffer:
     def to_host(self, count: int | None = None) -> Array:
         """Return the first `count` rows (default: all), once the kernels enqueued so far are done."""
         rows = self.array[: len(self.array) if count is None else count]
-        if self._shared:
+        if self.is_shared:
             finish(self._device)
         elif rows.nbytes:
             with _named(self._device):
@@ -172,10 +167,7 @@ def index_bits(count: int) -> int:
 
 class TriangleBuffers:
     """Outputs of `setup` and `setup_pieces`: triangles and sort keys, with room for `faces` and `pieces` of them; or of
-    `setup_count`, which takes no keys and has `slack` more triangles.
-
-    index_bits: of the keys, see `index_bits`.
-    """
+    `setup_count`, which takes no keys and has `slack` more triangles."""
 
     def __init__(self, device: Device, faces: int, pieces: int, structs: Structs = SINGLE, slack: int = 0) -> None:
         self.piece_capacity, self.index_bits = pieces, index_bits(faces + pieces)
@@ -192,8 +184,7 @@ class TriangleBuffers:
     @property
     def values(self) -> dict[str, Any]:
         """The arguments of kernels by name, but for `keys` and `sorted_bounds`, for which not all need memory."""
-        own = {"triangles": self.triangles, "bounds": self.bounds}
-        return {**own, "to_clip": self.to_clip, "index_bits": self.index_bits}
+        return {name: vars(self)[name] for name in ("triangles", "bounds", "to_clip", "index_bits")}
 
     @cached_property
     def keys(self) -> Buffer:
@@ -206,8 +197,8 @@ class TriangleBuffers:
         return Buffer.empty(self._device, self._room, self._structs.Bounds)
 
 
-class _Loan:
-    """The base of an array over a buffer's memory and of all its views: the memory is on loan while it lives."""
+class _PooledArray:
+    """The base of an array that is handed out and of all its views: the memory is in use while it lives."""
 
     __slots__ = ("__array_interface__", "__weakref__", "_memory")
 
@@ -215,17 +206,13 @@ class _Loan:
         self._memory, self.__array_interface__ = memory, memory.__array_interface__
 
 
-class _Lent:
-    """Memory, the buffer over it where a device uses it, and a weak reference to the loan, if any."""
+@dataclass(eq=False)
+class _Block:
+    """Memory, the buffer over it where a device uses it, and who uses it."""
 
-    def __init__(self, memory: Array, buffer: Buffer | None) -> None:
-        self._memory, self.buffer = memory, buffer
-        self.loan: Callable[[], _Loan | None] = lambda: None
-
-    def lend(self) -> Array:
-        loan = _Loan(self._memory)
-        self.loan = weakref.ref(loan)
-        return np.asarray(loan)
+    memory: Array
+    buffer: Buffer | None
+    user: Callable[[], _PooledArray | None] = lambda: None
 
 
 class Pool:
@@ -236,28 +223,30 @@ class Pool:
 
     def __init__(self, device: Device, keep: int = 4, kinds: int = 8) -> None:
         self._device, self._keep, self._kinds = device, keep, kinds
-        self._held: dict[tuple[tuple[int, ...], Any, bool], list[_Lent]] = {}  # latest last
+        self._held: dict[tuple[tuple[int, ...], Any, bool], list[_Block]] = {}  # latest last
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> tuple[Buffer, Array]:
         """Return a buffer and an array over its memory, with arbitrary content. The buffer is not handed out again
         while that array or a view of it lives."""
-        array, buffer = self._lend(shape, dtype, with_buffer=True)
-        assert buffer is not None
-        return buffer, array
+        block, array = self._lend(shape, dtype, with_buffer=True)
+        assert block.buffer is not None
+        return block.buffer, array
 
     def take_host(self, shape: tuple[int, ...], dtype: Any) -> Array:
         """Return an array as `take` does, of memory that no device sees."""
-        return self._lend(shape, dtype, with_buffer=False)[0]
+        return self._lend(shape, dtype, with_buffer=False)[1]
 
-    def _lend(self, shape: tuple[int, ...], dtype: Any, *, with_buffer: bool) -> tuple[Array, Buffer | None]:
+    def _lend(self, shape: tuple[int, ...], dtype: Any, *, with_buffer: bool) -> tuple[_Block, Array]:
         kind = shape, dtype, with_buffer
         held = self._held[kind] = self._held.pop(kind, [])
         while len(self._held) > self._kinds:
             del self._held[next(iter(self._held))]
-        lent = next((each for each in held if each.loan() is None), None)
-        if lent is None:
+        block = next((each for each in held if each.user() is None), None)
+        if block is None:
             buffer = Buffer.empty(self._device, shape, dtype) if with_buffer else None
-            lent = _Lent(aligned(shape, np.dtype(dtype)) if buffer is None else buffer.array, buffer)
+            block = _Block(aligned(shape, np.dtype(dtype)) if buffer is None else buffer.array, buffer)
             if len(held) < self._keep:
-                held.append(lent)
-        return lent.lend(), lent.buffer
+                held.append(block)
+        user = _PooledArray(block.memory)
+        block.user = weakref.ref(user)
+        return block, np.asarray(user)

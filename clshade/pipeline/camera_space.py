@@ -31,12 +31,8 @@ class Extent(NamedTuple):
 
 
 class CameraSpace(NamedTuple):
-    """A camera with what is derived from it.
-
-    axes: (3, 3) float64, rows are camera x, y, z in world space. near: distance of the near plane, scene units.
-    scale: the power of two that brings eye-relative positions to about 1. raster: of the image that is drawn in whole or
-    in part.
-    """
+    """A camera; its axes, rows are camera x, y, z in world space; the distance of the near plane, scene units; the power of
+    two that brings eye-relative positions to about 1; and the raster of the image that is drawn in whole or in part."""
 
     camera: Camera
     axes: Array
@@ -48,12 +44,11 @@ class CameraSpace(NamedTuple):
     def of(cls, camera: Camera, extent: Extent | None, near: float | None) -> CameraSpace:
         """Return the space of a camera. near: as in Settings; None: 1e-4 of the scene's radius. Raises InputError if
         float64 cannot hold the scene."""
-        farthest, radius = 1.0, 0.0
+        farthest = 1.0
         if extent is not None:
             corners = zip(camera.eye.tolist(), extent.low, extent.high, strict=True)
             farthest = max(max(abs(low - at), abs(high - at)) for at, low, high in corners)
-            radius = extent.radius
-        near = near or 1e-4 * (radius or math.dist(camera.eye, camera.lookat))
+        near = near or 1e-4 * ((extent and extent.radius) or math.dist(camera.eye, camera.lookat))
         if not math.isfinite(farthest) or not math.isfinite(near):
             raise InputError("render: scene: expected coordinates whose differences float64 can hold")
         # A vertex 2^40 times as far away as the near plane must not push near ones out of float32's range.
@@ -62,8 +57,7 @@ class CameraSpace(NamedTuple):
     def write_view(self, view: np.void) -> None:
         """Fill a row of structs.View, but for what the frame needs."""
         raster = self.raster
-        view["eye"] = self.camera.eye
-        view["axes"] = self.axes.reshape(-1)
+        view["eye"], view["axes"] = self.camera.eye, self.axes.reshape(-1)
         view["principal"], view["focal"] = raster.principal, self.camera.focal
         view["plane_height"], view["plane_width"] = raster.plane
         view["columns"], view["rows"] = raster.resolution

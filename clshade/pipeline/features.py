@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import TypeAlias
 
@@ -13,9 +13,9 @@ from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.material import POWERED, TERMS
 from ..scene.metallic_roughness import MAPS
-from ..scene.model import Material, Mesh, Scene, Settings, Texture
+from ..scene.model import Material, Mesh, Scene, Settings
 from ..scene.settings import Shader
-from .shading_tables import map_of, maps_of, textures_of, usable
+from .shading_tables import map_of, textures_of, usable
 
 
 def texture_applies(mesh: Mesh) -> bool:
@@ -28,20 +28,17 @@ MaterialKey: TypeAlias = tuple[int, bool, bool, bool, frozenset[str]]
 
 def material_key(mesh: Mesh) -> MaterialKey:
     """Return a key; meshes with the same key share a row of the material table."""
-    return id(mesh.material), texture_applies(mesh), mesh.blends, mesh.tests_alpha, frozenset(maps_of(mesh))
+    maps = frozenset(name for name in MAPS if mesh.material.pbr is not None and map_of(mesh, name) is not None)
+    return id(mesh.material), texture_applies(mesh), mesh.blends, mesh.tests_alpha, maps
 
 
 def materials_of(scene: Scene) -> dict[MaterialKey, Material]:
-    """Return the rows of the material table by key, in the order of the meshes with faces; at least one. Each has only
-    what applies to its meshes: textures, transparency, alpha test."""
+    """Return the rows of the material table by key, in the order of the meshes with faces; at least one."""
     table: dict[MaterialKey, Material] = {}
     for mesh in scene.meshes:
         key = material_key(mesh)
         if len(mesh.faces) and key not in table:
-            own = usable(mesh)
-            cutoff = own.alpha_cutoff if mesh.tests_alpha else None
-            is_plain = (own.blend, own.alpha_cutoff) == (mesh.blends, cutoff)
-            table[key] = own if is_plain else replace(own, blend=mesh.blends, alpha_cutoff=cutoff)
+            table[key] = usable(mesh)
     return table or {(0, False, False, False, frozenset()): Material()}
 
 
@@ -102,14 +99,6 @@ def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
     return bool((most > 1.0).any())
 
 
-def _has_levels(texture: Texture) -> bool:
-    return texture.lookup == "standard" and max(texture.texels.shape[:2]) > 1
-
-
-def _any_nonzero(values: Iterable[np.ndarray]) -> bool:
-    return any(value.any() for value in values)
-
-
 def unless(needed: object, reason: str) -> str:
     """Return why something is not needed, "" if it is."""
     return "" if needed else reason
@@ -125,15 +114,11 @@ class Drawn:
     """What is drawn, as _REASONS and the choices ask about it. Texts say why something is not needed, "" if it is.
 
     shining: whether any light has an intensity other than 0. Other fields: see `derive`.
-
-    at_corners: whether textures are looked up at corners. mapped: whether scalars color a mesh. own_corners: whether corners
-    have colors of their own for another reason. culls: whether all back faces are culled.
     """
 
     scene: Scene
     settings: Settings
     materials: Sequence[Material]
-    ambient: np.ndarray
     shining: bool
     double_positions: bool = False
     scalars_at_corners: bool = False
@@ -141,17 +126,16 @@ class Drawn:
     forced: Collection[str] = ()
 
     def __post_init__(self) -> None:
-        scene, settings, scalars = self.scene, self.settings, self.settings.scalars
+        scalars, self.shader = self.settings.scalars, self.settings.shader
         self._reasons: dict[str, str] = {}
-        self.shader, pbr = settings.shader, settings.shader == "pbr"
-        self.meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
-        self.looked_up = [texture for mesh in self.meshes for texture in textures_of(mesh, maps=pbr)]
-        self.at_corners = looked_up_at_corners(scene, settings)
+        self.meshes = [mesh for mesh in self.scene.meshes if len(mesh.faces)]
+        self.looked_up = [texture for mesh in self.meshes for texture in textures_of(mesh, maps=self.shader == "pbr")]
+        self.at_corners = looked_up_at_corners(self.scene, self.settings)
         self.mapped = scalars is not None and any(scalars.name in mesh.scalars for mesh in self.meshes)
-        self.own_corners = self.scalars_at_corners and self.mapped
-        self.culls = settings.cull or all(material.sides == "front" for material in self.materials)
+        self.own_corners = self.scalars_at_corners and self.mapped  # whether corners have colors for another reason
+        self.culls = self.settings.cull or all(material.sides == "front" for material in self.materials)
         self.unlit = unless(self.shader != "nolight", "shader nolight")
-        self.not_pbr = unless(pbr, f"shader {self.shader}")
+        self.not_pbr = unless(self.shader == "pbr", f"shader {self.shader}")
         textured = any(mesh.material.texture is not None for mesh in self.meshes)
         applies = any(map(texture_applies, self.meshes))
         self.no_texture = unless(textured, "no texture") or unless(applies, "no texture coordinates")
@@ -166,17 +150,13 @@ class Drawn:
     def needs(self, name: str) -> bool:
         return name in self.forced or not self.why(name)
 
-    @property
-    def bright(self) -> bool:
-        return any(_any_beyond_one(mesh, self.at_corners) for mesh in self.meshes)
-
     def no_term(self, name: str) -> str:
         """Return why one of TERMS is not needed."""
         if self.shader == "pbr" and name not in _TERMS_OF_PBR:
             return "shader pbr"
         facets = [m.microfacets for m in self.materials if self.shader == "pbr"]
         if not facets:
-            needed, why = _any_nonzero(getattr(m, name) for m in self.materials), are_zero([name])
+            needed, why = any(getattr(m, name).any() for m in self.materials), are_zero([name])
         elif name == "ks":
             needed, why = any(f.metallic > 0.0 or f.specular > 0.0 for f in facets), "specular is 0"
         else:
@@ -195,7 +175,7 @@ class Drawn:
             return "shader pbr"
         if absent := self.no_terms(POWERED):
             return f"no specular term: {absent}"
-        used = any(m.n != 1.0 and _any_nonzero(getattr(m, name) for name in POWERED) for m in self.materials)
+        used = any(m.n != 1.0 and any(getattr(m, name).any() for name in POWERED) for m in self.materials)
         return unless(used, "no exponent but 1")
 
     @cached_property
@@ -226,97 +206,79 @@ class Drawn:
         return self.not_pbr or (reasons[-1] if all(reasons) else unless(present, f"no {MAPS[name].words}"))
 
 
-@dataclass(frozen=True)
-class Feature:
-    """Something that a frame may do without.
-
-    name: as kernels know it. work: what is left out with it, in a few words, where 1 is always correct and gives the same
-    bits; "" for a choice of the settings or the camera, where 0 and 1 mean different images. chosen: whether the choice
-    holds. compiled: whether there are programs with and without it. All others are conditions at run time (`NEEDS` in
-    kernels/features.clh), or follow from the tables that kernels read.
-    """
-
-    name: str
-    work: str = ""
-    chosen: Callable[[Drawn], bool] = lambda d: False
-    compiled: bool = False
-
-
 _TERMS_OF_PBR = ["kd", "ks"]  # that shader pbr has, too
 
-# A feature is compiled if leaving it out saves 5 % of some scene's frame: `bench --features` of commit 1e1eb0f measured it.
-FEATURES = (
-    Feature("DOUBLE", chosen=lambda d: d.settings.precision == "float64", compiled=True),
-    Feature("SAMPLES", chosen=lambda d: d.settings.samples > 1, compiled=True),
+# Features that are choices of the settings or the camera, where 0 and 1 mean different images: whether they hold.
+_CHOICES: dict[str, Callable[[Drawn], bool]] = {
+    "DOUBLE": lambda d: d.settings.precision == "float64",
+    "SAMPLES": lambda d: d.settings.samples > 1,
     # Lighting that is forced on for nolight is done pixel by pixel.
-    Feature("PHONG", chosen=lambda d: d.shader == "phong" or ("LIT" in d.forced and bool(d.unlit)), compiled=True),
-    Feature("PBR", chosen=lambda d: d.shader == "pbr", compiled=True),
-    Feature("DEPTH_TEST", chosen=lambda d: d.settings.visibility == "depth", compiled=True),
-    # The same image, from one copy of each mesh: see instances.py.
-    Feature("INSTANCES", chosen=lambda d: d.instanced, compiled=True),
-    # Whether rays are followed to what casts shadows.
-    Feature("CASTERS", chosen=lambda d: d.needs("SHADOWS") or d.needs("AMBIENT_OCCLUSION"), compiled=True),
-    Feature("SAMPLE_SHADING", chosen=lambda d: d.settings.samples > 1 and d.settings.sample_shading),
-    Feature("WEIGHTED", chosen=lambda d: d.settings.samples > 1 and d.settings.resolve == "weighted"),
-    Feature(
-        "PERSPECTIVE", chosen=lambda d: d.settings.interpolation == "perspective" and not d.scene.camera.orthographic
-    ),
-    Feature("CENTROID", chosen=lambda d: d.settings.lighting_at == "centroid"),
-    Feature("TINTED", chosen=lambda d: d.settings.ambient == "tinted"),
-    Feature("CULL", chosen=lambda d: d.culls),
-    Feature("ORTHOGRAPHIC", chosen=lambda d: d.scene.camera.orthographic),
-    Feature("CORNER_COLORS", chosen=lambda d: d.at_corners or d.own_corners),
+    "PHONG": lambda d: d.shader == "phong" or ("LIT" in d.forced and bool(d.unlit)),
+    "PBR": lambda d: d.shader == "pbr",
+    "DEPTH_TEST": lambda d: d.settings.visibility == "depth",
+    "INSTANCES": lambda d: d.instanced,  # the same image, from one copy of each mesh: see instances.py
+    "CASTERS": lambda d: d.needs("SHADOWS") or d.needs("AMBIENT_OCCLUSION"),  # whether rays are followed to them
+    "SAMPLE_SHADING": lambda d: d.settings.samples > 1 and d.settings.sample_shading,
+    "WEIGHTED": lambda d: d.settings.samples > 1 and d.settings.resolve == "weighted",
+    "PERSPECTIVE": lambda d: d.settings.interpolation == "perspective" and not d.scene.camera.orthographic,
+    "CENTROID": lambda d: d.settings.lighting_at == "centroid",
+    "TINTED": lambda d: d.settings.ambient == "tinted",
+    "CULL": lambda d: d.culls,
+    "ORTHOGRAPHIC": lambda d: d.scene.camera.orthographic,
+    "CORNER_COLORS": lambda d: d.at_corners or d.own_corners,
     # The error bound of phong and pbr is relative to the color at the pixel, that of the others to the brightest corner.
-    Feature("BRIGHT", chosen=lambda d: d.shader in ("phong", "pbr") and d.bright),
-    Feature("LINES", chosen=lambda d: d.settings.edges is not None),
-    Feature("LINES_ONLY", chosen=lambda d: d.settings.edges is not None and d.settings.edges.only),
-    Feature("BACKDROP", chosen=lambda d: d.settings.background == "environment" and not no_environment(d.scene)),
-    Feature("LIT", "lighting"),
-    Feature("AMBIENT", "ambient light"),
-    *(Feature(term.feature, term.work) for term in TERMS.values()),
-    Feature("POWER", "power of highlights"),
-    Feature("EMISSION", "emission"),
-    Feature("ENVIRONMENT", "image-based light"),
-    Feature("LIGHT_SHAPES", "directions, cones and attenuation of lights"),
-    Feature("AREA_LIGHTS", "points of lights of finite size"),
-    Feature("SHADOWS", "shadows"),
-    Feature("SHADOW_ALPHA", "shadows of what is not opaque"),
-    Feature("AMBIENT_OCCLUSION", "ambient occlusion"),
-    Feature("TWO_SIDED", "normals turned to the side seen"),
-    Feature("NORMAL_INDICES", "indices of normals"),
-    Feature("VERTEX_COLORS", "colors of vertices"),
-    Feature("SCALARS", "color map"),
-    Feature("TEXTURED", "texture lookups"),
-    Feature("UV_INDICES", "indices of texture coordinates"),
-    Feature("MIPMAPS", "mip-map levels"),
-    Feature("ALPHA_TEST", "alpha test"),
-    Feature("NEAREST", "nearest texels"),
-    *(Feature(f"{each.name}_MAP", f"{each.words}s") for each in MAPS.values()),
-    Feature("UV_SETS", "further texture coordinates"),
-    Feature("BLEND", "transparent surfaces, in exact order"),
-    Feature("VERTEX_ALPHA", "alpha at vertices"),
-    Feature("MATERIALS", "material per face"),
-    Feature("SIDES", "side of each material that is drawn"),
-    Feature("DOUBLE_POSITIONS", "positions in float64"),
-    Feature("BACKGROUND", "color of the background"),
-    Feature("OWNERS", "owner of each pixel"),
-    Feature("SORTED", "depth sort"),
-)
+    "BRIGHT": lambda d: d.shader in ("phong", "pbr") and any(_any_beyond_one(m, d.at_corners) for m in d.meshes),
+    "LINES": lambda d: d.settings.edges is not None,
+    "LINES_ONLY": lambda d: d.settings.edges is not None and d.settings.edges.only,
+    "BACKDROP": lambda d: d.settings.background == "environment" and not no_environment(d.scene),
+}
+
+# The others, which a frame may do without: what is then left out, in a few words. 1 is always correct, with the same bits.
+WORK = {
+    "LIT": "lighting",
+    "AMBIENT": "ambient light",
+    **{term.feature: term.work for term in TERMS.values()},
+    "POWER": "power of highlights",
+    "EMISSION": "emission",
+    "ENVIRONMENT": "image-based light",
+    "LIGHT_SHAPES": "directions, cones and attenuation of lights",
+    "AREA_LIGHTS": "points of lights of finite size",
+    "SHADOWS": "shadows",
+    "SHADOW_ALPHA": "shadows of what is not opaque",
+    "AMBIENT_OCCLUSION": "ambient occlusion",
+    "TWO_SIDED": "normals turned to the side seen",
+    "NORMAL_INDICES": "indices of normals",
+    "VERTEX_COLORS": "colors of vertices",
+    "SCALARS": "color map",
+    "TEXTURED": "texture lookups",
+    "UV_INDICES": "indices of texture coordinates",
+    "MIPMAPS": "mip-map levels",
+    "ALPHA_TEST": "alpha test",
+    "NEAREST": "nearest texels",
+    **{f"{each.name}_MAP": f"{each.words}s" for each in MAPS.values()},
+    "UV_SETS": "further texture coordinates",
+    "BLEND": "transparent surfaces, in exact order",
+    "VERTEX_ALPHA": "alpha at vertices",
+    "MATERIALS": "material per face",
+    "SIDES": "side of each material that is drawn",
+    "DOUBLE_POSITIONS": "positions in float64",
+    "BACKGROUND": "color of the background",
+    "OWNERS": "owner of each pixel",
+    "SORTED": "depth sort",
+}
 
 # Why what is drawn does without an optional feature, "" if it needs it.
 _REASONS: dict[str, Callable[[Drawn], str]] = {
     "LIT": lambda d: d.unlit,
     "AMBIENT": lambda d: (
         d.unlit
-        or unless(d.ambient.any(), "no ambient light")
-        or unless(_any_nonzero(m.ka for m in d.materials), "ka is 0")
-        or unless(_any_nonzero(m.ka * d.ambient for m in d.materials), "ka*Ia is 0")
+        or unless(d.scene.ambient.any(), "no ambient light")
+        or unless(any(m.ka.any() for m in d.materials), "ka is 0")
+        or unless(any((m.ka * d.scene.ambient).any() for m in d.materials), "ka*Ia is 0")
     ),
     **{term.feature: partial(Drawn.no_term, name=name) for name, term in TERMS.items()},
     "POWER": Drawn.no_power,
-    "EMISSION": lambda d: (
-        d.not_pbr or unless(_any_nonzero(m.microfacets.emission for m in d.materials), "emission is 0")
-    ),
+    "EMISSION": lambda d: d.not_pbr or unless(any(m.microfacets.emission.any() for m in d.materials), "emission is 0"),
     "ENVIRONMENT": lambda d: d.not_pbr or no_environment(d.scene),
     "LIGHT_SHAPES": lambda d: d.no_light(lambda each: not each.is_plain, "only points without attenuation shine"),
     "AREA_LIGHTS": lambda d: d.no_light(lambda each: each.has_size, "no light has a size"),
@@ -349,7 +311,10 @@ _REASONS: dict[str, Callable[[Drawn], str]] = {
     "MIPMAPS": lambda d: (
         d.no_lookup
         or unless(d.settings.texture_filter != "bilinear", "texture_filter bilinear")
-        or unless(any(map(_has_levels, d.looked_up)), "textures of one texel or with the course's lookup")
+        or unless(
+            any(t.lookup == "standard" and max(t.texels.shape[:2]) > 1 for t in d.looked_up),
+            "textures of one texel or with the course's lookup",
+        )
     ),
     "ALPHA_TEST": lambda d: unless(any(m.tests_alpha for m in d.meshes), "no alpha test"),
     "NEAREST": lambda d: (
@@ -388,33 +353,15 @@ _REASONS: dict[str, Callable[[Drawn], str]] = {
         "the depth test decides",
     ),
 }
-OPTIONAL = tuple(feature.name for feature in FEATURES if feature.work)
-COMPILED = tuple(feature.name for feature in FEATURES if feature.compiled)
-_BITS = {name: index for index, name in enumerate(feature.name for feature in FEATURES if not feature.compiled)}
+FEATURES, OPTIONAL = (*_CHOICES, *WORK), tuple(WORK)
+# Those of which there are programs with and without: leaving them out saves 5 % of some scene's frame, as `bench --features`
+# of commit 1e1eb0f measured. The others are conditions at run time (`NEEDS` in kernels/features.clh), or follow from tables.
+COMPILED = ("DOUBLE", "SAMPLES", "PHONG", "PBR", "DEPTH_TEST", "INSTANCES", "CASTERS")
+_BITS = {name: index for index, name in enumerate(name for name in FEATURES if name not in COMPILED)}
 _RARE = (
-    *(
-        "WEIGHTED",
-        "CENTROID",
-        "ORTHOGRAPHIC",
-        "CORNER_COLORS",
-        "BRIGHT",
-        "LINES",
-        "LINES_ONLY",
-        "BACKDROP",
-        "LIGHT_SHAPES",
-    ),
-    *(
-        "AREA_LIGHTS",
-        "SHADOWS",
-        "SHADOW_ALPHA",
-        "AMBIENT_OCCLUSION",
-        "SCALARS",
-        "ALPHA_TEST",
-        "NEAREST",
-        "UV_SETS",
-        "BLEND",
-    ),
-    *("VERTEX_ALPHA", "OWNERS", "SORTED"),
+    *("WEIGHTED", "CENTROID", "ORTHOGRAPHIC", "CORNER_COLORS", "BRIGHT", "LINES", "LINES_ONLY"),
+    *("BACKDROP", "LIGHT_SHAPES", "AREA_LIGHTS", "SHADOWS", "SHADOW_ALPHA", "AMBIENT_OCCLUSION"),
+    *("SCALARS", "ALPHA_TEST", "NEAREST", "UV_SETS", "BLEND", "VERTEX_ALPHA", "OWNERS", "SORTED"),
 )
 # What a first picture's program has besides what its scene needs: few instructions, and most scenes after it need no other.
 COMMON = sum(1 << bit for name, bit in _BITS.items() if name not in _RARE)
@@ -433,45 +380,34 @@ def bit_definitions() -> str:
 
 @dataclass(frozen=True)
 class Features:
-    """The features of a frame, name -> 0 or 1, and the reason why each optional one that is 0 is left out."""
+    """The features that a frame uses, in the order of FEATURES, and why each optional one of the others is left out."""
 
-    values: tuple[tuple[str, int], ...]
+    used: tuple[str, ...] = ()
     left_out: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, names: Collection[str] = ()) -> Features:
-        """Return those named as 1 and all others as 0."""
-        return cls(tuple((feature.name, int(feature.name in names)) for feature in FEATURES))
+    def of(cls, names: Collection[str] = (), left_out: tuple[tuple[str, str], ...] = ()) -> Features:
+        return cls(tuple(name for name in FEATURES if name in names), left_out)
 
     @cached_property
-    def _table(self) -> dict[str, int]:
-        return dict(self.values)
+    def _values(self) -> dict[str, int]:
+        return {name: int(name in self.used) for name in FEATURES}
 
     def __getitem__(self, name: str) -> int:
-        return self._table[name]
-
-    @property
-    def used(self) -> tuple[str, ...]:
-        return tuple(name for name, value in self.values if value)
+        return self._values[name]
 
     @cached_property
     def needs(self) -> int:
         """The member `needs` of structs.Image and structs.View."""
-        return sum(1 << bit for name, bit in _BITS.items() if self._table.get(name))
+        return sum(1 << bit for name, bit in _BITS.items() if self[name])
 
     def compiled(self, names: Collection[str] = COMPILED) -> Features:
         """Return what a program is compiled with, of which it reads `names`: all that is a condition at run time is 0."""
-        unread = set(COMPILED).difference(names)
-        kept = {name: 0 if name in unread else value for name, value in self.values if name not in _BITS}
-        return Features(tuple(kept.items()))
+        return Features.of({*self.used} & {*COMPILED} & {*names})
 
     def including(self, name: str) -> Features:
         """Return the features with an optional one that is not left out."""
-        return replace(
-            self,
-            values=tuple((each, 1 if each == name else value) for each, value in self.values),
-            left_out=tuple(reason for reason in self.left_out if reason[0] != name),
-        )
+        return Features.of({*self.used, name}, tuple(reason for reason in self.left_out if reason[0] != name))
 
     def needs_any(self, group: str) -> bool:
         """Return whether any feature of one of GROUPS is needed."""
@@ -480,7 +416,7 @@ class Features:
     def options(self, needs: int = -1) -> list[str]:
         """Return -D options of the OpenCL build. needs: the conditions at run time that are compiled in."""
         left_out = sum(1 << bit for bit in _BITS.values()) & ~needs
-        return [*(f"-D{name}={value}" for name, value in self.values), f"-DLEFT_OUT={left_out}UL"]
+        return [*(f"-D{name}={self[name]}" for name in COMPILED), f"-DLEFT_OUT={left_out}UL"]
 
 
 def needs(word: int, name: str) -> bool:
@@ -494,13 +430,13 @@ def looks_up(features: Features) -> bool:
 
 
 _settings = cache(lambda shader: Settings(shader=shader))
-_NOTHING = Scene((), Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0)))
+_NOTHING = Scene((), Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0)), ambient=1.0)
 
 
 def derive_alone(shader: Shader, material: Material, shining: bool, bright: bool = False) -> Features:
     """Return the features of a single triangle or point with its own colors: preset `course`, no background, ambient light
     in its material. bright: whether colors beyond 1 are interpolated."""
-    drawn = Drawn(_NOTHING, _settings(shader), [material], np.ones(3), shining)
+    drawn = Drawn(_NOTHING, _settings(shader), [material], shining)
     terms = ("LIT", "AMBIENT", *GROUPS["TERMS"], "POWER", "EMISSION")
     names = [name for name in terms if drawn.needs(name)] + ["CENTROID", "VERTEX_COLORS", "SORTED"]
     return Features.of(names + ["PHONG"] * (shader == "phong") + ["BRIGHT"] * (shader == "phong" and bright))
@@ -518,19 +454,17 @@ def derive(
     """Return the features that this scene needs under these settings.
 
     double_positions: whether positions need float64. scalars_at_corners: whether the scalars that color faces differ
-    between faces at a vertex.
-    instanced: whether the scene's instances are drawn from one copy of each mesh.
+    between faces at a vertex. instanced: whether the scene's instances are drawn from one copy of each mesh.
     forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
     image stays the same, bit for bit. All of them together give a kernel for every scene.
     """
     lit_around = settings.shader == "pbr" and not no_environment(scene)
     shining = lit_around or any(light.intensity.any() for light in scene.lights)
-    materials = list(materials_of(scene).values())
     how = double_positions, scalars_at_corners, instanced, forced
-    drawn = Drawn(scene, settings, materials, scene.ambient, shining, *how)
-    values = {each.name: int(drawn.needs(each.name) if each.work else each.chosen(drawn)) for each in FEATURES}
-    left_out = tuple((name, drawn.why(name)) for name in OPTIONAL if not values[name])
-    return Features(tuple(values.items()), left_out)
+    drawn = Drawn(scene, settings, list(materials_of(scene).values()), shining, *how)
+    chosen = {name for name, holds in _CHOICES.items() if holds(drawn)}
+    needed = {name for name in OPTIONAL if drawn.needs(name)}
+    return Features.of(chosen | needed, tuple((name, drawn.why(name)) for name in OPTIONAL if name not in needed))
 
 
 def at_lanes(features: Features, own: int, chosen: int | None) -> Features:

@@ -18,7 +18,7 @@ from .frame import Frame
 from .frame_results import Flow
 from .hierarchy import Hierarchy
 from .opencl.device import Device, shared_device
-from .placements import mirrors
+from .placements import mirroring
 from .struct_layout import SAMPLE_BITS
 
 View: TypeAlias = Camera | Scene | Frame
@@ -158,5 +158,5 @@ def _not_shown(scene: Scene, settings: Settings, verts: Floats, faces: Faces) ->
         a, b, c = np.moveaxis(verts[faces[start:end]], 1, 0)
         toward = -camera_axes(scene.camera)[2] if scene.camera.orthographic else scene.camera.eye - a
         volume = (np.cross(b - a, c - a) * toward).sum(axis=1)
-        culled[start:end] = (volume > 0.0) if mirrors(matrix) else (volume < 0.0)
+        culled[start:end] = (volume > 0.0) if mirroring(matrix[None])[0] else (volume < 0.0)
     return culled, clear

@@ -10,7 +10,6 @@ import numpy as np
 from . import struct_layout
 from .buffers import Buffer
 from .camera_space import CameraSpace
-from .surface_inputs import SurfaceInputs
 
 
 @dataclass
@@ -53,7 +52,7 @@ class FrameInFlight:
     is_sorted: bool = False
     counters: np.void | None = None
     room: int = 0
-    inputs: SurfaceInputs | None = None
+    inputs: dict[str, Any] | None = None
 
     @property
     def resolution(self) -> tuple[int, int]:

@@ -1,5 +1,5 @@
-"""A scene's meshes as flat arrays of vertices and faces: world positions, indices, normals, colors, texture
-coordinates; all copies of each mesh, one after the other."""
+"""A scene's meshes as flat arrays of vertices and faces, by the names of the kernels' parameters: all copies of each mesh,
+one after the other."""
 
 from __future__ import annotations
 
@@ -11,64 +11,95 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arrays import Array, Floats, Integers, Reals
+from ..base.arrays import Array, Floats, Integers
 from ..scene.geometry import row_blocks, vertex_normals
-from ..scene.model import Mesh, Scene, Texture
+from ..scene.model import Mesh, Scalars, Scene, Settings, Texture
+from ..scene.scalar_colors import ColorMap, at_corners, at_vertices, color_map_of, without_colors
 from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_points import typical_intensities
 from .placements import about_one, mirroring, placed_normals, placed_points, placed_tangents
-from .scalar_tables import ScalarTables
 from .shading_tables import Real, joined, light_unit, map_of, material_table, split, textures_of, to_real
-from .struct_layout import MOST_POSITION, NAN_POSITION, WHITE_POSITION, Structs
+from .struct_layout import DOUBLE, MOST_POSITION, NAN_POSITION, SINGLE, WHITE_POSITION
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
 MOST_BEND, THINNEST = 0.25, 2.0**-20
 _MOST_BITS, _LEAST_BITS = math.frexp(MOST_POSITION)[1] - 1, 60  # of scalars that are as large, as small as they are
+_LEAST_WIDTH = 2.0**-1000  # of a color map, relative to the numbers of a face
+_BATCH = 1 << 12  # vertices of a mesh that is gathered together with others
 
 
-def _fits_float32(values: Array) -> bool:
-    if values.dtype == np.float32:
-        return True
-    with np.errstate(over="ignore"):
-        return bool((values.astype(np.float32) == values).all())
+def map_positions(values: Array, color_map: ColorMap) -> Floats:
+    """Return positions (K, C) in a map of numbers (K, C): 0 at its low end, N at its high one, of any size; NaN stays.
+
+    Where the map is so narrow, or a row so large, that the quotient could overflow, the row is a multiple of that.
+    """
+    ends = np.broadcast_to((color_map.low, color_map.high), (len(values), 2))
+    every = np.concatenate([ends, np.nan_to_num(values.astype(np.float64))], axis=1)
+    exponent = -np.frexp(np.abs(every).max(axis=1, keepdims=True))[1] - 1  # to at most 1/2: no difference overflows
+    ends, scaled = np.ldexp(ends, exponent), np.ldexp(values.astype(np.float64), exponent)
+    apart, width = scaled - ends[:, :1], ends[:, 1:] - ends[:, :1]
+    most = np.fmax.reduce(np.abs(apart), axis=1, keepdims=True, initial=0.0)
+    narrow = width < _LEAST_WIDTH
+    width = np.where(narrow, np.where(most > 0.0, most, 1.0), width)
+    # The product first: where the quotient is a whole number, it is exact.
+    positions: Floats = apart * np.where(narrow, 1.0 / _LEAST_WIDTH, color_map.count) / width
+    return positions
+
+
+class ScalarTables:
+    """The scalars that a scene shows. at_corners: whether each corner of a face has a position in the color map, else each
+    vertex: scalars per vertex, none of a face NaN, none too far beyond the map's ends."""
+
+    def __init__(self, scene: Scene, scalars: Scalars) -> None:
+        """Raises InputError if the scene has no such scalars."""
+        self._name, self.color_map = scalars.name, color_map_of(scene, scalars)
+        shown = [mesh for mesh in scene.meshes if self._name in mesh.scalars]
+        self.at_corners = not all(
+            at_vertices(mesh, self._name) and (np.abs(self._of_vertices(mesh)[mesh.faces]) <= MOST_POSITION).all()
+            for mesh in shown
+        )
+
+    def _of_vertices(self, mesh: Mesh) -> Floats:
+        return map_positions(mesh.scalars[self._name][:, None], self.color_map)[:, 0]
+
+    def positions(self, mesh: Mesh) -> Floats:
+        """Return the positions of a mesh's vertices, (V,), or of its faces' corners, (F, 3): of at most MOST_POSITION, in
+        proportion; of faces with a NaN NAN_POSITION."""
+        if self._name not in mesh.scalars:
+            return np.full((len(mesh.faces), 3) if self.at_corners else len(mesh.verts), WHITE_POSITION)
+        if not self.at_corners:
+            return self._of_vertices(mesh)
+        positions = map_positions(at_corners(mesh, self._name), self.color_map)
+        missing = np.isnan(positions).any(axis=1, keepdims=True)
+        most = np.where(missing, 0.0, np.abs(positions)).max(axis=1, keepdims=True)
+        too_large = np.maximum(np.frexp(most)[1] - _MOST_BITS, 0)
+        held: Floats = np.where(missing, NAN_POSITION, np.ldexp(positions, -too_large))
+        return held
+
+    def values(self, mesh: Mesh) -> Floats:
+        """Return the scalars at the corners of a mesh's faces, (F, 3); NaN at all corners of faces that lack one."""
+        if self._name not in mesh.scalars:
+            return np.full((len(mesh.faces), 3), np.nan)
+        values = at_corners(mesh, self._name)
+        return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, values)
 
 
 def _bends(normals: Array, index: Array, verts: Array, faces: Array) -> Floats:
     """Return the sine of the largest angle between each unit normal (K, 3) and the faces that have it, at most MOST_BEND,
     (K,). index: (F, 3), the normals at the corners of faces. Faces that are too thin to have a normal do not count."""
-    found = np.zeros(len(normals))
+    bends = np.zeros(len(normals))
     for block in row_blocks(len(faces)):
         a, b, c = np.moveaxis(np.asarray(verts[faces[block]], np.float64), 1, 0)
         across = np.cross(b - a, c - a)
-        size, sides = (np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1))
+        size, sides = np.linalg.norm(across, axis=1), np.linalg.norm(b - a, axis=1) * np.linalg.norm(c - a, axis=1)
         counts = size > THINNEST * sides
         unit = across[counts] / size[counts, None]
         for k in range(3):
             rows = index[block][counts, k]
             sine = np.linalg.norm(np.cross(np.asarray(normals[rows], np.float64), unit), axis=1)
-            np.maximum.at(found, rows, np.minimum(sine, MOST_BEND))
-    return found
-
-
-def _four(vectors: Array, real: Real) -> Array:
-    wide = np.zeros((len(vectors), 4), real)
-    wide[:, : vectors.shape[1]] = vectors
-    return wide
-
-
-def own_normals(copies: Copies, scene: Scene) -> tuple[Array, Array, bool]:
-    """Return the normals of meshes in object space, (K, 3), their indices (F, 3), and whether they are computed, and so
-    unit vectors or 0."""
-    mesh = copies.mesh
-    if mesh.normals is None or scene.preset == "course":
-        return vertex_normals(copies.verts, copies.faces), copies.faces, True
-    if mesh.normal_faces is not None:
-        return _concatenated(copies.meshes, "normals"), _joined_indices(copies.meshes, "normal_faces", "normals"), False
-    return copies.of_vertices("normals"), copies.faces, False
-
-
-_BATCH = 1 << 12  # vertices of a mesh that is gathered together with others
+            np.maximum.at(bends, rows, np.minimum(sine, MOST_BEND))
+    return bends
 
 
 def _kind(mesh: Mesh, maps: bool) -> tuple[Any, ...] | None:
@@ -85,27 +116,42 @@ def _kind(mesh: Mesh, maps: bool) -> tuple[Any, ...] | None:
 class Copies:
     """The K copies of a mesh that are gathered, or of K consecutive meshes one of each.
 
-    numbers: of the meshes in their scene. mesh, number: the first mesh, which has the same fields as all, and its number.
-    count: copies of each mesh. matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors. verts: (V, 3) of
-    all meshes, without the vertices in no face, which are not uploaded; kept: which those are of the meshes' own, None for
-    all. sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
+    numbers: of the meshes in their scene. mesh: the first, which has the same fields as all. count: copies of each mesh.
+    matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors. verts: (V, 3) of all meshes, without the
+    vertices in no face, which are not uploaded. sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
     """
 
     def __init__(self, numbers: Sequence[int], meshes: Sequence[Mesh]) -> None:
-        self.numbers, self.meshes, self.number, self.mesh = numbers, meshes, numbers[0], meshes[0]
-        placements = [np.asarray(mesh.instances) for mesh in meshes]
-        self.matrices: Floats = np.concatenate(placements) if meshes[1:] else placements[0]
+        self.numbers, self._meshes, self.mesh = numbers, meshes, meshes[0]
+        self.matrices: Floats = self._rows([np.asarray(mesh.instances) for mesh in meshes])
         self.mirrored, self.count = mirroring(self.matrices), len(self.matrices) // len(meshes)
-        self.verts: Array = _concatenated(meshes, "verts")
-        self.faces: Array = _joined_indices(meshes, "faces", "verts")
+        self.verts: Array = self._all("verts")
+        self.faces: Array = self._all_indices("faces", "verts")
         self.sizes: Integers = np.array([(len(mesh.verts), len(mesh.faces)) for mesh in meshes]).T
-        self.kept: Array | None = None
+        self._kept: Array | None = None  # vertices in use
         used = np.zeros(len(self.verts), bool)
         used[self.faces] = True
         if not used.all():
-            self.kept = np.flatnonzero(used)
-            self.verts, self.faces = self.verts[self.kept], (np.cumsum(used, dtype=np.int32) - np.int32(1))[self.faces]
-            self.sizes[0] = np.diff(np.searchsorted(self.kept, np.cumsum(self.sizes[0])), prepend=0)
+            self._kept = np.flatnonzero(used)
+            self.verts, self.faces = self.verts[self._kept], (np.cumsum(used, dtype=np.int32) - np.int32(1))[self.faces]
+            self.sizes[0] = np.diff(np.searchsorted(self._kept, np.cumsum(self.sizes[0])), prepend=0)
+
+    @staticmethod
+    def _rows(parts: Sequence[Array]) -> Array:
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _all(self, name: str) -> Array:
+        """Return the rows of all meshes."""
+        return self._rows([getattr(mesh, name) for mesh in self._meshes])
+
+    def _all_indices(self, name: str, rows: str) -> Array:
+        """Return indices of all meshes into the rows of all."""
+        index = self._all(name)
+        if self._meshes[1:]:
+            counts = [len(getattr(mesh, rows)) for mesh in self._meshes]
+            starts = (np.cumsum(counts) - counts).astype(np.int32)
+            index += np.repeat(starts, [len(mesh.faces) for mesh in self._meshes])[:, None]
+        return index
 
     def one(self, mirrored: bool) -> Copies:
         """Return the mesh itself, or with the winding of one that a placement mirrors."""
@@ -115,14 +161,17 @@ class Copies:
 
     def points(self) -> Array:
         """Return the placed vertices, (K V, 3)."""
-        return placed_points(self.verts, self.matrices, self.sizes[0] if self.meshes[1:] else None)
+        return placed_points(self.verts, self.matrices, self.sizes[0] if self._meshes[1:] else None)
 
-    def directions(self, normals: Array, real: Real, *, is_unit: bool) -> Array:
-        """Return the placed normals: of those of meshes with indices of their own, or of the vertices."""
-        counts = self.sizes[0] if self.meshes[1:] else None
-        if counts is not None and not is_unit and self.mesh.normal_faces is not None:
-            counts = np.array([len(mesh.normals) for mesh in self.meshes])  # type: ignore[arg-type]
-        return placed_normals(normals, self.matrices, self.mirrored, real, is_unit=is_unit, counts=counts)
+    def normals(self, *, computed: bool) -> tuple[Array, Array, Integers]:
+        """Return normals in object space, (K, 3), their indices (F, 3), and how many each mesh has. computed: whether they
+        are computed, and so unit vectors or 0."""
+        if computed:
+            return vertex_normals(self.verts, self.faces), self.faces, self.sizes[0]
+        if self.mesh.normal_faces is None:
+            return self.of_vertices("normals"), self.faces, self.sizes[0]
+        counts = np.array([len(mesh.normals) for mesh in self._meshes])  # type: ignore[arg-type]
+        return self._all("normals"), self._all_indices("normal_faces", "normals"), counts
 
     def repeated(self, rows: Array) -> Array:
         """Return rows once for each copy."""
@@ -133,12 +182,12 @@ class Copies:
         exchanged where a placement mirrors. The winding of its faces is then reversed, so that front stays front."""
         if not self.mirrored.any():
             return rows[None] if self.count == 1 else np.repeat(rows[None], self.count, axis=0)
-        if self.meshes[1:]:
+        if self._meshes[1:]:
             mirrored = np.repeat(self.mirrored, self.sizes[1]).reshape(-1, *[1] * (rows.ndim - 1))
             return np.where(mirrored, rows[:, [0, 2, 1]], rows)[None]
         return np.stack([rows, rows[:, [0, 2, 1]]])[self.mirrored.astype(np.intp)]
 
-    def indices(self, index: Array, rows: int, first: int) -> Array:
+    def indices(self, index: Array, rows: int, first: int = 0) -> Array:
         """Return indices (F, 3) of a table's rows for all copies, (K F, 3) int32, each with `rows` of its own, from `first`
         on."""
         if self.count == 1 and not first and not self.mirrored.any():
@@ -148,68 +197,58 @@ class Copies:
 
     def of_vertices(self, name: str) -> Array:
         """Return the rows of the vertices in use, of a field of all meshes that may have more rows."""
-        return self.own(_concatenated(self.meshes, name, of_vertices=True))
+        return self.own(self._rows([getattr(mesh, name)[: len(mesh.verts)] for mesh in self._meshes]))
 
     def uv_sets(self) -> list[Array]:
         """Return the sets of texture coordinates: of the vertices in use, or all where faces have indices of their own."""
-        every: list[tuple[Any, ...]] = [(mesh.uvs, *mesh.more_uvs) for mesh in self.meshes]
-        if self.mesh.uv_faces is None:
-            counts = [len(mesh.verts) for mesh in self.meshes]
-            every = [tuple(rows[:count] for rows in own) for count, own in zip(counts, every, strict=True)]
-        sets = [rows[0] if len(rows) == 1 else np.concatenate(rows) for rows in zip(*every, strict=True)]
-        return [self.own(rows) for rows in sets] if self.mesh.uv_faces is None else sets
+        every: list[tuple[Any, ...]] = [(mesh.uvs, *mesh.more_uvs) for mesh in self._meshes]
+        if self.mesh.uv_faces is not None:
+            return [self._rows(rows) for rows in zip(*every, strict=True)]
+        counts = [len(mesh.verts) for mesh in self._meshes]
+        every = [tuple(rows[:count] for rows in own) for count, own in zip(counts, every, strict=True)]
+        return [self.own(self._rows(rows)) for rows in zip(*every, strict=True)]
+
+    def uv_indices(self) -> Array:
+        """Return the indices (F, 3) of `uv_sets`."""
+        return self.faces if self.mesh.uv_faces is None else self._all_indices("uv_faces", "uvs")
+
+    def colors(self, real: Real) -> Array:
+        """Return the colors of the vertices in use, (V, 4), but for the fourth component."""
+        white = self.mesh.colors is None or replaces_colors(self.mesh)
+        own = np.broadcast_to(1.0, (len(self.verts), 3)) if white else self.of_vertices("colors")
+        factors = np.array([mesh.material.color for mesh in self._meshes])
+        factors = factors if len(factors) == 1 else np.repeat(factors, self.sizes[0], axis=0)
+        rows = np.full((len(own), 4), WHITE_POSITION, real)
+        for block in row_blocks(len(own)):
+            rows[block, :3] = to_real(own[block] * (factors if len(factors) == 1 else factors[block]), real)
+        return rows
 
     def own(self, rows: Array) -> Array:
         """Return the rows of the vertices in use, of a table of all of the meshes'."""
-        return rows if self.kept is None else rows[self.kept]
-
-    def per_face(self, values: Sequence[Any], kind: Any) -> Array:
-        """Return for each face of each copy the value of its mesh."""
-        own = np.array([values[number] for number in self.numbers], kind)
-        return np.repeat(own, self.sizes[1] * self.count)
-
-
-def _concatenated(meshes: Sequence[Mesh], name: str, *, of_vertices: bool = False) -> Array:
-    rows = [getattr(mesh, name)[: len(mesh.verts)] if of_vertices else getattr(mesh, name) for mesh in meshes]
-    return rows[0] if len(rows) == 1 else np.concatenate(rows)
-
-
-def _joined_indices(meshes: Sequence[Mesh], name: str, rows: str) -> Array:
-    if len(meshes) == 1:
-        return getattr(meshes[0], name)  # type: ignore[no-any-return]
-    counts = [len(getattr(mesh, rows)) for mesh in meshes]
-    starts = (np.cumsum(counts) - counts).astype(np.int32)
-    found: Array = np.concatenate([getattr(mesh, name) for mesh in meshes])
-    found += np.repeat(starts, [len(mesh.faces) for mesh in meshes])[:, None]
-    return found
+        return rows if self._kept is None else rows[self._kept]
 
 
 class Gatherer:
-    """The arrays of the placed meshes, concatenated in order."""
+    """The arrays of the placed meshes, concatenated in order.
 
-    def __init__(
-        self,
-        scene: Scene,
-        structs: Structs,
-        forced: Collection[str],
-        scalars: ScalarTables | None = None,
-        *,
-        maps: bool = False,
-        one_copy: bool = False,
-    ) -> None:
-        """maps: whether the shader uses the maps of shader pbr. one_copy: whether to gather one copy of each mesh in object
-        space, and another one with the winding reversed if some placement mirrors."""
-        self.maps, self.one_copy = maps, one_copy
-        self.scene, self._structs, self._forced, self.scalars = scene, structs, forced, scalars
-        self.materials = materials_of(scene)
+    scene: without the colors that scalars replace. placed: what is gathered together. copies: the same; with one_copy one of
+    each mesh in object space, and another one with the winding reversed if some placement mirrors.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, forced: Collection[str], *, one_copy: bool) -> None:
+        maps, self._prefix, self._forced = settings.shader == "pbr", "object_" if one_copy else "", forced
+        self.structs, self._maps = DOUBLE if settings.precision == "float64" else SINGLE, maps
+        self._real: Real = self.structs.real
+        self.scalars = None if settings.scalars is None else ScalarTables(scene, settings.scalars)
+        self.scene = scene = without_colors(scene, settings.scalars)
+        self._materials = materials_of(scene)
         meshes = [(number, mesh) for number, mesh in enumerate(scene.meshes) if len(mesh.faces)]
-        table = {id(texture): texture for _, mesh in meshes for texture in textures_of(mesh, maps=maps)}
-        self.textures: list[Texture] = list(table.values())
+        self.textures = list({id(each): each for _, mesh in meshes for each in textures_of(mesh, maps=maps)}.values())
         self._white = len(self.textures)
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
         self.placed: list[Copies] = []
-        alone = one_copy or scalars is not None
+        alone = one_copy or self.scalars is not None
         for kind, alike in groupby(meshes, key=lambda pair: None if alone else _kind(pair[1], maps)):
             for some in [list(alike)] if kind is not None else ([pair] for pair in alike):
                 self.placed.append(Copies(*zip(*some, strict=True)))
@@ -218,10 +257,12 @@ class Gatherer:
             self.copies = [each.one(side) for each in self.placed for side in np.unique(each.mirrored)]
 
     def positions(self) -> tuple[Array, Array]:
+        """Return the vertices, (V, 3), float32 if that holds them, and the faces."""
         if not self.copies:
             return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
         points = [each.points() for each in self.copies]
-        fits = all(map(_fits_float32, points))
+        with np.errstate(over="ignore"):
+            fits = all(rows.dtype == np.float32 or (rows.astype(np.float32) == rows).all() for rows in points)
         faces = self._indices([(each.faces, len(each.verts)) for each in self.copies])
         return joined(points, np.float32 if fits else np.float64), faces
 
@@ -234,78 +275,79 @@ class Gatherer:
             first += rows * each.count
         return joined(parts, np.int32)
 
-    def normals(self, indexed: bool, *, bends: bool = False) -> tuple[Array, Array | None]:
-        """Return the normals, (K, 4), and their indices, (F, 3), if they have their own. bends: the fourth component is as
-        of `_bends`. Of one copy they are float64 in object space, of any length, and the fourth is 1 if they are units."""
+    def normals(self, indexed: bool, *, bends: bool = False) -> dict[str, Array]:
+        """Return the normals, (K, 4), and their indices if they have their own. bends: the fourth component is as of
+        `_bends`. Of one copy they are float64 in object space, of any length, and the fourth is 1 if they are units."""
         parts, index = [], list[tuple[Array, int]]()
-        precision = np.float64 if bends else self._structs.real
         for each in self.copies:
-            normals, faces, is_unit = own_normals(each, self.scene)
+            is_unit = each.mesh.normals is None or self.scene.preset == "course"
+            normals, faces, counts = each.normals(computed=is_unit)
             index.append((faces, len(normals)))
-            if self.one_copy:
-                rows = _four(normals if is_unit else about_one(normals), np.float64)
+            if self._prefix:
+                own = normals if is_unit else about_one(normals)
+            else:
+                how = each.matrices, each.mirrored, np.float64 if bends else self._real
+                own = placed_normals(normals, *how, is_unit=is_unit, counts=counts if len(counts) > 1 else None)
+            rows = np.zeros((len(own), 4), np.float64 if self._prefix else self._real)
+            rows[:, :3] = own
+            if self._prefix:
                 rows[:, 3] = is_unit
-                parts.append(rows)
-                continue
-            own = each.directions(normals, precision, is_unit=is_unit)
-            rows = _four(own, self._structs.real)
-            if bends:
-                own_faces = each.indices(faces, len(normals), 0)
-                rows[:, 3] = _bends(own, own_faces, each.points(), each.indices(each.faces, len(each.verts), 0))
+            elif bends:
+                own_faces = each.indices(faces, len(normals))
+                rows[:, 3] = _bends(own, own_faces, each.points(), each.indices(each.faces, len(each.verts)))
             parts.append(rows)
-        return joined(parts), self._indices(index) if indexed else None
+        found = {f"{self._prefix}normals": joined(parts)}
+        return {**found, "normal_faces": self._indices(index)} if indexed else found
 
-    def tangents(self) -> tuple[Array, Array]:
+    def tangents(self) -> dict[str, Array]:
         """Return the tangents of meshes with a normal map, (K, 4), unit or 0, with the side of the bitangent, and their
-        indices (F, 3). Row 0 is that of all others. Of one copy they are float64 in object space, of any length."""
-        real = np.float64 if self.one_copy else self._structs.real
-        parts, index = [np.zeros((1, 4), real)], []
-        count = 1
+        indices. Row 0 is that of all others. Of one copy they are float64 in object space, of any length."""
+        real = np.float64 if self._prefix else self._real
+        parts, index, count = [np.zeros((1, 4), real)], [], 1
         for each in self.copies:
             texture = map_of(each.mesh, "normal_texture")
             if texture is None:
                 index.append(each.repeated(np.zeros_like(each.faces)))
                 continue
             own, faces = mesh_tangents(each.mesh, texture.coordinates)
-            if self.one_copy:
+            if self._prefix:
                 parts.append(np.column_stack([about_one(own[:, :3]), own[:, 3]]))
             else:
                 parts.append(placed_tangents(own, each.matrices, each.mirrored).astype(real))
             index.append(each.indices(faces, len(own), count))
             count += len(own) * each.count
-        return joined(parts), joined(index, np.int32)
+        return {f"{self._prefix}tangents": joined(parts), "tangent_faces": joined(index, np.int32)}
 
     def colors(self, at_corners: bool) -> Array:
         """Return colors and positions in the color map of the vertices, (V, 4), or of the faces' corners, (3F, 4)."""
         parts = []
         for each in self.copies:
-            mesh, faces = each.mesh, each.faces
-            white = mesh.colors is None or replaces_colors(mesh)
-            own = np.broadcast_to(1.0, (len(each.verts), 3)) if white else each.of_vertices("colors")
-            factors = np.array([mesh.material.color for mesh in each.meshes])
-            factors = factors if len(factors) == 1 else np.repeat(factors, each.sizes[0], axis=0)
-            rows = np.full((len(own), 4), WHITE_POSITION, self._structs.real)
-            for block in row_blocks(len(own)):
-                factor = factors if len(factors) == 1 else factors[block]
-                rows[block, :3] = to_real(own[block] * factor, self._structs.real)
-            positions = None if self.scalars is None else to_real(self.scalars.positions(mesh), self._structs.real)
+            rows = each.colors(self._real)
+            positions = None if self.scalars is None else to_real(self.scalars.positions(each.mesh), self._real)
             if positions is not None and positions.ndim == 1:
                 rows[:, 3] = each.own(positions)
             if not at_corners:
                 parts.append(each.repeated(rows))
                 continue
-            rows = rows[faces]
+            rows = rows[each.faces]
             if positions is not None and positions.ndim == 2:
                 rows[:, :, 3] = positions
             parts.append(each.turned(rows).reshape(-1, 4))
         return joined(parts)
+
+    def color_map(self) -> Array:
+        """Return the rows that kernels look up, (N + 4, 4): those of the map, and white."""
+        colors = np.ones((3, 3)) if self.scalars is None else self.scalars.color_map.table
+        table = np.ones((len(colors) + 1, 4), np.float32)
+        table[:-1, :3] = colors
+        return table.astype(self._real)
 
     def alphas(self) -> Array:
         """Return the alphas of the vertices, (V,)."""
         parts = []
         for each in self.copies:
             own = np.ones(len(each.verts)) if each.mesh.alphas is None else each.of_vertices("alphas")
-            parts.append(each.repeated(to_real(own, self._structs.real)))
+            parts.append(each.repeated(to_real(own, self._real)))
         return joined(parts)
 
     def corner_scalars(self) -> tuple[Array, int]:
@@ -317,31 +359,33 @@ class Gatherer:
             parts.append(each.turned(own).reshape(-1))
         values = np.concatenate(parts)
         own_exponent = int(np.frexp(np.abs(values[np.isfinite(values)]).max(initial=0.0))[1])
-        most = np.finfo(self._structs.real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
+        most = np.finfo(self._real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
         large = own_exponent > _MOST_BITS
         exponent = min(own_exponent - _MOST_BITS, most) if large else min(own_exponent + _LEAST_BITS, 0)
         held = np.clip(np.ldexp(values, -exponent), -2.0 * MOST_POSITION, 2.0 * MOST_POSITION)
-        return to_real(np.where(np.isnan(values), NAN_POSITION, held), self._structs.real), exponent
+        return to_real(np.where(np.isnan(values), NAN_POSITION, held), self._real), exponent
 
-    def uvs(self, indexed: bool, *, untextured: bool = False) -> tuple[Array, Array | None]:
-        """Return texture coordinates and their indices, each set's after the other's. untextured: include those of meshes
-        without a texture, which are 0 otherwise."""
-        sets = 1 + max((texture.coordinates for texture in self.textures), default=0)
+    @property
+    def uv_sets(self) -> int:
+        """Number of sets of texture coordinates that textures look up."""
+        return 1 + max((texture.coordinates for texture in self.textures), default=0)
+
+    def uvs(self, indexed: bool, *, untextured: bool = False) -> dict[str, Array]:
+        """Return texture coordinates, each set's after the other's, and their indices if they have their own. untextured:
+        include those of meshes without a texture, which are 0 otherwise."""
+        sets, index = self.uv_sets, list[tuple[Array, int]]()
         parts: list[list[Array]] = [[] for _ in range(sets)]
-        index: list[tuple[Array, int]] = []
         for each in self.copies:
-            mesh, own_faces = each.mesh, each.faces
-            if mesh.uvs is None or not (untextured or textures_of(mesh, maps=self.maps)):
-                own: list[Reals] = [np.zeros((len(each.verts), 2))] * sets
+            if each.mesh.uvs is None or not (untextured or textures_of(each.mesh, maps=self._maps)):
+                own, faces = [np.zeros((len(each.verts), 2))] * sets, each.faces
             else:
-                own = each.uv_sets()[:sets]
+                own, faces = each.uv_sets()[:sets], each.uv_indices()
                 own += [np.zeros_like(own[0])] * (sets - len(own))
-                if mesh.uv_faces is not None:
-                    own_faces = _joined_indices(each.meshes, "uv_faces", "uvs")
             for part, rows in zip(parts, own, strict=True):
-                part.append(each.repeated(split(rows, self._structs.real)))
-            index.append((own_faces, len(own[0])))
-        return joined([part for each in parts for part in each]), self._indices(index) if indexed else None
+                part.append(each.repeated(split(rows, self._real)))
+            index.append((faces, len(own[0])))
+        found = {"uvs": joined([part for each in parts for part in each])}
+        return {**found, "uv_faces": self._indices(index)} if indexed else found
 
     def mirrored(self) -> Array:
         """Return for each face whether its placement mirrors, (F,) int32."""
@@ -349,30 +393,38 @@ class Gatherer:
 
     def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
         """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""
-        return joined([each.per_face(values, kind) for each in self.copies], kind)
+        table = np.array(values, kind)
+        return joined([np.repeat(table[list(each.numbers)], each.sizes[1] * each.count) for each in self.copies], kind)
 
     def per_copy(self, first: Sequence[int]) -> Array:
         """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
-        counted = [(each, np.repeat(np.arange(each.count), len(each.faces))) for each in self.copies]
-        return joined([each.per_face(first, np.uint32) + own for each, own in counted], np.uint32)
+        own = [np.repeat(np.arange(each.count, dtype=np.uint32), len(each.faces)) for each in self.copies]
+        return self.per_face(first, np.uint32) + joined(own, np.uint32)
 
     def face_materials(self) -> Array:
-        numbers = {key: i for i, key in enumerate(self.materials)}
+        """Return each face's row of the material table, (F,) int32."""
+        numbers = {key: i for i, key in enumerate(self._materials)}
         return self.per_face([numbers.get(material_key(mesh), 0) for mesh in self.scene.meshes])
 
-    def light_unit(self, radius: float, *, pbr: bool = False) -> float:
+    def face_textures(self) -> Array:
+        """Return each face's row of the texture table, -1 for none, (F,) int32."""
+        numbers = {id(texture): i for i, texture in enumerate(self.textures)}
+        return self.per_face(
+            [numbers[id(m.material.texture)] if len(m.faces) and texture_applies(m) else -1 for m in self.scene.meshes]
+        )
+
+    def light_unit(self, radius: float) -> float:
         """Return `shading_tables.light_unit`. radius: of the scene."""
-        intensities = typical_intensities(self.scene.lights, radius)
         brightest = 0.0
-        meshes = (mesh for each in self.copies for mesh in each.meshes)
+        meshes = (mesh for mesh in self.scene.meshes if len(mesh.faces))
         for mesh in {(id(mesh.material), id(mesh.colors)): mesh for mesh in meshes}.values():
             color = mesh.material.color.max() * (1.0 if mesh.colors is None else mesh.colors.max(initial=0.0))
             texel = 1.0 if mesh.material.texture is None else mesh.material.texture.extremes[1]
             brightest = max(brightest, float(color) * max(texel, 1.0))
-        around = self.scene.environment if pbr else None
+        around = self.scene.environment if self._maps else None
         radiance = 0.0 if around is None else float(around.image.max()) * around.intensity
-        lit = self.materials.values(), intensities, self.scene.ambient, brightest
-        return light_unit(*lit, pbr=pbr, radiance=radiance)
+        lit = self._materials.values(), typical_intensities(self.scene.lights, radius), self.scene.ambient, brightest
+        return light_unit(*lit, pbr=self._maps, radiance=radiance)
 
     def material_table(self, ambient_unit: float, at_corners: bool) -> Array:
         """Return the material table. at_corners: whether the texels are in the corners' colors and need no lookup at
@@ -380,17 +432,11 @@ class Gatherer:
 
         If a lookup is forced, materials without a texture (or an alpha test) look up white (or its alpha).
         """
-        materials, ambient = list(self.materials.values()), self.scene.ambient / ambient_unit
-        table = material_table(materials, self.textures, ambient, self._structs)
+        ambient = self.scene.ambient / ambient_unit
+        table = material_table(list(self._materials.values()), self.textures, ambient, self.structs)
         table["texture"][(table["texture"] < 0) | at_corners] = self._white if "TEXTURED" in self._forced else -1
         if "ALPHA_TEST" in self._forced:
             table["alpha_texture"][table["alpha_texture"] < 0] = self._white
             table["alpha_cutoff"][table["alpha_tested"] == 0] = -1.0  # rounding may give an alpha below 0
             table["alpha_tested"] = 1
         return table
-
-    def face_textures(self) -> Array:
-        numbers = {id(texture): i for i, texture in enumerate(self.textures)}
-        return self.per_face(
-            [numbers[id(m.material.texture)] if len(m.faces) and texture_applies(m) else -1 for m in self.scene.meshes]
-        )

@@ -1,5 +1,5 @@
 """The casters of shadows on the device: a hierarchy of boxes over triangles, in a frame of reference in which differences
-of vertices are exact, and lights in that frame."""
+of vertices are exact; lights, cameras and occlusion in that frame."""
 
 from __future__ import annotations
 
@@ -10,18 +10,24 @@ from functools import cached_property
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Floats32
+from ..scene.lights import Light, PlacedLight
+from ..scene.model import Settings
 from .buffers import Buffer, finish
+from .camera_space import CameraSpace
 from .launches import Stages, items, stages_of
+from .light_points import RADII, sides_of, write_points
 from .opencl.device import Device
-from .struct_layout import CURVE_BITS, HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS
+from .struct_layout import CURVE_BITS, HIERARCHY_RUN, SAMPLE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS, Structs
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
 _LEAF_FLOATS, _NODE_FLOATS = 10 * _WIDTH, 6 * _WIDTH
 _TOGETHER = 1 << 20  # keys that are reordered at a time, whole runs of them, which takes 32 bytes each
 _BLOCK = 1 << 14  # vertices whose temporary arrays stay in the cache
 _NO_CASTER = np.uint64(2**64 - 1)
-
 _LEAST_W = 2.0**-100  # a light so far away that its w would be less counts as directional
+_LARGEST = 2.0**90  # products of three coordinates stay within float32's range
+_LONGEST = 4.0 * SHADOW_REACH  # longer than any diagonal of the casters' box, so that longer rays meet no more
+_LEAST = 2.0**-60  # shorter rays end where they begin
 
 
 @dataclass(frozen=True)
@@ -53,22 +59,22 @@ class CasterFrame:
         with np.errstate(invalid="ignore"):
             return split(np.rint((positions - self.origin) * (self.unit / SHADOW_GRID)) * SHADOW_GRID)
 
+    def place(self, position: Floats, size: float = 0.0) -> tuple[Floats, float]:
+        """Return a position (3,) in this frame, and 1, or less if it or points as far from it as `size` are far away: w."""
+        moved = (position - self.origin) * self.unit
+        reach = float(np.abs(moved).max()) + size * self.unit
+        return moved, 1.0 if reach <= SHADOW_REACH else SHADOW_REACH * 2.0 ** -math.frexp(reach)[1]
+
     def light(self, position: Floats, size: float = 0.0) -> Array:
         """Return a homogeneous position (4,) float64 as a row of structs.ShadowLight: w is 0 for a directional light,
-        which is given by a direction toward it, else 1, or less where it or points as far from it as `size` are far
-        away."""
+        which is given by a direction toward it, else as of `place`."""
         row = np.zeros(1, SINGLE.ShadowLight)
         if position[3] == 0.0:
-            size = float(np.abs(position[:3]).max())
-            row["high"][0], row["low"][0] = np.split(split(position[None, :3] * (SHADOW_REACH / 2 / size))[0], 2)
-            return row
-        moved = (position[:3] - self.origin) * self.unit
-        size = float(np.abs(moved).max()) + size * self.unit
-        if size <= SHADOW_REACH:
-            parts, row["w"] = split(np.rint(moved / SHADOW_GRID) * SHADOW_GRID), 1.0
+            parts = split(position[:3] * (SHADOW_REACH / 2 / float(np.abs(position[:3]).max())))
         else:
-            w = SHADOW_REACH * 2.0 ** -math.frexp(size)[1]
-            parts, row["w"] = split(moved * w), w if w >= _LEAST_W else 0.0
+            moved, w = self.place(position[:3], size)
+            parts = split(moved * w if w < 1.0 else np.rint(moved / SHADOW_GRID) * SHADOW_GRID)
+            row["w"] = w if w >= _LEAST_W else 0.0
         row["high"][0], row["low"][0] = np.split(parts, 2)
         return row
 
@@ -194,3 +200,57 @@ def _level_sizes(count: int) -> list[int]:
         below = -(-below // _WIDTH)
         sizes.append(below)
     return sizes
+
+
+def write_shadow_view(row: np.void, space: CameraSpace, frame: CasterFrame) -> None:
+    """Fill a row of structs.ShadowView for a camera.
+
+    Rays are counted from the pixel at the whole image's center, by whole 1/256 px that float32 holds.
+    """
+    camera, raster, steps = space.camera, space.raster, 1 << SAMPLE_BITS
+    across, upward, forward = space.axes
+    columns, rows = raster.resolution
+    center = columns * steps // 2, rows * steps // 2
+    (height, width), principal = raster.plane, raster.principal
+    start = (camera.eye - frame.origin) * frame.unit
+    right, up = width / (columns * steps) * across, height / (rows * steps) * upward
+    middle = (center[0] - principal[0] * columns * steps) * right + (center[1] - principal[1] * rows * steps) * up
+    if camera.orthographic:
+        start, along = start + middle * frame.unit, forward
+        right, up = right * frame.unit, up * frame.unit
+    else:
+        along = middle + camera.focal * forward
+        largest = max(float(np.abs(along).max()), width, height)
+        along, right, up = along / largest, right / largest, up / largest
+    for name, vector in (("start", start), ("along", along), ("right", right), ("up", up)):
+        row[name], row[f"{name}_low"] = np.split(split(np.clip(vector, -_LARGEST, _LARGEST)), 2)
+    row["center"] = [middle - steps * first for middle, first in zip(center, raster.first, strict=True)]
+
+
+def shadow_lights(lights: tuple[Light, ...], frame: CasterFrame) -> tuple[Array, Floats]:
+    """Return rows of structs.ShadowLight of the lights that shine, in their order, at least one; and what turns lengths into
+    the units of each: the frame's unit times w, which the row has as 0 if it is too small."""
+    shining = [light for light in lights if light.intensity.any()]
+    rows, factors = np.zeros(max(len(shining), 1), SINGLE.ShadowLight), np.zeros(len(shining))
+    for k, light in enumerate(shining):
+        if isinstance(light, PlacedLight):
+            size = float(np.abs(sides_of(light)).sum())
+            rows[k] = frame.light(np.append(light.position, 1.0), size)[0]
+            factors[k] = frame.unit * frame.place(np.asarray(light.position, np.float64), size)[1]
+        else:
+            rows[k] = frame.light(np.append(-light.axis, 0.0))[0]
+    return rows, factors
+
+
+def hemisphere_row(settings: Settings, frame: CasterFrame, structs: Structs) -> Array:
+    """Return one row of structs.Light whose points are those of the unit disc below the hemisphere. shadow_scale is the
+    rays' length in the units of shadows; no points without ambient occlusion."""
+    rows = np.zeros(1, structs.Light)
+    if not settings.ambient_occlusion or settings.ao_distance is None:
+        return rows
+    write_points(rows[0], settings.ambient_occlusion, sphere=True)
+    rows["right"], rows["up"] = RADII
+    with np.errstate(over="ignore"):
+        distance = float(np.minimum(np.float64(settings.ao_distance) * frame.unit, _LONGEST))
+    rows["shadow_scale"] = distance if distance >= _LEAST else 0.0
+    return rows

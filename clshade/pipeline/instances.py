@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from itertools import product
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from .camera_space import CameraSpace
 from .frame_state import SceneFrame
 from .gather import Copies, Gatherer
 from .launches import Stages
-from .placements import placed_along, placed_each, plain
+from .placements import plain, products
 from .struct_layout import Structs
 from .triangle_source import Faces, Sides, Triangles, TriangleSource
 
@@ -57,22 +58,15 @@ class InstanceTables:
     radii: Floats
 
 
-class _Box(NamedTuple):
-    """The box of a mesh and its copies: half its size (3,), its middle under each placement (K, 3), how much rounding may
-    move those and the copies' vertices, (K, 3)."""
-
-    half: Floats
-    middle: Floats
-    margin: Floats
-
-
-def _box(copies: Copies) -> _Box:
+def _box(copies: Copies) -> tuple[Floats, Floats, Floats]:
+    """Return half the size of a mesh's box, (3,), its middle under each placement, (K, 3), and how much rounding may move
+    those and the copies' vertices, (K, 3)."""
     low, high = copies.verts.min(axis=0).astype(np.float64), copies.verts.max(axis=0).astype(np.float64)
     linear, shift = copies.matrices[:, :3, :3], copies.matrices[:, :3, 3]
     with np.errstate(over="ignore", invalid="ignore"):
         middle = (linear * (low / 2 + high / 2)).sum(axis=2) + shift
         sizes = (np.abs(linear) * np.maximum(np.abs(low), np.abs(high))).sum(axis=2) + np.abs(shift)
-        return _Box(high / 2 - low / 2, middle, _MARGIN * sizes)
+        return high / 2 - low / 2, middle, _MARGIN * sizes
 
 
 def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
@@ -81,62 +75,53 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
     numbers = first_instances(gatherer.scene)
     vertex = face = first = 0
     for each in gatherer.copies:
-        key = each.number, bool(each.mirrored[0])
+        key = each.numbers[0], bool(each.mirrored[0])
         first_vertex[key], first_face[key] = vertex, face
         vertex, face = vertex + len(each.verts), face + len(each.faces)
-    parts, vertices, faces, centers, radii = [], [], [], [], []
+    parts: list[tuple[Array, ...]] = []
     for each in gatherer.placed:
         rows, copies = np.zeros(each.count, structs.Instance), np.arange(each.count)
         rows["rows"] = each.matrices[:, :3].reshape(-1, 12)
         linear = each.matrices[:, :3, :3]
         rows["scale"] = np.ldexp(1.0, -np.frexp(np.abs(linear).max(axis=(1, 2)))[1])
         rows["plain"], rows["mirrored"] = plain(each.matrices), each.mirrored
-        rows["number"] = (numbers[each.number] + copies).astype(np.uint32).view(np.int32)
+        rows["number"] = (numbers[each.numbers[0]] + copies).astype(np.uint32).view(np.int32)
         own_face = np.zeros(each.count, np.int64)
         for side in (False, True):
             mine = each.mirrored == side
             if mine.any():
-                rows["first_vertex"][mine] = first_vertex[each.number, side]
-                own_face[mine] = first_face[each.number, side]
+                rows["first_vertex"][mine] = first_vertex[each.numbers[0], side]
+                own_face[mine] = first_face[each.numbers[0], side]
         rows["first_face"] = own_face
         rows["face_shift"] = (first + len(each.faces) * copies - own_face).astype(np.uint32).view(np.int32)
         first += each.count * len(each.faces)
-        box = _box(each)
+        half, middle, margin = _box(each)
         with np.errstate(over="ignore", invalid="ignore"):
-            centers.append(box.middle)
-            corners = box.half * [[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]
-            radius = np.sqrt(((linear @ corners.T) ** 2).sum(axis=1)).max(axis=1)
-            radii.append(radius + box.margin.sum(axis=1))
-        parts.append(rows)
-        vertices.append(np.full(each.count, len(each.verts)))
-        faces.append(np.full(each.count, len(each.faces)))
-    return InstanceTables(*map(np.concatenate, (parts, vertices, faces, centers, radii)))
+            corners = half * [[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]
+            radii = np.sqrt(((linear @ corners.T) ** 2).sum(axis=1)).max(axis=1) + margin.sum(axis=1)
+        sizes = (np.full(each.count, len(table)) for table in (each.verts, each.faces))
+        parts.append((rows, *sizes, middle, radii))
+    return InstanceTables(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def placed_extent(placed: Collection[Copies]) -> tuple[Floats, Floats]:
     """Return the least and the largest coordinates, (3,) each, of all copies' vertices. Only copies whose boxes reach far
     enough are placed."""
-    found = np.full((2, 3), np.inf)
+    ends = np.full((2, 3), np.inf)
     for each in placed:
-        box = _box(each)
+        half, middle, margin = _box(each)
+        verts, step = np.asarray(each.verts, np.float64), max(1, _BLOCK // len(each.verts))
         with np.errstate(over="ignore", invalid="ignore"):
-            reach = (np.abs(each.matrices[:, :3, :3]) * box.half).sum(axis=2) + box.margin
-        for axis in range(3):
-            for row, sign in zip(found, (1.0, -1.0), strict=True):
-                bounds = sign * box.middle[:, axis] - reach[:, axis]
-                row[axis] = min(row[axis], _least(each, axis, sign, np.array([bounds.argmin()])))
-                row[axis] = min(row[axis], _least(each, axis, sign, np.flatnonzero(~(bounds >= row[axis]))))
-    return found[0], -found[1]
-
-
-def _least(copies: Copies, axis: int, sign: float, numbers: Integers) -> float:
-    """Return the least coordinate of some copies along an axis, times a sign."""
-    least = np.inf
-    step = max(1, _BLOCK // len(copies.verts))
-    for start in range(0, len(numbers), step):
-        placed = placed_along(copies.verts, copies.matrices[numbers[start : start + step]], axis)
-        least = min(least, float((sign * placed).min()))
-    return least
+            reach = (np.abs(each.matrices[:, :3, :3]) * half).sum(axis=2) + margin
+        for axis, (end, sign) in product(range(3), zip(ends, (1.0, -1.0), strict=True)):
+            bounds = sign * middle[:, axis] - reach[:, axis]
+            numbers = np.array([bounds.argmin()])  # the copy that reaches farthest, then all that may reach beyond it
+            for _ in range(2):
+                for start in range(0, len(numbers), step):
+                    matrices = each.matrices[numbers[start : start + step], None, axis : axis + 1]
+                    end[axis] = min(end[axis], (sign * products(verts, matrices)).min())
+                numbers = np.flatnonzero(~(bounds >= end[axis]))
+    return ends[0], -ends[1]
 
 
 def outside(tables: InstanceTables, space: CameraSpace) -> tuple[Bools, Bools]:
@@ -243,7 +228,10 @@ class Instances(TriangleSource):
     def set_up(self, frame: SceneFrame) -> None:
         self._select(frame.space)
         while True:
-            self._make_room()
+            triangles, device = len(self.made.triangles.array), self.stages.device  # clipped pieces included
+            if len(self._of_triangles.array) < triangles:
+                self._depths = Buffer.empty(device, triangles, np.float64) if self._painter else None
+                self._of_triangles = Buffer.empty(device, triangles, np.int32)
             self._set_up_blocks(frame)
             counters = frame.counted.to_host()[0]
             needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
@@ -279,13 +267,6 @@ class Instances(TriangleSource):
             yield first, last
             first = last
 
-    def _make_room(self) -> None:
-        """Make room for the instances of all triangles, clipped pieces included."""
-        triangles, device = len(self.made.triangles.array), self.stages.device
-        if len(self._of_triangles.array) < triangles:
-            self._depths = Buffer.empty(device, triangles, np.float64) if self._painter else None
-            self._of_triangles = Buffer.empty(device, triangles, np.int32)
-
     def _set_up_blocks(self, frame: SceneFrame) -> None:
         """Append the visible triangles of the listed instances. The counters count those too for which there is no room."""
         placed, set_up = _Launches(), _Launches()
@@ -307,8 +288,8 @@ class Instances(TriangleSource):
         pairs = self.made.to_clip.to_host(2 * count).reshape(-1, 2)
         instances, numbers = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
         points, rows = self._positions.array[self._faces.array[numbers]], self._tables.rows[instances]
-        corners = placed_each(points, rows["rows"].reshape(-1, 3, 4), rows["plain"] != 0)
-        return Faces(corners, numbers, instances)
+        placed = products(points, rows["rows"].reshape(-1, 1, 3, 4))
+        return Faces(np.where(rows["plain"][:, None, None] != 0, points, placed), numbers, instances)
 
     def add_pieces(self, faces: Faces, sources: Integers) -> None:
         numbers = faces.instances[sources]  # type: ignore[index]

@@ -19,7 +19,7 @@ from .frame_state import SceneFrame
 from .gather import Gatherer
 from .launches import Stages, items
 from .struct_layout import NAN_POSITION
-from .surface_inputs import LAYER_BITS, MIRRORED, SurfaceInputs
+from .surface_inputs import LAYER_BITS, MIRRORED, parameters
 
 _BAND = 1 << 13  # pixels
 
@@ -29,7 +29,7 @@ class LayerTables(NamedTuple):
 
     asked: bits of LAYER_BITS and MIRRORED, 0 without any. arrays: those of object_id, material_id and
     instance_id, (F,) uint32; and by the names of the kernel's parameters, normals and uvs with their indices as in
-    scene_buffers.Packed, unless those of the lighting serve; mirrored, (F,) int32, whether a face's placement mirrors;
+    scene_tables.Packed, unless those of the lighting serve; mirrored, (F,) int32, whether a face's placement mirrors;
     scalars, (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn
     from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
     """
@@ -90,14 +90,13 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     if not gatherer.copies:
         return LayerTables(bits, {})
     reads = {table for name in asked for table in LAYER_TABLE[name].reads}
-    exponent, found = 0, dict[str, "Array | None"]()
+    exponent, found = 0, dict[str, Array]()
     if "normals" in reads and not light.needs_any("TERMS"):
         indexed = any(uses_normal_indices(scene, mesh) for mesh in scene.meshes if len(mesh.faces))
-        normals, found["normal_faces"] = gatherer.normals(indexed)
-        found["object_normals" if light["INSTANCES"] else "normals"] = normals
+        found |= gatherer.normals(indexed)
     if "uvs" in reads:
         indexed = any(mesh.uv_faces is not None for mesh in scene.meshes if len(mesh.faces))
-        found["uvs"], found["uv_faces"] = gatherer.uvs(indexed, untextured=True)
+        found |= gatherer.uvs(indexed, untextured=True)
     if "mirrored" in reads and any(each.mirrored.any() for each in gatherer.copies):
         bits |= MIRRORED
         found["mirrored"] = gatherer.mirrored()
@@ -107,7 +106,7 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     found |= {name: gatherer.per_face(of(scene), np.uint32) for name, of in numbers.items() if name in asked}
     if "instance_id" in asked and not light["INSTANCES"]:
         found["instance_id"] = gatherer.per_copy(first_instances(scene))
-    return LayerTables(bits, {name: array for name, array in found.items() if array is not None}, exponent)
+    return LayerTables(bits, found, exponent)
 
 
 class Layers:
@@ -124,7 +123,7 @@ class Layers:
         self.kernel_types = {name: np.dtype(real) if name == "P" else kind for name, (_, kind) in self.kinds.items()}
         self._asked, self._scalar_exponent = tables.asked, tables.scalar_exponent
         self._own = {name: Buffer(stages.device, array) for name, array in tables.arrays.items()}
-        self._surface = {name: buffer for name, buffer in self._own.items() if name in SurfaceInputs._fields}
+        self._surface = {name: buffer for name, buffer in self._own.items() if name in parameters("INSTANCES")}
 
     @property
     def nbytes(self) -> int:
@@ -154,20 +153,20 @@ class Layers:
         if owners is None or not found:
             return
         assert surface is not None
-        values: dict[str, Any] = {"owners": owners, "triangles": surface.triangles, "image": surface.image}
-        values |= {"triangle_instances": surface.triangle_instances, "instances": surface.instances}
+        values: dict[str, Any] = {"owners": owners, "triangles": surface["triangles"], "image": surface["image"]}
+        values |= {"triangle_instances": surface["triangle_instances"], "instances": surface["instances"]}
         for name, buffer in found.items():
             if name == "Z":
                 size = stages.tiles("layer_z", frame.tiles)
                 frame.events["layer_z"] = stages.run("layer_z", size, values, depths=buffer)
             elif name not in LAYER_BITS:
                 kernel = "layer_id" if name == "id" else "layer_number"
-                if name == "instance_id" and surface.instances is not None:
+                if name == "instance_id" and surface["instances"] is not None:
                     kernel = "layer_instance_id"
                 own = {"ids": buffer, "shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
                 frame.events[f"layer_{name}"] = stages.run(kernel, items(owners.array.size), values, **own)
         if any(name in LAYER_BITS for name in found):
-            values |= surface._replace(**self._surface).values()
+            values |= {**surface, **self._surface}
             values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}
             values |= {f"to_{name}": found.get(name) for name in LAYER_BITS}
             size = stages.tiles("surface_layers", frame.tiles)

@@ -17,13 +17,17 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..scene.lights import NARROWEST_EDGE, Light, PlacedLight
 from .sample_pattern import GOLDEN
-from .shading_tables import Real, light_exponents, relative_lights, to_real
+from .shading_tables import light_exponents, relative_lights, to_real
 from .struct_layout import Structs
 
 _ONE = 1 << 32
 # The discs of spheres are mirrored from a plane at right angles to this to one that faces the receiver. A receiver just
 # opposite is ill-conditioned: hence no axis or diagonal that scenes have.
 AXIS = np.array([-2.0, -3.0, -5.0]) / 38.0**0.5
+_ACROSS = np.array([3.0, -2.0, 0.0]) / 13.0**0.5
+RADII: Floats = np.stack(
+    [_ACROSS, np.cross(AXIS, _ACROSS)]
+)  # two at right angles of the unit disc that AXIS is normal to
 
 
 def pattern(points: int) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -33,22 +37,18 @@ def pattern(points: int) -> tuple[tuple[int, int], tuple[int, int]]:
     return (_ONE // (2 * points) % _ONE, first_v), (_ONE // points % _ONE, step_v)
 
 
-def write_pattern(row: np.void, points: int) -> None:
-    """Write the pattern of so many points into a row of structs.Light."""
-    first, step = pattern(points)
-    row["first_point"], row["point_step"] = (np.array(each, np.uint32).view(np.int32) for each in (first, step))
+def write_points(row: np.void, points: int, *, sphere: bool) -> None:
+    """Write the pattern of so many points into a row of structs.Light. sphere: whether they lie on the disc of one."""
+    row["points"], row["sphere"] = points, sphere
+    if sphere:
+        row["axis"] = AXIS
+    row["first_point"], row["point_step"] = np.array(pattern(points), np.uint32).view(np.int32)
 
 
 def sides_of(light: PlacedLight) -> Floats:
     """Return (2, 3): half the sides of a flat light, or two radii of a sphere's disc that `AXIS` is normal to; 0 of a light
     without a size."""
-    return light.radius * disc_radii() if light.sides is None else light.sides
-
-
-def disc_radii() -> Floats:
-    """Return (2, 3): two radii at right angles of the unit disc that `AXIS` is normal to."""
-    first = np.array([3.0, -2.0, 0.0]) / 13.0**0.5
-    return np.stack([first, np.cross(AXIS, first)])
+    return light.radius * RADII if light.sides is None else light.sides
 
 
 _MOST_ATTENUATED = 50  # squared distances of 2^100 leave room for the cone's factor above the smallest normal float
@@ -58,27 +58,31 @@ _MOST_INVERSE = 2.0**60  # of a range, scaled: nearer than 2^-50 nothing arrives
 
 class LightTable:
     """The lights of non-zero intensity. unit: what their intensities are expressed in. points: how many stand for a light
-    of finite size. table: rows of structs.Light, at least one. shadow_factors: what `shadow_factors` returns of
-    the same lights, 1 without shadows."""
+    of finite size. table: rows of structs.Light, at least one. shadow_factors: those of `shadow_lights`, 1 without shadows.
+    """
 
     def __init__(self, lights: Sequence[Light], unit: float, structs: Structs, points: int) -> None:
         shining = [light for light in lights if light.intensity.any()]
-        self.table = _rows_of(shining, structs.Light)
-        self._real: Real = structs.real
-        self.count, self.unit = len(shining), unit
+        self.count, self.unit, self._real = len(shining), unit, structs.real
         self.shadow_factors: Floats = np.ones(len(shining))
+        self.table = np.zeros(max(len(shining), 1), structs.Light)
         intensities = np.array([light.intensity for light in shining]).reshape(-1, 3) / unit
-        sized = np.array([light.has_size for light in shining], bool)
-        intensities[sized] /= points
-        rows = self.table[: self.count]
-        rows["intensity"] = to_real(intensities, self._real)
+        intensities[[light.has_size for light in shining]] /= points
+        self.table["intensity"][: self.count] = to_real(intensities, self._real)
         placed = [(k, light) for k, light in enumerate(shining) if isinstance(light, PlacedLight)]
+        for row, light in zip(self.table, shining, strict=False):
+            row["attenuated"] = light.attenuates
+            if not isinstance(light, PlacedLight):
+                row["directional"], row["position"] = 1.0, -light.axis
+            elif light.axis is not None:
+                row["axis"] = light.axis
+            if light.cone is not None:
+                inner, outer = (math.cos(math.radians(angle)) for angle in light.cone)
+                row["cone"], row["cone_cosine"] = 1, outer
+                row["cone_scale"] = 1.0 / max(inner - outer, NARROWEST_EDGE)
         for k, light in placed:
             if light.has_size:
-                rows[k]["points"], rows[k]["sphere"] = points, light.sides is None
-                if light.sides is None:
-                    rows[k]["axis"] = AXIS
-                write_pattern(rows[k], points)
+                write_points(self.table[k], points, sphere=light.sides is None)
         self._placed = np.array([k for k, _ in placed], np.int64)
         self._positions = np.array([light.position for _, light in placed]).reshape(-1, 3)
         self._sides = np.array([sides_of(light) for _, light in placed]).reshape(-1, 2, 3)
@@ -123,19 +127,3 @@ def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:
     with np.errstate(over="ignore"):
         found[attenuated] = np.nan_to_num(found[attenuated] / (radius or 1.0) / (radius or 1.0))
     return found
-
-
-def _rows_of(lights: Sequence[Light], struct: np.dtype) -> Array:
-    """Return a row of each light, at least one, with what only its kind says, so that no camera changes it."""
-    rows = np.zeros(max(len(lights), 1), struct)
-    for row, light in zip(rows, lights, strict=False):
-        row["attenuated"] = light.attenuates
-        if not isinstance(light, PlacedLight):
-            row["directional"], row["position"] = 1.0, -light.axis
-        elif light.axis is not None:
-            row["axis"] = light.axis
-        if light.cone is not None:
-            inner, outer = (math.cos(math.radians(angle)) for angle in light.cone)
-            row["cone"], row["cone_cosine"] = 1, outer
-            row["cone_scale"] = 1.0 / max(inner - outer, NARROWEST_EDGE)
-    return rows

@@ -17,13 +17,7 @@ _BLOCK = 1 << 14  # vectors at once: their temporary arrays stay in the cache
 
 def plain(matrices: Floats) -> Bools:
     """Return which placements (K, 4, 4) are identities, (K,): their vertices are used as they are."""
-    same: Bools = (matrices == np.eye(4)).all(axis=(1, 2))
-    return same
-
-
-def mirrors(matrix: Floats) -> bool:
-    """Return whether a placement (4, 4) mirrors, see `mirroring`."""
-    return bool(mirroring(np.asarray(matrix, np.float64)[None])[0])
+    return np.asarray((matrices == np.eye(4)).all(axis=(1, 2)))
 
 
 def mirroring(matrices: Floats) -> Bools:
@@ -40,17 +34,13 @@ def mirroring(matrices: Floats) -> Bools:
     mirrored: Bools = determinants < 0.0
     # Each product has a relative error of at most 2^-52, unless it underflows; so does each of the five sums.
     for k in np.flatnonzero(np.abs(determinants) <= 2.0**-49 * sizes + 1e-300):
-        mirrored[k] = _determinant(rows[k]) < 0
+        a, b, c, d, e, f, g, h, i = map(Fraction, rows[k].ravel().tolist())
+        mirrored[k] = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
     return mirrored
 
 
-def _determinant(rows: Floats) -> Fraction:
-    a, b, c, d, e, f, g, h, i = map(Fraction, rows.ravel().tolist())
-    return a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
-
-
 @np.errstate(over="ignore", invalid="ignore")
-def _products(vectors: Floats, matrices: Floats) -> Floats:
+def products(vectors: Floats, matrices: Floats) -> Floats:
     """Return the products of matrices (..., R, 3) and vectors (..., 3), which broadcast: (..., R). The last column of
     matrices (..., R, 4) is added."""
     x, y, z = np.moveaxis(vectors, -1, 0)
@@ -76,13 +66,13 @@ def _placed(
     if counts is not None:
         rows = np.repeat(moved, counts)
         found: Array = own.copy()
-        found[rows] = finished(_products(vectors[rows], np.repeat(matrices, counts[moved], axis=0)))
+        found[rows] = finished(products(vectors[rows], np.repeat(matrices, counts[moved], axis=0)))
         return found
     found = np.empty((len(moved), *own.shape), own.dtype)
     numbers = np.flatnonzero(moved)
     found[~moved] = own
     for block in row_blocks(len(numbers), max(1, _BLOCK // max(len(vectors), 1))):
-        found[numbers[block]] = finished(_products(vectors, matrices[block, None]))
+        found[numbers[block]] = finished(products(vectors, matrices[block, None]))
     return found.reshape(-1, 3)
 
 
@@ -96,35 +86,18 @@ def placed_points(points: Array, matrices: Floats, counts: Integers | None = Non
     return _placed(wide, wide, moved, matrices[moved, :3], counts)
 
 
-def placed_along(points: Array, matrices: Floats, axis: int) -> Floats:
-    """Return the coordinates along one axis of points (V, 3) under placements (K, 4, 4): (K, V)."""
-    return _products(np.asarray(points, np.float64), matrices[:, None, axis : axis + 1])[..., 0]
-
-
-def placed_each(points: Floats, matrices: Floats, identities: Bools) -> Floats:
-    """Return points (C, N, 3), those of each row under a placement of its own, (C, 3, 4)."""
-    placed: Floats = np.where(identities[:, None, None], points, _products(points, matrices[:, None]))
-    return placed
-
-
-def about_one(vectors: Array) -> Floats:
-    """Return vectors (V, N) times powers of two, so that their largest components are about 1: products neither overflow
-    nor underflow."""
-    wide = np.asarray(vectors, np.float64)
-    scaled: Floats = np.ldexp(wide, -np.frexp(np.abs(wide).max(axis=1, keepdims=True, initial=0.0))[1])
-    return scaled
-
-
-def directions(matrices: Floats) -> Floats:
-    """Return the matrices (K, 3, 3) of placements (K, 4, 4), each times a power of two likewise."""
-    rows = matrices[:, :3, :3]
-    scaled: Floats = np.ldexp(rows, -np.frexp(np.abs(rows).max(axis=(1, 2), keepdims=True))[1])
+def about_one(values: Array) -> Floats:
+    """Return vectors (V, N) or matrices (K, 3, 3) times powers of two, so that the largest components of each are about 1:
+    products neither overflow nor underflow."""
+    wide = np.asarray(values, np.float64)
+    axes = tuple(range(1, wide.ndim))
+    scaled: Floats = np.ldexp(wide, -np.frexp(np.abs(wide).max(axis=axes, keepdims=True, initial=0.0))[1])
     return scaled
 
 
 def _cofactors(matrices: Floats, mirrored: Bools) -> Floats:
     """Return (K, 3, 3), which transform normals, even under singular placements."""
-    m = directions(matrices)
+    m = about_one(matrices[:, :3, :3])
     following = [1, 2, 0], [2, 0, 1]
     a, b = (m[:, rows] for rows in following)
     found = np.empty_like(m)
@@ -174,6 +147,6 @@ def placed_tangents(tangents: Array, matrices: Floats, mirrored: Bools) -> Float
     sides = np.where(tangents[:, 3] < 0.0, -1.0, 1.0) * np.where(mirrored, -1.0, 1.0)[:, None]
     own, vectors = wide if moved.all() else unit(wide), about_one(wide) if moved.any() else wide
     found = np.empty((sides.size, 4))
-    found[:, :3] = _placed(own, vectors, moved, directions(matrices[moved]), None, unit)
+    found[:, :3] = _placed(own, vectors, moved, about_one(matrices[moved, :3, :3]), None, unit)
     found[:, 3] = np.where(found[:, :3].any(axis=1), sides.ravel(), 0.0)
     return found

@@ -117,8 +117,8 @@ class Program:
             if kind:
                 yield name, None if "*" in kind else types[kind[-1]]
             elif name == "SURFACE_PARAMETERS":  # declared under conditions
-                casters, instances = (bool(self.features[each]) for each in ("CASTERS", "INSTANCES"))
-                yield from dict.fromkeys(surface_inputs.parameters(casters=casters, instances=instances)).items()
+                conditions = [each for each in ("CASTERS", "INSTANCES") if self.features[each]]
+                yield from dict.fromkeys(surface_inputs.parameters(*conditions)).items()
             else:
                 macro = re.search(rf"#define {name}\b((?:.*\\\n)*.*)", self.source)
                 assert macro is not None, name

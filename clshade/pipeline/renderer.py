@@ -22,7 +22,7 @@ from ..scene.environment import Environment
 from ..scene.metallic_roughness import MetallicRoughness
 from ..scene.model import Material, Scene, Settings, Texture, with_fields
 from ..scene.settings import LAYERS, Preset, RenderOptions
-from . import programs, scene_buffers
+from . import programs, scene_tables
 from .buffers import Pool, finish
 from .camera_space import CameraSpace
 from .effective_settings import effective_settings
@@ -142,16 +142,16 @@ class Renderer:
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
         known("Renderer: forced", forced, OPTIONAL)
         if not draws_from_one_copy(self.scene, self.settings, forced):
-            scene_buffers.check_host(self.scene)
-        packed = scene_buffers.pack(self.scene, self.settings, forced=forced)
+            scene_tables.check_host(self.scene)
+        packed = scene_tables.pack(self.scene, self.settings, forced=forced)
         packed_at = running_time()
 
         if not isinstance(device, Device):
             device = shared_device(device, profiling=True, trial=partial(trial_of, self.scene, self.settings, forced))
         self.device = device
         if packed.instances is not None and not device.has_fp64:
-            scene_buffers.check_host(self.scene)
-            packed = scene_buffers.pack(self.scene, self.settings, forced=forced, has_fp64=False)
+            scene_tables.check_host(self.scene)
+            packed = scene_tables.pack(self.scene, self.settings, forced=forced, has_fp64=False)
         self.features = at_lanes(packed.features, device.lanes, lanes)
         opened_at = running_time()
         self._drawing = SceneDrawing(self.device, self.scene, self.settings, self.features, packed, lanes)

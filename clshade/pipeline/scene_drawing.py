@@ -8,7 +8,6 @@ from typing import Any
 
 from ..base.arrays import Array, Integers
 from ..scene.model import Scene, Settings
-from . import scene_buffers
 from .buffers import Pool, finish
 from .clip import Clipping
 from .features import Features, ignored
@@ -18,9 +17,7 @@ from .layers import Layers, layer_features
 from .lines import Lines
 from .opencl.device import Device
 from .programs import is_first
-from .resident_scene import ResidentScene
-from .scene_buffers import Packed
-from .surface_inputs import SurfaceInputs
+from .scene_tables import Packed, ResidentScene
 from .tile_lists import DepthOrder, TileLists, draw_sorted
 from .triangle_source import SceneFaces, Triangles
 
@@ -40,7 +37,7 @@ class SceneDrawing:
 
     `draw` completes a frame; `enqueue` only begins one, and does not wait for the device where nothing is sorted.
 
-    scene, settings, packed: as of `scene_buffers.pack`. features: of the kernels. lanes: None for what suits the device.
+    scene, settings, packed: as of `scene_tables.pack`. features: of the kernels. lanes: None for what suits the device.
     Raises DeviceError if the scene does not fit into the device's memory.
 
     pool: of images. layers: of the settings. extent: of the scene, None without faces. scene_bytes: of device memory that
@@ -59,17 +56,15 @@ class SceneDrawing:
         self._resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)
         self._source, self.extent = resident.source, resident.extent
         # The layers' texture coordinates include these, and also those of meshes without a texture.
-        uvs, uv_faces = packed.uvs, packed.uv_faces
-        if "uvs" in packed.layers.arrays:
-            uvs, uv_faces = packed.layers.arrays["uvs"], packed.layers.arrays.get("uv_faces")
-        uv_faces = packed.faces if uv_faces is None else uv_faces
+        own = packed.layers.arrays if "uvs" in packed.layers.arrays else packed.arrays
+        uvs, uv_faces = own.get("uvs"), own.get("uv_faces", packed.arrays["faces"])
         self._clipping = Clipping(self._source, uvs, uv_faces, depth_test=depth_test)
-        transparent = scene_buffers.faces_with(packed, "blends") if features["BLEND"] else None
+        transparent = packed.faces_with("blends") if features["BLEND"] else None
         self._order = DepthOrder(device, self._source, painter=not depth_test, transparent=transparent)
         self._lists = TileLists(stages)
         self._lines: Lines | None = None
         if settings.edges is not None and isinstance(self._source, SceneFaces):
-            front_only = scene_buffers.faces_with(packed, "front_only") | bool(features["CULL"])
+            front_only = packed.faces_with("front_only") | bool(features["CULL"])
             self._lines = Lines(self._source, settings.edges, front_only)
         self.layers = Layers(stages, self.pool, settings.layers, packed.layers)
         self.scene_bytes = resident.nbytes + self.layers.nbytes
@@ -127,18 +122,12 @@ class SceneDrawing:
                 self._lists.make_room_for(int(counters["entries"]), frame)
                 self._fill_and_shade(frame)
 
-    def _inputs(self, triangles: Triangles, frame: SceneFrame) -> SurfaceInputs:
-        """Return the inputs of the pixel stages."""
+    def _inputs(self, triangles: Triangles, frame: SceneFrame) -> dict[str, Any]:
+        """Return the inputs of the pixel stages by name."""
         tables = frame.tables
-        return SurfaceInputs(
-            triangles=triangles.made.triangles,
-            pieces=triangles.pieces,
-            lights=tables.lights,
-            image=tables.image,
-            shadow_view=tables.shadow_view,
-            **self._resident.inputs,
-            **self._source.inputs(frame),
-        )
+        of_frame = {"lights": tables.lights, "image": tables.image, "shadow_view": tables.shadow_view}
+        own = {"triangles": triangles.made.triangles, "pieces": triangles.pieces, **of_frame}
+        return {**self._resident.inputs, **own, **self._source.inputs(frame)}
 
     def draw(self, frame: SceneFrame) -> dict[str, Array]:
         """Draw a frame, and return its layers by name."""

@@ -1,13 +1,17 @@
-"""Materials, textures, lights and coordinates as the kernels read them, scaled to float32's range."""
+"""Materials, textures, environments and lights as the kernels read them, scaled to float32's range; tables that take long to
+compute are kept on disk by a digest of what they are computed from."""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import io
 import math
-from collections.abc import Iterable
+import zipfile
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -15,6 +19,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..base.arrays import Array, Floats
+from ..base.atomic_files import write_bytes
+from ..errors import ClshadeError
 from ..images.decode import CodedImage
 from ..scene.environment import Environment
 from ..scene.image_light import octahedral
@@ -23,17 +29,11 @@ from ..scene.image_light.light import image_light
 from ..scene.material import TERMS
 from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
 from ..scene.model import Material, Mesh, Texture
-from . import struct_layout
-from .kept_arrays import kept
-from .struct_layout import Structs
+from .opencl.environment import cache_root
+from .struct_layout import CONSTANTS, SINGLE, Structs
 
 Real = type[np.floating]
-_WRAPS = {
-    "repeat": struct_layout.CONSTANTS["WRAP_REPEAT"],
-    "clamp": struct_layout.CONSTANTS["WRAP_CLAMP"],
-    "mirror": struct_layout.CONSTANTS["WRAP_MIRROR"],
-}
-_LOOKUPS = {"standard": struct_layout.CONSTANTS["LOOKUP_STANDARD"], "course": struct_layout.CONSTANTS["LOOKUP_COURSE"]}
+_MOST_KEPT = 8  # files of tables: those that were not used for longest go
 
 
 def to_real(values: Array, real: Real = np.float32) -> Array:
@@ -60,7 +60,7 @@ def joined(parts: list[Array], dtype: type | None = None) -> Array:
 
 
 def material_table(
-    materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = struct_layout.SINGLE
+    materials: list[Material], textures: list[Texture], ambient: Array, structs: Structs = SINGLE
 ) -> Array:
     """Return rows of structs.Material. Coefficients beyond a real's range saturate."""
     table = np.zeros(len(materials), structs.Material)
@@ -70,8 +70,8 @@ def material_table(
     def reals(rows: list[Any]) -> Array:
         return to_real(np.array(rows), structs.real)
 
-    def texture_numbers(found: list[Texture | None]) -> list[int]:
-        return [numbers.get(id(texture), -1) for texture in found]
+    def texture_numbers(looked_up: list[Texture | None]) -> list[int]:
+        return [numbers.get(id(texture), -1) for texture in looked_up]
 
     table["ambient"] = to_real(np.array([each.ka for each in materials]) * ambient, structs.real)
     table["k"] = reals([np.concatenate([getattr(each, name) for name in TERMS]) for each in materials])
@@ -98,27 +98,25 @@ def material_table(
 def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: int = 0) -> tuple[Array, Array]:
     """Return rows of `struct_layout.SINGLE.Texture` and all textures' texels, concatenated, (X, 4) float32; with `mipmaps`
     each texture is followed by its smaller levels, which are opaque. uv_rows: of a set of texture coordinates."""
-    table = np.zeros(len(textures), struct_layout.SINGLE.Texture)
+    table = np.zeros(len(textures), SINGLE.Texture)
     mipmap = [
         [each.texels, *(levels_below(each) if mipmaps and each.lookup == "standard" else [])] for each in textures
     ]
-    sizes = [level.shape[0] * level.shape[1] for levels in mipmap for level in levels]
-    texels = np.empty((sum(sizes), 4), np.float32)
+    starts = np.cumsum([0, *(level.shape[0] * level.shape[1] for levels in mipmap for level in levels)])
+    texels, offsets = np.empty((starts[-1], 4), np.float32), iter(starts)
     with ThreadPoolExecutor(_THREADS) as threads:
-        list(threads.map(_write_texels, chain.from_iterable(mipmap), np.split(texels, np.cumsum(sizes))))
-    offset = 0
+        list(threads.map(_write_texels, chain.from_iterable(mipmap), np.split(texels, starts[1:])))
     first: dict[tuple[object, ...], int] = {}
     for number, (row, texture, levels) in enumerate(zip(table, textures, mipmap, strict=True)):
         height, width, _ = texture.texels.shape
         kind = width, height, texture.wrap, texture.lookup, texture.filter, texture.coordinates
         row["alike"] = first.setdefault(kind, number)
         row["width"], row["height"] = width, height
-        row["wrap"], row["lookup"] = [_WRAPS[wrap] for wrap in texture.wrap], _LOOKUPS[texture.lookup]
+        row["wrap"] = [CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in texture.wrap]
+        row["lookup"] = CONSTANTS[f"LOOKUP_{texture.lookup.upper()}"]
         row["nearest"], row["uv_offset"] = texture.filter == "nearest", texture.coordinates * uv_rows
         row["levels"] = len(levels)
-        for place, level in enumerate(levels):
-            row["offset"][place] = offset
-            offset += level.shape[0] * level.shape[1]
+        row["offset"][: len(levels)] = list(islice(offsets, len(levels)))
     return table, texels
 
 
@@ -170,7 +168,7 @@ def light_exponents(
     positions: Array, eye: Array, scale: float, most: Array | int = 60, sizes: Array | float = 0.0
 ) -> Array:
     """Return the powers of two (L,) that `relative_lights` scales by: that of `scale`, or less for lights beyond
-    2^most. sizes: a number, or (L,), of what is to be scaled with them and no larger than 2^most either."""
+    2^most. sizes: of what is to be scaled with them and no larger than 2^most either."""
     half = positions * 0.5 - eye * 0.5
     exponent = np.frexp(np.maximum(np.abs(half).max(axis=1, initial=0.0), 0.5 * np.asarray(sizes)))[1]
     return np.asarray(np.minimum(math.frexp(scale)[1], most - exponent) - 1)
@@ -182,34 +180,52 @@ def scale_for(extent: float) -> float:
     return 2.0 ** -min(max(math.frexp(extent or 1.0)[1], -1000), 1000)
 
 
-_BLACK = Environment(np.zeros((1, 1, 3)))
-
-
 def environment_tables(environment: Environment | None, unit: float, structs: Structs) -> tuple[Array, ...]:
     """Return a row of structs.Environment, and the table that it points into, (R, 4) reals: that of the BRDF, with its
     last row and column twice, then the levels with a border of one texel. unit: of light. None: black."""
-    environment = environment or _BLACK
-    image, up = environment.image, environment.up.tolist()
-    sizes = image.shape, environment.rotation, environment.intensity, up, unit, structs.Environment.descr
+    around = environment or Environment(np.zeros((1, 1, 3)))
+
+    def compute() -> tuple[Array, Array]:
+        light, row = image_light(around), np.zeros(1, structs.Environment)
+        row["irradiance"] = to_real(light.irradiance / unit, structs.real).reshape(-1)
+        share = brdf_table().copy()
+        share[..., 2] = 1.0 - share[..., 2]
+        parts = [np.pad(share, ((0, 1), (0, 1), (0, 0)), mode="edge").reshape(-1, 3)]
+        parts += [octahedral.padded(level).reshape(-1, 3) / unit for level in light.levels]
+        starts = np.cumsum([len(part) for part in parts])
+        for number, level in enumerate(light.levels):
+            row["offset"][0, number], row["side"][0, number] = starts[number], len(level)
+        table = np.zeros((starts[-1], 4), structs.real)
+        table[:, :3] = to_real(np.concatenate(parts), structs.real)
+        return row, table
+
+    sizes = around.image.shape, around.rotation, around.intensity, around.up.tolist(), unit, structs.Environment.descr
     code = [Path(__file__), *sorted(Path(octahedral.__file__).parent.glob("*.py"))]
-    return kept(code, [repr(sizes).encode(), image.tobytes()], partial(_environment_tables, environment, unit, structs))
+    return kept(code, [repr(sizes).encode(), around.image.tobytes()], compute)
 
 
-def _environment_tables(environment: Environment, unit: float, structs: Structs) -> tuple[Array, Array]:
-    light = image_light(environment)
-    row = np.zeros(1, structs.Environment)
-    row["irradiance"] = to_real(light.irradiance / unit, structs.real).reshape(-1)
-    share = brdf_table().copy()
-    share[..., 2] = 1.0 - share[..., 2]
-    parts = [np.pad(share, ((0, 1), (0, 1), (0, 0)), mode="edge").reshape(-1, 3)]
-    offset = len(parts[0])
-    for number, level in enumerate(light.levels):
-        row["offset"][0, number], row["side"][0, number] = offset, len(level)
-        parts.append(octahedral.padded(level).reshape(-1, 3) / unit)
-        offset += len(parts[-1])
-    table = np.zeros((offset, 4), structs.real)
-    table[:, :3] = to_real(np.concatenate(parts), structs.real)
-    return row, table
+def kept(code: Iterable[Path], inputs: Iterable[bytes], compute: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
+    """Return what `compute` returns, from disk if an earlier call with equal `inputs` wrote it. code: the files that say how
+    it is computed. A file that is damaged or cannot be written only costs time."""
+    path: Path | None = None
+    with contextlib.suppress(OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile, ClshadeError):
+        parts = [np.__version__.encode(), *(file.read_bytes() for file in code), *inputs]
+        digest = hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts))
+        path = cache_root() / "tables" / f"{digest.hexdigest()}.npz"
+        with np.load(path, allow_pickle=False) as file:
+            arrays = tuple(file.values())
+        path.touch()
+        return arrays
+    arrays, content = compute(), io.BytesIO()
+    if path is None:
+        return arrays
+    np.savez(content, *arrays)
+    with contextlib.suppress(OSError, ClshadeError):
+        path.parent.mkdir(exist_ok=True)
+        write_bytes(path, content.getbuffer())
+        for old in sorted(path.parent.glob("*.npz"), key=lambda each: each.stat().st_mtime)[:-_MOST_KEPT]:
+            old.unlink(missing_ok=True)
+    return arrays
 
 
 def has_coordinates(mesh: Mesh, texture: Texture | None) -> bool:
@@ -223,29 +239,26 @@ def map_of(mesh: Mesh, name: str) -> Texture | None:
     return texture if has_coordinates(mesh, texture) else None
 
 
-def maps_of(mesh: Mesh) -> dict[str, Texture]:
-    """Return the maps of a mesh by name."""
-    found = ((name, map_of(mesh, name)) for name in MAPS)
-    return {name: texture for name, texture in found if texture is not None}
-
-
 def textures_of(mesh: Mesh, *, maps: bool) -> list[Texture]:
     """Return the textures that a mesh looks up at the pixels. maps: whether the shader uses those of shader pbr."""
     own = mesh.material.texture
-    found = [own] if own is not None and has_coordinates(mesh, own) else []
-    return found + (list(maps_of(mesh).values()) if maps else [])
+    looked_up = [own if has_coordinates(mesh, own) else None, *(map_of(mesh, name) for name in (MAPS if maps else ()))]
+    return [texture for texture in looked_up if texture is not None]
 
 
 def usable(mesh: Mesh) -> Material:
-    """Return the material of a mesh without the textures that it has no coordinates for."""
-    material = mesh.material
-    if material.texture is not None and not has_coordinates(mesh, material.texture):
-        material = replace(material, texture=None)
-    facets = mesh.material.pbr
-    lost: dict[str, Any] = {name: None for name in MAPS if facets is not None and map_of(mesh, name) is None}
-    if facets is not None and any(getattr(facets, name) is not None for name in lost):
-        material = replace(material, pbr=replace(facets, **lost))
-    return material
+    """Return the material of a mesh with what applies to it alone: textures, transparency, alpha test."""
+    material, facets = mesh.material, mesh.material.pbr
+    changes: dict[str, Any] = {"blend": mesh.blends}
+    changes["texture"] = material.texture if has_coordinates(mesh, material.texture) else None
+    changes["alpha_cutoff"] = material.alpha_cutoff if mesh.tests_alpha else None
+    if facets is not None:
+        maps: dict[str, Any] = {name: map_of(mesh, name) for name in MAPS}
+        changes["pbr"] = (
+            facets if all(getattr(facets, name) is maps[name] for name in maps) else replace(facets, **maps)
+        )
+    unchanged = all(getattr(material, name) is value for name, value in changes.items())
+    return material if unchanged else replace(material, **changes)
 
 
 _THREADS = 4  # that fill the table of texels
@@ -269,23 +282,15 @@ def smaller_levels(image: Array) -> list[Array]:
     """
     values, levels = image, []
     while max(values.shape[:2]) > 1:
-        values = _half_size(values)
-        levels.append(values.astype(np.float32))
+        height, width, channels = values.shape
+        half = np.empty((max(height // 2, 1), max(width // 2, 1), channels))
+        band = max(1, BAND // (2 * width * channels))  # rows at a time: only the result is held whole in float64
+        for start in range(0, len(half), band):
+            rows = _halved(values, start, min(start + band, len(half)))
+            half[start : start + band] = _halved(rows.swapaxes(0, 1), 0, half.shape[1]).swapaxes(0, 1)
+        values = half
+        levels.append(half.astype(np.float32))
     return levels
-
-
-def _half_size(values: Array) -> Array:
-    """Return the next level of (h, w, C), float64. Works in bands of rows, so that only the result is held whole in
-    float64."""
-    height, width, channels = values.shape
-    rows = max(height // 2, 1)
-    half = np.empty((rows, max(width // 2, 1), channels))
-    band = max(1, BAND // (2 * width * channels))
-    for start in range(0, rows, band):
-        stop = min(start + band, rows)
-        halved = _halved(values, start, stop)
-        half[start:stop] = _halved(halved.swapaxes(0, 1), 0, half.shape[1]).swapaxes(0, 1)
-    return half
 
 
 def _halved(rows: Array, start: int, stop: int) -> Array:
@@ -305,7 +310,6 @@ def _halved(rows: Array, start: int, stop: int) -> Array:
     return ((m - i) * part[:-1:2] + m * part[1::2] + (i + 1.0) * part[2::2]) / (2 * m + 1)
 
 
-_ROWS = 256  # of the backdrop's image, converted at a time
 _MOST_RADIANCE = 2.0**100  # of the backdrop's table: sums of its numbers stay within float32's range
 
 
@@ -319,16 +323,11 @@ def backdrop_table(environment: Environment, structs: Structs) -> Array:
     factor = environment.intensity / backdrop_unit(environment)
     table = np.zeros((height + 3, width + 2, 4), structs.real)
 
-    def put(place: int, rows: Array) -> None:
-        inside = to_real(rows * factor, structs.real)
-        table[place : place + len(rows), 1:-1, :3] = inside
-        table[place : place + len(rows), 0, :3], table[place : place + len(rows), -1, :3] = inside[:, -1], inside[:, 0]
-
-    for first in range(0, height, _ROWS):
-        put(1 + first, environment.image[first : first + _ROWS].astype(np.float64))
+    for row in range(height):
+        table[1 + row, 1:-1, :3] = to_real(environment.image[row].astype(np.float64) * factor, structs.real)
     for place, row in ((0, 0), (height + 1, -1), (height + 2, -1)):
-        pole = environment.image[row].astype(np.float64).mean(axis=0)
-        put(place, np.broadcast_to(pole, (1, width, 3)))
+        table[place, 1:-1, :3] = to_real(environment.image[row].astype(np.float64).mean(axis=0) * factor, structs.real)
+    table[:, 0], table[:, -1] = table[:, -2], table[:, 1]
     return table.reshape(-1, 4)
 
 

@@ -11,14 +11,13 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..scene.model import Material, Texture
 from ..scene.settings import Shader
-from . import shading_tables, struct_layout
+from . import shading_tables, struct_layout, surface_inputs
 from .buffers import Buffer, TriangleBuffers
 from .features import Features, derive_alone
 from .frame_state import FrameInFlight
 from .launches import Stages, lookup_stages, scene_stages
 from .opencl.device import Device
 from .programs import build
-from .surface_inputs import SurfaceInputs
 from .tile_lists import DepthOrder, TileLists, draw_sorted
 from .triangle_source import Triangles, set_up_pieces
 
@@ -238,7 +237,7 @@ def _draw(
         return None
     normals, colors = attributes
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
-    inputs = SurfaceInputs(
+    inputs = surface_inputs.surface(
         triangles=made.triangles,
         pieces=on_device,
         faces=Buffer(device, np.arange(3, dtype=np.int32).reshape(1, 3)),

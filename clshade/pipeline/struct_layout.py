@@ -84,18 +84,15 @@ class Structs:
     @cached_property
     def types(self) -> dict[str, Any]:
         """All types by name."""
-        found, kinds = {}, {**_NUMPY, "real": np.dtype(self.real).str}
-        for body, name in re.findall(
-            r"^typedef struct \{(.*?)^\} (\w+);", kernel_text("structs.h"), re.DOTALL | re.MULTILINE
-        ):
+        kinds, types = {**_NUMPY, "real": np.dtype(self.real).str}, {}
+        for body, name in re.findall(r"(?ms)^typedef struct \{(.*?)^\} (\w+);", kernel_text("structs.h")):
             members: list[tuple[str, str, tuple[int, ...]]] = []
-            for kind, declared in re.findall(r"^ +(\w+) ([^;]+);", body, re.MULTILINE):
-                for each in declared.split(", "):
-                    member, *size = each.rstrip("]").split("[")
-                    factors = [int(CONSTANTS.get(factor, factor)) for factor in "".join(size).split(" * ") if factor]
+            for kind, declared in re.findall(r"(?m)^ +(\w+) ([^;]+);", body):
+                for member, size in re.findall(r"(\w+)(?:\[(.*?)\])?(?:, |$)", declared):
+                    factors = [int(CONSTANTS.get(factor, factor)) for factor in size.split(" * ") if factor]
                     members.append((member, kinds[kind], (math.prod(factors),) if factors else ()))
-            found[name] = np.dtype(members, align=True)
-        return found
+            types[name] = np.dtype(members, align=True)
+        return types
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name not in self.types:

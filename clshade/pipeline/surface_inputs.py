@@ -1,107 +1,41 @@
-"""The inputs of the pixel stages, and the layers: declared here for the host and, by macros, for the kernels."""
+"""The inputs of the pixel stages, which `Inputs` of kernels/surface.clh declares, and the layers, as parameters."""
 
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
-from typing import Annotated, NamedTuple, get_type_hints
+from typing import Any
 
 from ..images.layers import LAYER_TABLE
-from .buffers import Buffer
+from .kernel_files import kernel_text
 
 
-class SurfaceInputs(NamedTuple):
-    """The first arguments of the kernels that shade pixels, in their order, with their element types in OpenCL C.
-
-    F faces, C clipped pieces, V vertices; those that no feature of a scene reads are None.
-    """
-
-    triangles: Annotated[Buffer, "Triangle"]  # F + C, from setup
-    faces: Annotated[Buffer, "int"]  # F x 3, vertices
-    relative: Annotated[Buffer, "real4"]  # V, from project
-    materials: Annotated[Buffer, "Material"]  # at least 1
-    lights: Annotated[Buffer, "Light"]
-    image: Annotated[Buffer, "Image"]  # 1
-    vertices: Annotated[Buffer | None, "Vertex"] = None  # V, from project
-    pieces: Annotated[Buffer | None, "Piece"] = None  # C, from the host
-    normals: Annotated[Buffer | None, "real4"] = None  # K, unit or 0, world axes
-    normal_faces: Annotated[Buffer | None, "int"] = None  # F x 3, normals; None: `faces`
-    # V with VERTEX_COLORS, F x 3 with CORNER_COLORS: linear RGB, position in the color map
-    colors: Annotated[Buffer | None, "real4"] = None
-    color_map: Annotated[Buffer | None, "real4"] = None  # below, map_colors, above, NaN, white; with SCALARS
-    uvs: Annotated[Buffer | None, "real4"] = None  # T of each set, u, v and their rounding errors
-    uv_faces: Annotated[Buffer | None, "int"] = None  # F x 3, texture coordinates; None: `faces`
-    tangents: Annotated[Buffer | None, "real4"] = None  # unit or 0, and the bitangent's side; with NORMAL_MAP
-    tangent_faces: Annotated[Buffer | None, "int"] = None  # F x 3, tangents; with NORMAL_MAP
-    face_materials: Annotated[Buffer | None, "int"] = None  # F, with MATERIALS
-    textures: Annotated[Buffer | None, "Texture"] = None
-    texels: Annotated[Buffer | None, "float4"] = None  # of all textures, linear RGB
-    environment: Annotated[Buffer | None, "Environment"] = None  # 1, with ENVIRONMENT
-    radiance: Annotated[Buffer | None, "real4"] = None  # the table of its BRDF, then its levels, linear RGB
-    backdrop: Annotated[Buffer | None, "real4"] = None  # of `backdrop_table`, linear RGB; with BACKDROP
-    alphas: Annotated[Buffer | None, "real"] = None  # V, with VERTEX_ALPHA
-    ranks: Annotated[Buffer | None, "uint"] = None  # F + C, in painter's order; with BLEND without DEPTH_TEST
-    triangle_instances: Annotated[Buffer | None, "int"] = None  # F + C, from setup_instances; these with INSTANCES
-    instances: Annotated[Buffer | None, "Instance"] = None
-    view: Annotated[Buffer | None, "View"] = None  # 1
-    object_positions: Annotated[Buffer | None, "double"] = None  # V x 3, in place of relative and vertices
-    object_normals: Annotated[Buffer | None, "double4"] = None  # K, in place of normals
-    object_tangents: Annotated[Buffer | None, "double4"] = None  # in place of tangents
-    corner_light: Annotated[Buffer | None, "real4"] = None  # (F + C) x 3, from gouraud_corners
-    shadow_vertices: Annotated[Buffer | None, "float"] = None  # of Hierarchy: V x 8; this and the rest with CASTERS
-    shadow_nodes: Annotated[Buffer | None, "float"] = None  # of Hierarchy
-    shadow_leaves: Annotated[Buffer | None, "float"] = None  # of Hierarchy
-    # of what is opaque, of what is not, for lights, then for ambient occlusion; without levels nothing is hidden
-    shadow_casters: Annotated[Buffer | None, "Casters"] = None  # 4
-    shadow_lights: Annotated[Buffer | None, "ShadowLight"] = None  # of `lights`, in their order
-    shadow_view: Annotated[Buffer | None, "ShadowView"] = None  # 1
-    shadow_hemisphere: Annotated[Buffer | None, "Light"] = None  # 1, the rays of ambient occlusion: see hemisphere_row
-
-    def values(self) -> dict[str, Buffer | None]:
-        """Return the arguments of a kernel by name."""
-        values = self._asdict()
-        for name in ("normal_faces", "uv_faces"):
-            if values[name] is None:
-                values[name] = self.faces
-        return values
-
-
-INSTANCES_ALONE = (
-    "triangle_instances",
-    "instances",
-    "view",
-    "object_positions",
-    "object_normals",
-    "object_tangents",
-)
-CASTERS_ALONE = tuple(name for name in SurfaceInputs._fields if name.startswith("shadow_"))
-
-
-def parameters(*, casters: bool, instances: bool) -> list[str]:
-    """Return the names of SURFACE_PARAMETERS, with CASTERS or with INSTANCES or without."""
-    left_out = CASTERS_ALONE * (not casters) + INSTANCES_ALONE * (not instances)
-    return [name for name in SurfaceInputs._fields if name not in left_out]
+@cache
+def parameters(*conditions: str) -> dict[str, str]:
+    """Return the declarations of SURFACE_PARAMETERS by name. conditions: CASTERS or INSTANCES, or both for all there are."""
+    body = kernel_text("surface.clh").partition("typedef struct Inputs {")[2].partition("}")[0]
+    text, *parts = re.split(r"^#(?:if (\w+)|endif)\n", body, flags=re.MULTILINE)
+    text += "".join(part for name, part in zip(parts[::2], parts[1::2], strict=True) if not name or name in conditions)
+    return {name: f"global const {kind} *{name}" for kind, name in re.findall(r"global const (\w+) \*(\w+);", text)}
 
 
 @cache
 def macros() -> str:
-    """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize a struct of SURFACE_MEMBERS."""
-    hints = get_type_hints(SurfaceInputs, include_extras=True)
+    """Return OpenCL C: SURFACE_PARAMETERS of a kernel; SURFACE_ARGUMENTS, which initialize `Inputs`."""
+    text = ""
+    for branch in ("if CASTERS", "elif INSTANCES", "else"):
+        declared = parameters(branch.split()[-1])
+        text += f"#{branch}\n#define SURFACE_PARAMETERS {', '.join(declared.values())}\n"
+        text += f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(declared)}}}\n"
+    return f"{text}#endif\n"
 
-    def definitions(*, casters: bool = False, instances: bool = False) -> str:
-        names = parameters(casters=casters, instances=instances)
-        members = [f"global const {hints[name].__metadata__[0]} *{name}" for name in names]
-        return (
-            f"#define SURFACE_PARAMETERS {', '.join(members)}\n"
-            f"#define SURFACE_ARGUMENTS {{image->needs, {', '.join(names)}}}\n"
-            f"#define SURFACE_MEMBERS ulong needs; {' '.join(f'{member};' for member in members)}\n"
-        )
 
-    return (
-        f"#if CASTERS\n{definitions(casters=True)}"
-        f"#elif INSTANCES\n{definitions(instances=True)}"
-        f"#else\n{definitions()}#endif\n"
-    )
+def surface(**buffers: Any) -> dict[str, Any]:
+    """Return all inputs by name, None for those that no feature of a scene reads. Without indices of their own normals and
+    texture coordinates have those of `faces`."""
+    inputs = {**dict.fromkeys(parameters("CASTERS", "INSTANCES")), **buffers}
+    return {**inputs, **{name: inputs[name] or inputs["faces"] for name in ("normal_faces", "uv_faces")}}
 
 
 # The layers that kernels/surface_layers.cl writes, and their bits in what is asked for. Z and the numbers are drawn from the

@@ -17,7 +17,6 @@ from .frame_state import FrameInFlight
 from .launches import Stages
 from .opencl.device import Device
 from .programs import running_time
-from .surface_inputs import SurfaceInputs
 from .triangle_source import SceneFaces, Triangles, TriangleSource
 
 
@@ -215,7 +214,7 @@ class TileLists:
 
     def shade(
         self,
-        inputs: SurfaceInputs,
+        inputs: dict[str, Any],
         frame: FrameInFlight,
         *,
         order: Buffer | None = None,
@@ -226,15 +225,15 @@ class TileLists:
         are `visible`. shown: the samples that show lines."""
         stages, features, events = self._stages, self._stages.pixel_features, frame.events
         name = "phong" if features["PHONG"] else "pbr" if features["PBR"] else "gouraud"
-        if name == "gouraud" and order is not None and visible and needs(inputs.image.array[0]["needs"], "LIT"):
-            corners, light = 3 * len(inputs.triangles.array), self._corner_light
+        if name == "gouraud" and order is not None and visible and needs(frame.image.array[0]["needs"], "LIT"):
+            corners, light = 3 * len(inputs["triangles"].array), self._corner_light
             if light is None or len(light.array) < corners:
                 light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
-            inputs = inputs._replace(corner_light=light)
+            inputs = {**inputs, "corner_light": light}
             corner = {"order": order, "to_light": light, "count": visible}
             size = stages.vectors(visible)
-            events["gouraud_corners"] = stages.run("gouraud_corners", size, inputs.values(), **corner)
-        values = {**inputs.values(), **frame.values, "lists": self.entries, "starts": self.starts, "shown": shown}
+            events["gouraud_corners"] = stages.run("gouraud_corners", size, inputs, **corner)
+        values = {**inputs, **frame.values, "lists": self.entries, "starts": self.starts, "shown": shown}
         values |= {"rgba": frame.rgba, "owners": frame.owners}
         events[name] = stages.run(name, stages.pixels(name, frame.tiles), values)
         frame.inputs = inputs
@@ -244,14 +243,14 @@ def draw_sorted(
     depths: DepthOrder,
     lists: TileLists,
     triangles: Triangles,
-    inputs: SurfaceInputs,
+    inputs: dict[str, Any],
     frame: FrameInFlight,
     shown: Buffer | None = None,
 ) -> None:
     """Draw the visible triangles in the order of their depths, and read the frame's counters. inputs: of the pixel stage.
     shown: the samples that show lines."""
     order = depths.sort(triangles, frame)
-    inputs = inputs._replace(ranks=depths.ranks)
+    inputs = {**inputs, "ranks": depths.ranks}
     lists.count(order, triangles, frame)
     if not lists.room and triangles.visible:
         lists.make_room_for(int(frame.read_counters()["entries"]), frame)

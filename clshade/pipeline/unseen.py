@@ -12,7 +12,7 @@ from ..scene.geometry import in_image
 from ..scene.ground import objects_of
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings
-from .placements import mirrors
+from .placements import mirroring
 
 # Counters of a frame -> why a triangle that they count is not drawn.
 _NOT_DRAWN = {
@@ -67,7 +67,7 @@ def _object_counts(scene: Scene, settings: Settings) -> dict[str, int]:
             "behind": (depths.reshape(-1, 3) <= 0.0).all(axis=1),
             "off_screen": beside.any(axis=1),
             "zero_area": np.abs(area) <= _FLAT * (one * one + other * other).sum(axis=1),
-            "back_facing": (area > 0.0 if mirrors(matrix) else area < 0.0) & culls,
+            "back_facing": (area > 0.0 if mirroring(matrix[None])[0] else area < 0.0) & culls,
         }.items():
             counts[name] += int((left & fault).sum())
             left &= ~fault

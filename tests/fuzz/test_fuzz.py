@@ -21,7 +21,7 @@ from seed_files import samples
 
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.pipeline import programs, scene_buffers
+from clshade.pipeline import programs, scene_tables
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
@@ -95,8 +95,8 @@ def test_a_block_shares_its_program():
     masks = 0
     for block in range(24):
         drawn = [scene_of(BLOCK * block + k) for k in range(0, BLOCK, 5)]
-        packed = [scene_buffers.pack(d.scene, d.settings, forced=() if d.kind.specialize else OPTIONAL) for d in drawn]
-        masks += len({each.features.values for each in packed})
+        packed = [scene_tables.pack(d.scene, d.settings, forced=() if d.kind.specialize else OPTIONAL) for d in drawn]
+        masks += len({each.features.used for each in packed})
     assert masks < 1.3 * 24
 
 

@@ -13,7 +13,7 @@ from mapped_scenes import mapped_scene, sheet
 
 import clshade
 from clshade import Camera, Material, Mesh, PointLight, Scene
-from clshade.pipeline import buffers, instances, placements, scene_buffers
+from clshade.pipeline import buffers, instances, placements, scene_tables
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
@@ -101,20 +101,20 @@ def test_other_scenes_keep_copies():
     assert not of(many, edges=clshade.Edges("all"))
     assert not of(many, forced=("SHADOWS",))
     assert not of(1, replace(scene, meshes=[replace(mesh, instances=None) for mesh in scene.meshes]))
-    assert scene_buffers.pack(scene, Settings(), has_fp64=False).instances is None
+    assert scene_tables.pack(scene, Settings(), has_fp64=False).instances is None
 
 
 def test_box_of_all_copies_is_exact():
     """Found from few of them."""
     for scene in (crowd(500), crowd(3)):
-        packed = scene_buffers.pack(scene, Settings())
+        packed = scene_tables.pack(scene, Settings())
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(instances, "LEAST_COPIES", 0)
-            found = scene_buffers.pack(scene, Settings())
+            found = scene_tables.pack(scene, Settings())
         assert packed.instances is None
         assert np.array_equal(found.low, packed.low)
         assert np.array_equal(found.high, packed.high)
-        assert len(found.positions) <= 2 * sum(len(mesh.verts) for mesh in scene.meshes)
+        assert len(found.arrays["positions"]) <= 2 * sum(len(mesh.verts) for mesh in scene.meshes)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
@@ -123,7 +123,7 @@ def test_culled_instances_show_nothing(orthographic):
     scene, rng = crowd(500), np.random.default_rng(3)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(instances, "LEAST_COPIES", 0)
-        tables = scene_buffers.pack(scene, Settings()).instances
+        tables = scene_tables.pack(scene, Settings()).instances
     for _ in range(5):
         eye, lookat = rng.uniform(-4, 4, (2, 3))
         camera = Camera(eye, lookat, (0, 1, 0), 1.0, (1.0, 1.5), (48, 32), orthographic=orthographic)
@@ -211,6 +211,8 @@ def test_normals_beyond_the_vertices():
     first = Mesh(corners, [[0, 1, 2]], normals=np.repeat(up, 9, axis=0))
     second = Mesh(corners - [1.0, 1, 0], [[0, 1, 2]], normals=np.array([[0.0, 1, 1], [0, 0, 1], [1, 0, 1]]))
     camera, light = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (9, 7)), PointLight((0.0, 1, 2))
-    packed = scene_buffers.pack(Scene((first, second), camera, (light,)), Settings())
-    assert packed.normals.shape == (6, 4)
-    assert packed.normals[3:, :3] == pytest.approx(second.normals / np.linalg.norm(second.normals, axis=1)[:, None])
+    packed = scene_tables.pack(Scene((first, second), camera, (light,)), Settings())
+    assert packed.arrays["normals"].shape == (6, 4)
+    assert packed.arrays["normals"][3:, :3] == pytest.approx(
+        second.normals / np.linalg.norm(second.normals, axis=1)[:, None]
+    )

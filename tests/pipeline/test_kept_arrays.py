@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clshade.pipeline import kept_arrays
+from clshade.pipeline import shading_tables
 
 ROW = np.zeros(2, [("a", "i4"), ("b", "f4", 3)])
 TABLE = np.arange(12.0, dtype=np.float32).reshape(3, 4)
@@ -13,7 +13,7 @@ TABLE = np.arange(12.0, dtype=np.float32).reshape(3, 4)
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept_arrays, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(shading_tables, "cache_root", lambda: tmp_path)
     return tmp_path / "tables"
 
 
@@ -25,7 +25,7 @@ def computed(code, *inputs: bytes) -> int:
         calls.append(1)
         return ROW, TABLE
 
-    row, table = kept_arrays.kept([code], inputs, compute)
+    row, table = shading_tables.kept([code], inputs, compute)
     assert (row.dtype, row.tobytes()) == (ROW.dtype, ROW.tobytes())
     assert table.dtype == np.float32
     assert np.array_equal(table, TABLE)

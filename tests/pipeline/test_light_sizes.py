@@ -16,9 +16,8 @@ from clshade import PointLight, RectangleLight, oracle
 from clshade.oracle import light_points as points_of_oracle
 from clshade.pipeline import light_points, struct_layout
 from clshade.pipeline.frame import same_bits
-from clshade.pipeline.hierarchy import CasterFrame
+from clshade.pipeline.hierarchy import CasterFrame, shadow_lights
 from clshade.pipeline.renderer import Renderer
-from clshade.pipeline.resident_scene import shadow_factors, shadow_lights
 from clshade.scene.model import Material, Mesh, Scene
 
 LIGHTS = {
@@ -270,8 +269,7 @@ def test_a_sphere_so_far_away_that_it_counts_as_directional_casts_a_penumbra(dev
 
 def light_rows_are_directional(scene: Scene) -> bool:
     frame = CasterFrame.around(np.concatenate([mesh.verts for mesh in scene.meshes]))
-    row = shadow_lights(scene.lights, frame)[0]
-    factor = shadow_factors(scene.lights, frame)[0]
+    (row,), (factor,) = shadow_lights(scene.lights, frame)
     assert row["w"] in (0.0, factor / frame.unit)
     return bool(row["w"] == 0.0)
 

@@ -31,11 +31,11 @@ def test_mirroring_is_decided_exactly():
             matrix[:3, 2] = matrix[:3, :2] @ rng.normal(size=2)
         matrix[:3, :3] *= 10.0 ** rng.uniform(-120, 100)
         signs.append(transform.mirrors(matrix))
-        assert packing.mirrors(matrix) == signs[-1]
+        assert packing.mirroring(matrix[None])[0] == signs[-1]
         other = matrix[:, [1, 0, 2, 3]]
         if number % 3 == 2:
             assert signs[-1] == (np.linalg.det(matrix[:3, :3] / np.abs(matrix[:3, :3]).max()) < 0)
-            assert transform.mirrors(other) == packing.mirrors(other) == (not signs[-1])
+            assert transform.mirrors(other) == packing.mirroring(other[None])[0] == (not signs[-1])
     assert 50 < sum(signs) < 250
 
 
@@ -56,7 +56,7 @@ def test_mirroring_is_decided_exactly():
 def test_whether_a_placement_mirrors(rows, mirrored):
     matrix = np.eye(4)
     matrix[:3, :3] = rows
-    assert packing.mirrors(matrix) is mirrored
+    assert packing.mirroring(matrix[None])[0] == mirrored
     assert transform.mirrors(matrix) is mirrored
 
 
@@ -95,7 +95,9 @@ def test_normals_under_placements_that_nearly_flatten():
         allowed = placed_normal_errors(normals, matrix)
         with mpmath.workdps(60):
             a, b, c = ([mpmath.mpf(x) for x in row] for row in matrix[:3, :3].tolist())
-            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (-1 if packing.mirrors(matrix) else 1)
+            cofactors = mpmath.matrix([cross(b, c), cross(c, a), cross(a, b)]) * (
+                -1 if packing.mirroring(matrix[None])[0] else 1
+            )
             exact = [cofactors * mpmath.matrix(normal) for normal in normals.tolist()]
             true = np.array([[float(x / mpmath.norm(v)) for x in v] for v in exact])
         for found in (placed_normals(normals, matrix), packed(normals, matrix)):
@@ -116,7 +118,7 @@ def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
         placement[:3, :3] = rng.normal(size=(3, 3))
         placement[:3, 2] = placement[:3, :2] @ rng.normal(size=2)
         placement[:3, 3] = 3 * (k % 4) - 4.5, 3 * (k // 4) - 3, 0
-    assert 2 < sum(map(packing.mirrors, placements)) < 10
+    assert 2 < packing.mirroring(np.asarray(placements)).sum() < 10
     verts, directions = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), rng.normal(size=(4, 3))
     material = Material(ka=0.1, kd=0.5, ks=0.5, n=5.0, two_sided=True)
     mesh = Mesh(verts, [[0, 1, 2], [0, 2, 3]], normals=directions, instances=placements, material=material)

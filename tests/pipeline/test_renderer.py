@@ -17,7 +17,7 @@ from processes import PEAK
 
 import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.pipeline import clip, renderer, scene_buffers
+from clshade.pipeline import clip, renderer, scene_tables
 from clshade.pipeline.buffers import Buffer, Pool, aligned
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.renderer import Renderer
@@ -41,7 +41,7 @@ def test_a_trial_frame_takes_the_programs_of_the_scene():
     scene = Scene((mesh, mesh), CAMERA, environment=Environment(sky), preset="pbr")
     settings = Settings.from_preset("pbr")
     trial = pickle.loads(renderer.trial_of(scene, settings, ()))[0]["scene"]
-    features = [scene_buffers.pack(each, settings, forced=(), has_fp64=True).features for each in (scene, trial)]
+    features = [scene_tables.pack(each, settings, forced=(), has_fp64=True).features for each in (scene, trial)]
     assert features[0] == features[1]
     assert trial.meshes[0].material.texture.image.shape == trial.environment.image.shape[:2] + (4,) == (2, 2, 4)
     own = type("OwnMaterial", (Material,), {"__init__": lambda self: Material.__init__(self)})()
@@ -260,7 +260,7 @@ def test_a_scene_too_large_for_its_own_near_plane_is_refused():
 def test_errors_of_copies_name_the_device(device, monkeypatch):
     """Where a device does not work in the host's memory; what is under way is waited for, and its error hides none."""
     buffer = Buffer(device, np.zeros(4, np.float32))
-    monkeypatch.setattr(buffer, "_shared", False)
+    monkeypatch.setattr(buffer, "is_shared", False)
 
     def failing(*_: object, **__: object) -> None:
         raise cl.RuntimeError("clEnqueueCopyBuffer failed: OUT_OF_RESOURCES")

@@ -15,7 +15,7 @@ import clshade
 from clshade import Camera, Material, Mesh, PointLight, Scalars, Scene, Settings, Texture, exr, oracle
 from clshade.errors import InputError
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.scalar_tables import map_positions
+from clshade.pipeline.gather import map_positions
 from clshade.pipeline.struct_layout import MOST_POSITION
 from clshade.scene.scalar_colors import ColorMap, color_map_of
 

@@ -13,7 +13,7 @@ import clshade
 from clshade.base import host_memory
 from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
-from clshade.pipeline import buffers, hierarchy, scene_buffers, struct_layout, tile_lists
+from clshade.pipeline import buffers, hierarchy, scene_tables, struct_layout, tile_lists
 from clshade.pipeline.renderer import Renderer
 from clshade.pipeline.tile_lists import TileLists
 from clshade.scene import model
@@ -54,9 +54,9 @@ def test_memory_of_the_machine(device, monkeypatch):
         InputError, match=r"^torus_knot: triangles: expected what 0\.0 GiB of memory hold, found 50,000"
     ):
         clshade.builtin("torus_knot", triangles=50_000)
-    scene_buffers.check_host(placed(2))
+    scene_tables.check_host(placed(2))
     monkeypatch.setattr(host_memory, "physical", lambda: None)
-    scene_buffers.check_host(placed(100))
+    scene_tables.check_host(placed(100))
 
 
 def test_a_machine_that_does_not_say_refuses_nothing(monkeypatch):
@@ -76,10 +76,10 @@ def test_vertices_that_int32_does_not_number(monkeypatch):
         InputError, match=r"^Mesh: faces: expected indices from 0 to 2147483647, found '2147483648 in face 0'"
     ):
         indices("Mesh", "faces", np.array([[0, 1, 1 << 31]]), 1 << 32)
-    monkeypatch.setattr(scene_buffers, "MOST_VERTICES", 1500)
-    scene_buffers.check_host(placed(2))
+    monkeypatch.setattr(scene_tables, "MOST_VERTICES", 1500)
+    scene_tables.check_host(placed(2))
     with pytest.raises(InputError, match=r"^render: scene: expected at most 1500 vertices with instances, found 1926$"):
-        scene_buffers.check_host(placed(3))
+        scene_tables.check_host(placed(3))
 
 
 def test_faces_that_the_kernels_do_not_count(monkeypatch):

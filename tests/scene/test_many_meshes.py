@@ -10,7 +10,7 @@ import pytest
 from mesh_writers import CORNERS, INDICES, Gltf
 
 from clshade.base.text_tables import as_lines
-from clshade.pipeline.scene_buffers import pack
+from clshade.pipeline.scene_tables import pack
 from clshade.scene.contents import format_contents, scene_contents
 from clshade.scene.description import part_digests
 from clshade.scene.formats.load import load

@@ -9,13 +9,12 @@ import pyopencl as cl
 import pytest
 
 from clshade.oracle import transform
-from clshade.pipeline import struct_layout, triangle_source
+from clshade.pipeline import struct_layout, surface_inputs, triangle_source
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
 from clshade.pipeline.features import FEATURES, Features
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
-from clshade.pipeline.surface_inputs import SurfaceInputs
 from clshade.pipeline.tile_lists import front_to_back
 from clshade.scene.camera import Camera
 from clshade.scene.material import TERMS
@@ -51,7 +50,7 @@ reals power_one_minus(reals t, reals n)
 def mask(**overrides: int) -> Features:
     """Return features that are all 0 except those named and SORTED."""
     overrides = {"SORTED": 1, **overrides}
-    unknown = set(overrides) - {each.name for each in FEATURES}
+    unknown = set(overrides) - set(FEATURES)
     assert not unknown, f"no such feature: {unknown}"
     return Features.of([name for name, value in overrides.items() if value])
 
@@ -258,19 +257,17 @@ class Pipeline:
         run("bin_fill", (chunks, 1), values, made=None, lists=self.lists)
         return np.split(self.lists.to_host()["index"].copy(), self.starts.array[1:-1].astype(np.int64))
 
-    def surface(self, **arrays: Array) -> SurfaceInputs:
+    def surface(self, **arrays: Array) -> dict[str, Any]:
         """Return the arrays by name and the stages' own buffers.
 
-        The tuple must live until the kernel is done: its buffers share the arrays' memory.
+        It must live until the kernel is done: its buffers share the arrays' memory.
         """
         given = {name: Buffer(self.device, array) for name, array in arrays.items()}
-        return SurfaceInputs(
+        return surface_inputs.surface(
             triangles=self.made.triangles,
             faces=self.faces,
             relative=self.vertices.relative,
             vertices=self.vertices.projected,
-            materials=given.pop("materials", None),
-            lights=given.pop("lights", None),
             image=self.image,
             **given,
         )
@@ -283,8 +280,14 @@ class Pipeline:
         rgba, owners = (Buffer(self.device, array[1:-1]) for array in around)
         with self.counted.writing() as table:
             table["next_tile"] = table["saturated"] = 0
-        surface = self.surface(**arrays)._replace(corner_light=corner_light)
-        values = {**surface.values(), **self.frame, "lists": self.lists, "starts": self.starts, "shown": None}
+        values = {
+            **self.surface(**arrays),
+            "corner_light": corner_light,
+            **self.frame,
+            "lists": self.lists,
+            "starts": self.starts,
+            "shown": None,
+        }
         name = "phong" if self.features["PHONG"] else "gouraud"
         self.stages.run(name, self.stages.pixels(name, self.tiles), values, rgba=rgba, owners=owners)
         self.counters = self.counted.to_host()[0].copy()

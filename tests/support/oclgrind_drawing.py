@@ -70,7 +70,7 @@ def launched(self: Any, name: str, *arguments: Any, **values: Any) -> Any:
 def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
     """Allocate uninitialized device memory, so that reads before the first write are reported."""
     made = cls.__new__(cls)
-    made._device, made._queue, made._shared = device, device.queue, False
+    made._device, made._queue, made.is_shared = device, device.queue, False
     made.array = np.zeros(shape, dtype)
     made.memory = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, max(made.array.nbytes, 64))
     return made

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.arrays import Array, Floats
 from ...errors import ClshadeError, InputError
-from ...pipeline.features import FEATURES
+from ...pipeline.features import FEATURES, WORK
 from ...scene.camera import Camera
 from ...scene.geometry import camera_axes, vertex_normals
 from ...scene.lights import plain_lights
@@ -143,7 +143,7 @@ def depths(mesh: Mesh, camera: Camera) -> Floats:
 
 def check_drawn(scene: Scene, features: Sequence[str]) -> None:
     """Raise InputError for a scene that OpenGL does not draw here. features: those that clshade needs for it."""
-    work = {feature.name: feature.work or feature.name.lower().replace("_", " ") for feature in FEATURES}
+    work = {name: WORK.get(name, name.lower().replace("_", " ")) for name in FEATURES}
     beyond = [*(f"no {work[name]}" for name in NEEDED if name not in features)]
     beyond += [work[name] for name in features if name not in DRAWN]
     if not scene.lights:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...pipeline.features import FEATURES, OPTIONAL
+from ...pipeline import features
+from ...pipeline.features import OPTIONAL
 from ...pipeline.frame import Frame, same_bits
 from ...pipeline.renderer import Renderer
 from ...scene.model import Scene
@@ -19,9 +20,7 @@ from ..timing import Spread, in_turns, spread
 
 FRAMES = 21  # of each renderer, unless they take longer in total than
 SECONDS = 3.0
-WORK = {feature.name: feature.work for feature in FEATURES if feature.work} | {
-    "BACKDROP": "environment as the background"
-}
+WORK = features.WORK | {"BACKDROP": "environment as the background"}
 NOT_DRAWN = {
     "behind": "behind the eye",
     "off_screen": "off the screen",
