@@ -17,7 +17,7 @@ from processes import OPEN, ROOT, python
 from clshade import course
 from clshade.base import console
 from clshade.errors import DeviceError
-from clshade.pipeline import programs, scene_drawing
+from clshade.pipeline import ahead, programs, scene_drawing
 from clshade.pipeline.opencl import environment, program_store
 from clshade.pipeline.opencl.device import Device, open_device
 
@@ -28,7 +28,7 @@ hypothesis.settings.register_profile("unhurried", deadline=None)  # other proces
 hypothesis.settings.load_profile("unhurried")
 
 scene_drawing._MOST_LIT = 0  # no program for one scene alone
-os.environ[programs.AHEAD] = "0"
+os.environ[ahead.AHEAD] = "0"
 program_store.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 
 

@@ -8,9 +8,14 @@ import pickle
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..base.atomic_files import lock_file
+from ..scene.camera import Camera
+from ..scene.geometry import bounding_box
 from ..scene.model import Scene, Settings
 from . import programs
 from .kernel_files import kernels_digest
@@ -18,20 +23,22 @@ from .opencl.environment import cache_root, keeps_cache
 from .opencl.probe import can_probe, own_command
 from .renderer import Renderer, trial_of
 
+AHEAD = "CLSHADE_COMPILE_AHEAD"  # environment variable: 0 turns it off
 _DONE = "compiled-ahead"  # a file of the cache: the kernels for which all has been compiled
 
 
 def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
     """Start the process, which compiles the optimized programs of this scene first, unless there is nothing to compile.
 
-    device: a name, None for CLSHADE_DEVICE or the default. The process ends by itself. `programs.AHEAD` turns it off.
+    device: a name, None for CLSHADE_DEVICE or the default. The process ends by itself.
     """
+    turned_off = os.environ.get(AHEAD, "0" if os.environ.get("CI") else "1") == "0"
     stores = any(program.folder is not None for program in programs.built())  # what PoCL compiles
-    if not (stores and can_probe() and keeps_cache() and programs.keeps_compiling()):
+    if turned_off or not (stores and can_probe() and keeps_cache()):
         return
     with contextlib.suppress(OSError):
         done = cache_root() / _DONE
-        if not programs.has_first() and done.exists() and done.read_text() == kernels_digest():
+        if not programs.own.has_first and done.exists() and done.read_text() == kernels_digest():
             return
         with tempfile.TemporaryFile() as trial:
             trial.write(trial_of(scene, settings, ()))
@@ -52,8 +59,16 @@ def main() -> None:
         with contextlib.suppress(Exception), Renderer(**each) as renderer:
             renderer.render()
             drawn += 1
+            renderer.render(_inside(renderer.scene))
     if drawn:
         (cache_root() / _DONE).write_text(kernels_digest())
+
+
+def _inside(scene: Scene) -> Camera:
+    """Return a camera in the middle of the scene. Where it clips faces, a frame is sorted, by kernels that others do not
+    launch: PoCL compiles a kernel when it is launched first."""
+    camera, middle = scene.camera, np.mean(bounding_box(scene), axis=0)
+    return replace(camera, eye=middle, lookat=middle + (camera.lookat - camera.eye))
 
 
 def _leave_processors() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -16,7 +15,7 @@ from . import struct_layout
 from .buffers import Buffer
 from .features import COMMON, Features
 from .opencl.device import Device
-from .programs import Program, build, first_use
+from .programs import Program, build, first_use, own
 
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
@@ -145,16 +144,14 @@ class Stages:
     def _run_first(self, program: Program, code: tuple[Any, ...], size: Size, arguments: list[Any]) -> cl.Event:
         """Launch code that the runtime may have to compile or load first, and wait until it has run."""
         name = code[0]
-        stored = program.stored if program.stored is not None and name in program.stored else None
-        guard = contextlib.nullcontext() if stored is None else stored.first_use()
         with program.lock:
-            with first_use(self.device, stored=stored is not None) as use, guard:
+            with first_use(self.device, program.stored if name in program.stored else None):
                 program.arguments.pop(name, None)
                 self._set(program, name, arguments)
                 event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
                 event.wait()
                 if self.device.profiling:
-                    use.ran = (event.profile.end - event.profile.start) * 1e-9
+                    own.waited -= (event.profile.end - event.profile.start) * 1e-9
                 program.launched.add(code)
             program.keep()
         return event

@@ -9,7 +9,7 @@ import re
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -34,24 +34,10 @@ _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
 # any white space: a macro that nobody reads brings them through.
 _LESS_OPTIMIZED = "-DLESS_OPTIMIZED\t-O1\t-fno-unroll-loops"
 QUICK = "CLSHADE_QUICK_BUILD"  # environment variable: if set, kernels are not optimized; the bits are the same
-AHEAD = "CLSHADE_COMPILE_AHEAD"  # environment variable: 0 turns it off
+SLOW = 0.5  # seconds of compiling before a message
 _COMMENT = re.compile(r"//.*|/\*.*?\*/")
 _SCALARS = {"int": np.int32, "float": np.float32, "ulong": np.uint64}
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"', re.MULTILINE)
-
-
-def _put_in(text: str, name: str, seen: set[str], parts: list[str]) -> None:
-    """Append the lines of a source called `name`; each kernel file is inserted at its first #include only."""
-    parts.append(f'#line 1 "{name}"')
-    for number, line in enumerate(text.splitlines(), 2):
-        match = _INCLUDE.match(line) if "#include" in line else None
-        if match is None:
-            parts.append(line)
-            continue
-        if match[1] not in seen:
-            seen.add(match[1])
-            _put_in(kernel_text(match[1]), match[1], seen, parts)
-        parts.append(f'#line {number} "{name}"')
 
 
 @cache
@@ -60,34 +46,40 @@ def flatten(names: tuple[str, ...]) -> str:
     return flatten_text("\n".join(f'#include "{name}"' for name in names))
 
 
-def flatten_text(text: str, name: str = "text") -> str:
-    """Flatten a source that is not a file; `name` is its name in compiler messages."""
-    parts: list[str] = []
-    _put_in(text, name, set(), parts)
-    return "\n".join(parts) + "\n"
+def flatten_text(text: str, name: str = "text", seen: set[str] | None = None) -> str:
+    """Flatten a source that is not a file; `name` is its name in compiler messages. seen: files that are in."""
+    lines, seen = [f'#line 1 "{name}"'], set() if seen is None else seen
+    for number, line in enumerate(text.splitlines(), 2):
+        included = _INCLUDE.match(line)
+        if included is None:
+            lines.append(line)
+            continue
+        if included[1] not in seen:
+            seen.add(included[1])
+            lines.append(flatten_text(kernel_text(included[1]), included[1], seen).removesuffix("\n"))
+        lines.append(f'#line {number} "{name}"')
+    return "\n".join(lines) + "\n"
 
 
 @dataclass
 class Program:
     """A built program.
 
-    kernels: by name. seconds: the time to build it, or to load it if it was `loaded`. stored: where it is kept on disk, None
-    if it is not. folder, folders: PoCL's cache, and what of it belongs to the program. warnings: the lines of the build log
-    in which the compiler warns. source: its text. lock: held while a kernel's arguments are set and it is launched.
-    arguments: those of each kernel that were set last. launched: identifies the code of each launch that has completed
-    (`Stages.run`).
+    kernels: by name. loaded: from `stored`, its copy on disk. folder, folders: PoCL's cache, and what of it belongs to the
+    program. warnings: the lines of the build log in which the compiler warns. source: its text. lock: held while a kernel's
+    arguments are set and it is launched. arguments: those of each kernel that were set last. launched: identifies the code
+    of each launch that has completed (`Stages.run`).
     """
 
     features: Features
     lanes: int
-    seconds: float
     kernels: dict[str, Any]
     loaded: bool
-    stored: StoredProgram | None
+    stored: StoredProgram
     folder: Path | None
     folders: set[Path]
-    warnings: tuple[str, ...] = ()
-    source: str = ""
+    warnings: tuple[str, ...]
+    source: str
     lock: threading.Lock = field(default_factory=threading.Lock)
     arguments: dict[str, tuple[Any, ...]] = field(default_factory=dict)
     launched: set[tuple[Any, ...]] = field(default_factory=set)
@@ -99,7 +91,7 @@ class Program:
     def keep(self) -> None:
         """Store what PoCL has compiled of it."""
         with contextlib.suppress(OSError):
-            if self.stored is not None and self.folder is not None:
+            if self.folder is not None:
                 self.stored.write(program_store.pack(self.folder, self.folders, self.stored.names))
 
     def parameters(self, name: str) -> dict[str, Any]:
@@ -125,88 +117,48 @@ class Program:
                 yield from self._declared(macro[1], types)
 
 
-Rewriting = Callable[[str, Sequence[str]], "str | None"]
+class _Own(threading.local):
+    """What concerns one thread. waited: seconds for programs to be compiled or loaded. is_first: it is in a block of
+    `first_picture`. has_first: it has taken programs for a first picture."""
+
+    waited = 0.0
+    is_first = has_first = False
 
 
-@contextlib.contextmanager
-def rewriting(rewrite: Rewriting) -> Iterator[None]:
-    """Change the sources of the programs that this thread builds in a block.
-
-    rewrite: is given a source and the compiler's options, and returns another source, or None to leave this one.
-    """
-    _own.rewriting = rewrite
-    try:
-        yield
-    finally:
-        del _own.rewriting
+own = _Own()
+_said = False
 
 
 @contextlib.contextmanager
 def first_picture() -> Iterator[None]:
     """Within a block, let this thread build programs that compile fast where none is at hand: for what the scene and
     most others need, and without optimization. Compiling takes half the time, a frame many times as long; bits are equal."""
-    _own.first = True
+    own.is_first = True
     try:
         yield
     finally:
-        _own.first = False
-
-
-def is_first() -> bool:
-    """Return whether this thread is in a block of `first_picture`."""
-    return getattr(_own, "first", False)
-
-
-def has_first() -> bool:
-    """Return whether this thread has taken programs for a first picture."""
-    return getattr(_own, "has_first", False)
-
-
-def keeps_compiling() -> bool:
-    """Return whether programs are compiled after a picture for the next ones: by default, except where CI is set."""
-    return os.environ.get(AHEAD, "0" if os.environ.get("CI") else "1") != "0"
-
-
-SLOW = 0.5  # seconds of compiling before a message
-
-_own = threading.local()
-_said = False
-
-
-def waited() -> float:
-    """Return the seconds this thread has waited so far for programs to be compiled or loaded."""
-    return getattr(_own, "waited", 0.0)
+        own.is_first = False
 
 
 def running_time() -> float:
-    """Return this thread's running time in seconds, without what `waited` returns."""
-    return time.perf_counter() - waited()
-
-
-@dataclass
-class FirstUse:
-    """Timing of a block. ran: seconds of it that were not spent waiting for a compiler."""
-
-    ran: float = 0.0
+    """Return this thread's running time in seconds, without the time that it waited for programs."""
+    return time.perf_counter() - own.waited
 
 
 @contextlib.contextmanager
-def first_use(device: Device, *, stored: bool) -> Iterator[FirstUse]:
-    """Guard a block in which the runtime compiles a program or a kernel, or loads a stored one, until it has run: time it,
-    and print a message if compiling takes long."""
-    use, start = FirstUse(), time.perf_counter()
-    timer = None if stored or _said else threading.Timer(max(SLOW - waited(), 0.0), _say, (device,))
-    if timer is not None:
-        timer.daemon = True
+def first_use(device: Device, stored: StoredProgram | None) -> Iterator[None]:
+    """Guard a block in which the runtime compiles a program or a kernel, or loads a `stored` one, until it has run: count it
+    as waited, and print a message if compiling takes long."""
+    start, timer = time.perf_counter(), threading.Timer(max(SLOW - own.waited, 0.0), _say, (device,))
+    timer.daemon = True
+    if not (stored or _said):
         timer.start()
     try:
-        with contextlib.nullcontext() if stored else console.compiling():
-            yield use
+        with stored.first_use() if stored else console.compiling():
+            yield
     finally:
-        if timer is not None:
-            timer.cancel()
-        taken = time.perf_counter() - start - use.ran
-        _own.waited = waited() + taken
+        timer.cancel()
+        own.waited += time.perf_counter() - start
 
 
 def _say(device: Device) -> None:
@@ -258,76 +210,82 @@ def _build(
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
     features = features.compiled()
-    source = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
+    text = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
     lanes_of = f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}"
     options = [*features.options(), *lanes_of, *compiler_options(device)]
-    source = _rewritten(source, options) or source
     with _building:
-        hurries = not os.environ.get(QUICK) and environment.pocl_folder() is not None
-        if needs is not None and hurries and not _is_at_hand(device, source, options):
+        key = device.context.int_ptr, text, *options
+        hurries = needs is not None and not os.environ.get(QUICK) and environment.pocl_folder() is not None
+        if needs is not None and hurries and not (key in _built or _stored_program(device, text, options).exists()):
             options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
-            _own.has_first = True
-        key = (device.context.int_ptr, source, *options)
+            own.has_first = True
+            key = device.context.int_ptr, text, *options
         if key not in _built:
-            place = _stored_program(device, source, options) if stored else None
-            _built[key] = _built_or_loaded(device, features, source, options, lanes, place)
+            place = _stored_program(device, text, options) if stored else StoredProgram(None)
+            _built[key] = _built_or_loaded(device, features, text, options, lanes, place)
     return _built[key]
 
 
-def _is_at_hand(device: Device, source: str, options: list[str]) -> bool:
-    """Return whether a program has been built here, or lies on the disk."""
-    place = _stored_program(device, source, options)
-    return (device.context.int_ptr, source, *options) in _built or (place is not None and place.path.exists())
+def _stored_program(device: Device, text: str, options: list[str]) -> StoredProgram:
+    """Return where a program is kept on disk: nowhere if PoCL keeps it in a folder that the user has set.
+
+    A program from there skips the compiler's front end. PoCL would recompile all kernels of a binary: the files of its own
+    cache are stored instead.
+    """
+    if device.keeps_programs and environment.pocl_folder() is None:
+        return StoredProgram(None)
+    parts = (text, *options, device.platform, device.name, device.version, device.driver)
+    name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
+    return StoredProgram(environment.cache_root() / "programs" / name)
 
 
 def _built_or_loaded(
-    device: Device, features: Features, source: str, options: list[str], lanes: int, stored: StoredProgram | None
+    device: Device, features: Features, text: str, options: list[str], lanes: int, stored: StoredProgram
 ) -> Program:
     import pyopencl as cl
 
     start = time.perf_counter()
     folder = environment.pocl_folder() if device.keeps_programs else None
-    files = stored.read() if stored is not None else {}
-    before = program_store.programs_in(folder)
+    files, before = stored.read(), program_store.programs_in(folder)
     with contextlib.suppress(OSError):
         if folder is not None:
             program_store.unpack(files, folder)
-    with first_use(device, stored=bool(files)), stored.first_use() if stored is not None else contextlib.nullcontext():
-        program = _load(device, files[BINARY]) if BINARY in files else None
-        if program is None:
-            try:
-                program = _compiled(device, source, options)
-            except cl.RuntimeError as error:
-                raise _build_error(device, error) from error
+    with first_use(device, stored if files else None):
+        program = None
+        if BINARY in files:
+            with contextlib.suppress(ValueError, cl.Error):  # the device does not accept it
+                program = _without_log(cl.Program(device.context, [device.device], [files[BINARY]]))
+        program = program or compiled(device, text, options)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
     if not kernels:
         cache = os.environ.get("POCL_CACHE_DIR", "")
         raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
-    if stored is not None and not device.keeps_programs:
+    if not device.keeps_programs:
         stored.write({BINARY: program.binaries[0]})
     warned = _warnings(device, program)
     for line in warned:
         console.detail(f"the compiler warns: {line}")
-    taken, folders = time.perf_counter() - start, program_store.programs_in(folder) - before
+    folders = program_store.programs_in(folder) - before
     if folder is not None:
         folders |= {folder.joinpath(*name.split("/")[:2]) for name in files}
-    built = Program(features, lanes, taken, kernels, bool(files), stored, folder, folders, warned, source)
+    built = Program(features, lanes, kernels, bool(files), stored, folder, folders, warned, text)
     built.keep()
-    console.detail(f"{'loaded' if files else 'compiled'} a program of {len(kernels)} kernels, {taken * 1e3:.0f} ms")
+    taken = (time.perf_counter() - start) * 1e3
+    console.detail(f"{'loaded' if files else 'compiled'} a program of {len(kernels)} kernels, {taken:.0f} ms")
     return built
 
 
-def _compiled(device: Device, source: str, options: list[str]) -> Any:
-    """Compile a program, where the options for less optimization are refused without them. Raises pyopencl.RuntimeError."""
+def compiled(device: Device, text: str, options: list[str]) -> Any:
+    """Compile a text as it stands, where the options for less optimization are refused without them, and return pyopencl's
+    program. Raises DeviceError with the compiler's first error."""
     import pyopencl as cl
 
     try:
-        return _without_log(cl.Program(device.context, source), options)
-    except cl.RuntimeError:
-        others = [option for option in options if option != _LESS_OPTIMIZED]
-        if others == options:
-            raise
-        return _without_log(cl.Program(device.context, source), others)
+        return _without_log(cl.Program(device.context, text), options)
+    except cl.Error as error:
+        if _LESS_OPTIMIZED in options:
+            return compiled(device, text, [option for option in options if option != _LESS_OPTIMIZED])
+        raise _build_error(device, error) from error
 
 
 def _build_error(device: Device, error: Exception) -> DeviceError:
@@ -351,25 +309,6 @@ def compiler_options(device: Device, *, quick: bool = False) -> list[str]:
     return [*options, _LESS_OPTIMIZED] if device.keeps_programs and device.driver.startswith("3.0") else options
 
 
-def _rewritten(source: str, options: Sequence[str]) -> str | None:
-    """Return what `rewriting` makes of a source in this thread; None if it leaves it."""
-    rewrite: Rewriting | None = getattr(_own, "rewriting", None)
-    return rewrite(source, options) if rewrite else None
-
-
-def build_alone(device: Device, text: str, options: Sequence[str] = ()) -> dict[str, Any]:
-    """Build a text as it stands, with further options, and return its kernels by name: nothing is put before it, and none of
-    our caches is used. Raises DeviceError with the compiler's first error."""
-    import pyopencl as cl
-
-    options = [*options, *compiler_options(device)]
-    try:
-        program = _without_log(cl.Program(device.context, _rewritten(text, options) or text), options)
-        return {kernel.function_name: kernel for kernel in program.all_kernels()}
-    except cl.Error as error:
-        raise _build_error(device, error) from error
-
-
 def _without_log(program: Any, options: Sequence[str] = ()) -> Any:
     """Build the program without the warnings that some runtimes emit at every build."""
     import pyopencl as cl
@@ -389,26 +328,3 @@ def _warnings(device: Device, program: Any) -> tuple[str, ...]:
     log = program.get_build_info(device.device, cl.program_build_info.LOG) or ""
     warned = (line.strip() for line in log.splitlines() if "warning:" in line.lower())
     return tuple(line for line in warned if "is a kernel, so overriding noinline attribute" not in line)
-
-
-# Loading a stored program skips the compiler's front end. PoCL would recompile all kernels of a binary: the files of its own
-# cache are stored instead.
-
-
-def _stored_program(device: Device, source: str, options: list[str]) -> StoredProgram | None:
-    """Return where a program is kept on disk; None if PoCL keeps it in a folder that the user has set."""
-    if device.keeps_programs and environment.pocl_folder() is None:
-        return None
-    parts = (source, *options, device.platform, device.name, device.version, device.driver)
-    name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
-    return StoredProgram(environment.cache_root() / "programs" / name)
-
-
-def _load(device: Device, binary: bytes) -> Any:
-    """Load a program's binary; None if the device does not accept it."""
-    import pyopencl as cl
-
-    try:
-        return _without_log(cl.Program(device.context, [device.device], [binary]))
-    except (ValueError, cl.Error):
-        return None

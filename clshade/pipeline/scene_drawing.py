@@ -8,6 +8,7 @@ from typing import Any
 
 from ..base.arrays import Array, Integers
 from ..scene.model import Scene, Settings
+from . import programs
 from .buffers import Pool, finish
 from .clip import Clipping
 from .features import Features, ignored
@@ -16,7 +17,6 @@ from .launches import scene_stages
 from .layers import Layers, layer_features
 from .lines import Lines
 from .opencl.device import Device
-from .programs import is_first
 from .scene_tables import Packed, ResidentScene
 from .tile_lists import DepthOrder, TileLists, draw_sorted
 from .triangle_source import SceneFaces, Triangles
@@ -50,7 +50,7 @@ class SceneDrawing:
         self.device, self.scene, self.settings, self.features = device, scene, settings, features
         of_layers = layer_features(features, packed.layers.asked)
         slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
-        first = is_first() and device.keeps_programs and not slow and compiles_longer(scene, settings)
+        first = programs.own.is_first and device.keeps_programs and not slow and compiles_longer(scene, settings)
         self.stages = stages = scene_stages(device, features, lanes, of_layers, first=first)
         self.pool, depth_test = Pool(device), bool(features["DEPTH_TEST"])
         self._resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)

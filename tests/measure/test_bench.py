@@ -7,15 +7,14 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import assert_refused, run
-from speeds import STARTS, WORKLOADS, results_of, timed
+from speeds import WORKLOADS, results_of, timed
 
 from clshade.errors import ClshadeError, DeviceError
-from clshade.measure.bench import bench, device_peaks, starting, workloads
+from clshade.measure.bench import bench, device_peaks, workloads
 from clshade.measure.bench.frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, time_frames
 from clshade.measure.bench.workloads import Workload, knot, thing
 from clshade.pipeline.renderer import Renderer, render
@@ -78,48 +77,16 @@ def test_peaks(opened, changes):
     assert all(1e7 < rate < 1e16 for rate in found)  # no device copies as little as 10 MB per second
 
 
-# Start-up
-
-
-def test_starts_are_with_a_warm_cache_and_with_empty_ones(monkeypatch):
-    seen = []
-
-    def fake(command, env, **_):
-        cache = Path(env["XDG_CACHE_HOME"])
-        seen.append((command[2:4], cache.name, any(cache.iterdir())))
-        (cache / "kept").touch()
-        return SimpleNamespace(returncode=int(len(seen) > 5), stderr="first\nlast\n")
-
-    monkeypatch.setattr(starting.subprocess, "run", fake)
-    starts = starting.start_up("0:0", rounds=2)
-    assert [each[0] for each in seen] == 5 * [["clshade", "render"]]
-    assert [each[1:] for each in seen] == [
-        ("warm", False),
-        *[("warm", True), ("empty-0", False)],
-        *[("warm", True), ("empty-1", False)],
-    ]
-    assert [(each.cache, each.rounds) for each in starts] == [("warm", 2), ("empty", 2)]
-    with pytest.raises(ClshadeError, match="bench: start-up: last"):
-        starting.start_up("0:0")
-
-
-@pytest.mark.long
-def test_starting_up(opened):
-    warm, empty = starting.start_up(opened.index, rounds=1)
-    assert 0.0 < warm.seconds.median < empty.seconds.median
-
-
 # Tables, files, the command
 
 
 def test_the_tables_hold_what_was_measured(tmp_path):
-    found = results_of(timed(), timed("v", same=False, flops=None), starts=STARTS, errors={"x": "too large"})
+    found = results_of(timed(), timed("v", same=False, flops=None), errors={"x": "too large"})
     lines = found.lines()
     # 100 triangles and pixels in 2 ms; 1e6 bytes take as long at the fill's 5e8; 1e7 operations half of that at 1e10;
     # 2^20 and 1e6 bytes are 1.95 MiB.
     first, second, *_ = (" ".join(line.split()[1:]) for line in lines if line.startswith("w  "))
     assert f"{first} {second}".startswith("10x10 100 100 2.00 1.8 2.2 5 0.05 0.05 0.5 5 2 1 1.95 12.00 2.00 5 6 2 9 ")
-    assert any(line.startswith("empty") and "4.00" in line for line in lines)
     assert any("x: too large" in line for line in lines)
     assert sum("NO" in line for line in lines) == 1
     found.write(tmp_path / "b")
@@ -179,7 +146,6 @@ def test_what_cannot_be_measured_does_not_end_the_rest(opened, capsys, monkeypat
 REFUSED = [
     (("object-1024",), ("workload", "'object-1024'", "did you mean 'object-")),
     (("quads", "--samples", "4"), ("--samples", "'quads'", "workload")),
-    (("start-up", "teapot", "--no-weld"), ("--no-weld", "'start-up'")),
     (("--against", "lvmpipe"), ("--against", "'lvmpipe'", "'llvmpipe'")),
     (("--frames", "0"), ("--frames", "'0'")),
     (("none.obj",), ("none.obj",)),
@@ -200,7 +166,5 @@ def test_refused(capsys, tmp_path, monkeypatch, options, parts):
 def test_the_list_names_all(capsys):
     code, out, err = run(capsys, "bench", "--list")
     assert (code, err) == (0, [])
-    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
-        *(each.name for each in workloads.WORKLOADS),
-        "start-up",
-    ]
+    named = [line.split()[0] for line in out.splitlines() if not line.startswith(" ")]
+    assert named == [each.name for each in workloads.WORKLOADS]

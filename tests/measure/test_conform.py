@@ -80,6 +80,13 @@ def test_a_scene_follows_from_its_choices():
 # Faults
 
 
+def rewrite(monkeypatch, right: str, fault: str) -> None:
+    compiled = programs.compiled
+    monkeypatch.setattr(
+        programs, "compiled", lambda device, text, options: compiled(device, text.replace(right, fault), options)
+    )
+
+
 @pytest.mark.parametrize(("group", "name", "right", "fault"), [
     ("operations", "fused_float", "{fma(a, b, c)}", "{a * b + c}"),
     ("operations", "count", "atomic_add(out + 3, x[item]);", "if (item) atomic_add(out + 3, x[item]);"),
@@ -88,13 +95,13 @@ def test_a_scene_follows_from_its_choices():
     ("constructs", "comparisons", "!(a[i] >= b[i])", "(a[i] < b[i])"),
     ("structs", "View_float32", "} View;", "} __attribute__((aligned(64))) View;"),
 ])  # fmt: skip
-def test_a_fault_in_a_kernel_is_found(opened, group, name, right, fault):
+def test_a_fault_in_a_kernel_is_found(opened, monkeypatch, group, name, right, fault):
     """Sources are rewritten as if a compiler had made the fault; without it the test passes."""
     case = check_of(opened, group, name, "float32-library" if group == "operations" else "").test
     case = replace(case, program="")
     assert Bench(opened).wrong(case) is None
-    with programs.rewriting(lambda source, options: source.replace(right, fault)):
-        assert Bench(opened).wrong(case)
+    rewrite(monkeypatch, right, fault)
+    assert Bench(opened).wrong(case)
 
 
 def test_faults_of_memory_and_frames_are_found(opened, monkeypatch):
@@ -121,11 +128,11 @@ def test_faults_of_memory_and_frames_are_found(opened, monkeypatch):
     ("max_int", "{max(a, b)}", "{max(a, b + 1)}"),
     ("count", "atomic_add(out + 3, x[item]);", ""),
 ])  # fmt: skip
-def test_a_script_shows_a_fault_where_it_is(opened, tmp_path, name, right, fault):
+def test_a_script_shows_a_fault_where_it_is(opened, tmp_path, monkeypatch, name, right, fault):
     """It has the rows of a work-group, fails with the fault in its kernel, and does not without."""
     case = next(case for case in operations.cases(operations.Way(np.float32, True, 1)) if case.name == name)
-    with programs.rewriting(lambda source, options: source.replace(right, fault)):
-        _, row = Bench(opened).wrong(case)
+    rewrite(monkeypatch, right, fault)
+    _, row = Bench(opened).wrong(case)
     path = tmp_path / reproducer.write(case, row, opened, tmp_path, f"operations/{name}")
     text = path.read_text()
     assert path.name == f"operations_{name}.py"
@@ -179,9 +186,12 @@ def with_fault(monkeypatch, code: str) -> None:
 
 def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, monkeypatch):
     """What a runtime prints is no event."""
-    rewrite = "lambda source, options: os.write(1, b'{') and source.replace('k < a[i]', 'k < 3')"
-    code = f"planted = programs.rewriting({rewrite}); planted.__enter__()"
-    with_fault(monkeypatch, code)
+    planted = "os.write(1, b'{') and text.replace('k < a[i]', 'k < 3')"
+    with_fault(
+        monkeypatch,
+        "compiled = programs.compiled\n"
+        f"programs.compiled = lambda device, text, options: compiled(device, {planted}, options)",
+    )
     (first, *others), facts = run_part(task(opened, tmp_path))
     assert first.name == "divergent_loop"
     assert "of 1024 rows" in first.problem
@@ -192,7 +202,7 @@ def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, monke
 
 def test_after_three_crashes_a_part_is_given_up(opened, tmp_path, monkeypatch):
     """Each costs a test, which has a script; the next process leaves it out."""
-    with_fault(monkeypatch, "programs.build_alone = lambda *_: os.abort()")
+    with_fault(monkeypatch, "programs.compiled = lambda *_: os.abort()")
     (*crashed, rest), _ = run_part(task(opened, tmp_path))
     assert [result.problem for result in crashed] == ["ends the process: SIGABRT"] * 3
     assert len({result.name for result in crashed}) == 3
@@ -202,7 +212,7 @@ def test_after_three_crashes_a_part_is_given_up(opened, tmp_path, monkeypatch):
 
 def test_a_launch_that_does_not_end_is_one_line(opened, tmp_path, monkeypatch):
     """Even if it holds the interpreter's lock; the other tests of structs are those of an earlier process."""
-    with_fault(monkeypatch, "programs.build_alone = lambda *_: ctypes.PyDLL(None).sleep(60)")
+    with_fault(monkeypatch, "programs.compiled = lambda *_: ctypes.PyDLL(None).sleep(60)")
     done = [check.name for check in groups.tests_of("structs", "", opened)][1:]
     (result,), _ = run_part(task(opened, tmp_path, "structs", done=done, limit=10.0))
     assert result.problem == "does not end within 10 s"
@@ -232,7 +242,7 @@ def test_every_group_has_tests(opened):
 
 
 def test_the_card(opened):
-    info = chosen_devices(opened.index)[1][0]
+    info = chosen_devices(opened.index)[0]
     passed = Result("constructs", "one", "what", seconds=1.0)
     results, facts = [passed, Result("scenes", "two")], {"lanes": 16}
     text = conform.card(info, results, facts).markdown()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import cache, partial
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from command_line import needs_device
 from clshade.base.arrays import Floats
 from clshade.measure.grade import grade, search
 from clshade.measure.grade.drawing import Drawing, code_image
-from clshade.pipeline.programs import rewriting
+from clshade.pipeline import programs
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings, with_materials
@@ -55,13 +55,17 @@ def right_of(name: str, shader: str) -> grade.Right:
     return grade.right_of(scene, Settings.from_preset("course", shader=shader))
 
 
-def rewritten(label: str, source: str, options: Sequence[str]) -> str | None:
-    """Return a kernel's source with the mistake, None if it has no such light."""
+flatten = programs.flatten
+
+
+def with_mistake(label: str, names: tuple[str, ...]) -> str:
+    """Return the kernels' source as `programs.flatten` does, with the mistake, if it has such light."""
+    source = wrong = flatten(names)
     for here, there in KERNELS[label]:
         if here not in source:
-            return None
-        source = source.replace(here, there)
-    return source
+            return source
+        wrong = wrong.replace(here, there)
+    return wrong
 
 
 def drawn(right: Drawing, changes: Sequence[search.Change]) -> tuple[Floats, bool]:
@@ -72,8 +76,8 @@ def drawn(right: Drawing, changes: Sequence[search.Change]) -> tuple[Floats, boo
     steps = {field.name for field in fields(Drawing)} - {"scene", "settings", "shown"}
     if len(in_kernels) > 1 or any(getattr(drawing, step) is not getattr(right, step) for step in steps):
         return code_image(search.applied(right, changes)), False
-    wrong_light = rewriting(partial(rewritten, in_kernels[0])) if in_kernels else contextlib.nullcontext()
-    with wrong_light, Renderer(drawing.scene, settings=drawing.settings) as renderer:
+    wrong = partial(with_mistake, in_kernels[0]) if in_kernels else flatten
+    with mock.patch.object(programs, "flatten", wrong), Renderer(drawing.scene, settings=drawing.settings) as renderer:
         image = np.asarray(renderer.render().rgb, np.float64)
     for place in places:
         image = place(image)

@@ -32,7 +32,7 @@ first, others = programs.first_picture, contextlib.nullcontext
 for name, block in (({name!r}, first), ("icosphere", first), ({name!r}, others), ({name!r}, first)):
     with block():
         frame = clshade.render(clshade.builtin(name, resolution=(32, 24)), samples=4)
-    print(hashlib.sha256(frame.rgba.tobytes()).hexdigest(), len(programs.built()), programs.has_first())
+    print(hashlib.sha256(frame.rgba.tobytes()).hexdigest(), len(programs.built()), programs.own.has_first)
 """
 
 
@@ -49,13 +49,27 @@ def test_a_first_picture_takes_programs_of_its_own(opened: Device, tmp_path: Pat
     assert {first for *_, first in lines} == {"True"}
 
 
+def test_a_frame_from_inside_a_scene_launches_what_a_sorted_one_needs(
+    opened: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also with the process's small images of other scenes."""
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO()))
+    monkeypatch.setattr(ahead, "_leave_processors", lambda: None)
+    monkeypatch.setattr(ahead, "_likely", lambda: [{"scene": SCENE, "device": opened}])
+    for program in programs.built():
+        monkeypatch.setattr(program, "launched", set())
+    ahead.main()
+    launched = {name for program in programs.built() for name, *_ in program.launched}
+    assert {"setup", "setup_pieces", "bin_count", "bin_fill", "setup_count"} <= launched
+
+
 @pytest.fixture
 def started(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     """Return what processes that would start are given on standard input."""
     given: list[bytes] = []
     monkeypatch.setattr(subprocess, "Popen", lambda command, stdin, **_: given.append(stdin.read()))
-    monkeypatch.setenv(programs.AHEAD, "1")
-    monkeypatch.setattr(programs, "_own", SimpleNamespace())
+    monkeypatch.setenv(ahead.AHEAD, "1")
+    monkeypatch.setattr(programs, "own", type(programs.own)())
     monkeypatch.setattr(programs, "built", lambda: (SimpleNamespace(folder=fresh_cache),))
     return given
 
@@ -67,6 +81,7 @@ def test_what_is_compiled_ahead(started: list[bytes], fresh_cache: Path, monkeyp
     class Renderer:
         def __init__(self, **arguments: Any) -> None:
             drawn.append(arguments)
+            self.scene = arguments["scene"]
             if len(drawn) == 2:
                 raise clshade.ClshadeError("the others are compiled nevertheless")
 
@@ -93,18 +108,18 @@ def test_what_is_compiled_ahead(started: list[bytes], fresh_cache: Path, monkeyp
     assert len(drawn) == 6 + 5, "without the trial of a large scene"
     ahead.start(SCENE, Settings())
     assert len(started) == 1
-    programs._own.has_first = True
+    programs.own.has_first = True
     ahead.start(SCENE, Settings())
     assert len(started) == 2
 
 
 @pytest.mark.parametrize(
-    ("variables", "starts"), [({"CI": ""}, True), ({"CI": "true"}, False), ({programs.AHEAD: "0"}, False)]
+    ("variables", "starts"), [({"CI": ""}, True), ({"CI": "true"}, False), ({ahead.AHEAD: "0"}, False)]
 )
 def test_it_can_be_turned_off(
     started: list[bytes], monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], starts: bool
 ) -> None:
-    monkeypatch.delenv(programs.AHEAD)
+    monkeypatch.delenv(ahead.AHEAD)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     ahead.start(SCENE, Settings())

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import pytest
 from processes import ROOT
 
+from clshade.base.atomic_files import lock_file
 from clshade.errors import DeviceError
 from clshade.pipeline import programs
 from clshade.pipeline.opencl import environment, probe
@@ -85,7 +86,7 @@ def test_a_build_without_a_message_names_the_cache_that_is_full(tmp_path, monkey
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
     pocl = SimpleNamespace(name="CPU", keeps_programs=True)
     assert str(programs._build_error(pocl, Exception("x"))).endswith("did not build: no message from its compiler")
-    monkeypatch.setattr(Path, "write_bytes", no_space)
+    monkeypatch.setattr(tempfile, "TemporaryFile", no_space)
     told = str(programs._build_error(pocl, Exception("x")))
     assert told.endswith(f"did not build: POCL_CACHE_DIR, {tmp_path}: No space left on device")
 
@@ -108,10 +109,23 @@ def test_a_folder_of_the_process_that_cannot_be_made(fresh_cache, monkeypatch):
         environment._set_pocl_folder()
 
 
+def test_folders_of_earlier_versions_go_unless_one_of_their_processes_runs(fresh_cache, monkeypatch, capfd):
+    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
+    for name in ("slot-0", "slot-1", "probe-x", "programs"):
+        (fresh_cache / name / "pocl").mkdir(parents=True)
+        (fresh_cache / name / "lock").touch()
+    lock = lock_file(fresh_cache / "slot-1" / "lock")
+    environment._set_pocl_folder()
+    os.close(lock)
+    assert {path.name.partition("-")[0] for path in fresh_cache.iterdir()} == {"slot", "programs", "pocl"}
+    assert (fresh_cache / "slot-1" / "pocl").is_dir()
+    assert capfd.readouterr().err == ""
+
+
 def test_a_probe_that_cannot_be_started(fresh_cache, monkeypatch):
     monkeypatch.setattr(subprocess, "Popen", no_space)
     with pytest.raises(DeviceError, match=r"0:0 .* cannot be tried out: No space left on device"):
-        probe.Probe(POCL)
+        probe.start(POCL)
     assert not list(fresh_cache.iterdir())
     assert not probe._running
 
@@ -125,16 +139,16 @@ from clshade.base import console
 from clshade.pipeline.opencl import device; from clshade.pipeline.opencl import probe as probing
 from clshade.pipeline.opencl.probe import DeviceInfo
 infos = [DeviceInfo(f"{k}:0", "Portable Computing Language", "CPU") for k in range(3)]
-device.found_devices = lambda name: [(info, None) for info in infos]
+device.found_devices = lambda name: infos
 device._connect, console.SLOW = lambda *_: None, 60.0
 probing.probe_command = lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
-start = probing.Probe.__init__
-def started(self, info, *more, **options):
-    start(self, info, *more, **options)
-    print(self.process.pid, flush=True)
+start = probing.start
+def started(info, *more, **options):
+    start(info, *more, **options)
+    print(probing._running[info.index].pid, flush=True)
     if info.index == sys.argv[2]:
         signal.raise_signal(signal.SIGINT)
-probing.Probe.__init__ = started
+probing.start = started
 if not sys.argv[2]:
     threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
 try:
@@ -167,11 +181,11 @@ def test_an_interrupt_that_ends_a_probe_says_nothing_of_its_device(fresh_cache, 
     monkeypatch.setattr(
         probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
     )
-    running = probe.Probe(POCL)
-    ending = threading.Timer(0.3, probe._abandon_all)
+    probe.start(POCL)
+    ending = threading.Timer(0.3, probe._end_all)
     ending.start()
     with pytest.raises(KeyboardInterrupt):
-        running.finish()
+        probe.tried_out(POCL)
     ending.join()
     assert not list(fresh_cache.rglob("*")), "no verdict"
 
@@ -180,13 +194,14 @@ def test_a_forked_child_leaves_its_parents_probes_alone(fresh_cache, monkeypatch
     if not hasattr(os, "fork"):
         pytest.skip("no fork here")
     monkeypatch.setattr(probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "input()"])
-    running = probe.Probe(POCL)
+    probe.start(POCL)
+    running = probe._running[POCL.index]
     try:
         child = os.fork()
         if child == 0:
-            probe._abandon_all()
+            probe._end_all()
             os._exit(0)
         os.waitpid(child, 0)
-        assert running.process.poll() is None
+        assert running.poll() is None
     finally:
-        running.abandon()
+        probe.end(POCL.index)

@@ -93,18 +93,18 @@ def test_what_takes_long_is_said_once(
 ) -> None:
     """Even if no single part is slow; nothing for a stored program, which can be slow to load."""
     monkeypatch.setattr(programs, "_said", False)
-    monkeypatch.setattr(programs, "_own", type(programs._own)())
+    monkeypatch.setattr(programs, "own", type(programs.own)())
     monkeypatch.setattr(programs, "SLOW", 0.24)
     device: Any = SimpleNamespace(title="PoCL: CPU")
     line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == console.NORMAL else ""
     with console.at_level(level):
         for _ in range(parts):
-            with programs.first_use(device, stored=stored):
+            with programs.first_use(device, StoredProgram(None) if stored else None):
                 time.sleep(0.36 / parts)
         meanwhile = capfd.readouterr().err
         assert meanwhile == ("" if stored else line)
-        assert 0.36 <= programs.waited() < 1.8
-        with programs.first_use(device, stored=False):
+        assert 0.36 <= programs.own.waited < 1.8
+        with programs.first_use(device, None):
             time.sleep(0.2)
             assert capfd.readouterr().err == ("" if meanwhile else line), "while it is under way"
 
@@ -118,12 +118,12 @@ def test_workers_leave_it_to_the_process_that_started_them(monkeypatch: pytest.M
 
 
 def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = programs.waited()
-    with programs.first_use(SimpleNamespace(title=""), stored=True) as use:  # type: ignore[arg-type]
+    before = programs.own.waited
+    with programs.first_use(SimpleNamespace(title=""), StoredProgram(None)):  # type: ignore[arg-type]
         start = time.perf_counter()
         time.sleep(0.2)
-        use.ran = time.perf_counter() - start
-    assert programs.waited() - before < 0.1
+        programs.own.waited -= time.perf_counter() - start
+    assert programs.own.waited - before < 0.1
 
 
 # Kernels
@@ -177,7 +177,7 @@ def test_a_build_is_tried_again_without_options_that_are_refused(
         return "built"
 
     monkeypatch.setattr(programs, "_without_log", refuse)
-    assert programs._compiled(opened, "", ["-DA", programs._LESS_OPTIMIZED]) == "built"
+    assert programs.compiled(opened, "", ["-DA", programs._LESS_OPTIMIZED]) == "built"
     assert tried == [True, False]
 
 

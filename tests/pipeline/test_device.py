@@ -8,6 +8,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -170,12 +171,10 @@ def test_a_device_that_aborts_gives_one_line(
 def test_faults(code: str, fault: str, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(probe, "PROBE_SECONDS", 0.3 if "sleep" in code else 30.0)
     probe_that(code, monkeypatch)
-    problem = probe.Probe(POCL).finish()
+    problem = probe.tried_out(POCL).problem
     assert problem.startswith(f"{POCL} ")
     assert fault in problem
-    verdict = probe.recall(POCL)
-    assert verdict is not None
-    assert not verdict.works
+    assert probe.recall(POCL).problem == problem
 
 
 @pytest.mark.long
@@ -225,23 +224,20 @@ def test_verdict_is_remembered_until_the_system_changes(
 
 
 def test_verdict_depends_on_the_driver(fresh_cache: Path) -> None:
-    from dataclasses import replace
-
-    probe.remember(POCL, "")
-    assert probe.recall(POCL)
-    assert probe.recall(replace(POCL, driver="another")) is None
-    assert probe.recall(replace(POCL, platform_version="another")) is None
-    assert probe.recall(replace(POCL, version="OpenCL 3.0 PoCL haswell")) is None, (
-        "two that compile for other processors"
-    )
+    probe.remember(replace(POCL, problem=""))
+    assert probe.recall(POCL).works
+    others = {"driver": "another", "platform_version": "another", "version": "OpenCL 3.0 PoCL haswell"}
+    for name, value in others.items():
+        other = replace(POCL, **{name: value})
+        assert probe.recall(other) == other
 
 
 def test_recalling_is_fast(fresh_cache: Path) -> None:
-    probe.remember(POCL, "")
+    probe.remember(replace(POCL, problem=""))
     times = []
     for _ in range(10):
         start = time.perf_counter()
-        assert probe.recall(POCL)
+        assert probe.recall(POCL).works
         times.append(time.perf_counter() - start)
     assert min(times) < 0.005
 
@@ -255,11 +251,11 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
         return [sys.executable, "-S", "-c", code if info == INTEL else "import os; os.abort()"]
 
     monkeypatch.setattr(probe, "probe_command", command)
-    monkeypatch.setattr(device, "found_devices", lambda name: [(info, info) for info in (INTEL, POCL)])
-    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: info)
-    assert device.open_device("") == INTEL
+    monkeypatch.setattr(device, "found_devices", lambda name: [INTEL, POCL])
+    monkeypatch.setattr(device, "_connect", lambda info, profiling: info.index)
+    assert device.open_device("") == "2:0"
     assert tried == ["0:0", "2:0"]
-    assert device.open_device("") == INTEL
+    assert device.open_device("") == "2:0"
     assert tried == ["0:0", "2:0"], "the broken one comes last, and a working one is not tried out again"
     with pytest.raises(DeviceError, match="crashes"):
         device.open_device("pocl")
@@ -271,11 +267,11 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
 
 def test_a_test_that_began_early_is_the_only_one(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = probe_that(f"print('{probe.RIGHT}')", monkeypatch)
-    monkeypatch.setattr(device, "found_devices", lambda name: [(POCL, POCL)])
-    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: info)
+    monkeypatch.setattr(device, "found_devices", lambda name: [POCL])
+    monkeypatch.setattr(device, "_connect", lambda info, profiling: info.index)
     device.try_out_soon("intel")  # there is none: `open_device` says so
     device.try_out_soon()
-    assert device.open_device() == POCL
+    assert device.open_device() == "0:0"
     device.try_out_soon()
     assert tried == ["0:0"]
 
@@ -283,9 +279,10 @@ def test_a_test_that_began_early_is_the_only_one(fresh_cache: Path, monkeypatch:
 def test_a_test_that_waits_for_its_frame_is_not_late(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """While its scene is loaded, however long that takes."""
     probe_that(f"import sys; sys.stdin.read(); print('{probe.RIGHT}')", monkeypatch)
-    early = probe.Probe(POCL)
-    early.started -= 2 * probe.PROBE_SECONDS
-    assert early.finish(b"trial") == ""
+    probe.start(POCL)
+    monkeypatch.setattr(probe, "PROBE_SECONDS", 1.0)
+    time.sleep(1.1)
+    assert probe.tried_out(POCL, b"trial").works
 
 
 # A device whose compiler fails with some numbers of lanes: at the first build, at the first launch, or it hangs.
@@ -317,8 +314,8 @@ def test_fewer_lanes_are_taken_where_more_fail(
     """Down to one; a line says which and why. The verdict keeps the number."""
     monkeypatch.setattr(probe, "PROBE_SECONDS", 0.5 if "sleep" in fault else 30.0)
     tried = probe_that(FAILING.format(lanes=probe.LANES, working=working, fault=fault, right=probe.RIGHT), monkeypatch)
-    monkeypatch.setattr(device, "found_devices", lambda name: [(POCL, None)])
-    monkeypatch.setattr(device, "_connect", lambda info, handle, profiling, lanes: lanes)
+    monkeypatch.setattr(device, "found_devices", lambda name: [POCL])
+    monkeypatch.setattr(device, "_connect", lambda info, profiling: info.lanes)
     attempts = {8: 2, 1: 4, 0: 4}[working]
     if working == 0:
         with pytest.raises(DeviceError) as caught:
@@ -329,7 +326,7 @@ def test_fewer_lanes_are_taken_where_more_fail(
         *progress, said = capfd.readouterr().err.splitlines()
         assert all("trying out" in line for line in progress)
         assert f"with {working} instead of more lanes" in said
-        assert probe.recall(POCL) == (True, working)
+        assert (probe.recall(POCL).works, probe.recall(POCL).lanes) == (True, working)
         assert device.open_device("") == working
         assert capfd.readouterr().err == ""
         (listed,) = device.list_devices()

@@ -63,7 +63,7 @@ cases = [
     (glass, {"shadows": True}),
     (replace(knot, meshes=height), lines),
 ]
-(info, _), *_ = found_devices("pocl")
+info, *_ = found_devices("pocl")
 device, images = open_untested(info.index, info.name), []
 for scene, options in cases:
     with Renderer(scene, device=device, **{"resolution": (161, 97), "layers": ("Z", "id"), **options}) as renderer:
@@ -84,7 +84,7 @@ from clshade.pipeline.features import Features
 from clshade.pipeline.opencl.device import found_devices, open_untested
 
 text = "kernel void planted(global float16 *x) { int i = 1.5f; x[i] = _cl_fma(x[0], x[1], x[2]); }"
-(info, _), *_ = found_devices("pocl")
+info, *_ = found_devices("pocl")
 device, images = open_untested(info.index, info.name), []
 numbers = Buffer.empty(device, (3, 16), "f4")
 programs.build_text(device, Features.of(), text)["planted"](device.queue, (1,), (1,), numbers.memory).wait()

@@ -145,7 +145,7 @@ with program.first_use():
         ("sys.exit(3)", False),
         ("raise KeyboardInterrupt", False),
         ("interrupts.leave_soon(); os.kill(os.getpid(), signal.SIGINT); __import__('time').sleep(5)", False),
-        ("os.fork() or sys.exit(); os.wait(); assert os.path.exists(str(program._mark))", False),
+        ("os.fork() or sys.exit(); os.wait(); assert list(program.path.parent.glob('*.in-use'))", False),
     ],
 )
 def test_how_a_process_ends_decides(

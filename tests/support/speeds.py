@@ -5,7 +5,6 @@ from __future__ import annotations
 from clshade.measure.bench import device_peaks, tables
 from clshade.measure.bench.agreement import TOLERANCE, Agreement
 from clshade.measure.bench.frame_timing import Compared, FrameTiming
-from clshade.measure.bench.starting import Start
 from clshade.measure.bench.workloads import Workload, full_screen, knot, thing
 from clshade.measure.results import Results
 from clshade.measure.timing import Spread
@@ -17,7 +16,6 @@ SMALL = {
     "lights": lambda: thing(128, level=2, lights=8),
 }
 WORKLOADS = tuple(Workload(name, f"small {name}", make) for name, make in SMALL.items())
-STARTS = [Start("warm", Spread(0.4, 0.5, 0.6), 5), Start("empty", Spread(3.0, 4.0, 5.0), 5)]
 
 
 def timed(name="w", median=2.0, same=True, **changes):
@@ -36,6 +34,6 @@ def timed(name="w", median=2.0, same=True, **changes):
     return FrameTiming(name, **{**fields, **changes})
 
 
-def results_of(*several, starts=(), errors=None) -> Results:
+def results_of(*several, errors=None) -> Results:
     """Return the results on a device that fills 5e8 bytes and computes 1e10 flops per second."""
-    return tables.results("a device", device_peaks.Peaks(flops=1e10, fill=5e8), several, starts, errors or {})
+    return tables.results("a device", device_peaks.Peaks(flops=1e10, fill=5e8), several, errors or {})

@@ -47,24 +47,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from ...measure.bench import bench
-    from ...measure.bench.starting import NAME
     from ...measure.bench.workloads import WORKLOADS
 
     if arguments.list:
         print(bench.listing())
         return DONE
-    names = list(dict.fromkeys(arguments.scenes)) or [*(workload.name for workload in WORKLOADS), NAME]
-    with_start = NAME in names and not Path(NAME).is_file()
-    if with_start:
-        refuse(arguments, arguments.of_scene, f"cannot go with {NAME!r}, whose scene is fixed")
-    workloads = [_workload(arguments, name) for name in names if not (with_start and name == NAME)]
+    names = list(dict.fromkeys(arguments.scenes)) or [workload.name for workload in WORKLOADS]
+    workloads = [_workload(arguments, name) for name in names]
     options = {"frames": arguments.frames, "against": arguments.against, "out": arguments.out}
-    return DONE if bench.run(workloads, arguments.device, with_start=with_start, **options) else FAILED
+    return DONE if bench.run(workloads, arguments.device, **options) else FAILED
 
 
 def _workload(arguments: argparse.Namespace, name: str) -> Workload:
     """Return the workload of this name, unless there is such a file, or the scene with the options of the command line."""
-    from ...measure.bench.starting import NAME
     from ...measure.bench.workloads import WORKLOADS, Workload
     from ...scene.builtin.scenes import BUILTINS
 
@@ -74,7 +69,7 @@ def _workload(arguments: argparse.Namespace, name: str) -> Workload:
             refuse(arguments, arguments.of_scene, f"cannot go with {name!r}, a workload, whose scene is fixed")
             return known[name]
         if not Path(name).suffix and name not in BUILTINS:
-            near = hint(name, (*known, NAME, *BUILTINS))
+            near = hint(name, (*known, *BUILTINS))
             raise InputError(f"SCENE: expected a file, a built-in scene or a workload of --list, found {name!r}{near}")
     scene = load_scene(arguments, name)
     if arguments.resolution is not None:

@@ -1,1 +1,1 @@
-"""Speed: frame times of scenes, stage by stage, start-up, and OpenGL's frames of the same image."""
+"""Speed: frame times of scenes, stage by stage, and OpenGL's frames of the same image."""

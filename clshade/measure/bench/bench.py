@@ -23,7 +23,6 @@ from .agreement import TEXTURED, TOLERANCE, Agreement, agreement
 from .device_peaks import peaks
 from .frame_timing import PATH, SECONDS, Compared, FrameTiming, cameras, time_frames
 from .opengl import OpenGL, check_drawn, open_context
-from .starting import ABOUT, NAME, start_up
 from .workloads import WORKLOADS, Workload
 
 TURN = 5  # frames of one renderer in a row, when alternating with another: people draw frame after frame
@@ -31,8 +30,7 @@ TURN = 5  # frames of one renderer in a row, when alternating with another: peop
 
 def listing() -> str:
     """Return the list of all workloads with their descriptions."""
-    rows = [*((each.name, each.about) for each in WORKLOADS), (NAME, ABOUT)]
-    return "\n".join(wrapped(f"{name:<12} {about}", 13) for name, about in rows)
+    return "\n".join(wrapped(f"{each.name:<12} {each.about}", 13) for each in WORKLOADS)
 
 
 def run(
@@ -41,15 +39,13 @@ def run(
     *,
     frames: int,
     against: str | None = None,
-    with_start: bool = False,
     out: str | None = None,
 ) -> bool:
     """Measure, print the tables, and write the files.
 
     Returns True if everything was drawn, and OpenGL draws the same images. frames: number per workload; fewer if they take
-    more than frame_timing.SECONDS. against: llvmpipe or opengl. with_start: also measure start-up times. out: prefix of the
-    files' names. Raises OutputError, DeviceError and MissingOpenGL before it measures, and the first error if no scene could
-    be drawn.
+    more than frame_timing.SECONDS. against: llvmpipe or opengl. out: prefix of the files' names. Raises OutputError,
+    DeviceError and MissingOpenGL before it measures, and the first error if no scene could be drawn.
     """
     if out is not None:
         check_files(files(out))
@@ -57,14 +53,9 @@ def run(
     if against is not None:
         open_context(against).release()
     timed, errors = measure_all(opened, workloads, frames, against)
-    starts = []
-    try:
-        starts = start_up(opened.index) if with_start else []
-    except ClshadeError as error:
-        errors[NAME] = error
-    if not (timed or starts):
+    if not timed:
         raise next(iter(errors.values()))
-    results = tables.results(opened.title, peaks(opened), timed, starts, errors)
+    results = tables.results(opened.title, peaks(opened), timed, errors)
     print("\n".join(results.lines()))
     if out is not None:
         print("\n".join(["", *wrote(results.write(out))]))

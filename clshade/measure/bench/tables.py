@@ -11,7 +11,6 @@ from ..report.study import machine
 from ..results import Column, Results, Table
 from .device_peaks import Peaks
 from .frame_timing import LIGHT_FLOPS, PIXEL_FLOPS, FrameTiming
-from .starting import Start
 
 MIB = 2.0**20
 FRAME_NOTES = (
@@ -60,13 +59,6 @@ AGAINST = (
     Column("others", "others", lambda timed: timed.compared.agreement.others, _text(".3%")),
     Column("same picture", "same", lambda timed: timed.compared.agreement.same, lambda same: "yes" if same else "NO"),
 )
-STARTS = (
-    Column("kernel cache", "cache", lambda start: start.cache, str),
-    Column("s", "seconds", lambda start: start.seconds.median, _text(".2f")),
-    Column("25 %", "seconds_low", lambda start: start.seconds.low),
-    Column("75 %", "seconds_high", lambda start: start.seconds.high),
-    Column("rounds", "rounds", lambda start: start.rounds, str),
-)
 
 
 def _frames(peaks: Peaks) -> list[Column]:
@@ -105,9 +97,7 @@ def _split(
     return [NAME, *(Column(name, name, part(name), show) for name in ordered)]
 
 
-def results(
-    device: str, peaks: Peaks, timed: Sequence[FrameTiming], starts: Sequence[Start], errors: Mapping[str, ClshadeError]
-) -> Results:
+def results(device: str, peaks: Peaks, timed: Sequence[FrameTiming], errors: Mapping[str, ClshadeError]) -> Results:
     """Return all tables. errors: by the name of what could not be measured."""
     rates = "float32 {:.0f} GFlop/s, fill {:.1f} GB/s".format(*(rate / 1e9 for rate in peaks))
     facts = {"device": device, "machine": machine(), "peaks": rates}
@@ -122,6 +112,5 @@ def results(
         Table("Frames", columns, timed, notes=notes),
         Table("Stages", _split(timed, lambda each: each.stages, _number), timed, about="ms"),
         Table("Bytes held", _split(timed, lambda each: each.held, _mebibytes), timed, about="MiB on the device"),
-        Table("Start-up", STARTS, starts),
     )
     return Results("Speed", facts, tables, {"rates": peaks._asdict()})

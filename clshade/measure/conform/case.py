@@ -78,7 +78,9 @@ class Bench:
         """Return what a case's kernel writes. expected: an output of that shape and type."""
         key = (case.program or case.source, *case.options)
         if key not in self.built:
-            self.built[key] = programs.build_alone(self.device, key[0], case.options)
+            options = [*case.options, *programs.compiler_options(self.device)]
+            kernels = programs.compiled(self.device, key[0], options).all_kernels()
+            self.built[key] = {kernel.function_name: kernel for kernel in kernels}
         found = np.full(expected.nbytes, UNWRITTEN, np.uint8).view(expected.dtype).reshape(expected.shape)
         inputs = [v.copy() for v in case.inputs]
         for v in inputs:

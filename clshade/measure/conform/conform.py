@@ -84,7 +84,7 @@ def run(device: str | None = None, *, out: str | Path = "conform", only: Sequenc
     """Judge a device, print and write the card, and the scripts of failures. Returns True if it conforms. Raises
     InputError, DeviceError and OutputError."""
     groups = chosen_groups(only)
-    info = chosen_devices(device)[1][0]
+    info = chosen_devices(device)[0]
     folder = text_tables.create_folder(out)
     check_files(files(folder / "conform"))
     print(f"{info.platform}: {info.name}, driver {info.driver}", flush=True)

@@ -5,39 +5,25 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...base import console
 from ...errors import DeviceError, InputError
-from . import environment
-from .probe import (
-    GET_INTEL,
-    RUNTIMES,
-    DeviceInfo,
-    Probe,
-    can_probe,
-    device_fault,
-    install_advice,
-    is_runtime,
-    one_line,
-    recall,
-    tried_out,
-)
+from . import environment, probe
+from .probe import NOT_TRIED, RUNTIMES, DeviceInfo, device_fault, install_advice, is_runtime, one_line, recall
 
 
-@dataclass(frozen=True, eq=False)
-class Device:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Device(DeviceInfo):
     """An open device.
 
     device, context, queue: pyopencl's objects; the queue is in-order.
-    version: the device's OpenCL version text. driver: its driver's version.
     lanes: pixels that a work-item processes together: as many as a CPU's vectors have float32 numbers, 1 on a GPU and
         where the runtime vectorizes work-items.
-    memory, max_allocation: bytes, in total and per buffer.
+    max_allocation: bytes per buffer.
     setup_run: faces that a work-item of the setup kernel processes in sequence.
     keeps_programs: whether the runtime finds programs that it has built before by their source.
     """
@@ -45,32 +31,19 @@ class Device:
     device: Any
     context: Any
     queue: Any
-    index: str
-    platform: str
-    name: str
-    version: str
-    driver: str
-    is_cpu: bool
-    has_fp64: bool
-    lanes: int
-    compute_units: int
-    memory: int
     max_allocation: int
     setup_run: int
     keeps_programs: bool
     profiling: bool
 
-    @property
-    def title(self) -> str:
-        """Platform and name."""
-        return f"{self.platform}: {self.name}"
+    __eq__, __hash__ = object.__eq__, object.__hash__
 
 
 # Finding
 
 
-def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
-    """Return every device found, with pyopencl's object, in the order of the ICD loader."""
+def found_devices(name: str) -> list[DeviceInfo]:
+    """Return every device found, in the order of the ICD loader."""
     environment.prepare(name)
     try:
         import pyopencl as cl
@@ -81,7 +54,7 @@ def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
     if "PYOPENCL_NO_CACHE" not in os.environ:
         cl._PYOPENCL_NO_CACHE = True
     environment.starting()
-    found: list[tuple[DeviceInfo, Any]] = []
+    found: list[DeviceInfo] = []
     try:
         platforms = cl.get_platforms()
     except cl.Error:  # the ICD loader has none
@@ -91,8 +64,8 @@ def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
             devices = runtime.get_devices()
         except cl.Error:
             continue
-        for d, device in enumerate(devices):
-            info = DeviceInfo(
+        found += [
+            DeviceInfo(
                 index=f"{p}:{d}",
                 platform=runtime.name.strip(),
                 name=device.name.strip(),
@@ -104,17 +77,9 @@ def found_devices(name: str) -> list[tuple[DeviceInfo, Any]]:
                 compute_units=device.max_compute_units,
                 memory=device.global_mem_size,
             )
-            found.append((info, device))
+            for d, device in enumerate(devices)
+        ]
     return found
-
-
-def _rank(info: DeviceInfo) -> int:
-    """Return the rank of preference: PoCL's CPU, the rest of PoCL, Intel's CPU runtime, any other; emulators last."""
-    if any(word in info.platform.lower() for word in ("fpga", "oclgrind")):
-        return 4
-    if is_runtime(info, "pocl"):
-        return 0 if info.is_cpu else 1
-    return 2 if is_runtime(info, "intel") and info.is_cpu else 3
 
 
 def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
@@ -134,36 +99,46 @@ def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
     else:
         chosen = [info for info in found if word in info.platform.lower()]
         chosen = chosen or [info for info in found if word in info.name.lower()]
-    return sorted(chosen, key=_rank)
+
+    def rank(info: DeviceInfo) -> int:  # PoCL's CPU, the rest of PoCL, Intel's CPU runtime, any other; emulators last
+        if any(word in info.platform.lower() for word in ("fpga", "oclgrind")):
+            return 4
+        if is_runtime(info, "pocl"):
+            return 0 if info.is_cpu else 1
+        return 2 if is_runtime(info, "intel") and info.is_cpu else 3
+
+    return sorted(chosen, key=rank)
 
 
 def open_untested(index: str, name: str, lanes: int = 0) -> Device:
     """Open a device that another process found under this index, as one that tests it does. lanes: 0 for its own number."""
-    for info, handle in found_devices(name):
+    for info in found_devices(name):
         if info.index == index and info.name == name:
-            return _connect(info, handle, False, lanes)
+            return _connect(replace(info, lanes=lanes), False)
     raise RuntimeError(f"{name!r} is not found at {index}")
 
 
 # Opening
 
 
-def chosen_devices(name: str | None = None) -> tuple[dict[DeviceInfo, Any], list[DeviceInfo]]:
-    """Return pyopencl's objects of all devices found, and the devices that `name` can mean, best first: see `open_device`.
-
-    Raises DeviceError if there is none.
-    """
-    name = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
-    handles = dict(found_devices(name))
-    if not handles:
+def chosen_devices(name: str | None) -> list[DeviceInfo]:
+    """Return the devices that `name` can mean, best first. Raises DeviceError if there is none."""
+    name = named(name)
+    found = found_devices(name)
+    if not found:
         is_set = environment.is_users("OCL_ICD_VENDORS")
         hint = f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if is_set else ""
         raise DeviceError(f"no OpenCL device found{hint}: install {install_advice()}")
-    chosen = candidates(list(handles), name)
+    chosen = candidates(found, name)
     if not chosen:
-        hint = f"; for Intel's CPU runtime {GET_INTEL}" if name.lower() == "intel" else ""
-        raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, handles))}{hint}")
-    return handles, chosen
+        hint = f"; for Intel's CPU runtime {probe.GET_INTEL}" if name.lower() == "intel" else ""
+        raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, found))}{hint}")
+    return chosen
+
+
+def named(name: str | None) -> str:
+    """Return the name that `open_device` is given, or the environment's."""
+    return (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
 
 
 def open_device(
@@ -178,34 +153,26 @@ def open_device(
 
     Raises DeviceError, with one line that says what to install or change, if there is none.
     """
-    handles, chosen = chosen_devices(name)
+    chosen = chosen_devices(name)
     problems = {}
-    verdicts = {info: recall(info) for info in chosen}
-    for info in sorted(chosen, key=lambda info: (verdict := verdicts[info]) is not None and not verdict.works):
-        verdict = verdicts[info]
+    for info in sorted(map(recall, chosen), key=lambda info: info.problem not in ("", NOT_TRIED)):
+        if not info.works and probe.can_probe():
+            with console.told_when_slow(f"trying out {info.title} ..."), console.compiling():
+                info = probe.tried_out(info, trial() if trial is not None else b"")
+            if not info.works:
+                problems[info.index] = info.problem
+                continue
+            if info.narrowed:
+                console.warning(info.narrowed)
         try:
-            if (verdict is not None and verdict.works) or not can_probe():
-                return _connect(info, handles[info], profiling, verdict.lanes if verdict is not None else 0)
-            return _try_out(info, handles[info], profiling, trial)
-        except _Broken as error:
-            problems[info] = str(error)
+            return _connect(info, profiling)
+        except DeviceError as error:
+            problems[info.index] = str(error)
     others = f" ({len(problems) - 1} more broken: see `python -m clshade devices`)" if len(problems) > 1 else ""
-    raise DeviceError(problems[chosen[0]] + others)
+    raise DeviceError(problems[chosen[0].index] + others)
 
 
 _shared: dict[tuple[int, str, bool], Device] = {}
-_started: dict[str, Probe] = {}  # tests that `try_out_soon` began, by the indices of their devices
-_opening = threading.Lock()
-
-
-def _forget() -> None:
-    """In a forked child: a thread of the parent may have held the lock."""
-    global _opening
-    _opening = threading.Lock()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget)
 
 
 def shared_device(
@@ -215,40 +182,23 @@ def shared_device(
     if not isinstance(name, str | None):
         expected = "a Device, a name such as pocl or 0:0, or None"
         raise InputError(f"render: device: expected {expected}, found {one_line(repr(name))}")
-    asked = (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
-    key = (os.getpid(), asked, profiling)
-    with _opening:
+    key = (os.getpid(), named(name), profiling)
+    with environment.guard:
         if key not in _shared:
             start = time.perf_counter()
-            _shared[key] = device = open_device(asked, profiling=profiling, trial=trial)
-            while _started:  # of a device that another process has tested meanwhile
-                _started.popitem()[1].abandon()
-            console.detail(f"opened {device.platform}: {device.name}, {(time.perf_counter() - start) * 1e3:.0f} ms")
+            _shared[key] = device = open_device(name, profiling=profiling, trial=trial)
+            probe.end(device.index)  # if another process has tested it meanwhile
+            console.detail(f"opened {device.title}, {(time.perf_counter() - start) * 1e3:.0f} ms")
         return _shared[key]
 
 
 def try_out_soon(name: str | None = None) -> None:
     """Begin the test of the device that `open_device` will try first, if it has not been tested: its process imports and
     compiles while this one loads a scene. Errors are left to `open_device`."""
-    with _opening, contextlib.suppress(DeviceError):
-        _, (info, *_) = chosen_devices(name)
-        if recall(info) is None and can_probe():
-            _started[info.index] = Probe(info)
-
-
-class _Broken(DeviceError):
-    """A device that does not work; another one may."""
-
-
-def _try_out(info: DeviceInfo, handle: Any, profiling: bool, trial: Callable[[], bytes] | None) -> Device:
-    """Open the device after a test; where its own number of lanes does not work, with fewer."""
-    with console.told_when_slow(f"trying out {info.platform}: {info.name} ..."), console.compiling():
-        found = tried_out(info, trial() if trial is not None else b"", started=_started.pop(info.index, None))
-    if not found.works:
-        raise _Broken(found.problem)
-    if found.narrowed:
-        console.warning(found.narrowed)
-    return _connect(info, handle, profiling, found.lanes)
+    with environment.guard, contextlib.suppress(DeviceError):
+        info, *_ = chosen_devices(name)
+        if recall(info).problem == NOT_TRIED and probe.can_probe():
+            probe.start(info)
 
 
 # Its kernel's name says how many float32 numbers the vectors of the processor have that the runtime compiles for.
@@ -277,29 +227,22 @@ def _own_lanes(info: DeviceInfo, context: Any, handle: Any) -> int:
     return handle.native_vector_width_float if handle.native_vector_width_float in (4, 8, 16) else 16
 
 
-def _connect(info: DeviceInfo, handle: Any, profiling: bool, lanes: int = 0) -> Device:
+def _connect(info: DeviceInfo, profiling: bool) -> Device:
     import pyopencl as cl
 
+    platform, number = map(int, info.index.split(":"))
+    handle = cl.get_platforms()[platform].get_devices()[number]
     try:
         context = cl.Context([handle])
         options = {"properties": cl.command_queue_properties.PROFILING_ENABLE} if profiling else {}
         queue = cl.CommandQueue(context, handle, **options)
     except cl.Error as error:
-        raise _Broken(device_fault(info, f"cannot be opened ({one_line(str(error))})")) from None
+        raise DeviceError(device_fault(info, f"cannot be opened ({one_line(str(error))})")) from None
     return Device(
+        **vars(replace(info, lanes=info.lanes or _own_lanes(info, context, handle))),
         device=handle,
         context=context,
         queue=queue,
-        index=info.index,
-        platform=info.platform,
-        name=info.name,
-        version=handle.version.strip(),
-        driver=info.driver,
-        is_cpu=info.is_cpu,
-        has_fp64=info.has_fp64,
-        lanes=lanes or _own_lanes(info, context, handle),
-        compute_units=info.compute_units,
-        memory=info.memory,
         max_allocation=handle.max_mem_alloc_size,
         setup_run=256 if info.is_cpu else 1,
         keeps_programs=is_runtime(info, "pocl"),
@@ -308,15 +251,14 @@ def _connect(info: DeviceInfo, handle: Any, profiling: bool, lanes: int = 0) -> 
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Return every device found, all tested afresh in parallel: `works` and `problem` are filled in. Empty if there is none.
-
-    Raises DeviceError if pyopencl cannot be imported.
-    """
-    found = [info for info, _ in found_devices("")]
-    if not can_probe():
+    """Return every device found, all tested afresh in parallel. Raises DeviceError if pyopencl cannot be imported."""
+    found = found_devices("")
+    if not probe.can_probe():
         return found
-    probes = [Probe(info, waits=False) for info in found]
-    return [tried_out(info, started=probe) for info, probe in zip(found, probes, strict=True)]
+    with environment.guard:
+        for info in found:
+            probe.start(info, waits=False)
+        return [probe.tried_out(info) for info in found]
 
 
 def format_devices(infos: Sequence[DeviceInfo]) -> str:
@@ -328,15 +270,12 @@ def format_devices(infos: Sequence[DeviceInfo]) -> str:
         kind = "CPU" if info.is_cpu else "GPU"
         units = f"{info.compute_units} compute unit{'s' if info.compute_units != 1 else ''}"
         fp64 = "float64" if info.has_fp64 else "no float64"
-        lines.append(f"{info.index}  {info.platform}: {info.name}")
+        lines.append(f"{info.index}  {info.title}")
         lines.append(f"     {kind}, {units}, {info.memory / 2**30:.1f} GiB, {fp64}, driver {info.driver}")
         lanes = f" with {info.lanes} lanes" if info.lanes > 1 else ""
         state = f"works{lanes}{', the default' if info is default else ''}"
         lines.append(f"     {state if info.works else 'does not work: ' + info.problem.removeprefix(f'{info} ')}")
         if info.narrowed:
             lines.append(f"     {info.narrowed.removeprefix(f'{info} ')}")
-    if not usable:
-        lines.append(f"To get one: {install_advice()}.")
-    else:
-        lines.append("Choose one with --device or CLSHADE_DEVICE: its indices, or any part of its platform's name.")
-    return "\n".join(lines)
+    choose = "Choose one with --device or CLSHADE_DEVICE: its indices, or any part of its platform's name."
+    return "\n".join([*lines, choose if usable else f"To get one: {install_advice()}."])

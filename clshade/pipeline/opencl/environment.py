@@ -8,16 +8,15 @@ noted in `CLSHADE_SET_<name>`, by which a child tells them from the user's own a
 from __future__ import annotations
 
 import contextlib
-import glob
-import hashlib
 import os
 import shutil
 import site
 import stat
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ...base import console, interrupts
@@ -34,8 +33,9 @@ ROOM, FILE = 64 << 20, 4 << 20
 SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 LOCK = "lock"  # a file in a private folder
 LEFT_SECONDS = 24 * 3600.0  # an unlocked folder of that age was left by a process that was killed
+FORMER = ("slot-*", "probe-*")  # folders that earlier versions kept
 
-_guard = threading.RLock()
+guard = threading.RLock()  # held while OpenCL is set up, and while a device is opened
 _home: Path | None = None
 _home_is_kept = True  # for later processes
 _prepared = False
@@ -59,51 +59,41 @@ def fault(folder: Path) -> str:
     """Return why compiled kernels cannot be kept in the folder, which is made if need be; "" if they can."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        trial = folder / f"trial-{os.getpid()}-{threading.get_native_id()}"
-        try:
-            trial.write_bytes(bytes(4096))
-        finally:
-            trial.unlink(missing_ok=True)
-        free = shutil.disk_usage(folder).free
-        if free < ROOM:
-            return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
-        most = limit("RLIMIT_FSIZE")
-        if most < FILE:
-            return f"files of at most {most / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
-        return ""
+        with tempfile.TemporaryFile(dir=folder) as trial:
+            trial.write(bytes(4096))
+        free, most = shutil.disk_usage(folder).free, limit("RLIMIT_FSIZE")
     except FileExistsError:
         return "not a folder"
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
+    if free < ROOM:
+        return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
+    if most < FILE:
+        return f"files of at most {most / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
+    return ""
 
 
-def _temporary_cache_home(instead: str) -> tuple[Path, bool]:
+def _temporary_cache_home(instead: str) -> Path:
     """Return a folder in the system's temporary folder: this user's, kept for later runs; or, if someone else created
     that or could have written to it, one for this process alone, removed when it exits: the cache holds code that gets
-    loaded.
-
-    instead: what was wrong with the other folder, for the message. Also returns whether it is kept.
-    """
-    import tempfile
-
+    loaded. instead: what was wrong with the other folder, for the message."""
+    global _home_is_kept
+    remedy = "set XDG_CACHE_HOME to a folder that can"
     try:
         parent = Path(tempfile.gettempdir())
-        user = os.getuid() if hasattr(os, "getuid") else "user"
-        folder = parent / f"clshade-{user}"
-        kept = hasattr(os, "getuid") and _is_private(folder)
-        if not kept:
+        folder = parent / f"clshade-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+        _home_is_kept = hasattr(os, "getuid") and _is_private(folder)
+        if not _home_is_kept:
             instead += f"; {folder}: not private"
-            folder = private_folder(parent, f"clshade-{user}-")
+            folder = private_folder(parent, f"{folder.name}-")
         reason = fault(folder / "clshade")
         if not reason:
-            remedy = "set XDG_CACHE_HOME to a folder that can be written"
-            where = f"kept in {folder}" if kept else "not kept"
-            console.warning(f"compiled kernels are {where} ({instead}): {remedy}")
-            return folder, kept
+            where = f"kept in {folder}" if _home_is_kept else "not kept"
+            console.warning(f"compiled kernels are {where} ({instead}): {remedy} be written")
+            return folder
         reason = f"{folder}: {reason}"
     except OSError as error:
         reason = f"the temporary folder: {error.strerror or error}"
-    remedy = "set XDG_CACHE_HOME to a folder that can"
     raise DeviceError(f"no folder for caches can be written ({instead}; {reason}): {remedy}")
 
 
@@ -123,11 +113,13 @@ def _is_private(folder: Path) -> bool:
 def cache_home() -> Path:
     """Return a writable cache folder. If the user's own is missing, unwritable or full: one in the temporary folder,
     which is then also set as XDG_CACHE_HOME, for child processes."""
-    global _home, _home_is_kept
-    with _guard:
-        if _home is None:
-            import platformdirs
+    global _home
+    if _home is not None:  # also while a device is opened
+        return _home
+    import platformdirs
 
+    with guard:
+        if _home is None:
             try:
                 home = Path(platformdirs.user_cache_dir())
                 reason = fault(home / "clshade") if home.is_absolute() else "not an absolute path"
@@ -135,7 +127,7 @@ def cache_home() -> Path:
             except (RuntimeError, OSError):  # no HOME, and a user whom the system does not know, as in a container
                 reason = "no HOME"
             if reason:
-                home, _home_is_kept = _temporary_cache_home(reason)
+                home = _temporary_cache_home(reason)
                 os.environ["XDG_CACHE_HOME"] = str(home)
             _home = home
         return _home
@@ -160,11 +152,7 @@ def private_folder(parent: Path, prefix: str) -> Path:
 
     Raises OSError if it cannot be created.
     """
-    import tempfile
-
-    for left in parent.glob(f"{prefix}*"):
-        with contextlib.suppress(OSError):
-            _remove_if_left(left)
+    _remove_left(parent.glob(f"{prefix}*"))
     folder, owner = Path(tempfile.mkdtemp(prefix=prefix, dir=parent)), os.getpid()
 
     @interrupts.at_end
@@ -181,40 +169,44 @@ def private_folder(parent: Path, prefix: str) -> Path:
     return private_folder(parent, prefix)  # before it was locked another process took it for a leftover
 
 
-def _remove_if_left(folder: Path) -> None:
-    status = folder.lstat()
-    own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
-    if not (own and stat.S_ISDIR(status.st_mode)):
-        return
-    if not (folder / LOCK).is_file():  # just created, or its file system has no locks
-        if status.st_mtime < time.time() - LEFT_SECONDS:
+def _remove_left(folders: Iterable[Path]) -> None:
+    """Remove those of this user's folders that no process has locked."""
+    for folder in folders:
+        with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
+            status = folder.lstat()
+            if not stat.S_ISDIR(status.st_mode) or (hasattr(os, "getuid") and status.st_uid != os.getuid()):
+                continue
+            if (folder / LOCK).is_file():
+                lock = lock_file(folder / LOCK)
+                if lock is None:
+                    continue
+                stack.callback(os.close, lock)
+            elif status.st_mtime >= time.time() - LEFT_SECONDS:  # just created, or its file system has no locks
+                continue
             shutil.rmtree(folder, ignore_errors=True)
-        return
-    lock = lock_file(folder / LOCK)
-    if lock is not None:
-        try:
-            shutil.rmtree(folder, ignore_errors=True)
-        finally:
-            os.close(lock)
 
 
-def unusable(folder: Path, error: OSError) -> DeviceError:
-    """Build the error for a cache folder that cannot be used."""
-    return DeviceError(f"the cache folder {folder} cannot be used: {error.strerror or error}")
+def _own_folder(prefix: str, files: Mapping[str, str]) -> Path:
+    """Create a private folder in the cache, with files of a line each. Raises DeviceError if it cannot be written."""
+    try:
+        folder = private_folder(cache_root(), prefix)
+        for name, line in files.items():
+            (folder / name).write_text(f"{line}\n")
+        return folder
+    except OSError as error:
+        raise DeviceError(f"the cache folder {cache_root()} cannot be used: {error.strerror or error}") from None
 
 
 def _set_pocl_folder() -> None:
     """Give PoCL's cache of this process a folder of its own, as two processes that share one can crash."""
+    _remove_left(path for pattern in FORMER for path in cache_root().glob(pattern))
     if is_users("POCL_CACHE_DIR"):
         reason = fault(Path(os.environ["POCL_CACHE_DIR"]))
         if not reason:
             return
         instead = f"compiled kernels are kept in {cache_root()}: set it to a folder that can be written, or unset it"
         console.warning(f"POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}: {reason}; {instead}")
-    try:
-        _set("POCL_CACHE_DIR", str(private_folder(cache_root(), "pocl-")))
-    except OSError as error:
-        raise unusable(cache_root(), error) from None
+    _set("POCL_CACHE_DIR", str(_own_folder("pocl-", {})))
 
 
 def pocl_folder() -> Path | None:
@@ -223,9 +215,9 @@ def pocl_folder() -> Path | None:
 
 
 def _forget() -> None:
-    """Let a forked child have a folder of its own."""
-    global _guard, _prepared
-    _guard, _prepared = threading.RLock(), False
+    """Let a forked child have a folder of its own; a thread of the parent may have held the lock."""
+    global guard, _prepared
+    guard, _prepared = threading.RLock(), False
 
 
 if hasattr(os, "register_at_fork"):
@@ -242,50 +234,6 @@ def intel_library() -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
-def _registered(folders: Sequence[Path]) -> dict[str, str]:
-    """Return the .icd files of the folders, name to library. Left out: those with the path of a library that does not
-    exist (the ones of Intel's PyPI package), and libraries already listed."""
-    found: dict[str, str] = {}
-    for folder in folders:
-        for path in sorted(folder.glob("*.icd")):
-            try:
-                library = path.read_text(errors="replace").strip()
-            except OSError:
-                continue
-            missing = os.path.isabs(library) and not os.path.exists(library)
-            if library and not missing and library not in found.values():
-                found[path.name if path.name not in found else f"{folder.parent.parent.name}-{path.name}"] = library
-    return found
-
-
-def _texts(folder: Path) -> dict[str, str]:
-    """Return the folder's files, name to content; empty if they cannot be read."""
-    try:
-        return {path.name: path.read_text(errors="replace") for path in folder.iterdir()}
-    except OSError:
-        return {}
-
-
-def _write_vendors(folder: Path, files: dict[str, str]) -> None:
-    """Create the folder with these files atomically, replacing a damaged one."""
-    import tempfile
-
-    try:
-        made = Path(tempfile.mkdtemp(prefix="vendors-", dir=cache_root()))
-        for name, content in files.items():
-            (made / name).write_text(content + "\n")
-        if folder.is_dir():
-            shutil.rmtree(folder, ignore_errors=True)
-        else:
-            folder.unlink(missing_ok=True)
-    except OSError as error:
-        raise unusable(cache_root(), error) from None
-    try:
-        made.rename(folder)
-    except OSError:  # another process was first
-        shutil.rmtree(made, ignore_errors=True)
-
-
 def expose_runtimes() -> None:
     """Make Intel's runtime visible if it is installed, beside PoCL and the system's runtimes.
 
@@ -295,20 +243,22 @@ def expose_runtimes() -> None:
     if not sys.platform.startswith("linux") or is_users("OCL_ICD_VENDORS") or os.environ.get("OPENCL_VENDOR_PATH"):
         return
     os.environ.pop("OCL_ICD_VENDORS", None)
-    library = intel_library()
-    if library is None:
+    intel = intel_library()
+    if intel is None:
         return
-    files = _registered((SYSTEM_VENDORS, Path(sys.prefix, "etc", "OpenCL", "vendors")))
-    if any(os.path.basename(known).startswith("libintelocl.so") for known in files.values()):
-        if all((SYSTEM_VENDORS / name).exists() for name in files):
-            return
-    else:
-        files["clshade-intel.icd"] = str(library)
-    digest = hashlib.sha256(repr(sorted(files.items())).encode()).hexdigest()[:16]
-    folder = cache_root() / f"vendors-{digest}"
-    if _texts(folder) != {name: content + "\n" for name, content in files.items()}:
-        _write_vendors(folder, files)
-    _set("OCL_ICD_VENDORS", str(folder))
+    files: dict[str, str] = {}  # libraries by the names of their .icd files
+    for folder in (SYSTEM_VENDORS, Path(sys.prefix, "etc", "OpenCL", "vendors")):
+        for file in sorted(folder.glob("*.icd")):
+            with contextlib.suppress(OSError):
+                library = file.read_text(errors="replace").strip()
+                missing = not library or (os.path.isabs(library) and not os.path.exists(library))
+                if not missing and library not in files.values():
+                    files[f"{len(files)}-{file.name}" if file.name in files else file.name] = library
+    if not any(os.path.basename(library).startswith("libintelocl.so") for library in files.values()):
+        files["clshade-intel.icd"] = str(intel)
+    elif all((SYSTEM_VENDORS / name).exists() for name in files):
+        return
+    _set("OCL_ICD_VENDORS", str(_own_folder("vendors-", files)))
 
 
 def _pin_threads() -> None:
@@ -331,7 +281,7 @@ def prepare(name: str = "") -> None:
     """Set up the environment for OpenCL; later calls do nothing. Call it before importing pyopencl. `name`: the device asked
     for, as for `device.open_device`."""
     global _prepared
-    with _guard:
+    with guard:
         if _prepared:
             return
         _set_pocl_folder()
@@ -357,20 +307,3 @@ def starting() -> None:
         _pin_threads()
         pocl_target.set_target()
     _started_in = os.getpid()
-
-
-def fingerprint(package: str) -> list[list[object]]:
-    """Return what a device's working depends on besides its driver's version, at little cost: [path, modification time]
-    of the runtimes' libraries in pip's folders (`package`: pyopencl's folder), of `ld`, and of the C library's linker
-    script and compiler support files, which PyPI's PoCL links its kernels with."""
-    paths = [*glob.glob(os.path.join(package, ".libs", "libpocl*")), str(intel_library() or "")]
-    paths += [shutil.which("ld") or "", shutil.which("x86_64-unknown-linux-gnu-ld") or ""]
-    for pattern in ("/libc.so", "64/libc.so", "/*-linux-gnu*/libc.so", "/gcc*/*/*/libgcc.a"):
-        paths += sorted(glob.glob(f"/usr/lib{pattern}"))
-    result: list[list[object]] = []
-    for path in filter(None, paths):
-        try:
-            result.append([path, os.stat(path).st_mtime_ns])
-        except OSError:
-            result.append([path, None])
-    return result

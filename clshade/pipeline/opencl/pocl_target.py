@@ -30,19 +30,21 @@ _LEVELS = (
     (3, "abm avx avx2 bmi1 bmi2 f16c fma movbe xsave"),
     (4, "avx512f avx512bw avx512cd avx512dq avx512vl"),
 )
-_FUNCTION = "pocl_get_llvm_cpu_name"
 # Environment variable: LLVM's name of another processor, to try out what is compiled for it.
 FORCED = "CLSHADE_POCL_TARGET"
 
 
+@cache
+def pyopencl_folder() -> str:
+    """Return pyopencl's folder, which holds PyPI's PoCL; "" if it is not installed."""
+    spec = importlib.util.find_spec("pyopencl")
+    return os.path.dirname(spec.origin or "") if spec is not None else ""
+
+
 def level_of(flags: Collection[str]) -> int:
     """Return the highest level of the x86-64 psABI, 1 to 4, whose instructions are all among the processor's flags."""
-    level = 1
-    for number, words in _LEVELS:
-        if not set(words.split()) <= set(flags):
-            break
-        level = number
-    return level
+    lacking = (level for level, words in _LEVELS if not set(words.split()) <= set(flags))
+    return next(lacking, 5) - 1
 
 
 def target_for(name: str, flags: Collection[str]) -> str:
@@ -83,13 +85,12 @@ def _replace_result(function: ctypes._NamedFuncPointer, name: str) -> None:
 def set_target() -> str:
     """Make PoCL compile for a name that suits the processor; return it, "" if LLVM's own choice stays. Call it before
     OpenCL starts. Where memory of code cannot be changed nothing happens: the test of the device then finds the fault."""
-    spec = importlib.util.find_spec("pyopencl")
-    if not sys.platform.startswith("linux") or platform.machine() != "x86_64" or spec is None or not spec.origin:
+    if not sys.platform.startswith("linux") or platform.machine() != "x86_64" or not pyopencl_folder():
         return ""
     chosen = ""
-    for path in glob.glob(os.path.join(os.path.dirname(spec.origin), ".libs", "libpocl*.so*")):
+    for path in glob.glob(os.path.join(pyopencl_folder(), ".libs", "libpocl*.so*")):
         try:
-            function = getattr(ctypes.CDLL(path), _FUNCTION)
+            function = ctypes.CDLL(path).pocl_get_llvm_cpu_name
             function.restype = ctypes.c_char_p
             name = (function() or b"").decode(errors="replace")
             target = os.environ.get(FORCED) or target_for(name, processor_flags())

@@ -7,27 +7,33 @@ is kept on disk until the driver, or what it needs from the system, changes. Not
 from __future__ import annotations
 
 import contextlib
+import glob
 import hashlib
-import importlib.util
 import json
 import os
 import re
 import shutil
+import signal
 import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
 from . import environment
+from .pocl_target import pyopencl_folder
+
+if TYPE_CHECKING:
+    from subprocess import Popen
 
 PROBE_SECONDS = 120.0  # a device that has not run a small kernel by then is broken
 VERDICT_VERSION = 3  # increment it when the probe changes
 BROKEN_SECONDS = 24 * 3600.0  # how long a device that was broken is tried after the others
 RIGHT, WRONG = "clshade-probe-right", "clshade-probe-wrong"
 LANES = "clshade-probe-lanes="  # before the number with which the frame is drawn, once a small kernel has run
+NOT_TRIED = "not tried"
 
 # Words for runtimes, and substrings of their platforms' names.
 RUNTIMES = {
@@ -66,9 +72,14 @@ class DeviceInfo:
     compute_units: int = 1
     memory: int = 0
     works: bool = False
-    problem: str = "not tried"
+    problem: str = NOT_TRIED
     lanes: int = 0
     narrowed: str = ""
+
+    @property
+    def title(self) -> str:
+        """Platform and name."""
+        return f"{self.platform}: {self.name}"
 
     def __str__(self) -> str:
         return f"{self.index} {self.platform} ({self.name})"
@@ -139,169 +150,137 @@ def can_probe() -> bool:
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
-_running: set[Probe] = set()
+_running: dict[str, Popen[bytes]] = {}  # processes by the indices of the devices that they test
+
+
+def end(index: str) -> None:
+    """End the test of a device, if there is one, even while another thread waits for it; a forked child ends none."""
+    process = _running.pop(index, None)
+    if process is not None:
+        process.kill()
+        process.wait()
 
 
 @interrupts.at_end
-def _abandon_all() -> None:
-    """End, at the end of the process, the probes that an interrupt left running."""
-    for probe in list(_running):
-        if probe.owner == os.getpid():
-            probe.abandon()
+def _end_all() -> None:
+    for index in list(_running):
+        end(index)
 
 
-class Probe:
-    """A probing process, started at once. Its first kernel comes from no cache: a missing linker would go unnoticed. End it
-    with `finish` or `abandon`; the end of this process does so too.
+def start(info: DeviceInfo, lanes: int = 0, *, waits: bool = True) -> None:
+    """Start a process that tests the device, and ends with this one. Its first kernel comes from no cache: a missing linker
+    would go unnoticed.
 
-    lanes: pixels processed together in its frame, 0 for the device's own number; once finished, the number that was taken,
-    0 if it did not come so far. waits: whether `finish` says which frame it draws.
-
+    lanes: pixels processed together, 0 for the device's own number. waits: whether `tried_out` says what it draws.
     Raises DeviceError if it cannot be started.
     """
+    from subprocess import DEVNULL, PIPE, Popen
 
-    def __init__(self, info: DeviceInfo, lanes: int = 0, *, waits: bool = True) -> None:
-        import subprocess
-
-        variables = {name: value for name, value in os.environ.items() if name != "POCL_CACHE_DIR"}
-        self.info, self.lanes, self.owner = info, lanes, os.getpid()
-        self.process: subprocess.Popen[bytes] | None = None
-        _running.add(self)
-        self.started = time.monotonic()
-        try:
-            self.process = subprocess.Popen(
-                [*probe_command(info), str(lanes)],
-                env={**variables, "PYOPENCL_NO_CACHE": "1"},
-                stdin=subprocess.PIPE if waits else subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-            )
-        except OSError as error:
-            self.abandon()
-            raise DeviceError(f"{info} cannot be tried out: {error.strerror or error}") from None
-        except BaseException:
-            self.abandon()
-            raise
-
-    def abandon(self) -> None:
-        """End the process, also while another thread waits for it in `finish`."""
-        _running.discard(self)
-        if self.process is not None and self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
-
-    def finish(self, trial: bytes = b"") -> str:
-        """Wait for the verdict and remember it: "" if the device works, else what is wrong and the remedy. trial: pickled
-        arguments of Renderer for the frame that the process draws, see `trial_frame`; empty: any frame."""
-        from subprocess import TimeoutExpired
-
-        assert self.process is not None
-        try:
-            started = self.started if self.process.stdin is None else time.monotonic()  # it has waited for the frame
-            left = started + PROBE_SECONDS - time.monotonic()
-            out, err = map(_text, self.process.communicate(trial, timeout=max(left, 0.0)))
-            if self not in _running:  # abandoned by an interrupt, which says nothing of the device
-                raise KeyboardInterrupt
-            fault = _fault(self.process.returncode, out, err)
-        except TimeoutExpired:
-            self.process.kill()
-            out = _text(self.process.communicate()[0])
-            fault = f"had not finished a small frame after {PROBE_SECONDS:g} s"
-        finally:
-            self.abandon()
-        told = [word.removeprefix(LANES) for word in out.split() if word.startswith(LANES)]
-        self.lanes = int(told[0]) if told else 0
-        problem = device_fault(self.info, fault) if fault else ""
-        remember(self.info, problem, self.lanes)
-        return problem
-
-
-def _text(output: bytes) -> str:
-    return output.decode("utf-8", "replace")
-
-
-def _fault(code: int, out: str, err: str) -> str:
-    """Return what a finished probe showed, as a predicate; "" if the device works."""
-    if code == 0:
-        return "" if RIGHT in out.split() else "computes wrongly"
-    said = ""
-    lines = [line.strip() for line in err.splitlines() if line.strip()]
-    for telling in (r"doesn't exist|cannot find|no such file", r"error", r""):
-        hits = [line for line in lines if re.search(telling, line, re.IGNORECASE)]
-        if hits:
-            said = one_line(re.sub(r"^(fatal )?error: ", "", hits[0]))
-            break
-    if code > 0:
-        return f"fails at its first kernel ({said or f'exit code {code}'})"
-    import signal
-
+    variables = {name: value for name, value in os.environ.items() if name != "POCL_CACHE_DIR"}
+    variables["PYOPENCL_NO_CACHE"] = "1"
+    end(info.index)
+    stdin, command = PIPE if waits else DEVNULL, [*probe_command(info), str(lanes)]
     try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
-    return f"crashes at its first kernel ({name}{': ' + said if said else ''})"
+        _running[info.index] = Popen(command, env=variables, stdin=stdin, stdout=PIPE, stderr=PIPE)
+    except OSError as error:
+        raise DeviceError(f"{info} cannot be tried out: {error.strerror or error}") from None
 
 
 _NARROWER = {16: 8, 8: 4, 4: 1}  # number of lanes: the next one to try where a device fails
 
 
-def tried_out(info: DeviceInfo, trial: bytes = b"", *, started: Probe | None = None) -> DeviceInfo:
-    """Test the device, and where its own number of lanes does not work, with fewer; return what was found.
+def tried_out(info: DeviceInfo, trial: bytes = b"") -> DeviceInfo:
+    """Test the device, where its own number of lanes does not work with fewer, and return it with the verdict, which is
+    remembered. The first test may be under way.
 
-    trial: see `Probe.finish`. started: the first test, if it is under way.
+    trial: pickled arguments of Renderer for the frame that the process draws, see `trial_frame`; empty: any frame.
     """
-    first, probe = "", started or Probe(info)
+    if info.index not in _running:
+        start(info)
+    first = ""
     while True:
-        problem = probe.finish(trial)
-        first, lanes = first or problem, _NARROWER.get(probe.lanes, 0)
-        if not problem:
-            fewer = f"{first}; it works, but takes longer, with {probe.lanes} instead of more lanes" if first else ""
-            return replace(info, works=True, problem="", lanes=probe.lanes, narrowed=fewer)
-        if not lanes:
-            return replace(info, works=False, problem=first)
-        probe = Probe(info, lanes)
+        out, fault = _finish(info.index, trial)
+        told = re.search(rf"{LANES}(\d+)", out)
+        problem = device_fault(info, fault) if fault else ""
+        found = replace(info, works=not problem, problem=problem, lanes=int(told[1]) if told else 0)
+        remember(found)
+        first = first or problem
+        if found.works:
+            fewer = f"{first}; it works, but takes longer, with {found.lanes} instead of more lanes" if first else ""
+            return replace(found, narrowed=fewer)
+        if found.lanes not in _NARROWER:
+            return replace(found, problem=first)
+        start(info, _NARROWER[found.lanes])
+
+
+def _finish(index: str, trial: bytes) -> tuple[str, str]:
+    """Wait for a test: return its output, and what it showed, as a predicate; "" if the device works."""
+    from subprocess import TimeoutExpired
+
+    process = _running[index]
+    try:
+        out, err = (each.decode(errors="replace") for each in process.communicate(trial, PROBE_SECONDS))
+        if index not in _running:  # ended by an interrupt, which says nothing of the device
+            raise KeyboardInterrupt
+        return out, _fault(process.returncode, out, err)
+    except TimeoutExpired:
+        process.kill()
+        out = process.communicate()[0].decode(errors="replace")
+        return out, f"had not finished a small frame after {PROBE_SECONDS:g} s"
+    finally:
+        end(index)
+
+
+def _fault(code: int, out: str, err: str) -> str:
+    if code == 0:
+        return "" if RIGHT in out.split() else "computes wrongly"
+    lines = [line.strip() for line in err.splitlines() if line.strip()]
+    telling = r"doesn't exist|cannot find|no such file", r"error", r""
+    hits = [line for pattern in telling for line in lines if re.search(pattern, line, re.IGNORECASE)]
+    said = one_line(re.sub(r"^(fatal )?error: ", "", hits[0])) if hits else ""
+    if code > 0:
+        return f"fails at its first kernel ({said or f'exit code {code}'})"
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+    return f"crashes at its first kernel ({name}{': ' + said if said else ''})"
 
 
 # Verdicts: one file per device and state of the system
 
 
 def _verdict_file(info: DeviceInfo) -> Path:
-    spec = importlib.util.find_spec("pyopencl")
-    package = os.path.dirname(spec.origin) if spec is not None and spec.origin else ""
+    """Return the file of a device's verdict. Its name is a digest of what the device's working depends on, at little cost:
+    driver, time of the runtimes' libraries in pip's folders, of `ld`, and of the C library's linker script and compiler
+    support files, which PyPI's PoCL links its kernels with."""
+    package = pyopencl_folder()
+    paths = [*glob.glob(os.path.join(package, ".libs", "libpocl*")), str(environment.intel_library() or "")]
+    paths += [shutil.which("ld") or "", shutil.which("x86_64-unknown-linux-gnu-ld") or ""]
+    for pattern in ("/libc.so", "64/libc.so", "/*-linux-gnu*/libc.so", "/gcc*/*/*/libgcc.a"):
+        paths += sorted(glob.glob(f"/usr/lib{pattern}"))
+    times = [[path, os.stat(path).st_mtime_ns if os.path.exists(path) else None] for path in filter(None, paths)]
     identity = [VERDICT_VERSION, info.platform, info.platform_version, info.name, info.version, info.driver, package]
-    text = json.dumps([*identity, environment.fingerprint(package)])
-    return environment.cache_root() / "verdicts" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
+    digest = hashlib.sha256(json.dumps([*identity, times]).encode()).hexdigest()
+    return environment.cache_root() / "verdicts" / f"{digest[:32]}.json"
 
 
-def remember(info: DeviceInfo, problem: str, lanes: int = 0) -> None:
-    """Store a verdict on disk; if that fails, the device is tested again next time. lanes: with which it was tested, 0 if
-    that is not known."""
-    file = _verdict_file(info)
+def remember(found: DeviceInfo) -> None:
+    """Store a device's verdict on disk; if that fails, it is tested again next time."""
+    file, verdict = _verdict_file(found), {"device": str(found), "problem": found.problem, "lanes": found.lanes}
     with contextlib.suppress(OSError, OutputError):
         if not file.parent.is_dir():
             file.parent.unlink(missing_ok=True)
             file.parent.mkdir()
         if file.is_dir():
             shutil.rmtree(file)
-        atomic_files.write_bytes(file, json.dumps({"device": str(info), "problem": problem, "lanes": lanes}).encode())
+        atomic_files.write_bytes(file, json.dumps(verdict).encode())
 
 
-class Verdict(NamedTuple):
-    """Whether the device works, and the number of lanes with which it was tested, 0 if that is not known."""
-
-    works: bool
-    lanes: int
-
-
-def recall(info: DeviceInfo) -> Verdict | None:
-    """Return the remembered verdict; None if there is none. A device that did not work is always tested again before it is
-    refused; the verdict only determines the order."""
-    try:
+def recall(info: DeviceInfo) -> DeviceInfo:
+    """Return the device with the remembered verdict, if there is one. A device that did not work is always tested again
+    before it is refused; the verdict only determines the order."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         file = _verdict_file(info)
         found = json.loads(file.read_text())
-        verdict = Verdict(found["problem"] == "", int(found["lanes"]))
-        if not verdict.works and file.stat().st_mtime < time.time() - BROKEN_SECONDS:
-            return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-    return verdict
+        problem, lanes = str(found["problem"]), int(found["lanes"])
+        if not problem or file.stat().st_mtime >= time.time() - BROKEN_SECONDS:
+            return replace(info, works=not problem, problem=problem, lanes=lanes)
+    return info

@@ -20,7 +20,6 @@ from ...base import console, interrupts
 from ...base.atomic_files import lock_file
 
 MOST_BYTES = 128 << 20  # of all programs: beyond, those that were not used for longest go, until half of that is left
-_MARK = ".in-use"
 _CHANGING = "last_accessed"  # in which PoCL notes when it used a program
 BINARY = "binary"  # the one file of a program of a runtime that has no cache of its own
 _said: set[str] = set()  # each reason is said once
@@ -45,11 +44,14 @@ def _unmark(mark: Path) -> None:
 
 
 class StoredProgram:
-    """A compiled program in the file at `path`, which is there or not. names: of its own files that were read or written."""
+    """A compiled program in the file at `path`, which is there or not; None: nowhere. names: of its own files that were read
+    or written."""
 
-    def __init__(self, path: Path) -> None:
-        self.path, self._mark = path, path.with_name(path.name + _MARK)
-        self.names: frozenset[str] = frozenset()
+    def __init__(self, path: Path | None) -> None:
+        self.path, self.names = path, frozenset[str]()
+
+    def exists(self) -> bool:
+        return self.path is not None and self.path.exists()
 
     def __contains__(self, kernel: str) -> bool:
         """Whether a kernel's code is stored, as far as its runtime compiles kernels one by one."""
@@ -57,16 +59,23 @@ class StoredProgram:
 
     def read(self) -> dict[str, bytes]:
         """Return the program's files by name; empty if there is none, or none that is intact, which a line says."""
-        if self._died():
-            return self._refuse("a run that began to use it ended abruptly")
+        if self.path is None:
+            return {}
+        with contextlib.suppress(OSError):
+            mark = _mark_of(self.path)
+            if mark.stat().st_size and (lock := lock_file(mark)) is not None:  # no process has locked it
+                died = os.fstat(lock).st_size > 0  # or its process has ended in good order meanwhile, and truncated it
+                os.close(lock)
+                if died:
+                    return _refuse(self.path, "a run that began to use it ended abruptly")
         try:
             digest, body = self.path.read_bytes().split(b"\n", 1)
         except (FileNotFoundError, NotADirectoryError):
             return {}
         except (OSError, ValueError) as error:
-            return self._refuse(f"it cannot be read ({getattr(error, 'strerror', None) or 'damaged'})")
+            return _refuse(self.path, f"it cannot be read ({getattr(error, 'strerror', None) or 'damaged'})")
         if hashlib.sha256(body).hexdigest().encode() != digest:
-            return self._refuse("it is damaged")
+            return _refuse(self.path, "it is damaged")
         with contextlib.suppress(OSError):
             os.utime(self.path)  # the folder loses what was not used for longest
         index, content = body.split(b"\n", 1)
@@ -79,12 +88,11 @@ class StoredProgram:
 
     def write(self, files: Mapping[str, bytes]) -> None:
         """Store the program's files, unless it has these. A folder that cannot be written only costs time."""
-        if self.names.issuperset(files):
+        if self.path is None or self.names.issuperset(files):
             return
         files = {**self.read(), **files}  # another process may have stored other kernels
-        body = b"".join(
-            [json.dumps({name: len(each) for name, each in files.items()}).encode(), b"\n", *files.values()]
-        )
+        index = json.dumps({name: len(each) for name, each in files.items()}).encode()
+        body = b"".join([index, b"\n", *files.values()])
         with contextlib.suppress(OSError):
             if not self.path.parent.is_dir():
                 self.path.parent.unlink(missing_ok=True)
@@ -97,39 +105,33 @@ class StoredProgram:
     def first_use(self) -> Iterator[None]:
         """Guard a block that uses stored code for the first time: if the process dies in it, the file goes. An exception or
         an interrupt is harmless."""
-        lock = None
-        if self.names:
+        mark = None
+        if self.path is not None and self.names:
             with contextlib.suppress(OSError):  # on a full disk, or one without locks: without a mark
-                lock = lock_file(self._mark)
+                lock = lock_file(_mark_of(self.path))
                 if lock is not None:
+                    mark = _mark_of(self.path)
+                    _held[mark] = os.getpid(), lock
                     os.write(lock, b"x")
-        if lock is not None:
-            _held[self._mark] = os.getpid(), lock
         try:
             yield
         finally:
-            if lock is not None and self._mark in _held:
-                _unmark(self._mark)
+            if mark is not None and mark in _held:
+                _unmark(mark)
 
-    def _died(self) -> bool:
-        """Return whether the last process to use the program for the first time ended abruptly."""
+
+def _mark_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.in-use")
+
+
+def _refuse(program: Path, reason: str) -> dict[str, bytes]:
+    if reason not in _said:
+        _said.add(reason)
+        console.warning(f"a compiled program in {program.parent} is thrown away and compiled anew: {reason}")
+    for path in (program, _mark_of(program)):
         with contextlib.suppress(OSError):
-            if self._mark.stat().st_size:  # its process may have ended in good order meanwhile, and truncated it
-                lock = lock_file(self._mark)
-                if lock is not None:
-                    died = os.fstat(lock).st_size > 0
-                    os.close(lock)
-                    return died
-        return False
-
-    def _refuse(self, reason: str) -> dict[str, bytes]:
-        if reason not in _said:
-            _said.add(reason)
-            console.warning(f"a compiled program in {self.path.parent} is thrown away and compiled anew: {reason}")
-        for path in (self.path, self._mark):
-            with contextlib.suppress(OSError):
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-        return {}
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return {}
 
 
 def _write(path: Path, content: bytes) -> None:
