@@ -17,7 +17,7 @@ from processes import OPEN, ROOT, python
 from clshade import course
 from clshade.base import console
 from clshade.errors import DeviceError
-from clshade.pipeline import ahead, programs, scene_drawing
+from clshade.pipeline import ahead, draw, programs
 from clshade.pipeline.opencl import environment, program_store
 from clshade.pipeline.opencl.device import Device, open_device
 
@@ -27,7 +27,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 hypothesis.settings.register_profile("unhurried", deadline=None)  # other processes take their time from an example
 hypothesis.settings.load_profile("unhurried")
 
-scene_drawing._MOST_LIT = 0  # no program for one scene alone
+draw._MOST_LIT = 0  # no program for one scene alone
 os.environ[ahead.AHEAD] = "0"
 program_store.MOST_BYTES = 1 << 30  # the tests build some 200 MB of programs, which the next run finds again
 

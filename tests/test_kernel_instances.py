@@ -14,10 +14,10 @@ from layer_scenes import crowd, matrices
 from clshade.pipeline import instances, placements, scene_tables
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.camera_space import CameraSpace, Extent
-from clshade.pipeline.launches import Stages, items
+from clshade.pipeline.launches import SceneFrame, Stages, items
 from clshade.pipeline.programs import build_text
 from clshade.pipeline.struct_layout import SINGLE
-from clshade.pipeline.triangle_source import SceneFaces, Triangles
+from clshade.pipeline.triangle_source import TriangleSource
 from clshade.scene.model import Scene, Settings
 from clshade.scene.objects import first_instances
 
@@ -68,15 +68,15 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     )
     image = image_of(device, camera.resolution, needs=mask(SIDES=1).needs)
     counted = Buffer(device, np.zeros(1, SINGLE.Counters))
-    values = {"image": image, "counters": counted}
-    frame = SimpleNamespace(space=space, tables=SimpleNamespace(view=view), counted=counted, values=values, events={})
     positions, faces = Buffer(device, packed.arrays["positions"]), Buffer(device, packed.arrays["faces"])
-    sides = {name: Buffer(device, packed.arrays[name]) for name in ("face_materials", "materials")}
+    values = {name: Buffer(device, packed.arrays[name]) for name in ("face_materials", "materials")}
+    values |= {"image": image, "view": view, "counters": counted, "faces": faces}
+    frame = SceneFrame({**values, "pieces": Buffer.empty(device, 0, SINGLE.Piece)}, space=space, streams=False)
     painter = not stages.features["DEPTH_TEST"]
     if table is None:
-        source = SceneFaces(stages, positions, faces, sides)
+        source = TriangleSource(stages, positions, faces)
     else:
-        source = instances.Instances(stages, table, positions, faces, sides, 1, painter=painter)
+        source = instances.Instances(stages, table, positions, faces, 1, painter=painter)
     source.project(frame)
     source.set_up(frame)
     counters = counted.to_host()[0]
@@ -89,7 +89,7 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     faces_of, clipped = made.triangles.to_host()["face"][index].astype(np.int64), source.to_clip(counters["to_clip"])
     found.to_clip = clipped.numbers.astype(np.int64)
     if table is not None:
-        found.of_triangles = source.inputs(frame)["triangle_instances"]
+        found.of_triangles = frame.values["triangle_instances"]
         faces_of += table.rows["face_shift"][found.of_triangles.to_host()[index]]
         found.to_clip += table.rows["face_shift"][clipped.instances]
     by_face = np.argsort(faces_of)
@@ -97,8 +97,7 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     found.order = keys[by_face] >> np.uint64(made.index_bits)
     found.rows, found.bounds = made.triangles.array[found.index], made.bounds.to_host()[found.index]
     found.rows["face"] = faces_of[by_face]
-    every = Triangles(made, len(index), Buffer.empty(device, 0, SINGLE.Piece))
-    found.depth = source.painter_depths(every, found.index)[0] if painter else None
+    found.depth = source.painter_depths(frame, found.index)[0] if painter else None
     return found
 
 

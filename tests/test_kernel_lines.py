@@ -14,7 +14,6 @@ from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.launches import Stages, items
 from clshade.pipeline.programs import build
-from clshade.pipeline.triangle_source import NO_SIDES
 
 STRUCTS = struct_layout.SINGLE
 COLUMNS, ROWS = 40, 30
@@ -78,7 +77,8 @@ class Drawing:
         grid["across"], grid["up"] = self.across, self.up
         self.bits, self.cells, self.triangles = bits, self.across * self.up, len(xy)
         self.values = {
-            **NO_SIDES,
+            "face_materials": None,
+            "materials": None,
             "faces": Buffer(device, faces),
             "vertices": self.kept.projected,
             "pieces": Buffer(device, clipped),

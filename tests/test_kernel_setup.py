@@ -10,11 +10,11 @@ from stage_oracle import hull, narrowed, seen_from
 from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
-from clshade.pipeline.frame_state import FrameInFlight
+from clshade.pipeline.draw import TileLists, front_to_back
+from clshade.pipeline.launches import FrameInFlight
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.sample_pattern import positions
-from clshade.pipeline.tile_lists import TileLists, front_to_back
-from clshade.pipeline.triangle_source import NO_SIDES, SceneFaces, set_up_pieces
+from clshade.pipeline.triangle_source import TriangleSource, set_up_pieces
 
 COLUMNS, ROWS = 61, 43
 LIMIT, PIXEL = struct_layout.SNAP_LIMIT, coverage.SUBPIXELS
@@ -241,8 +241,9 @@ def test_setup_pieces(device, first_face):
     table["key_depth"] = z[:, 1]
     table["face"] = first_face + np.arange(len(xy)) % 7
     pieces = Buffer(device, table)
-    frame = FrameInFlight(pipeline.image, counted, counted)
-    set_up_pieces(pipeline.stages, pieces, frame, made, face_count)
+    values = {**made.values, "keys": made.keys, "face_materials": None, "materials": None}
+    frame = FrameInFlight({**values, "image": pipeline.image, "counters": counted})
+    set_up_pieces(pipeline.stages, pieces, frame, face_count)
     counters = counted.to_host()[0]
     expected = coverage.setup(xy, COLUMNS, ROWS)
     keys = made.keys.to_host(int(counters["visible"])).copy()
@@ -272,11 +273,12 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     expected = [np.sort(found) for found in ordered.bin()]
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, SORTED=0, **features)
     faces = Buffer(device, np.arange(len(xy) * 3, dtype=np.int32).reshape(-1, 3))
-    source = SceneFaces(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces, NO_SIDES)
+    source = TriangleSource(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces)
     source.vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
     made, lists = source.made, TileLists(pipeline.stages)
-    rgba = Buffer.empty(device, (ROWS, COLUMNS, 4), np.float32)
-    frame = FrameInFlight(pipeline.image, counters_of(device), rgba)
+    values = {"rgba": Buffer.empty(device, (ROWS, COLUMNS, 4), np.float32), "image": pipeline.image}
+    values |= {"counters": counters_of(device), "faces": faces, "vertices": source.vertices.projected}
+    frame = FrameInFlight({**values, "face_materials": None, "materials": None})
     lists.set_up(source, frame)
     found = frame.read_counters()
     assert found["entries"] > 2**60  # nothing is drawn: the host clips first
@@ -284,7 +286,7 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
         assert found[name] == counters[name], name
     assert found["to_clip"] == 1
     assert made.to_clip.to_host(1) == [7]
-    size, number, own = (lists._values[name] for name in ("chunk_size", "chunks", "made"))
+    size, number, own = (frame.values[name] for name in ("chunk_size", "chunks", "made"))
     slots = np.concatenate([k * size + np.arange(n) for k, n in enumerate(own.to_host()[:number])])
     assert number > 2
     both = made.triangles.to_host()[slots], ordered.made.triangles.to_host()[visible]
@@ -292,13 +294,13 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
         assert np.array_equal(both[0][name], both[1][name]), name
     bounds = made.bounds.to_host()[slots], ordered.made.bounds.to_host()[visible]
     assert np.array_equal(bounds[0], bounds[1])
-    with frame.counted.writing() as table:
+    with frame.values["counters"].writing() as table:
         table["entries"] = 0
-    lists.make_room(int(lists.starts.to_host()[-1]))
+    starts = frame.values["starts"].to_host()
+    lists.make_room(int(starts[-1]))
     with pipeline.image.writing() as table:
         table["list_capacity"] = lists.room
-    lists.fill_unsorted(made, frame)
-    starts = lists.starts.to_host()
-    entries = lists.entries.to_host()[: starts[-1]]
+    lists.fill(frame)
+    entries = frame.values["lists"].to_host()[: starts[-1]]
     listed = [np.sort(made.triangles.array["face"][each["index"]]) for each in np.split(entries, starts[1:-1])]
     assert all(np.array_equal(a, b) for a, b in zip(listed, expected, strict=True))

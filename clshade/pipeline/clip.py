@@ -1,35 +1,26 @@
-"""Near-plane and guard-band clipping on the host, in float64, of the faces that need it; pieces are set up on the device."""
+"""Projection on the host, in float64: near-plane and guard-band clipping, of the faces that need it, and kernels/project.cl
+for devices without float64."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
-from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.image_part import Raster, raster_of
-from ..scene.model import MAX_FACES
-from .buffers import Buffer
-from .frame_state import SceneFrame
-from .programs import running_time
-from .struct_layout import GUARD_HIGH, GUARD_LOW, MOST_DEPTH, SUBPIXEL_BITS
-from .triangle_source import Faces, Triangles, TriangleSource, set_up_pieces
+from .camera_space import CameraSpace
+from .struct_layout import GUARD_HIGH, GUARD_LOW, MOST_DEPTH, MOST_LENGTH, SNAP_LIMIT, SUBPIXEL_BITS
 
 
-@dataclass(frozen=True)
-class Pieces:
-    """The triangles that clipping produces.
+class Pieces(NamedTuple):
+    """The triangles that clipping produces."""
 
-    source: (C,) row of the face of each. points: (C, 3, 3) corners, camera space.
-    weights: (C, 3, 3) barycentric coordinates of each corner in its face.
-    """
-
-    source: Array
-    points: Array
-    weights: Array
+    source: Array  # (C,), row of the face of each
+    points: Array  # (C, 3, 3), corners, camera space
+    weights: Array  # (C, 3, 3), barycentric coordinates of each corner in its face
 
 
 def image_positions(points: Array, camera: Camera) -> Array:
@@ -39,12 +30,17 @@ def image_positions(points: Array, camera: Camera) -> Array:
     (height, width), (columns, rows), principal = raster.plane, raster.resolution, raster.principal
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     if camera.orthographic:
-        u = (x / width + principal[0]) * columns
-        v = (y / height + principal[1]) * rows
+        across, up = x / width, y / height
     else:
-        u = ((camera.focal * x) / (z * width) + principal[0]) * columns
-        v = ((camera.focal * y) / (z * height) + principal[1]) * rows
-    return np.stack([u, v], axis=-1)
+        across, up = (camera.focal * x) / (z * width), (camera.focal * y) / (z * height)
+    return np.stack([(across + principal[0]) * columns, (up + principal[1]) * rows], axis=-1)
+
+
+def scaled_w(z: Array, space: CameraSpace) -> Floats:
+    """Return 1/depth, scaled, of depths z before the near plane; of a parallel projection -depth."""
+    depth = np.minimum(z * space.scale, MOST_DEPTH)
+    w: Floats = -depth if space.camera.orthographic else 1.0 / depth
+    return w
 
 
 def beyond_guard_band(points: Array, camera: Camera) -> Bools:
@@ -64,9 +60,10 @@ def snap(positions: Array, raster: Raster) -> Integers:
     return snapped - (np.array(raster.first, np.int64) << SUBPIXEL_BITS)
 
 
-def guard_planes(camera: Camera) -> Iterator[tuple[int, float, float, float]]:
-    """Yield axis, side, slope and offset of the guard band's left, right, lower and upper plane: what is inside has
-    side*(slope*x + offset*z) >= 0; in a parallel projection z counts as 1."""
+def _planes(camera: Camera, near: float) -> Iterator[tuple[int, float, float, float]]:
+    """Yield axis, side, slope and offset of the near plane and of the guard band's left, right, lower and upper plane: what
+    is inside has side*(slope*x + offset*z) >= 0; for the near plane, and in a parallel projection, z counts as 1."""
+    yield 2, 1.0, 1.0, -near
     raster = raster_of(camera)
     for axis in (0, 1):
         size = raster.resolution[axis]
@@ -92,21 +89,21 @@ def _crossings(a: Array, b: Array, da: Array, db: Array) -> Floats:
     return crossings
 
 
-def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array, Array]:
+def _cut(polygons: Array, counts: Array, distance: Array, closed: bool) -> tuple[Array, Array, Array]:
     """Keep the part of each polygon where the distance (n, m) of its corners is not negative.
 
-    polygons: (n, m, 6), the first counts[i] rows of each in use. Returns polygons, counts, and where the new corners are.
+    polygons: (n, m, k), the first counts[i] rows of each in use. Returns polygons, counts, and where the new corners are.
     """
-    n, m, _ = polygons.shape
+    n, m, width = polygons.shape
     slot = np.arange(m)
     used = slot < counts[:, None]
-    following = np.where(slot + 1 < counts[:, None], slot + 1, 0)
+    following = np.where(slot + 1 < counts[:, None], slot + 1, 0 if closed else slot)
     inside = used & (distance >= 0.0)
     crosses = used & (inside != np.take_along_axis(inside, following, axis=1))
     emitted = inside.astype(np.int64) + crosses
     end = np.cumsum(emitted, axis=1)
     place = end - emitted
-    result = np.zeros((n, m + 1, 6))
+    result = np.zeros((n, m + 1, width))
     made = np.zeros((n, m + 1), bool)
     i, j = np.nonzero(inside)
     result[i, place[i, j]] = polygons[i, j]
@@ -118,29 +115,35 @@ def _cut(polygons: Array, counts: Array, distance: Array) -> tuple[Array, Array,
     return result, end[:, -1], made
 
 
-def clip(points: Array, camera: Camera, near: float) -> Pieces:
-    """Clip triangles, (n, 3, 3) camera space, to z >= near and, if they exceed it, to the guard band.
+def cut_to_view(polygons: Array, camera: Camera, near: float, *, closed: bool = True) -> tuple[Array, Array]:
+    """Clip polygons, or segments if not `closed`, to z >= near and, if they exceed it, to the guard band.
 
-    Sutherland and Hodgman's algorithm; every crossing is computed from its edge's end points in one order, so
-    that faces that share an edge share the new corner. Each remaining polygon is split into a fan from its first corner.
+    polygons: (n, m, 3 or more), corners in camera space, and what is linear in them. Returns (n, l, ...), and how many rows
+    of each are in use. Sutherland and Hodgman's algorithm; every crossing is computed from its edge's end points in one
+    order, so that faces that share an edge share the new corner.
     """
-    n = len(points)
-    weights = np.broadcast_to(np.eye(3), (n, 3, 3))
-    polygons, counts, made = _cut(np.concatenate([points, weights], axis=2), np.full(n, 3), points[:, :, 2] - near)
-    polygons[..., 2] = np.where(made, near, polygons[..., 2])
-    for axis, side, slope, offset in guard_planes(camera):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            beyond = beyond_guard_band(polygons[..., :3], camera)
-        used = np.arange(polygons.shape[1]) < counts[:, None]
-        far = np.asarray((beyond.any(axis=2) & used).any(axis=1))
-        if not far.any():
-            break
-        depth = 1.0 if camera.orthographic else polygons[..., 2]
-        distance = side * (slope * polygons[..., axis]) + side * offset * depth
-        polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0))
+    counts = np.full(len(polygons), polygons.shape[1])
+    for axis, side, slope, offset in _planes(camera, near):
+        far, flat = np.ones(len(polygons), bool), axis == 2 or camera.orthographic  # far: reach beyond the plane
+        if axis != 2:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                beyond = beyond_guard_band(polygons[..., :3], camera)
+            used = np.arange(polygons.shape[1]) < counts[:, None]
+            far = np.asarray((beyond.any(axis=2) & used).any(axis=1))
+            if not far.any():
+                break
+        distance = side * (slope * polygons[..., axis]) + side * offset * (1.0 if flat else polygons[..., 2])
+        polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0), closed)
         # Exactly on the plane: on an edge from -1e38 to 1e38 rounding could give any point at all.
-        depth = 1.0 if camera.orthographic else polygons[..., 2]
-        polygons[..., axis] = np.where(made, -offset * depth / slope, polygons[..., axis])
+        on_plane = -offset * (1.0 if flat else polygons[..., 2]) / slope
+        polygons[..., axis] = np.where(made, on_plane, polygons[..., axis])
+    return polygons, counts
+
+
+def clip(points: Array, camera: Camera, near: float) -> Pieces:
+    """Clip triangles, (n, 3, 3) camera space, as `cut_to_view` does, each to a fan from the first corner that is left."""
+    weights = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    polygons, counts = cut_to_view(np.concatenate([points, weights], axis=2), camera, near)
     sources, corners = [], []
     for last in range(2, polygons.shape[1]):
         rows = np.flatnonzero(counts > last)
@@ -152,67 +155,22 @@ def clip(points: Array, camera: Camera, near: float) -> Pieces:
     return Pieces(source[order], joined[..., :3], joined[..., 3:])
 
 
-class Clipping:
-    """Clips the faces that the near plane or the guard band cuts.
-
-    uvs, uv_faces: (T, 4) and (F, 3) texture coordinates, double-singles (u, v, low parts of u, v), or None. depth_test: sort
-    by the nearest corner of each piece, else by the mean depth of its face.
-    """
-
-    def __init__(self, source: TriangleSource, uvs: Array | None, uv_faces: Array, *, depth_test: bool) -> None:
-        self._source, self._uvs, self._uv_faces, self._depth_test = source, uvs, uv_faces, depth_test
-        self._none = Buffer.empty(source.stages.device, 0, source.stages.structs.Piece)
-
-    def nothing_clipped(self, visible: int) -> Triangles:
-        """Return the source's triangles, so many of them visible, without pieces."""
-        return Triangles(self._source.made, visible, self._none)
-
-    def clip(self, frame: SceneFrame) -> Triangles:
-        """Clip what the frame's setup listed, and set up the pieces. Raises InputError for more triangles than MAX_FACES."""
-        source, stages, counters = self._source, self._source.stages, frame.read_counters()
-        if not counters["to_clip"]:
-            return self.nothing_clipped(int(counters["visible"]))
-        start = running_time()
-        faces = source.to_clip(int(counters["to_clip"]))
-        table, sources = self._pieces(faces, frame)
-        count = len(table)
-        if source.room + count > MAX_FACES:
-            limit = f"at most {MAX_FACES} triangles, pieces of clipped ones included"
-            raise InputError(f"render: scene: expected {limit}, found {source.room} and {count} pieces")
-        if source.make_room(count):
-            with frame.counted.writing() as rows:
-                rows[:] = 0
-            source.set_up(frame)
-        pieces = self._none
-        if count:
-            pieces = Buffer(stages.device, table)
-            source.add_pieces(faces, sources)
-            set_up_pieces(stages, pieces, frame, source.made, source.room, source.sides)
-            counters = frame.read_counters()
-        frame.host_ms["clip"] = (running_time() - start) * 1e3
-        return Triangles(source.made, int(counters["visible"]), pieces)
-
-    def _pieces(self, faces: Faces, frame: SceneFrame) -> tuple[Array, Array]:
-        """Clip faces to the near plane and the guard band: the table of pieces, (C,) of `structs.Piece`, and which of the
-        faces each comes from."""
-        space, real = frame.space, self._source.stages.structs.real
-        points = space.points(faces.corners)
-        cut = clip(points, space.camera, space.near)
-        table = np.zeros(len(cut.source), self._source.stages.structs.Piece)
-        if self._depth_test:
-            table["key_depth"] = cut.points[..., 2].min(axis=1)
-        else:
-            z = points[..., 2]
-            table["key_depth"] = (((z[:, 0] + z[:, 1]) + z[:, 2]) / 3.0)[cut.source]
-        depth = np.minimum(cut.points[..., 2] * space.scale, MOST_DEPTH)
-        pairs = {"w": -depth if space.camera.orthographic else 1.0 / depth, "weights": cut.weights.reshape(-1, 9)}
-        if self._uvs is not None:
-            parts = self._uvs[self._uv_faces[faces.numbers]].astype(np.float64)
-            uvs = (parts[..., :2] + parts[..., 2:])[cut.source]
-            pairs["uv"] = np.einsum("cjk,ckd->cjd", cut.weights, uvs).reshape(-1, 6)
-        for name, value in pairs.items():
-            table[name], table[f"{name}_low"] = value, value - value.astype(real)
-        snapped = snap(image_positions(cut.points, space.camera), space.raster)
-        table["x"], table["y"] = snapped[..., 0], snapped[..., 1]
-        table["face"] = faces.numbers[cut.source]
-        return table, cut.source
+def project_on_host(positions: Array, space: CameraSpace, vertices: Array, relative: Array) -> None:
+    """Fill `vertices` (V,) SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space, with the
+    operations of kernels/project.cl, hence its bits: what lies beyond the guard band is at SNAP_LIMIT."""
+    points, raster = space.points(positions), space.raster
+    seen = np.flatnonzero(points[:, 2] >= space.near)
+    with np.errstate(over="ignore", invalid="ignore"):
+        pixels = image_positions(points[seen], space.camera)
+        from_region = pixels - np.array(raster.corner, np.float64)
+        inside = (from_region >= GUARD_LOW) & (from_region <= GUARD_HIGH)
+        w = scaled_w(points[seen, 2], space)
+    snapped = np.rint(np.where(inside, pixels, 0.0) * (1 << SUBPIXEL_BITS))
+    snapped -= np.array(raster.first, np.int64) << SUBPIXEL_BITS
+    snapped = np.where(inside, snapped, np.where(from_region > 0.0, SNAP_LIMIT, -SNAP_LIMIT)).astype(np.int32)
+    vertices[:] = 0
+    vertices["depth"] = points[:, 2]
+    vertices["x"][seen], vertices["y"][seen] = snapped.T
+    vertices["w"][seen], vertices["w_low"][seen] = w, w - w.astype(np.float32)
+    relative[:, :3] = np.clip((positions - space.camera.eye) * space.scale, -MOST_LENGTH, MOST_LENGTH)
+    relative[:, 3] = 0.0

@@ -20,8 +20,8 @@ from ..images.layers import LAYER_REMARKS, LAYER_WORDS
 from ..scene.camera import Camera
 from .buffers import ALIGNMENT, Buffer, transfers, wait
 from .camera_space import CameraSpace
-from .frame_state import SceneFrame
-from .scene_drawing import SceneDrawing
+from .draw import SceneDrawing
+from .launches import SceneFrame
 
 STREAMED_PIXELS = 1 << 19  # from here on images do not fit in caches, which they would only empty
 _OWNER = "Renderer.render_many"
@@ -55,14 +55,14 @@ class FrameQueue:
         self._staged = {}
         for name, array in self._arrays.items():
             kind, least = types.get(name, array.dtype), ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
-            if not (drawing.tables.image.is_shared and array.dtype == kind and _is_aligned(array, least)):
+            if not (drawing.tables["image"].is_shared and array.dtype == kind and _is_aligned(array, least)):
                 self._staged[name] = [drawing.pool.take(array.shape[1:], kind) for _ in range(2)]
         image, is_direct = self._arrays["rgba"], "rgba" not in self._staged
         together = image if is_direct else image[:1]
         self._streams = together[..., 0].size >= STREAMED_PIXELS and (not is_direct or _is_aligned(image, ALIGNMENT))
         shape = image.shape[1:3]
         self._owners = [drawing.pool.take(shape, np.int32) for _ in range(2) if drawing.features["OWNERS"]]
-        self._tables = drawing.tables, drawing.tables.twin()
+        self._tables = drawing.tables, {name: table.twin() for name, table in drawing.tables.items()}
         self._transfers = transfers(self._device)
 
     def draw(self, spaces: Sequence[CameraSpace]) -> None:
@@ -76,7 +76,8 @@ class FrameQueue:
                 for name, array in self._arrays.items()
             }
             owners = self._owners[index % 2][0] if self._owners else None
-            frame = SceneFrame.of(space, self._tables[index % 2], targets.pop("rgba"), owners, streams=self._streams)
+            rgba, tables = targets.pop("rgba"), self._tables[index % 2]
+            frame = self._drawing.frame(space, tables, rgba, owners, streams=self._streams)
             frame.layers = targets
             self._drawing.enqueue(frame)
             pending.append((index, frame, self._fetch(frame)))
@@ -87,17 +88,19 @@ class FrameQueue:
 
     def _fetch(self, frame: SceneFrame) -> list[Any]:
         """Enqueue the copies from a device with memory of its own; return the events after which the frame is complete."""
+        last = next(reversed(frame.events.values()))
         if self._transfers is None:
-            return [frame.last]
+            return [last]
         self._device.queue.flush()
-        wanted = [frame.rgba, *frame.layers.values(), frame.counted, frame.owners if "P" in frame.layers else None]
-        return [each.fetch(self._transfers, frame.last) for each in wanted if each is not None]
+        names = "rgba", "counters", *(["owners"] if "P" in frame.layers else [])
+        wanted = [*frame.layers.values(), *map(frame.values.get, names)]
+        return [each.fetch(self._transfers, last) for each in wanted if each is not None]
 
     def _complete(self, index: int, frame: SceneFrame, done: list[Any]) -> None:
         """Wait for a frame, draw it again if nothing of it was drawn, and do the host's part of its layers."""
         wait(self._device, done)
         if frame.counters is None:
-            counters = frame.counted.array[0].copy()
+            counters = frame.values["counters"].array[0].copy()
             frame.counters, frame.host_ms["sort"] = counters, 0.0
             if counters["to_clip"] or counters["entries"] > frame.room:
                 self._drawing.draw_again(frame)
@@ -111,10 +114,10 @@ class FrameQueue:
 
     def _write_results(self, index: int, frame: SceneFrame) -> None:
         """Complete the layers, and copy what the kernels did not write to its place."""
-        arrays = {name: buffer.array for name, buffer in {"rgba": frame.rgba, **frame.layers}.items()}
+        arrays = {name: buffer.array for name, buffer in {"rgba": frame.values["rgba"], **frame.layers}.items()}
         results = {name: array[index] for name, array in self._arrays.items()}
-        if frame.owners is not None:
-            self._drawing.layers.finish(arrays, results, frame.owners.array, frame.space)
+        if frame.values["owners"] is not None:
+            self._drawing.layers.finish(arrays, results, frame.values["owners"].array, frame.space)
         for name in self._staged:
             if name != "P":
                 np.copyto(results[name], arrays[name])

@@ -17,14 +17,13 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..scene.model import MAX_FACES, Scene, Settings
 from ..scene.objects import first_instances
-from .buffers import Buffer, VertexBuffers
+from .buffers import Buffer
 from .camera_space import CameraSpace
-from .frame_state import SceneFrame
 from .gather import Copies, Gatherer
-from .launches import Stages
+from .launches import FrameInFlight, SceneFrame, Stages
 from .placements import plain, products
 from .struct_layout import Structs
-from .triangle_source import Faces, Sides, Triangles, TriangleSource
+from .triangle_source import Faces, TriangleSource
 
 LEAST_COPIES = 1 << 16  # triangles that copies would add: with fewer, copies take little memory and less time
 _LEAST_ROOM = 1 << 16  # triangles that there is room for at first
@@ -172,7 +171,6 @@ class Instances(TriangleSource):
         tables: InstanceTables,
         positions: Buffer,
         faces: Buffer,
-        sides: Sides,
         pixels: int,
         *,
         painter: bool,
@@ -180,11 +178,11 @@ class Instances(TriangleSource):
         """positions: (V, 3) float64 and faces: (F, 3) of the meshes. pixels: of the image. painter: whether painter's order
         counts."""
         device, self._tables = stages.device, tables
-        self._face_count, self._vertex_count = int(tables.faces.sum()), int(tables.vertices.sum())
+        face_count, vertex_count = int(tables.faces.sum()), int(tables.vertices.sum())
         each = _ROOM_A_PIXEL if device.is_cpu else _ROOM_A_PIXEL_OF_GPU
-        super().__init__(stages, min(self._face_count, max(_LEAST_ROOM, each * pixels)), sides)
+        super().__init__(stages, positions, faces, min(face_count, max(_LEAST_ROOM, each * pixels)))
+        self.sizes = {"triangles": face_count, "vertices": vertex_count}
         count = len(tables.rows)
-        self._positions, self._faces = positions, faces
         # listed: L numbers of those to draw. *_starts: L + 1, the number of vertices or faces of all listed before.
         self._placing = {
             "instances": Buffer(device, tables.rows),
@@ -194,9 +192,8 @@ class Instances(TriangleSource):
         }
         self._listed = np.zeros(0, np.uint32)
         most = _BLOCK if device.is_cpu else _BLOCK_OF_GPU
-        self._block = max(int(tables.vertices.max(initial=0)), min(most, self._vertex_count))
+        self._block = max(int(tables.vertices.max(initial=0)), min(most, vertex_count))
         self._vertices = Buffer.empty(device, self._block, stages.structs.Vertex)
-        self._none = VertexBuffers(device, 0, stages.structs)
         self._painter = painter
         self._of_triangles = Buffer.empty(device, 0, np.int32)  # the instance of each
         self._depths: Buffer | None = None  # their mean depths, with painter's order
@@ -210,37 +207,26 @@ class Instances(TriangleSource):
     def nbytes(self) -> int:
         return self.made.nbytes + self._of_triangles.array.nbytes
 
-    def sizes(self) -> dict[str, int]:
-        return {"triangles": self._face_count, "vertices": self._vertex_count}
-
-    def inputs(self, frame: SceneFrame) -> dict[str, Buffer]:
-        return {
-            "relative": self._none.relative,
-            "triangle_instances": self._of_triangles,
-            "instances": self._placing["instances"],
-            "view": frame.tables.view,
-            "object_positions": self._positions,
-        }
-
     def project(self, frame: SceneFrame) -> None:
         """Do nothing: vertices are projected block by block, before their triangles are set up."""
 
     def set_up(self, frame: SceneFrame) -> None:
         self._select(frame.space)
+        frame.values |= {"relative": self.vertices.relative, "object_positions": self.positions}
         while True:
             triangles, device = len(self.made.triangles.array), self.stages.device  # clipped pieces included
             if len(self._of_triangles.array) < triangles:
                 self._depths = Buffer.empty(device, triangles, np.float64) if self._painter else None
                 self._of_triangles = Buffer.empty(device, triangles, np.int32)
+            frame.values |= {**self.made.values, "keys": self.made.keys, "sorted": self.made.sorted_bounds}
             self._set_up_blocks(frame)
-            counters = frame.counted.to_host()[0]
+            counters = frame.read_counters()
             needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
             if needed <= self.room:
                 return
             most = MAX_FACES - self.made.piece_capacity
-            self.made = self._buffers(max(needed, min(needed + needed // 8, most)), self.made.piece_capacity)
-            with frame.counted.writing() as table:
-                table[:] = 0
+            self.make_memory(max(needed, min(needed + needed // 8, most)), self.made.piece_capacity)
+            frame.clear_counters()
 
     def _select(self, space: CameraSpace) -> None:
         """List the instances in the view of a camera, and count the faces of the others."""
@@ -271,10 +257,9 @@ class Instances(TriangleSource):
         """Append the visible triangles of the listed instances. The counters count those too for which there is no room."""
         placed, set_up = _Launches(), _Launches()
         run = self.stages.device.setup_run
-        values = {**frame.values, **self.made.values, **self.sides, **self._placing, "keys": self.made.keys}
-        values |= {"faces": self._faces, "vertices": self._vertices, "room": self.room, "run": run}
-        values |= {"positions": self._positions, "view": frame.tables.view}
-        values |= {"triangle_instances": self._of_triangles, "mean_depths": self._depths}
+        frame.values |= {"instances": self._placing["instances"], "triangle_instances": self._of_triangles}
+        values: dict[str, Any] = {**frame.values, **self._placing, "vertices": self._vertices}
+        values |= {"positions": self.positions, "room": self.room, "run": run, "mean_depths": self._depths}
         vertex_starts, face_starts = (self._placing[name].array for name in ("vertex_starts", "face_starts"))
         kernels = ("place", vertex_starts, placed), ("setup_instances", face_starts, set_up)
         for first, last in self._blocks():
@@ -287,7 +272,7 @@ class Instances(TriangleSource):
     def to_clip(self, count: int) -> Faces:
         pairs = self.made.to_clip.to_host(2 * count).reshape(-1, 2)
         instances, numbers = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
-        points, rows = self._positions.array[self._faces.array[numbers]], self._tables.rows[instances]
+        points, rows = self.positions.array[self.faces.array[numbers]], self._tables.rows[instances]
         placed = products(points, rows["rows"].reshape(-1, 1, 3, 4))
         return Faces(np.where(rows["plain"][:, None, None] != 0, points, placed), numbers, instances)
 
@@ -297,13 +282,13 @@ class Instances(TriangleSource):
         with self._of_triangles.writing() as rows:
             rows[self.room : self.room + len(numbers)] = numbers
 
-    def painter_depths(self, triangles: Triangles, index: Array) -> tuple[Floats, Integers]:
+    def painter_depths(self, frame: FrameInFlight, index: Array) -> tuple[Floats, Integers]:
         depth, whole = np.empty(len(index)), index < self.room
         depth[whole] = self._depths.to_host()[index[whole]]  # type: ignore[union-attr]
-        depth[~whole] = triangles.pieces.array["key_depth"][index[~whole].astype(np.int64) - self.room]
+        depth[~whole] = frame.values["pieces"].array["key_depth"][index[~whole].astype(np.int64) - self.room]
         instances = self._of_triangles.to_host()[index].astype(np.int64)
-        return depth, (instances << 32) + self.faces_of(triangles, index)
+        return depth, (instances << 32) + self.faces_of(frame, index)
 
-    def faces_of(self, triangles: Triangles, index: Array) -> Integers:
-        faces: Integers = triangles.made.triangles.to_host()["face"][index]
+    def faces_of(self, frame: FrameInFlight, index: Array) -> Integers:
+        faces: Integers = self.made.triangles.to_host()["face"][index]
         return faces

@@ -1,4 +1,4 @@
-"""The sources of the kernels: where they are, and which they are."""
+"""The sources of the kernels."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def kernel_text(name: str) -> str:
 @cache
 def kernels_digest() -> str:
     """Return the SHA-256 of the names and contents of all sources, in hexadecimal."""
-    found = hashlib.sha256()
-    for path in sorted(each for ending in ("cl", "clh", "h") for each in kernel_folder().glob(f"*.{ending}")):
+    digest = hashlib.sha256()
+    for path in sorted(path for path in kernel_folder().iterdir() if path.suffix in (".cl", ".clh", ".h")):
         content = kernel_text(path.name).encode()
-        found.update(b"%s %d\n" % (path.name.encode(), len(content)) + content)
-    return found.hexdigest()
+        digest.update(b"%s %d\n" % (path.name.encode(), len(content)) + content)
+    return digest.hexdigest()

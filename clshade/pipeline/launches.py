@@ -1,8 +1,9 @@
-"""Launches kernels, with arguments by the names of their parameters."""
+"""Launches kernels, with arguments by the names of their parameters; those of a frame that is being drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 from weakref import ref
@@ -13,6 +14,7 @@ import pyopencl as cl
 from ..errors import DeviceError
 from . import struct_layout
 from .buffers import Buffer
+from .camera_space import CameraSpace
 from .features import COMMON, Features
 from .opencl.device import Device
 from .programs import Program, build, first_use, own
@@ -20,7 +22,6 @@ from .programs import Program, build, first_use, own
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
 _GEOMETRY_FEATURES = ("DOUBLE", "SAMPLES", "DEPTH_TEST", "INSTANCES")
-_INSTANCES_FILE = "instances.cl"  # of the geometry too
 _LINE_FEATURES = ("DOUBLE", "SAMPLES", "DEPTH_TEST")
 _LAYER_FEATURES = ("DOUBLE", "SAMPLES", "INSTANCES", "CASTERS")
 _WIDE = (1 << 16) - 1  # work-items in one dimension from which on PoCL compiles a separate kernel
@@ -29,23 +30,19 @@ Size = tuple[int, int]  # work-items of a launch, in one dimension, and of a wor
 
 
 def scene_stages(
-    device: Device,
-    features: Features,
-    lanes: int | None = None,
-    layers: Features | None = None,
-    *,
-    first: bool = False,
+    device: Device, features: Features, lanes: int | None = None, layers: Features | None = None, *, first: bool = False
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
     program of surface_layers.cl, None if it is not needed. first: whether they may be those of `first_picture`."""
-    files = (*_GEOMETRY_FILES, _INSTANCES_FILE) if features["INSTANCES"] else _GEOMETRY_FILES
-    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files, needs=-1 if first else None)
+    needs = -1 if first else None
+    files = (*_GEOMETRY_FILES, *["instances.cl"] * features["INSTANCES"])
+    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files, needs=needs)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    needs = features.needs | COMMON if first else None
-    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=needs)]
+    usual = features.needs | COMMON if first else None
+    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=usual)]
     if layers is not None:
         own = layers.compiled(_LAYER_FEATURES)
-        programs.append(build(device, own, ("surface_layers.cl",), lanes=lanes, needs=-1 if first else None))
+        programs.append(build(device, own, ("surface_layers.cl",), lanes=lanes, needs=needs))
     if features["LINES"] and device.has_fp64:
         programs.append(build(device, features.compiled(_LINE_FEATURES), ("lines.cl",), lanes=1))
     return Stages(device, *programs, geometry)
@@ -67,10 +64,7 @@ def items(count: int, each: int = 1) -> Size:
 
 
 class Stages:
-    """The kernels of some programs on one device.
-
-    The first program is that of the pixel stage and determines the lanes, the last one that of the geometry.
-    """
+    """The kernels of some programs on one device: the first is that of the pixel stage, the last that of the geometry."""
 
     def __init__(self, device: Device, *programs: Program) -> None:
         self.device, self.lanes, self.features = device, programs[0].lanes, programs[-1].features
@@ -95,14 +89,12 @@ class Stages:
         return -(-count // self.lanes), 1
 
     def tiles(self, name: str, count: int) -> Size:
-        """Return the size of a launch of that kernel with a work-item for each tile, or where they have one lane, a
-        work-group with one for each pixel."""
+        """Return the size of a launch with a work-item per tile, or with one lane a work-group with one per pixel."""
         local = 1 if self.lanes_of(name) > 1 else struct_layout.TILE_SIZE**2
         return count * local, local
 
     def pixels(self, name: str, tiles: int) -> Size:
-        """Return the size of a launch of the pixel stage: as `tiles`, but where work-items have several lanes, each takes
-        one tile after the other."""
+        """Return the size of a launch of the pixel stage, where work-items of several lanes take tile after tile."""
         return (4 * self.device.compute_units, 1) if self.lanes > 1 else self.tiles(name, tiles)
 
     def lanes_of(self, name: str) -> int:
@@ -117,41 +109,81 @@ class Stages:
         """
         program = self._programs[name]
         values = ({**values, **more} if more else values) if values else more
-        arguments = list(map(values.__getitem__, program.parameters(name)))
+        parameters = program.parameters(name)
+        arguments = list(map(values.__getitem__, parameters))
+        # Setting thirty arguments takes longer than a small kernel runs.
+        kept = [ref(each) if isinstance(each, Buffer) else each for each in arguments]
         code = name, size[1], size[0] >= _WIDE
         try:
-            # PoCL compiles at the first launch with a local size, and again for a wide grid.
-            if code not in program.launched:
-                return self._run_first(program, code, size, arguments)
-            # Setting thirty arguments takes longer than a small kernel runs.
-            kept = [ref(each) if isinstance(each, Buffer) else each for each in arguments]
             with program.lock:  # a kernel has one set of arguments, shared by all threads
                 if program.arguments.get(name) != (self._token, kept):
                     program.arguments.pop(name, None)
-                    self._set(program, name, arguments)
+                    types = zip(parameters.values(), arguments, strict=True)
+                    raw = [kind(each) if kind else (each or self._dummy).memory for kind, each in types]
+                    program[name].set_args(*raw)
                     program.arguments[name] = self._token, kept
+                # PoCL compiles at the first launch with a local size, and again for a wide grid.
+                if code not in program.launched:
+                    return self._run_first(program, code, size)
                 return cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
         except cl.Error as error:
             raise DeviceError(f"{self.device.name}: {name} did not start: {error}") from error
 
-    def _set(self, program: Program, name: str, arguments: list[Any]) -> None:
-        raw = [
-            (self._dummy if each is None else each).memory if kind is None else kind(each)
-            for kind, each in zip(program.parameters(name).values(), arguments, strict=True)
-        ]
-        program[name].set_args(*raw)
-
-    def _run_first(self, program: Program, code: tuple[Any, ...], size: Size, arguments: list[Any]) -> cl.Event:
+    def _run_first(self, program: Program, code: tuple[Any, ...], size: Size) -> cl.Event:
         """Launch code that the runtime may have to compile or load first, and wait until it has run."""
         name = code[0]
-        with program.lock:
-            with first_use(self.device, program.stored if name in program.stored else None):
-                program.arguments.pop(name, None)
-                self._set(program, name, arguments)
-                event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
-                event.wait()
-                if self.device.profiling:
-                    own.waited -= (event.profile.end - event.profile.start) * 1e-9
-                program.launched.add(code)
-            program.keep()
+        with first_use(self.device, program.stored if name in program.stored else None):
+            event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
+            event.wait()
+            if self.device.profiling:
+                own.waited -= (event.profile.end - event.profile.start) * 1e-9
+            program.launched.add(code)
+        program.keep()
         return event
+
+
+@dataclass
+class FrameInFlight:
+    """A frame that is being drawn.
+
+    values: arguments of kernels by the names of their parameters, kept until the kernels are done: `image`, `counters`,
+    `rgba`, (M, N, 4), `owners`, (M, N) triangles or None, and what each stage makes for those that follow.
+    """
+
+    values: dict[str, Any]
+    events: dict[str, Any] = field(default_factory=dict)  # of kernels, by name
+    host_ms: dict[str, float] = field(default_factory=dict)  # of the host's stages
+    visible: int = 0  # triangles to list
+    is_sorted: bool = False  # whether those were sorted by depth
+    counters: np.void | None = None  # as the host has read them
+    room: int = 0  # entries that fitted in the tile lists when it was enqueued
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """Columns and rows."""
+        rows, columns = self.values["rgba"].array.shape[:2]
+        return columns, rows
+
+    @property
+    def tiles(self) -> int:
+        columns, rows = self.resolution
+        return -(-columns // struct_layout.TILE_SIZE) * -(-rows // struct_layout.TILE_SIZE)
+
+    def read_counters(self) -> np.void:
+        """Wait for the kernels enqueued so far, and return the counters."""
+        counters: np.void = self.values["counters"].to_host()[0].copy()
+        return counters
+
+    def clear_counters(self) -> None:
+        """Set the counters to 0."""
+        with self.values["counters"].writing() as rows:
+            rows[:] = 0
+
+
+@dataclass
+class SceneFrame(FrameInFlight):
+    """A frame of a scene."""
+
+    space: CameraSpace = field(kw_only=True)  # of its camera
+    streams: bool = field(kw_only=True)  # whether the image is written past the caches, if it has rows of 64 bytes
+    layers: dict[str, Buffer] = field(default_factory=dict)  # into what they are drawn, by name

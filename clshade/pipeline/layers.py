@@ -15,9 +15,8 @@ from ..scene.objects import first_instances, instance_names, object_names, objec
 from .buffers import Buffer, Pool
 from .camera_space import CameraSpace
 from .features import Features, uses_normal_indices
-from .frame_state import SceneFrame
 from .gather import Gatherer
-from .launches import Stages, items
+from .launches import SceneFrame, Stages, items
 from .struct_layout import NAN_POSITION
 from .surface_inputs import LAYER_BITS, MIRRORED, parameters
 
@@ -132,41 +131,38 @@ class Layers:
 
     def draw(self, frame: SceneFrame) -> dict[str, Array]:
         """Draw the layers of a frame that is drawn: by name, (M, N) or (M, N, K)."""
-        drawn: dict[str, Array] = {}
-        if frame.owners is None:
+        drawn, owners = dict[str, Array](), frame.values["owners"]
+        if owners is None:
             return drawn
-        size = frame.owners.array.shape
+        size = owners.array.shape
         for name, (width, _) in self.kinds.items():
             frame.layers[name], drawn[name] = self._pool.take((*size, *width), self.kernel_types[name])
         self.enqueue(frame)
-        for buffer in (*frame.layers.values(), *([frame.owners] if "P" in drawn else [])):
+        for buffer in (*frame.layers.values(), *([owners] if "P" in drawn else [])):
             buffer.to_host()
         arrays = dict(drawn)
         if "P" in drawn and drawn["P"].dtype != np.float64:
             arrays["P"] = self._pool.take_host((*size, 3), np.float64)
-        self.finish(drawn, arrays, frame.owners.array, frame.space)
+        self.finish(drawn, arrays, owners.array, frame.space)
         return arrays
 
     def enqueue(self, frame: SceneFrame) -> None:
         """Enqueue the drawing of the layers into the frame's buffers."""
-        found, surface, owners, stages = frame.layers, frame.inputs, frame.owners, self._stages
+        found, values, owners, stages = frame.layers, frame.values, frame.values["owners"], self._stages
         if owners is None or not found:
             return
-        assert surface is not None
-        values: dict[str, Any] = {"owners": owners, "triangles": surface["triangles"], "image": surface["image"]}
-        values |= {"triangle_instances": surface["triangle_instances"], "instances": surface["instances"]}
         for name, buffer in found.items():
             if name == "Z":
                 size = stages.tiles("layer_z", frame.tiles)
                 frame.events["layer_z"] = stages.run("layer_z", size, values, depths=buffer)
             elif name not in LAYER_BITS:
                 kernel = "layer_id" if name == "id" else "layer_number"
-                if name == "instance_id" and surface["instances"] is not None:
+                if name == "instance_id" and values["instances"] is not None:
                     kernel = "layer_instance_id"
                 own = {"ids": buffer, "shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
                 frame.events[f"layer_{name}"] = stages.run(kernel, items(owners.array.size), values, **own)
         if any(name in LAYER_BITS for name in found):
-            values |= {**surface, **self._surface}
+            values = {**values, **self._surface}
             values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}
             values |= {f"to_{name}": found.get(name) for name in LAYER_BITS}
             size = stages.tiles("surface_layers", frame.tiles)

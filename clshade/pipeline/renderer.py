@@ -25,15 +25,14 @@ from ..scene.settings import LAYERS, Preset, RenderOptions
 from . import programs, scene_tables
 from .buffers import Pool, finish
 from .camera_space import CameraSpace
+from .draw import SceneDrawing, compiles_longer
 from .effective_settings import effective_settings
 from .features import OPTIONAL, at_lanes, ignored
 from .frame import Frame, Views
 from .frame_queue import STREAMED_PIXELS, FrameQueue, check_camera, check_cameras, event_ms, result_arrays
-from .frame_state import SceneFrame
 from .instances import draws_from_one_copy
 from .opencl.device import Device, shared_device
 from .programs import running_time
-from .scene_drawing import SceneDrawing, compiles_longer
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -172,7 +171,7 @@ class Renderer:
         places : ndarray, (S, 2) int
             As `sample_pattern.positions` returns them, at most as many as in the settings.
         """
-        self._drawing.place_samples(places)
+        self._drawing.resident.places = places
 
     def render(self, camera: Camera | None = None) -> Frame:
         """Draw one frame, which owns its arrays and stays valid after `close`.
@@ -198,7 +197,7 @@ class Renderer:
             rgba, image = drawing.pool.take((rows, columns, 4), self.stages.structs.real)
             owners, _kept = drawing.pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
             streams = rows * columns >= STREAMED_PIXELS
-            frame = SceneFrame.of(self._space(camera), drawing.tables, rgba, owners, streams=streams)
+            frame = drawing.frame(self._space(camera), drawing.tables, rgba, owners, streams=streams)
             layers = drawing.draw(frame)
             rgba.to_host()
             times = self._times_since(start, waited, "frame", frame.host_ms)
@@ -277,7 +276,7 @@ class Renderer:
             stats = {
                 "views": len(chosen),
                 "resolution": (columns, rows),
-                **drawing.sizes(),
+                **drawing.source.sizes,
                 **self._times_since(start, waited, "views", queue.stage_ms),
                 "ignored": ignored(self.scene, self.settings),
                 "device": self.device.title,

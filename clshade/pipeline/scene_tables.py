@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,15 +20,14 @@ from . import sample_pattern, struct_layout, surface_inputs
 from .buffers import Buffer
 from .camera_space import CameraSpace, Extent
 from .features import Features, casts_alpha, derive, looked_up_at_corners, looks_up
-from .frame_state import FrameTables, SceneFrame
 from .gather import Gatherer
 from .hierarchy import Hierarchy, hemisphere_row, shadow_lights, write_shadow_view
 from .instances import Instances, InstanceTables, draws_from_one_copy, instance_tables, placed_extent
-from .launches import Stages, lookup_stages
+from .launches import SceneFrame, Stages, lookup_stages
 from .layers import LayerTables, layer_tables
 from .light_points import LightTable
 from .shading_tables import backdrop_table, environment_tables, texture_tables, to_real, write_backdrop_size
-from .triangle_source import NO_SIDES, SceneFaces, TriangleSource
+from .triangle_source import TriangleSource
 
 
 @dataclass(frozen=True)
@@ -160,6 +160,9 @@ class ResidentScene:
         self._device, self._structs = stages.device, stages.structs
         self._check_memory(packed)
         self.places = sample_pattern.positions(settings.samples)
+        self._written = WeakKeyDictionary[
+            Buffer, tuple[object, ...]
+        ]()  # by tables of images, what they were written for
         self.extent = Extent.of(packed.low, packed.high) if len(packed.arrays["faces"]) else None
         self._map_colors = len(packed.arrays["color_map"]) - 4 if "color_map" in packed.arrays else 0
         self._lights = LightTable(scene.lights, packed.light_unit, self._structs, settings.light_samples)
@@ -170,12 +173,11 @@ class ResidentScene:
         positions = buffers.pop("positions")
         self.inputs = surface_inputs.surface(**buffers)
         self.source: TriangleSource
-        sides = {name: self.inputs[name] for name in NO_SIDES} if features["SIDES"] else NO_SIDES
         if packed.instances is None:
-            self.source = SceneFaces(stages, positions, buffers["faces"], sides)
+            self.source = TriangleSource(stages, positions, buffers["faces"])
         else:
             pixels, painter = math.prod(scene.camera.resolution), not features["DEPTH_TEST"]
-            meshes = positions, buffers["faces"], sides
+            meshes = positions, buffers["faces"]
             self.source = Instances(stages, packed.instances, *meshes, pixels, painter=painter)
             self.nbytes += self.source.resident_bytes
         self.casters: Hierarchy | None = None
@@ -227,20 +229,25 @@ class ResidentScene:
         stages.run("bilerp", stages.vectors(len(rows)), values, colors=looked_up, count=len(rows))
         colors[rows, :3] *= looked_up.to_host()[:, :3]
 
-    def new_tables(self) -> FrameTables:
-        """Return tables of which nothing is written yet."""
+    def new_tables(self) -> dict[str, Buffer]:
+        """Return what the host writes for a frame, and what its kernels count, by the names of their parameters; nothing is
+        written yet. With two of these the host writes one while kernels use the other."""
         structs = self._structs
-        rows = (structs.View, structs.Image, structs.ShadowView, structs.Counters)
-        view, image, shadow_view, counters = (Buffer(self._device, np.zeros(1, kind)) for kind in rows)
-        lights = Buffer(self._device, np.zeros_like(self._lights.table))
-        return FrameTables(view, image, lights, shadow_view if self.casters else None, counters)
+        kinds = {"view": structs.View, "image": structs.Image, "counters": structs.Counters}
+        if self.casters is not None:
+            kinds["shadow_view"] = structs.ShadowView
+        rows = {
+            "lights": np.zeros_like(self._lights.table),
+            **{name: np.zeros(1, kind) for name, kind in kinds.items()},
+        }
+        return {name: Buffer(self._device, array) for name, array in rows.items()}
 
     def write_view(self, frame: SceneFrame) -> None:
         """Write what the projection reads, and set the counters to 0."""
-        with frame.tables.view.writing(waits=False) as table:
+        with frame.values["view"].writing(waits=False) as table:
             frame.space.write_view(table[0])
             table[0]["needs"] = self._features.needs
-        with frame.counted.writing(waits=False) as table:
+        with frame.values["counters"].writing(waits=False) as table:
             table[:] = 0
 
     def write_image(self, frame: SceneFrame, room: int) -> None:
@@ -251,16 +258,16 @@ class ResidentScene:
         # Pixels below lines are written twice.
         streamed = frame.streams and columns % 4 == 0 and settings.edges is None
         known = resolution, first, room, streamed, self.places.tobytes()
-        with frame.image.writing(waits=False) as table:
+        with frame.values["image"].writing(waits=False) as table:
             image = table[0]
             image["unscale"] = to_real(np.float64(1.0) / frame.space.scale, real)
             image["to_eye"] = -frame.space.axes[2]
             around = self._scene.environment if self._features["BACKDROP"] else None
             if around is not None:
                 _write_backdrop_rays(image, around, frame.space, real)
-            if frame.tables.image_of == known:
+            if self._written.get(frame.values["image"]) == known:
                 return
-            frame.tables.image_of = None
+            self._written.pop(frame.values["image"], None)
             image["needs"] = self._features.needs
             image["columns"], image["rows"], image["first"] = columns, rows, first
             image["tiles_x"], image["tiles"] = -(-columns // struct_layout.TILE_SIZE), frame.tiles
@@ -281,16 +288,16 @@ class ResidentScene:
             if background is not None:
                 image["background"] = to_real(background, real)
             image["layer_alpha"] = to_real(np.float64(settings.layer_alpha), real)
-        frame.tables.image_of = known
+        self._written[frame.values["image"]] = known
 
     def write_lights(self, frame: SceneFrame) -> None:
         """Write what only shading reads: lights and shadows, relative to the eye."""
         if self._lights.count:
             rows = self._lights.rows(frame.space.camera.eye, frame.space.scale)
-            with frame.tables.lights.writing(waits=False) as table:
+            with frame.values["lights"].writing(waits=False) as table:
                 table[:] = rows
-        if self.casters is not None and frame.tables.shadow_view is not None:
-            with frame.tables.shadow_view.writing(waits=False) as table:
+        if self.casters is not None:
+            with frame.values["shadow_view"].writing(waits=False) as table:
                 write_shadow_view(table[0], frame.space, self.casters.frame)
 
 

@@ -8,7 +8,7 @@ from line_scenes import CUBE_FACES, cube
 
 from clshade.errors import InputError
 from clshade.oracle import lines as oracle
-from clshade.pipeline.lines import always_drawn, face_normals, facing, mesh_edges, outlines, weld
+from clshade.pipeline.lines import always_drawn, face_normals, facing, mesh_edges, outlines
 from clshade.scene.edges import Edges
 from clshade.scene.model import Settings
 
@@ -60,8 +60,9 @@ def test_silhouettes():
 
 
 def test_equal_positions_are_one_vertex_and_minus_zero_is_zero():
-    assert weld(np.array([[0.0, 1, 2], [3, 4, 5], [-0.0, 1, 2]])).tolist() == [0, 1, 0]
-    assert weld(np.zeros((0, 3))).tolist() == []
+    verts = np.array([[0.0, 1, 2], [3, 4, 5], [6, 7, 9], [-0.0, 1, 2], [5, 3, 1]])
+    assert mesh_edges(verts, np.array([[0, 1, 2], [1, 3, 4]])).ends.tolist() == [[0, 1], [0, 2], [0, 4], [1, 2], [1, 4]]
+    assert len(mesh_edges(np.zeros((0, 3)), np.zeros((0, 3), np.int32))) == 0
 
 
 def test_host_and_oracle_agree():

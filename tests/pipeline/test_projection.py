@@ -6,11 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernel_stages import project, view_of
+from kernel_stages import project
 from view_cameras import CAMERAS, around, cameras
 
 import clshade
-from clshade.pipeline import host_projection, struct_layout
+from clshade.pipeline import struct_layout
+from clshade.pipeline.camera_space import CameraSpace
+from clshade.pipeline.clip import project_on_host
+from clshade.scene.geometry import camera_axes
+from clshade.scene.image_part import raster_of
 
 
 @pytest.mark.sampled
@@ -23,8 +27,9 @@ def test_the_host_projects_as_the_kernel_does(device, camera, dtype):
     near, scale = 1e-3 * distance, 2.0 ** -np.ceil(np.log2(distance))
     made = project(device, points, camera, near, scale)
     vertices, relative = np.empty(len(points), struct_layout.SINGLE.Vertex), np.empty((len(points), 4), np.float32)
-    view = view_of(device, camera, near, scale).array[0]
-    host_projection.project(points, view, camera.orthographic, vertices, relative)
+    project_on_host(
+        points, CameraSpace(camera, camera_axes(camera), near, scale, raster_of(camera)), vertices, relative
+    )
     assert vertices.tobytes() == made.projected.to_host().tobytes()
     assert relative.tobytes() == made.relative.to_host().tobytes()
 

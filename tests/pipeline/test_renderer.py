@@ -17,7 +17,7 @@ from processes import PEAK
 
 import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.pipeline import clip, renderer, scene_tables
+from clshade.pipeline import draw, renderer, scene_tables
 from clshade.pipeline.buffers import Buffer, Pool, aligned
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.renderer import Renderer
@@ -147,7 +147,7 @@ def test_pieces_beyond_the_most_triangles_are_refused(device, monkeypatch):
     mesh = Mesh(np.array([[-9.0, -9, 5], [9, -9, -5], [0, 9, -5]]), np.array([[0, 1, 2], [0, 2, 1]]))
     with Renderer(Scene((mesh,), CAMERA), device=device) as renderer:
         assert renderer.render().stats["clipped"] == 2
-        monkeypatch.setattr(clip, "MAX_FACES", 2)
+        monkeypatch.setattr(draw, "MAX_FACES", 2)
         with pytest.raises(InputError, match="at most 2 triangles, pieces of clipped ones included, found 2 and"):
             renderer.render()
 

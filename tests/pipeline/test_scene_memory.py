@@ -13,9 +13,9 @@ import clshade
 from clshade.base import host_memory
 from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
-from clshade.pipeline import buffers, hierarchy, scene_tables, struct_layout, tile_lists
+from clshade.pipeline import buffers, draw, hierarchy, scene_tables, struct_layout
+from clshade.pipeline.draw import TileLists
 from clshade.pipeline.renderer import Renderer
-from clshade.pipeline.tile_lists import TileLists
 from clshade.scene import model
 from clshade.scene.model import Scene
 
@@ -109,7 +109,7 @@ def test_entries_of_tile_lists_that_the_kernels_do_not_count(device, monkeypatch
     with Renderer(SCENE, device=device, resolution=(64, 64)) as renderer:
         expected = renderer.render()
         entries = renderer._drawing._lists.room
-        monkeypatch.setattr(tile_lists, "_MOST_ENTRIES", entries)
+        monkeypatch.setattr(draw, "_MOST_ENTRIES", entries)
         lists = TileLists(renderer.stages)
         lists.make_room(entries)
         assert lists.room == entries

@@ -174,6 +174,6 @@ def test_the_hierarchy_counts_as_memory_of_the_scene(device):
     scene = scene_of()
     with Renderer(scene, device=device, shader="phong", shadows=True) as renderer:
         own = renderer.render().stats["bytes"]["scene"]
-        hierarchy = renderer._drawing._resident.casters.nbytes
+        hierarchy = renderer._drawing.resident.casters.nbytes
     assert hierarchy > 0
     assert own == draw(device, scene, layers=(), shader="phong", shadows=False).stats["bytes"]["scene"] + hierarchy

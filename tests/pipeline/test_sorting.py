@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clshade.pipeline.buffers import index_bits
-from clshade.pipeline.tile_lists import front_to_back
+from clshade.pipeline.draw import front_to_back
 
 # Values that 40 bits of a float64 distinguish, and others: 1, an ulp on both sides, and 2^-28 above.
 NEAR_ONE = (1.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0), 1.0 + 2.0**-40, 1.0 + 2.0**-28)
@@ -16,7 +16,7 @@ DEPTHS = (*NEAR_ONE, -1.0, -1.0 - 2.0**-40, 0.0, -0.0, 5e-324, -5e-324, 1e-300, 
 
 
 def keys_of(depth: np.ndarray, bits: int = 24, first: int = 0) -> np.ndarray:
-    """Compute keys one by one as documented in tile_lists.py: the highest bits of the float in sortable order, index
+    """Compute keys one by one as documented in draw.py: the highest bits of the float in sortable order, index
     complemented."""
     keys = []
     for index, value in enumerate(depth, first):

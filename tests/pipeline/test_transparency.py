@@ -13,9 +13,9 @@ from kernel_stages import OTHER_LANES
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
+from clshade.pipeline.draw import TileLists
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame, same_bits
-from clshade.pipeline.tile_lists import DepthOrder
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -82,14 +82,14 @@ def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
     meshes = [square(z, color=(RED, GREEN, BLUE)[z % 3], opacity=0.3) for z in range(12)]
     given = scene(*meshes, square(12, color=RED, blend=False))
     expected = draw(device, given, visibility="painter")
-    write_ranks = DepthOrder._write_ranks
+    write_ranks = TileLists._write_ranks
 
     def further(self, *arguments):
         write_ranks(self, *arguments)
         with self.ranks.writing() as ranks:
             ranks += first
 
-    monkeypatch.setattr(DepthOrder, "_write_ranks", further)
+    monkeypatch.setattr(TileLists, "_write_ranks", further)
     assert same_bits(draw(device, given, visibility="painter"), expected)
 
 

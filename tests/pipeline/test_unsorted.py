@@ -13,7 +13,7 @@ from view_cameras import cloud, looking
 import clshade
 from clshade import Mesh, Renderer, Scene
 from clshade.pipeline.camera_space import CameraSpace, Extent
-from clshade.pipeline.frame_state import FrameInFlight
+from clshade.pipeline.launches import FrameInFlight
 
 
 @pytest.mark.long
@@ -79,7 +79,7 @@ def test_buffers_that_were_replaced_are_freed(device):
     scene = cloud(4000, 96)
     with Renderer(scene, device=device, shader="nolight") as renderer:
         renderer.render()
-        before = weakref.ref(renderer._drawing._source.made.triangles)
+        before = weakref.ref(renderer._drawing.source.made.triangles)
         renderer.render(looking(-0.5, 96))  # pieces need more room
         gc.collect()
         assert before() is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,14 @@ import pyopencl as cl
 import pytest
 
 from clshade.oracle import transform
-from clshade.pipeline import struct_layout, surface_inputs, triangle_source
+from clshade.pipeline import struct_layout, surface_inputs
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
+from clshade.pipeline.draw import front_to_back
 from clshade.pipeline.features import FEATURES, Features
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
 from clshade.pipeline.programs import build, build_text
-from clshade.pipeline.tile_lists import front_to_back
+from clshade.pipeline.triangle_source import TriangleSource
 from clshade.scene.camera import Camera
 from clshade.scene.material import TERMS
 
@@ -131,12 +133,12 @@ def image_of(
 def project(device: Device, positions: Array, camera: Camera, near: float, scale: float = 1.0) -> VertexBuffers:
     """Run the stage `project` on world positions (V, 3), float32 or float64."""
     stages = Stages(device, build(device, mask(), ("project.cl",)))
-    vertices, points = VertexBuffers(device, len(positions)), Buffer(device, positions)
+    source = TriangleSource(stages, Buffer(device, positions), Buffer(device, np.zeros((1, 3), np.int32)))
     view = view_of(device, camera, near, scale, DOUBLE_POSITIONS=positions.dtype == np.float64)
-    triangle_source.project(stages, points, view, vertices)
-    vertices.projected.to_host()
-    vertices.relative.to_host()
-    return vertices
+    source.project(SimpleNamespace(values={"view": view}, events={}))
+    source.vertices.projected.to_host()
+    source.vertices.relative.to_host()
+    return source.vertices
 
 
 def samples_at(places: Array) -> dict[str, Any]:
@@ -199,13 +201,16 @@ class Pipeline:
     def set_up(self, vertices: VertexBuffers, faces: Array, near: float = 0.0) -> Any:
         """Run `setup`; return the counters."""
         self.vertices, self.faces = vertices, Buffer(self.device, np.asarray(faces, np.int32))
-        self.made = TriangleBuffers(self.device, len(faces), 0, self.structs)
+        source = TriangleSource(self.stages, Buffer.empty(self.device, 0, np.float32), self.faces)
+        source.vertices = vertices
+        source.made = self.made = TriangleBuffers(self.device, len(faces), 0, self.structs)
         self.counted = Buffer(self.device, np.zeros(1, self.structs.Counters))
         with vertices.projected.writing() as rows:
             rows["w"][rows["depth"] < near] = 0.0  # as project leaves it
         self.frame = {"image": self.image, "counters": self.counted}
-        values = {**self.frame, **triangle_source.NO_SIDES}
-        triangle_source.set_up(self.stages, self.faces, vertices, self.made, values)
+        values = {**self.frame, "vertices": vertices.projected, "faces": self.faces}
+        values |= {"face_materials": None, "materials": None}
+        source.set_up(SimpleNamespace(values=values, events={}))
         self.counters = self.counted.to_host()[0].copy()
         self.visible = int(self.counters["visible"])
         return self.counters
@@ -262,15 +267,15 @@ class Pipeline:
 
         It must live until the kernel is done: its buffers share the arrays' memory.
         """
+        own = {
+            "triangles": self.made.triangles,
+            "faces": self.faces,
+            "relative": self.vertices.relative,
+            "vertices": self.vertices.projected,
+            "image": self.image,
+        }
         given = {name: Buffer(self.device, array) for name, array in arrays.items()}
-        return surface_inputs.surface(
-            triangles=self.made.triangles,
-            faces=self.faces,
-            relative=self.vertices.relative,
-            vertices=self.vertices.projected,
-            image=self.image,
-            **given,
-        )
+        return surface_inputs.surface(**own, **given)
 
     def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
         """Run the pixel stage; return rgba (M, N, 4) and, with OWNERS, triangles (M, N), both with row 0 at the TOP."""

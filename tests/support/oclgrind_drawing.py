@@ -20,7 +20,8 @@ from oracle_asserts import assert_layers
 
 from clshade import course, oracle
 from clshade.measure.stability.cases import lit
-from clshade.pipeline import buffers, instances, launches, programs, tile_lists
+from clshade.pipeline import buffers, instances, launches, programs
+from clshade.pipeline import draw as stages
 from clshade.pipeline.hierarchy import Hierarchy
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
@@ -90,7 +91,7 @@ def prepare() -> None:
     buffers._coherent = lambda *_: False  # type: ignore[assignment]
     buffers.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
     # With the default sizes, so few triangles would fit in one chunk.
-    tile_lists._LEAST_CHUNK, tile_lists._SCAN_RUN = 8, 2
+    stages._LEAST_CHUNK, stages._SCAN_RUN = 8, 2
     instances.LEAST_COPIES, instances._BLOCK, instances._BLOCK_OF_GPU = 1, 40, 40
 
 

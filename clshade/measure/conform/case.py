@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.arrays import Array, Bools
-from ...pipeline import bare_kernel, programs
-from ...pipeline.bare_kernel import Grid
+from ...pipeline import programs
 from ...pipeline.opencl.device import Device
+from .bare_kernel import Grid, launch
 
 GROUP = 64  # rows of a work-group
 UNWRITTEN = 0xA5  # the bytes of an output before the kernel runs
@@ -85,7 +85,7 @@ class Bench:
         inputs = [v.copy() for v in case.inputs]
         for v in inputs:
             v.flags.writeable = False
-        bare_kernel.launch(self.device, self.built[key][case.name], case.grid, [*inputs, found])
+        launch(self.device, self.built[key][case.name], case.grid, [*inputs, found])
         return found
 
     def wrong(self, case: Case) -> tuple[str, int] | None:

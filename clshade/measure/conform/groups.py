@@ -10,12 +10,12 @@ import numpy as np
 
 from ...base.host_memory import available
 from ...errors import DeviceError
-from ...pipeline.bare_kernel import edge_bytes
 from ...pipeline.opencl.device import Device
 from ...pipeline.renderer import Renderer
 from ...scene.builtin.scenes import builtin
 from ..digest import digest
 from . import constructs, operations, scenes, structs
+from .bare_kernel import edge_bytes
 from .case import Bench, Case, Check, divides
 from .content import PROGRAMS
 from .operands import rng

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from ..errors import DeviceError
-from .buffers import aligned
-from .opencl.device import Device
+from ...errors import DeviceError
+from ...pipeline.buffers import aligned
+from ...pipeline.opencl.device import Device
 
 
 @dataclass(frozen=True)
