@@ -52,9 +52,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         at.color = color_of_rows(colors);
         at.open = (reals)(1.0f);
 #if CASTERS
-        see_corner_receivers(&at, in, shown, k);
+        see_corner_receivers(&at, in, LOAD_LANES(shown), k);
         if (NEEDS(in, AMBIENT_OCCLUSION) && NEEDS(in, TINTED))
-            occlude(&at, in, &lighting, no_light_shift());  // as above
+            occlude(&at, in, &lighting);
         at.smooth = at.normal;
         at.bend = fabs(normals.w);
 #endif

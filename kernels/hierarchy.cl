@@ -143,9 +143,8 @@ kernel void hierarchy_runs(global const float *vertices, global const int *faces
         float4 sum = (corners[2 * (size_t)v[0]] + corners[2 * (size_t)v[1]]) + corners[2 * (size_t)v[2]];
         store4((float4)(sum.xyz, as_float(face)), rows + 4 * i);
     }
-    Part left[16];  // parts that wait: at most one for each halving of a run, and one more
+    Part left[16] = {{0, many, 0}};  // parts that wait: at most one for each halving of a run, and one more
     int parts = 1;
-    left[0].first = 0, left[0].count = many, left[0].side = 0;
     while (parts > 0) {
         Part part = left[--parts];
         global float *from = rows + 4 * (part.side * many + part.first), *to = rows + 4 * ((1 - part.side) * many + part.first);
@@ -157,8 +156,8 @@ kernel void hierarchy_runs(global const float *vertices, global const int *faces
         int whole = part.count > LEAF_TRIANGLES * NODE_CHILDREN ? LEAF_TRIANGLES * NODE_CHILDREN : LEAF_TRIANGLES;
         int below = (part.count + 2 * whole - 1) / (2 * whole) * whole;  // full nodes, full leaves
         halve(from, to, part.count, below);
-        left[parts].first = part.first, left[parts].count = below, left[parts++].side = 1 - part.side;
-        left[parts].first = part.first + below, left[parts].count = part.count - below, left[parts++].side = 1 - part.side;
+        left[parts++] = (Part){part.first, below, 1 - part.side};
+        left[parts++] = (Part){part.first + below, part.count - below, 1 - part.side};
     }
 }
 

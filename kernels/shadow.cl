@@ -9,13 +9,10 @@ void meet_veil(BlockRays *block, int face, fixeds hit)
 // Those of some lanes, from number `first` on.
 ShadowReceiver receivers_of(global const float *points, global const int *receivers, int stride, int first)
 {
-    ShadowReceiver at;
-#define POINTS(k) TO_REALS(LOAD_LANES(points + (size_t)(k) * stride + first))
-    at.point.x.high = POINTS(0), at.point.y.high = POINTS(1), at.point.z.high = POINTS(2);
-    at.point.x.low = POINTS(3), at.point.y.low = POINTS(4), at.point.z.low = POINTS(5);
+#define POINTS(k) LOAD_LANES(points + (size_t)(k) * stride + first)
+    float_pair3 point = {{POINTS(0), POINTS(3)}, {POINTS(1), POINTS(4)}, {POINTS(2), POINTS(5)}};
 #undef POINTS
-    at.face = TO_INTS(LOAD_LANES(receivers + first));
-    return at;
+    return (ShadowReceiver){fp3_on_grid(&point), LOAD_LANES(receivers + first)};
 }
 
 // A work-item does LANES receivers.
@@ -35,7 +32,8 @@ kernel void shadow_rays(global const float *points,   // 6 x K, high then low pa
     ShadowReceiver at = receivers_of(points, receivers, stride, first);
     ShadowLight light = lights[0];
     BlockRays block;
-    begin_rays(&block, &at, &in, &light, at.face >= 0);
-    ints hit = hidden_from(&block, at.face >= 0);
+    ints asked = TO_INTS(at.face >= 0);
+    begin_rays(&block, &at, &in, &light, asked);
+    ints hit = hidden_from(&block, asked);
     STORE_LANES(TO_FIXEDS(hit ? (ints)(1) : (ints)(0)), dark + first);
 }

@@ -132,7 +132,8 @@ Shown show_block(const Inputs *in, ints owner, Places at, int asked, global cons
     if (asked & LAYER_AO) {
         ShadingInput input;
         see_receivers(&input, in, owner, at);
-        reals open = unoccluded_share(&input.receiver, input.facing, in, light_shift(at, in->image), owner >= 0);
+        input.shift = light_shift(at, in->image);
+        reals open = unoccluded_share(&input, in, owner >= 0);
         shown.AO.x = owner >= 0 ? open : (reals)(0.0f);
     }
 #endif

@@ -31,7 +31,7 @@ kernel void one_by_one(global const float *points, global const int *receivers, 
     begin_rays(&block, &at, &in, &light, (ints)(-1));
     find_planes(&block);
     for (int triangle = 0; triangle < face_count; ++triangle)
-        hit |= casts_shadow(&block.canonical.ray, light.w, vertices, faces, triangle, (fixeds)(-1));
+        hit |= casts_shadow(&block.ray, light.w, vertices, faces, triangle, (fixeds)(-1));
     STORE_LANES(hit, dark + first);
 }
 """

@@ -208,7 +208,7 @@ SingleRays rays_of(global const float *toward, global const float *point)
     ray.toward.y.high = LOAD_LANES(each[1]), ray.point.y.high = (floats)(point[1]);
     ray.toward.z.high = LOAD_LANES(each[2]), ray.point.z.high = (floats)(point[2]);
     SingleRays rays;
-    find_single_rays(&rays, &ray, 1.0f, RECEIVER);
+    find_single_rays(&rays, &ray, (fixeds)(RECEIVER), 1.0f, 0);
     return rays;
 }
 

@@ -25,24 +25,20 @@ kernel void fans(global const float *points, global const int *receivers, global
 {
     int row = get_global_id(0);
     Shadows in = {vertices, faces, nodes, leaves, 0, casters};
-    FanReceivers apex;
-    for (int lane = 0; lane < LANES; ++lane) {
-        for (int k = 0; k < 6; ++k)
-            apex.point[k][lane] = points[row * 6 + k];
-        apex.face[lane] = receivers[row];
-    }
+    global const float *p = points + row * 6;
+    ShadowReceiver apex = {PAIRS_IN_ALL(p, p + 3), (fixeds)(receivers[row])};
     for (int j = 0; j < many; j += LANES) {
 #define END(k) LOAD_LANES(ends + (row * 6 + k) * many + j)
         float_pair3 end = {{END(0), END(3)}, {END(1), END(4)}, {END(2), END(5)}};
         BlockRays block;
-        begin_fan(&block, &in, &apex, 0, &end, w);
+        begin_fan(&block, &in, &apex, &end, w);
         fixeds hit = (fixeds)(0);
         if (face_count)
             find_planes(&block);
         else
             hit = TO_FIXEDS(hidden_from(&block, (ints)(-1)));
         for (int triangle = 0; triangle < face_count; ++triangle)
-            hit |= casts_shadow(&block.canonical.ray, w, vertices, faces, triangle, (fixeds)(-1));
+            hit |= casts_shadow(&block.ray, w, vertices, faces, triangle, (fixeds)(-1));
         STORE_LANES(hit, dark + row * many + j);
     }
 }
