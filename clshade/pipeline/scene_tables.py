@@ -255,8 +255,7 @@ class ResidentScene:
         settings, background, real = self._settings, self._scene.background, self._structs.real
         columns, rows = resolution = frame.resolution
         first = frame.space.raster.first
-        # Pixels below lines are written twice.
-        streamed = frame.streams and columns % 4 == 0 and settings.edges is None
+        streamed = frame.streams and columns % 4 == 0
         known = resolution, first, room, streamed, self.places.tobytes()
         with frame.values["image"].writing(waits=False) as table:
             image = table[0]
