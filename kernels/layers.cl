@@ -3,47 +3,33 @@
 #include "layer_blocks.clh"
 #include "samples.clh"
 
-// Face of each pixel, from 1; 0 for the background.
-kernel void layer_id(global const int *owners,                // M x N, from the pixel stage
-                     global const Triangle *triangles,        // F + C, from setup
-                     global const int *triangle_instances,    // F + C, from setup_instances; with INSTANCES
-                     global const Instance *instances,        // K; with INSTANCES
-                     global uint *ids,                        // M x N
-                     int count)                               // M * N
+// A number for each pixel, 0 for the background: that of its instance, of its face in a table, or the face's own, from 1.
+kernel void layer_number(global const int *owners,                // M x N, from the pixel stage
+                         global const Triangle *triangles,        // F + C, from setup
+                         global const int *triangle_instances,    // F + C, from setup_instances; with INSTANCES
+                         global const Instance *instances,        // K; with INSTANCES
+                         global const uint *numbers,              // F; with in_table
+                         global uint *shown,                      // M x N
+                         int in_table, int of_instances,          // which of these numbers; neither: the face's own
+                         int count)                               // M * N
 {
     int i = get_global_id(0);
     if (i >= count)
         return;
     int owner = owners[i];
-    uint id = owner < 0 ? 0u : (uint)triangles[owner].face + 1u;
-    if (INSTANCES && owner >= 0)
-        id += (uint)instances[triangle_instances[owner]].face_shift;
-    ids[i] = id;
-}
-
-// Number assigned to each pixel's face; 0 for the background.
-kernel void layer_number(global const int *owners,            // M x N, from the pixel stage
-                         global const Triangle *triangles,    // F + C, from setup
-                         global const uint *numbers,          // F, from the host
-                         global uint *shown,                  // M x N
-                         int count)                           // M * N
-{
-    int i = get_global_id(0);
-    if (i < count)
-        shown[i] = owners[i] < 0 ? 0 : numbers[triangles[owners[i]].face];
-}
-
-// Depths at the pixels of a block whose first pixel is at snapped position `at`; infinity without an owner.
-INLINE reals depths_in(global const Triangle *triangles, ints owner, int2 at, global const Image *image)
-{
-    reals depths = (reals)(INFINITY);
-    for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
-        int index = lane_of(owner, todo);
-        mine = todo & (owner == index);
-        reals w = depths_at(triangles + index, at);
-        depths = mine ? (NEEDS(image, ORTHOGRAPHIC) ? -w : 1.0f / w) : depths;
+    uint number = 0;
+    if (owner >= 0) {
+        int face = triangles[owner].face;
+        number = in_table ? numbers[face] : (uint)face + 1u;
+#if INSTANCES
+        global const Instance *instance = instances + triangle_instances[owner];
+        if (of_instances)
+            number = (uint)instance->number;
+        else if (!in_table)
+            number += (uint)instance->face_shift;
+#endif
     }
-    return depths;
+    shown[i] = number;
 }
 
 // Camera z of each pixel, scene units; infinity for the background. A work-item does a tile, or with several
@@ -66,11 +52,15 @@ kernel void layer_z(global const int *owners,            // M x N, from the pixe
     for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
         int block = item * BLOCKS_PER_ITEM + i;
         int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
-        if (column >= image->columns || row >= image->rows)
-            continue;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
-        reals3 depth = {depths_in(triangles, owner, sample_at(image, 0, column, row), image) * image->unscale};
+        reals3 depth = {(reals)(INFINITY)};
+        for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
+            int index = lane_of(owner, todo);
+            mine = todo & (owner == index);
+            reals w = depths_at(triangles + index, sample_at(image, 0, column, row));
+            depth.x = mine ? (NEEDS(image, ORTHOGRAPHIC) ? -w : 1.0f / w) * image->unscale : depth.x;
+        }
         write_components(depths, 1, depth, &pixels);
     }
 }

@@ -22,6 +22,7 @@ typedef struct {
     int x[3], y[3];
     double w[3];  // 1/depth
     int face, turn;
+    long area;  // twice its area
 } HidingTriangle;
 
 #define HIDING_PARAMETERS                                                                                   \
@@ -38,24 +39,18 @@ typedef struct {
 // Face `index`, or a clipped piece, without w. Returns 0 for faces that are drawn as pieces, or not at all.
 INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
 {
-    if (index < face_count) {
-        t->face = index;
-        for (int k = 0; k < 3; ++k) {
-            global const Vertex *v = vertices + faces[3 * index + k];
-            if (v->w == 0.0f || abs(v->x) == SNAP_LIMIT || abs(v->y) == SNAP_LIMIT)
-                return 0;
-            t->x[k] = ON_LINE_GRID(v->x);
-            t->y[k] = ON_LINE_GRID(v->y);
-        }
-    } else {
-        global const Piece *piece = pieces + (index - face_count);
-        t->face = piece->face;
-        for (int k = 0; k < 3; ++k) {
-            t->x[k] = ON_LINE_GRID(piece->x[k]);
-            t->y[k] = ON_LINE_GRID(piece->y[k]);
-        }
+    global const Piece *piece = index < face_count ? 0 : pieces + (index - face_count);
+    t->face = piece ? piece->face : index;
+    for (int k = 0; k < 3; ++k) {
+        global const Vertex *v = piece ? 0 : vertices + faces[3 * index + k];
+        int x = v ? v->x : piece->x[k], y = v ? v->y : piece->y[k];
+        if (v && (v->w == 0.0f || abs(x) == SNAP_LIMIT || abs(y) == SNAP_LIMIT))
+            return 0;
+        t->x[k] = ON_LINE_GRID(x);
+        t->y[k] = ON_LINE_GRID(y);
     }
     long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
+    t->area = area < 0 ? -area : area;
     t->turn = area < 0 ? -1 : 1;
     int front_only = NEEDS(view, CULL) || (NEEDS(view, SIDES) && materials[face_materials[t->face]].front_only);
     return area != 0 && !(front_only && area < 0);
@@ -63,13 +58,10 @@ INLINE int hiding_triangle(HidingTriangle *t, int index, HIDING_PARAMETERS)
 
 INLINE void put_w(HidingTriangle *t, int index, HIDING_PARAMETERS)
 {
+    global const Piece *piece = index < face_count ? 0 : pieces + (index - face_count);
     for (int k = 0; k < 3; ++k)
-        if (index < face_count) {
-            t->w[k] = inverse_of_depth(vertices[faces[3 * index + k]].depth, view);
-        } else {
-            global const Piece *piece = pieces + (index - face_count);
-            t->w[k] = (double)piece->w[k] + (double)piece->w_low[k];
-        }
+        t->w[k] = piece ? (double)piece->w[k] + (double)piece->w_low[k]
+                        : inverse_of_depth(vertices[faces[3 * index + k]].depth, view);
 }
 
 // Change of the triangle's edge function k with x and y.
@@ -197,11 +189,6 @@ typedef struct {
     double w;     // 1/depth
 } LinePoint;
 
-INLINE int cell_of(LinePoint q, global const LineGrid *grid)
-{
-    return cell_at((int)floor(q.y), grid->up, grid) * grid->across + cell_at((int)floor(q.x), grid->across, grid);
-}
-
 // The point of a line with length at the fraction t of it.
 INLINE LinePoint point_at(const Line *l, double t)
 {
@@ -217,9 +204,8 @@ INLINE int has_length(const Line *l)
 // The point of the line, less the inset at either end, that is nearest to p; of a line seen end-on the nearer end.
 INLINE LinePoint nearest_point(const Line *l, int2 p)
 {
-    if (!has_length(l)) {
+    if (!has_length(l))
         return (LinePoint){l->x[0], l->y[0], fmax(l->w[0], l->w[1])};
-    }
     long dx = l->x[1] - l->x[0], dy = l->y[1] - l->y[0];
     long along = (p.x - l->x[0]) * dx + (p.y - l->y[0]) * dy, length2 = dx * dx + dy * dy;
     double t = (double)along / (double)length2, last = 1.0 - l->inset;
@@ -228,17 +214,13 @@ INLINE LinePoint nearest_point(const Line *l, int2 p)
     return point_at(l, t);
 }
 
-// The triangle's edge function k at point q, and a bound of what COVER_SLACK adds to it.
-typedef struct {
-    double value, slack;
-} EdgeAt;
-
-INLINE EdgeAt edge_at_point(const HidingTriangle *t, int k, LinePoint q)
+// The triangle's edge function k at point q, `slacks` times COVER_SLACK further out.
+INLINE double edge_value(const HidingTriangle *t, int k, LinePoint q, double slacks)
 {
     int2 change = edge_change(t, k);
     int i = NEXT_CORNER(k);
     double a = change.x, b = change.y;
-    return (EdgeAt){a * (q.x - t->x[i]) + b * (q.y - t->y[i]), (fabs(a) + fabs(b)) * COVER_SLACK};
+    return (a * (q.x - t->x[i]) + b * (q.y - t->y[i])) + slacks * ((fabs(a) + fabs(b)) * COVER_SLACK);
 }
 
 // Above 0 where the triangle is nearer than point q wherever its corners, and the line's ends, were before they were rounded to
@@ -250,12 +232,11 @@ INLINE double lead_at(const HidingTriangle *t, LinePoint q)
     for (int k = 0; k < 3; ++k) {
         int2 change = edge_change(t, k);
         double nearer = t->w[k] - q.w;
-        ahead += edge_at_point(t, k, q).value * nearer;
+        ahead += edge_value(t, k, q, 0.0) * nearer;
         slope_x += (double)change.x * nearer;
         slope_y += (double)change.y * nearer;
     }
-    long area = (long)(t->x[1] - t->x[0]) * (t->y[2] - t->y[0]) - (long)(t->x[2] - t->x[0]) * (t->y[1] - t->y[0]);
-    return ahead - ((fabs(slope_x) + fabs(slope_y)) * ROUNDED_TWICE + (EQUAL_DEPTH * fabs(q.w)) * fabs((double)area));
+    return ahead - ((fabs(slope_x) + fabs(slope_y)) * ROUNDED_TWICE + (EQUAL_DEPTH * fabs(q.w)) * (double)t->area);
 #else
     return 1.0;  // its rank was compared
 #endif
@@ -263,11 +244,9 @@ INLINE double lead_at(const HidingTriangle *t, LinePoint q)
 
 INLINE int hides(const HidingTriangle *t, LinePoint q)
 {
-    for (int k = 0; k < 3; ++k) {
-        EdgeAt e = edge_at_point(t, k, q);
-        if (e.value < -e.slack)
+    for (int k = 0; k < 3; ++k)
+        if (edge_value(t, k, q, 1.0) < 0.0)
             return 0;
-    }
     return lead_at(t, q) > 0.0;
 }
 
@@ -291,26 +270,19 @@ INLINE void cut_way(Way *way, double first, double last)
 INLINE Way covered_way(const HidingTriangle *t, const LinePoint *end, double slacks)
 {
     Way way = {0.0, 1.0};
-    for (int k = 0; k < 3 && way.from <= way.to; ++k) {
-        EdgeAt first = edge_at_point(t, k, end[0]), last = edge_at_point(t, k, end[1]);
-        cut_way(&way, first.value + slacks * first.slack, last.value + slacks * last.slack);
-    }
+    for (int k = 0; k < 3 && way.from <= way.to; ++k)
+        cut_way(&way, edge_value(t, k, end[0], slacks), edge_value(t, k, end[1], slacks));
     return way;
-}
-
-// Whether the triangle may be nearer than a point.
-INLINE int is_nearer(global const Hider *h, LinePoint q)
-{
-    return h->nearest > q.w;
 }
 
 // The part of a line within a cell, and the triangles that may hide it there.
 typedef struct {
     LinePoint end[2];
-    HidingTriangle hider[MOST_HIDERS];
-    Way hidden[MOST_HIDERS];  // where each certainly hides the part
-    double known;  // up to here the part is hidden
-    int count;     // of hiders; beyond MOST_HIDERS they are looked up again
+    global const Hider *hiders;  // the cell's list
+    int listed;                  // its length
+    HidingTriangle hider[MOST_HIDERS + 1];
+    Way hidden[MOST_HIDERS + 1];  // where each certainly hides the part
+    int count;                    // of hiders; beyond MOST_HIDERS they are looked up again
 } Part;
 
 // Cuts the part from t[0] to t[1] to where position + t * change lies from `low` to `high`.
@@ -348,32 +320,15 @@ INLINE int has_face(const Line *l, global const int *edge_faces, int face)
     return own;
 }
 
-// Adds what one more triangle hides. Returns whether all of the part is hidden.
-INLINE int is_all_hidden(Part *part, Way hidden)
-{
-    int count = min(part->count, MOST_HIDERS);
-    for (int again = hidden.from <= part->known && hidden.to > part->known; again && part->known < 1.0;) {
-        again = 0;
-        part->known = fmax(part->known, hidden.to);
-        for (int i = 0; i < count; ++i)
-            if (part->hidden[i].from <= part->known && part->hidden[i].to > part->known) {
-                part->known = part->hidden[i].to;
-                again = 1;
-            }
-    }
-    return part->known >= 1.0;
-}
-
-// Finds the triangles that may hide a part, of those in the list from `hiders` to `end`. Returns whether they hide all of it.
-INLINE int find_hiders(Part *part, const Line *l, global const int *edge_faces, global const Hider *hiders,
-                       global const Hider *end, HIDING_PARAMETERS)
+// Finds the triangles of the cell's list that may hide a part. Returns whether they hide all of it.
+INLINE int find_hiders(Part *part, const Line *l, global const int *edge_faces, HIDING_PARAMETERS)
 {
     double least = fmin(part->end[0].w, part->end[1].w);
     int left = (int)floor(fmin(part->end[0].x, part->end[1].x)), right = (int)floor(fmax(part->end[0].x, part->end[1].x));
     int bottom = (int)floor(fmin(part->end[0].y, part->end[1].y)), top = (int)floor(fmax(part->end[0].y, part->end[1].y));
+    double known = 0.0;  // up to here the part is hidden
     part->count = 0;
-    part->known = 0.0;
-    for (global const Hider *h = hiders; h < end; ++h) {
+    for (global const Hider *h = part->hiders; h < part->hiders + part->listed; ++h) {
         if (h->nearest <= least || right < h->low[0] || left > h->high[0] || top < h->low[1] || bottom > h->high[1])
             continue;
         HidingTriangle t;
@@ -388,42 +343,46 @@ INLINE int find_hiders(Part *part, const Line *l, global const int *edge_faces, 
         Way hidden = covered_way(&t, part->end, 0.5);
         cut_way(&hidden, lead_at(&t, part->end[0]), lead_at(&t, part->end[1]));
 #if !DEPTH_TEST
-        hidden.to = is_nearer(h, part->end[0]) ? hidden.to : -1.0;
+        hidden.to = h->nearest > part->end[0].w ? hidden.to : -1.0;
 #endif
-        if (part->count < MOST_HIDERS) {
-            part->hider[part->count] = t;
-            part->hidden[part->count] = hidden;
+        int last = min(part->count++, MOST_HIDERS);
+        part->hider[last] = t;
+        part->hidden[last] = hidden;
+        for (int again = hidden.from <= known && hidden.to > known; again;) {
+            again = 0;
+            for (int i = 0; i <= last; ++i)
+                if (part->hidden[i].from <= known && part->hidden[i].to > known) {
+                    known = part->hidden[i].to;
+                    again = 1;
+                }
         }
-        ++part->count;
-        if (is_all_hidden(part, hidden))
+        if (known >= 1.0)
             return 1;
     }
     return 0;
 }
 
-INLINE int is_hidden(const Part *part, const Line *l, LinePoint q, global const int *edge_faces, global const Hider *hiders,
-                     global const Hider *end, HIDING_PARAMETERS)
+INLINE int is_hidden(const Part *part, const Line *l, LinePoint q, global const int *edge_faces, HIDING_PARAMETERS)
 {
-    for (int i = 0; i < min(part->count, MOST_HIDERS); ++i)
-        if (hides(part->hider + i, q))
-            return 1;
-    if (part->count > MOST_HIDERS)
-        for (global const Hider *h = hiders; h < end; ++h) {
-            HidingTriangle t;
-            if (!is_nearer(h, q))
+    int kept = part->count <= MOST_HIDERS;
+    for (int i = 0; i < (kept ? part->count : part->listed); ++i) {
+        HidingTriangle looked_up;
+        const HidingTriangle *t = kept ? part->hider + i : &looked_up;
+        if (!kept) {
+            if (!(part->hiders[i].nearest > q.w))
                 continue;
-            hiding_triangle(&t, h->index, HIDING_ARGUMENTS);
-            put_w(&t, h->index, HIDING_ARGUMENTS);
-            if (hides(&t, q) && !has_face(l, edge_faces, t.face))
-                return 1;
+            hiding_triangle(&looked_up, part->hiders[i].index, HIDING_ARGUMENTS);
+            put_w(&looked_up, part->hiders[i].index, HIDING_ARGUMENTS);
         }
+        if (hides(t, q) && (kept || !has_face(l, edge_faces, t->face)))
+            return 1;
+    }
     return 0;
 }
 
 // Sets the bits of the samples of a pixel that show a line's part in a cell.
 INLINE void show_in_pixel(const Part *part, const Line *l, int2 pixel, int cell, global const Image *image,
-                          global const LineGrid *grid, global const int *edge_faces, global const Hider *hiders,
-                          global const Hider *end, global uint *shown, HIDING_PARAMETERS)
+                          global const LineGrid *grid, global const int *edge_faces, global uint *shown, HIDING_PARAMETERS)
 {
     global volatile uint *own =
         shown + 4 * ((long)(image->rows - 1 - pixel.y) * image->columns + pixel.x) + 2 * l->marked;
@@ -435,8 +394,8 @@ INLINE void show_in_pixel(const Part *part, const Line *l, int2 pixel, int cell,
             if ((known >> s % 32 & 1) || !covers(l, p, grid->width))
                 continue;
             LinePoint q = nearest_point(l, p);
-            if (cell_of(q, grid) == cell &&
-                (part->count == 0 || !is_hidden(part, l, q, edge_faces, hiders, end, HIDING_ARGUMENTS)))
+            int x = cell_at((int)floor(q.x), grid->across, grid), y = cell_at((int)floor(q.y), grid->up, grid);
+            if (y * grid->across + x == cell && !is_hidden(part, l, q, edge_faces, HIDING_ARGUMENTS))
                 found |= 1u << s % 32;
         }
         if (found)
@@ -461,12 +420,13 @@ kernel void line_samples(HIDING_PARAMETERS,
 {
     int cell = get_group_id(0);
     int2 at = ((int2)(cell % grid->across, cell / grid->across) - grid->margin) << grid->cell_bits;
-    global const Hider *list = hiders + starts[cell], *end = hiders + starts[cell + 1];
     int reach = (grid->width + 1) / 2 + 1;
     Part part;
+    part.hiders = hiders + starts[cell];
+    part.listed = (int)(starts[cell + 1] - starts[cell]);
     for (uint i = line_starts[cell] + get_local_id(0); i < line_starts[cell + 1]; i += get_local_size(0)) {
         Line l = lines[listed[i]];
-        if (!set_ends(&part, &l, at, 1 << grid->cell_bits) || find_hiders(&part, &l, edge_faces, list, end, HIDING_ARGUMENTS))
+        if (!set_ends(&part, &l, at, 1 << grid->cell_bits) || find_hiders(&part, &l, edge_faces, HIDING_ARGUMENTS))
             continue;
         // The pixels that a sample in reach of the part, or beyond the inset, may belong to.
         int2 low = (int2)((int)floor(fmin(part.end[0].x, part.end[1].x)), (int)floor(fmin(part.end[0].y, part.end[1].y)));
@@ -480,7 +440,7 @@ kernel void line_samples(HIDING_PARAMETERS,
                 int2 center = SAMPLE_STEPS(center_of(x, y));
                 long across = dx * (center.y - l.y[0]) - dy * (center.x - l.x[0]);
                 if (across <= most && across >= -most)
-                    show_in_pixel(&part, &l, (int2)(x, y), cell, image, grid, edge_faces, list, end, shown, HIDING_ARGUMENTS);
+                    show_in_pixel(&part, &l, (int2)(x, y), cell, image, grid, edge_faces, shown, HIDING_ARGUMENTS);
             }
     }
 }

@@ -33,14 +33,13 @@ typedef struct {
 typedef struct {
     ulong box; // 16 bits each, lowest first: first column, first row, last column, last row with a sample
     real nearest; // the largest w of the corners
-    real only; // its w at the one pixel that it covers, infinity where that is not so or not known
+    real pad;
 } Bounds;
 
 typedef struct {
     real nearest; // the largest w of its corners
     int index; // of the triangle
     int box; // within the tile, 8 bits each: first column, first row, last column, last row
-    real only; // as in Bounds
 } Entry;
 
 typedef struct {

@@ -6,17 +6,6 @@
 #include "ambient_occlusion.clh"
 #endif
 
-// Whether layers show the texture of the color, and normals that maps turn.
-INLINE int shows_texels(const Inputs *in, int asked)
-{
-    return (asked & LAYER_ALBEDO) && NEEDS(in, TEXTURED);
-}
-
-INLINE int shows_turned(const Inputs *in, int asked)
-{
-    return (asked & LAYER_N) && NEEDS(in, NORMAL_MAP);
-}
-
 // The layers at the pixels of a block, by name, of which those of fewer components use the first; their background where
 // there is no triangle. Besides, what N and albedo are made of.
 typedef struct {
@@ -24,6 +13,7 @@ typedef struct {
     reals3 tangent;
     reals across, factor;
     Texels turned, texels;
+    int shows_turned, shows_texels;  // whether normals are turned by maps, and albedo has a texture
 } Shown;
 
 // Weights in the mesh's order of corners: if a placement mirrors, the renderer has swapped the last two. Rounding may
@@ -46,7 +36,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
         put_vector(&shown->N, mine,
                    mix_vectors(m, side * corner_normal(in, triangle, face, 0), side * corner_normal(in, triangle, face, 1),
                                side * corner_normal(in, triangle, face, 2)));
-        if (shows_turned(in, asked)) {
+        if (shown->shows_turned) {
             real4 t0 = corner_tangent(in, triangle, face, 0), t1 = corner_tangent(in, triangle, face, 1);
             real4 t2 = corner_tangent(in, triangle, face, 2);
             put_vector(&shown->tangent, mine, mix_vectors(m, side * t0, side * t1, side * t2));
@@ -74,7 +64,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
         }
         reals3 albedo = {color.r, color.g, color.b};
         put_vector(&shown->albedo, mine, albedo);
-        if (shows_texels(in, asked))
+        if (shown->shows_texels)
             put_texels(&shown->texels, mine, in, t, at, MAP_COLOR);
     }
     if (asked & LAYER_UV) {
@@ -94,7 +84,7 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
 INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
 {
     if (asked & LAYER_N) {
-        if (shows_turned(in, asked) && any_lane(shown->turned.textured)) {
+        if (shown->shows_turned && any_lane(shown->turned.textured)) {
             colors3 texel = texel_colors(&shown->turned, in, NEEDS(in, MIPMAPS));
             reals across = shown->turned.textured ? shown->across : (reals)(0.0f);
             shown->N = turned_normal(shown->N, shown->tangent, across, texel, shown->factor);
@@ -103,7 +93,7 @@ INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
     }
     if (asked & LAYER_ALBEDO) {
         colors3 albedo = {shown->albedo.x, shown->albedo.y, shown->albedo.z};
-        if (shows_texels(in, asked) && any_lane(shown->texels.textured))
+        if (shown->shows_texels && any_lane(shown->texels.textured))
             albedo = times_texel(albedo, shown->texels.textured, texel_colors(&shown->texels, in, NEEDS(in, MIPMAPS)));
         albedo = saturate_color(albedo);
         shown->albedo.x = albedo.r, shown->albedo.y = albedo.g, shown->albedo.z = albedo.b;
@@ -117,9 +107,11 @@ Shown show_block(const Inputs *in, ints owner, Places at, int asked, global cons
 #define START(name, bit, components, background) shown.name.x = shown.name.y = shown.name.z = (reals)((real)background);
     FOR_LAYERS(START)
 #undef START
-    if (shows_texels(in, asked))
+    shown.shows_turned = (asked & LAYER_N) && NEEDS(in, NORMAL_MAP);
+    shown.shows_texels = (asked & LAYER_ALBEDO) && NEEDS(in, TEXTURED);
+    if (shown.shows_texels)
         shown.texels = no_texels(NEEDS(in, MIPMAPS));
-    if (shows_turned(in, asked)) {
+    if (shown.shows_turned) {
         shown.turned = no_texels(NEEDS(in, MIPMAPS));
         shown.tangent = shown.N;
         shown.across = shown.factor = (reals)(0.0f);
@@ -173,8 +165,6 @@ kernel void surface_layers(SURFACE_PARAMETERS,
     for (int i = 0; i < BLOCKS_PER_ITEM; ++i) {
         int block = item * BLOCKS_PER_ITEM + i;
         int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
-        if (column >= image->columns || row >= image->rows)
-            continue;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
         Shown shown = show_block(in, owner, places_at(sample_at(image, 0, column, row)), asked, mirrored, scalars);

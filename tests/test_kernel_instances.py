@@ -1,4 +1,5 @@
-"""instances.cl and placements.clh: what is set up from one copy of each mesh, against copies; normals and tangents."""
+"""Instances (project.cl, setup.cl, placements.clh): what is set up from one copy of each mesh, against copies; normals and
+tangents."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from clshade.scene.objects import first_instances
 
 STAGES = """
 #include "project.cl"
-#include "instances.cl"
+#include "setup.cl"
 #include "layers.cl"
 
 // Of one lane.
@@ -130,8 +131,9 @@ def assert_layers(device, stages: Stages, found: SimpleNamespace, scene: Scene) 
     ids, numbers = (Buffer(device, np.full(len(owners), 7, np.uint32)) for _ in range(2))
     triangles = found.source.made.triangles
     values = {"owners": given, "triangles": triangles, "triangle_instances": found.of_triangles, "instances": rows}
-    for name, own in (("layer_id", {"ids": ids}), ("layer_instance_id", {"shown": numbers})):
-        stages.run(name, items(count), values, **own, count=count)
+    values |= {"numbers": None, "in_table": False, "count": count}
+    for shown, of_instances in ((ids, False), (numbers, True)):
+        stages.run("layer_number", items(count), values, shown=shown, of_instances=of_instances)
     faces, instance = found.rows["face"], []
     for mesh, first in zip(scene.meshes, first_instances(scene), strict=True):
         instance += [first + k for k in range(len(mesh.instances)) for _ in mesh.faces]

@@ -44,7 +44,8 @@ def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarr
     ids = Buffer(device, np.full(owners.shape, 77, np.uint32))
     depths = Buffer(device, np.full(owners.shape, np.nan, np.float32))
     values, tiles = {"owners": own, "triangles": table, "image": image, **NO_INSTANCES}, int(image.array["tiles"][0])
-    stages.run("layer_id", items(owners.size), values, ids=ids, count=owners.size)
+    own = {"shown": ids, "numbers": None, "in_table": False, "of_instances": False, "count": owners.size}
+    stages.run("layer_number", items(owners.size), values, **own)
     stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=depths)
     return ids.to_host(), depths.to_host()
 

@@ -136,8 +136,8 @@ class TileLists:
         number = max(1, min(count // _LEAST_CHUNK, most))
         size = max(-(-count // (number * multiple)), 1) * multiple
         number = -(-count // size)
-        if len(self._counts.array) < number * (tiles + 1):
-            self._counts = self._empty(number * (tiles + 1), np.uint32)
+        if len(self._counts.array) < number * tiles:
+            self._counts = self._empty(number * tiles, np.uint32)
         parts = min(-(-number * tiles // _SCAN_RUN), _MOST_PARTS)
         if len(self._sums.array) != parts:
             self._sums = self._empty(parts, np.uint64)

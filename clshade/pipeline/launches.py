@@ -35,8 +35,7 @@ def scene_stages(
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
     program of surface_layers.cl, None if it is not needed. first: whether they may be those of `first_picture`."""
     needs = -1 if first else None
-    files = (*_GEOMETRY_FILES, *["instances.cl"] * features["INSTANCES"])
-    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), files, needs=needs)
+    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), _GEOMETRY_FILES, needs=needs)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
     usual = features.needs | COMMON if first else None
     programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=usual)]

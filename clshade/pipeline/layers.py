@@ -156,11 +156,10 @@ class Layers:
                 size = stages.tiles("layer_z", frame.tiles)
                 frame.events["layer_z"] = stages.run("layer_z", size, values, depths=buffer)
             elif name not in LAYER_BITS:
-                kernel = "layer_id" if name == "id" else "layer_number"
-                if name == "instance_id" and values["instances"] is not None:
-                    kernel = "layer_instance_id"
-                own = {"ids": buffer, "shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
-                frame.events[f"layer_{name}"] = stages.run(kernel, items(owners.array.size), values, **own)
+                of_instances = name == "instance_id" and values["instances"] is not None
+                own = {"shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
+                own |= {"in_table": name != "id" and not of_instances, "of_instances": of_instances}
+                frame.events[f"layer_{name}"] = stages.run("layer_number", items(owners.array.size), values, **own)
         if any(name in LAYER_BITS for name in found):
             values = {**values, **self._surface}
             values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}

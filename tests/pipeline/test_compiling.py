@@ -135,8 +135,9 @@ def test_a_kernel_for_wide_grids_is_another(calls: list[str], opened: Device) ->
     stages, uses = Stages(opened, program), []
     for count in (64, 64, 70_000, 70_000):
         owners, numbers, shown = (Buffer(opened, np.zeros(count, np.int32)) for _ in range(3))
-        inputs = {"owners": owners, "numbers": numbers}
-        stages.run("layer_number", items(count), {**inputs, "shown": shown}, triangles=owners, count=count)
+        inputs = {"owners": owners, "numbers": numbers, "triangle_instances": None, "instances": None}
+        inputs |= {"shown": shown, "in_table": True, "of_instances": False}
+        stages.run("layer_number", items(count), inputs, triangles=owners, count=count)
         opened.queue.finish()
         uses.append(len(program.launched))
     assert uses == [1, 1, 2, 2]

@@ -238,13 +238,13 @@ class Pipeline:
             self.lists = Buffer.empty(self.device, 0, self.structs.Entry)
             return [np.zeros(0, np.int32)] * self.tiles
         # Prior contents of memory must not matter, and empty tiles add to the count so far.
-        counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles + 1), 7, np.uint32))
+        counts = self.counts = Buffer(self.device, np.full((chunks, self.tiles), 7, np.uint32))
         values = {**self.made.values, **self.frame, "order": self.order, "sorted": self.made.sorted_bounds}
         values |= {"count": self.visible, "chunk_size": chunk, "chunks": chunks, "counts": counts, "cursors": counts}
         run = self.stages.run
         empty = int(self.counted.to_host()["empty_tiles"][0])
         run("bin_count", (chunks, 1), values)
-        table = counts.to_host()[:, :-1].copy()
+        table = counts.to_host().copy()
         self.starts = Buffer(self.device, np.full(self.tiles + 1, 7, np.uint32))
         sums = Buffer(self.device, np.full(parts, 7, np.uint64))
         if parts > 1:
@@ -252,7 +252,7 @@ class Pipeline:
         run("bin_scan", (parts, 1), values, sums=sums, starts=self.starts, stops_to_clip=False)
         # Ordered by tile, then by chunk, each begins where the previous one ends.
         begin = np.cumsum(np.concatenate([[0], table.T.reshape(-1)]))
-        assert np.array_equal(counts.to_host()[:, :-1], begin[:-1].reshape(self.tiles, chunks).T)
+        assert np.array_equal(counts.to_host(), begin[:-1].reshape(self.tiles, chunks).T)
         assert np.array_equal(self.starts.to_host(), begin[::chunks])
         assert self.counted.to_host()["entries"] == begin[-1]
         assert self.counted.array["empty_tiles"] == empty + np.count_nonzero(table.sum(axis=0) == 0)

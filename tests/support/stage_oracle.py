@@ -12,7 +12,6 @@ from kernel_stages import Pipeline, coefficients, float32, four, light_rows, mat
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
 from clshade.oracle.terms import Surface
 from clshade.oracle.transform import SAMPLE_STEPS
-from clshade.pipeline import struct_layout
 from clshade.scene.material import TERMS
 
 Array = np.ndarray
@@ -96,27 +95,6 @@ def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str,
     prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution), None)  # type: ignore[arg-type]
     row, column = np.divmod(np.arange(resolution[0] * resolution[1]), resolution[0])
     return frame.owners(prepared, visibility, column, row, orthographic=orthographic).reshape(resolution[::-1])
-
-
-def narrowed(xy: Array, boxes: Array) -> tuple[Array, Array, Array]:
-    """Return boxes (F, 4) as `setup` writes them: the box of a small triangle that covers a single pixel is that pixel.
-
-    xy: (F, 3, 2) snapped. boxes: those of `coverage.setup`. Also returns which triangles these are (F,), and their edge
-    functions there (F, 3), 0 for the others.
-    """
-    half, pixel = coverage.HALF, coverage.SUBPIXELS
-    across = (xy.max(axis=1) - half) // pixel + (half - xy.min(axis=1)) // pixel + 1
-    pixels = np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2] + 1, 0), axis=1)
-    few = np.flatnonzero((across <= struct_layout.FEW_PIXELS).all(axis=1) & (pixels <= struct_layout.FEW_PIXELS))
-    boxes, edges, times = boxes.copy(), np.zeros((len(xy), 3), np.int64), np.zeros(len(xy), int)
-    found = np.zeros((len(xy), 2), np.int64)
-    for k, column, row, edge in coverage.samples(xy[few], boxes[few].copy()):
-        np.add.at(times, few[k], 1)
-        edges[few[k]] = edge
-        found[few[k]] = np.stack([column, row], axis=1)
-    one = times == 1
-    boxes[one] = np.tile(found[one], 2)
-    return boxes, one, np.where(one[:, None], edges, 0)
 
 
 SAMPLE = coverage.SUBPIXELS // SAMPLE_STEPS  # of the samples' grid
