@@ -168,7 +168,7 @@ kernel void texels(global const REAL *high, global const REAL *low, global const
 {
     int i = get_global_id(0) * LANES;
     double_single u = {LOAD_LANES(high + i), LOAD_LANES(low + i)};
-    Span span = texels_along(wrapped(u, wrap[i], lookup[i]), (ints)(size[i]), wrap[i], lookup[i]);
+    Span span = texels_along(wrapped(u, wrap[i], lookup[i]), (ints)(size[i]), wrap[i], lookup[i], 0);
     REAL fraction[LANES];
     integer first[LANES], second[LANES];
     STORE_LANES(span.fraction, fraction);

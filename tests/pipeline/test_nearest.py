@@ -111,7 +111,7 @@ kernel void texels(global const REAL *high, global const REAL *low, global const
 {
     int i = get_global_id(0) * LANES;
     double_single u = {LOAD_LANES(high + i), LOAD_LANES(low + i)};
-    Span span = texel_along(wrapped(u, wrap[i], LOOKUP_STANDARD), (ints)(size[i]), wrap[i]);
+    Span span = texels_along(wrapped(u, wrap[i], LOOKUP_STANDARD), (ints)(size[i]), wrap[i], LOOKUP_STANDARD, 1);
     integer first[LANES], second[LANES];
     STORE_LANES(span.first, first);
     STORE_LANES(span.second, second);
