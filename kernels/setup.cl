@@ -149,7 +149,7 @@ INLINE void write_triangle(const Stored *s, int lane, global Triangle *triangle,
 
 // Completes the `asked` faces that lie before the near plane and not beside the image. Returns which may be visible; those that
 // cross that plane or the guard band are listed to be clipped. instance: of each lane if they are listed with it, else null.
-INLINE fixeds see_faces(Corners *t, const Faces *f, fixeds asked, const int *instance, int room, Culled *culled, FACE_PARAMETERS)
+INLINE fixeds cull_faces(Corners *t, const Faces *f, fixeds asked, const int *instance, int room, Culled *culled, FACE_PARAMETERS)
 {
     fixeds behind[3];  // which corners lie behind the near plane: project and place leave their w as 0
     for (int k = 0; k < 3; ++k) {
@@ -201,15 +201,15 @@ INLINE fixeds see_faces(Corners *t, const Faces *f, fixeds asked, const int *ins
     return any_lane(TO_INTS(asked)) ? complete_sides(t, asked, f->face, culled, SETUP_ARGUMENTS) : asked;
 }
 
-// The same for faces of a scene from `first` on, of which those before `end` are asked for.
-INLINE fixeds see_run(Corners *t, Faces *f, int first, int end, Culled *culled, FACE_PARAMETERS)
+// Culls faces of a scene, from `first` on and before `end`.
+INLINE fixeds cull_run(Corners *t, Faces *f, int first, int end, Culled *culled, FACE_PARAMETERS)
 {
     for (int lane = 0; lane < LANES; ++lane) {
         f->face[lane] = min(first + lane, end - 1);
         for (int k = 0; k < 3; ++k)
             f->vertex[k][lane] = faces[3 * f->face[lane] + k];
     }
-    return see_faces(t, f, first + LANE_INDEX < end, 0, 0, culled, FACE_ARGUMENTS);
+    return cull_faces(t, f, first + LANE_INDEX < end, 0, 0, culled, FACE_ARGUMENTS);
 }
 
 // A work-item processes SETUP_RUN faces, LANES at a time, and appends their keys in one block: the sort orders all keys.
@@ -226,7 +226,7 @@ kernel void setup(FACE_PARAMETERS,
     for (int group = first; group < end; group += LANES) {
         Faces f;
         Corners t;
-        fixeds seen = see_run(&t, &f, group, end, &culled, FACE_ARGUMENTS);
+        fixeds seen = cull_run(&t, &f, group, end, &culled, FACE_ARGUMENTS);
         if (!any_lane(TO_INTS(seen)))
             continue;
         Stored stored = stored_triangles(&t, f.face, (fixeds)(WHOLE_FACE));
@@ -306,7 +306,7 @@ kernel void setup_count(FACE_PARAMETERS,
     for (int group = first; group < end; group += LANES) {
         Faces f;
         Corners t;
-        fixeds seen = see_run(&t, &f, group, end, &culled, FACE_ARGUMENTS);
+        fixeds seen = cull_run(&t, &f, group, end, &culled, FACE_ARGUMENTS);
         if (!any_lane(TO_INTS(seen)))
             continue;
         Stored stored = stored_triangles(&t, f.face, (fixeds)(WHOLE_FACE));
@@ -363,7 +363,7 @@ kernel void setup_instances(FACE_PARAMETERS,                     // to_clip: ins
                 f.vertex[k][lane] = from + faces[3 * f.face[lane] + k];
         }
         Corners t;
-        fixeds seen = see_faces(&t, &f, LANE_INDEX < (int)(end - at), number, room, &culled, FACE_ARGUMENTS);
+        fixeds seen = cull_faces(&t, &f, LANE_INDEX < (int)(end - at), number, room, &culled, FACE_ARGUMENTS);
         if (!any_lane(TO_INTS(seen)))
             continue;
         Stored stored = stored_triangles(&t, f.face, (fixeds)(WHOLE_FACE));
