@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kernel_stages import OTHER_LANES, Probe, bits
 
-from clshade.oracle.backdrop import seen
+from clshade.oracle.environment import seen
 from clshade.pipeline.shading_tables import backdrop_table, write_backdrop_size
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.scene.environment import Environment

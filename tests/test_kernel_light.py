@@ -12,7 +12,7 @@ from kernel_stages import OTHER_LANES, bits, float32, light_rows, mask, material
 
 from clshade.measure.stability.cases.light import in_the_lobe, unit
 from clshade.oracle import OracleFrame, shade, terms
-from clshade.oracle.lights import POINT, Shape
+from clshade.oracle.lights import POINT, Interaction, Lights, Shape
 from clshade.scene.material import TERMS
 
 HALF_ULP = 2.0**-24
@@ -112,16 +112,16 @@ def test_light_at_random_points(device, n):
     found = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
     p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
     surface = terms.Surface(np.float64(n), k={name: each.astype(np.float64) for name, each in k.items()})
-    around = np.abs(p).max(axis=1), np.ones(count)
-    steepness = shade.steepness(p, m, surface, EYE, l_pos)
+    at = Interaction(p, m, EYE, Lights(l_pos, l_int), np.abs(p).max(axis=1), np.ones(count))
+    steepness = shade.steepness(at, surface)
     expected = OracleFrame(
-        rgb=(c * shade.reflected(p, m, EYE, surface, l_pos, l_int))[None],
+        rgb=(c * shade.reflected(at, surface))[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
         budget=shade.budget(c, surface, l_int)[None],
-        conditions=shade.conditions(p, *around, EYE, l_pos, steepness=steepness)[None],
-        jump=(np.abs(c) * shade.jumps(p, m, *around, surface, EYE, l_pos, l_int))[None],
+        conditions=shade.conditions(at, steepness)[None],
+        jump=(np.abs(c) * shade.jumps(at, surface))[None],
         exponent=np.full((1, count), n),
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),
@@ -225,15 +225,17 @@ def test_shapes_at_random_points(device, fields, shape):
     given = [np.atleast_2d(a.astype(np.float64)) for a in (light, intensity)]
     extent, one, n, white = np.abs(p).max(axis=1), np.ones(count), np.float64(20.0), np.ones(3)
     surface = terms.Surface(n, k={"kd": white, "ks": white})
-    most = shade.most_arriving(p, extent, EYE, *given, [shape])
+    at = Interaction(p, m, EYE, Lights(*given, [shape]), extent, one)
     expected = OracleFrame(
-        rgb=shade.reflected(p, m, EYE, surface, *given, [shape])[None],
+        rgb=shade.reflected(at, surface)[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
-        budget=np.broadcast_to(shade.budget(white, surface, most), (1, count, 3)),
-        conditions=shade.conditions(p, extent, one, EYE, given[0], shapes=[shape])[None],
-        jump=shade.jumps(p, m, extent, one, surface, EYE, *given, shapes=[shape])[None],
+        budget=np.broadcast_to(
+            shade.budget(white, surface, [sample.max_arriving for sample in at.samples]), (1, count, 3)
+        ),
+        conditions=shade.conditions(at)[None],
+        jump=shade.jumps(at, surface)[None],
         exponent=np.full((1, count), n),
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),

@@ -8,8 +8,11 @@ import numpy as np
 import oracle_asserts
 import pytest
 from kernel_stages import OTHER_LANES, Probe, bits, float32, light_rows, mask, material_rows, reflected
+from reflection_quadrature import lost_energy
 
 from clshade.oracle import OracleFrame, microfacet, shade
+from clshade.oracle.lights import Interaction, Lights
+from clshade.oracle.terms import Directions
 from clshade.scene.metallic_roughness import LEAST_ROUGHNESS, from_phong
 from clshade.scene.model import Material, MetallicRoughness
 
@@ -91,17 +94,17 @@ def test_light_at_random_points(device, roughness, metallic):
     pbr = MetallicRoughness(metallic, roughness, specular=0.7, specular_color=(1.0, 0.5, 2.0), emission=0.25)
     found = reflect(device, points, normals, (positions, intensities), pbr, colors=colors)
     p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
-    around = np.abs(p).max(axis=1), np.ones(count)
+    at = Interaction(p, m, EYE, Lights(l_pos, l_int), np.abs(p).max(axis=1), np.ones(count))
     facets = facets_of(pbr, count)
-    lit = microfacet.reflected(p, m, EYE, facets, c, l_pos, l_int, FLOAT32, *around)
+    lit = microfacet.reflected(at, facets, c, FLOAT32)
     none = np.zeros((count, 3))
     expected = OracleFrame(
         rgb=microfacet.light(lit, c, none, facets, True)[None],
         alpha=np.ones((1, count)),
         id=np.ones((1, count), np.uint32),
         Z=np.ones((1, count)),
-        budget=microfacet.budget(none, c, facets, lit.spread, True)[None],
-        conditions=shade.conditions(p, *around, EYE, l_pos)[None],
+        budget=microfacet.budget(none, c, facets.emission, lit.spread, True)[None],
+        conditions=shade.conditions(at)[None],
         jump=none[None],
         exponent=np.ones((1, count)),
         alpha_error=np.zeros((1, count)),
@@ -127,7 +130,8 @@ def test_lobes_own_relative_error(device, roughness):
     )
     pbr = MetallicRoughness(1.0, roughness)
     found = reflect(device, points, normals, (light, np.ones(3, np.float32)), pbr)[:, 0]
-    at = microfacet.angles(points.astype(np.float64), normals.astype(np.float64), EYE, light.astype(np.float64))
+    exact = (a.astype(np.float64) for a in (points, normals, EYE, light))
+    at = microfacet.angles(Directions.at(*exact))
     lobe = microfacet.distribution(at.beside, np.float64(alpha)) * microfacet.passing(at.n_l, at.n_v, np.float64(alpha))
     inside = (at.beside <= alpha) & (at.n_l > 0.3) & (at.n_v > 0.3)
     assert inside.sum() > 1000
@@ -210,10 +214,10 @@ def test_a_white_furnace_loses_what_single_scattering_loses(device):
             sent = reflect(
                 device, float32(point)[None], float32([[0, 0, 1]]), lights, MetallicRoughness(1.0, roughness)
             )
-            lost = microfacet.lost_energy(roughness**2, np.array(n_v))
+            lost = lost_energy(roughness**2, np.array(n_v))
             assert sent[0, 0] == pytest.approx(1.0 - lost, abs=3e-3)
             assert -1e-3 < lost < 0.7
-    assert microfacet.lost_energy(1.0, np.array(1.0)) == pytest.approx(math.log(2.0), abs=1e-5)  # 1 - int u/(1 + u) du
+    assert lost_energy(1.0, np.array(1.0)) == pytest.approx(math.log(2.0), abs=1e-5)  # 1 - int u/(1 + u) du
     base = MetallicRoughness(0.0, 0.6)  # a white dielectric sends no more than it receives
     assert (
         reflect(

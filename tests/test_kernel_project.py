@@ -18,10 +18,9 @@ LOW, HIGH = struct_layout.GUARD_LOW, struct_layout.GUARD_HIGH
 
 def oracle_of(points: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Return the oracle's camera-space depths (V,) and image positions (V, 2)."""
-    axes = transform.camera_frame(camera.eye, camera.lookat, camera.up)
-    at = transform.to_camera(points, camera.eye, axes)
+    at = transform.to_camera(points, camera)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return at[:, 2], transform.project(at, *transform.lens_of(camera))
+        return at[:, 2], transform.project(at, camera)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -109,5 +108,6 @@ def test_the_hosts_camera_axes_are_the_oracles():
     rng = np.random.default_rng(2)
     for _ in range(500):
         eye, lookat, up = rng.normal(size=(3, 3)) * np.exp2(rng.uniform(-20, 20, (3, 1)))
-        found, expected = geometry.look_at(eye, lookat, up), transform.camera_frame(eye, lookat, up)
+        camera = Camera(eye, lookat, up, 1.0, (1.0, 1.0))
+        found, expected = geometry.look_at(eye, lookat, up), transform.camera_frame(camera)
         assert np.array_equal(found, expected), (eye, lookat, up)

@@ -7,13 +7,13 @@ barycentric coordinates in the original triangle.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
-from .transform import Lens, project, snap
+from ..scene.camera import Camera
+from .transform import project, snap
 
 GUARD = (-8191.0, 24575.0)  # pixels: differences of snapped coordinates then stay below 2^31
 
@@ -22,7 +22,7 @@ GUARD = (-8191.0, 24575.0)  # pixels: differences of snapped coordinates then st
 class Pieces:
     """Triangles ready for rasterization, in the order of their faces.
 
-    face: (K,) the face each is a piece of. xy: (K, 3, 2) snapped corners, int64. z: (K, 3) corner depths, all > 0.
+    face: (K,) the face that a piece belongs to. xy: (K, 3, 2) snapped corners, int64. z: (K, 3) corner depths, all > 0.
     weights: (K, 3, 3): row i holds corner i's weights with respect to the face's original corners; they sum to 1.
     """
 
@@ -39,9 +39,8 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
     inside, and which of them are crossings, (m,) bool.
     """
     kept: list[tuple[Floats, Floats, bool]] = []
-    count = len(points)
-    for i in range(count):
-        j = (i + 1) % count
+    for i in range(len(points)):
+        j = (i + 1) % len(points)
         if distance[i] >= 0.0:
             kept.append((points[i], weights[i], False))
         if (distance[i] >= 0.0) != (distance[j] >= 0.0):
@@ -53,7 +52,8 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
             kept.append((points[a] + t * (points[b] - points[a]), weights[a] + t * (weights[b] - weights[a]), True))
     if not kept:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, bool)
-    return np.array([p for p, _, _ in kept]), np.array([w for _, w, _ in kept]), np.array([c for _, _, c in kept])
+    polygon, inherited, crossings = zip(*kept, strict=True)
+    return np.array(polygon), np.array(inherited), np.array(crossings)
 
 
 def clip_near(points: Floats, weights: Floats, near: float) -> tuple[Floats, Floats]:
@@ -63,23 +63,17 @@ def clip_near(points: Floats, weights: Floats, near: float) -> tuple[Floats, Flo
     return points, weights
 
 
-def guard_planes(lens: Lens) -> Iterator[tuple[int, float, float, float]]:
-    """Yield axis, side, slope and offset of the guard band's left, right, lower and upper plane. Inside is side*(slope*x +
-    offset*z) >= 0, as u = slope*x/z + principal; orthographic z is 1."""
-    for axis in (0, 1):
-        slope = (1.0 if lens.orthographic else lens.focal) * lens.resolution[axis] / lens.plane[1 - axis]
-        for side, limit in zip((1.0, -1.0), GUARD, strict=True):
-            yield axis, side, slope, lens.principal[axis] * lens.resolution[axis] - limit
-
-
-def clip_guard(points: Floats, weights: Floats, lens: Lens) -> tuple[Floats, Floats]:
-    """Return the part with u and v in the guard band; needs z > 0."""
-    for axis, side, slope, offset in guard_planes(lens):
-        depth = 1.0 if lens.orthographic else points[:, 2]
+def clip_guard(points: Floats, weights: Floats, camera: Camera) -> tuple[Floats, Floats]:
+    """Return the part with u and v in the guard band; needs z > 0. Inside of its left, right, lower and upper plane is
+    side*(slope*x + offset*z) >= 0, as u = slope*x/z + principal; orthographic z is 1."""
+    for axis, side, limit in ((0, 1.0, GUARD[0]), (0, -1.0, GUARD[1]), (1, 1.0, GUARD[0]), (1, -1.0, GUARD[1])):
+        slope = (1.0 if camera.orthographic else camera.focal) * camera.resolution[axis] / camera.plane[1 - axis]
+        offset = camera.principal[axis] * camera.resolution[axis] - limit
+        depth = 1.0 if camera.orthographic else points[:, 2]
         distance = side * (slope * points[:, axis]) + side * offset * depth
         points, weights, crossing = clip_polygon(points, weights, distance)
         # A crossing lies on the plane; on an edge from -1e38 to 1e38 no digit of that is left.
-        depth = 1.0 if lens.orthographic else points[crossing, 2]
+        depth = 1.0 if camera.orthographic else points[crossing, 2]
         points[crossing, axis] = -offset * depth / slope
         if len(points) == 0:
             break
@@ -91,44 +85,41 @@ def beyond_guard(uv: Floats) -> Bools:
     return np.asarray(~((uv >= GUARD[0]) & (uv <= GUARD[1])).all(axis=(-1, -2)))
 
 
-def clip_face(corners: Floats, near: float, lens: Lens) -> list[tuple[Floats, Floats]]:
+def clip_face(corners: Floats, near: float, camera: Camera) -> list[tuple[Floats, Floats]]:
     """Clip one triangle, camera space (3, 3), into a list of (points (3, 3), weights (3, 3)): none to a few triangles."""
     points, weights = corners, np.eye(3)
     if (points[:, 2] < near).any():
         points, weights = clip_near(points, weights, near)
     if len(points) == 0:
         return []
-    uv = project(points, *lens)
-    if (uv < 0.0).all(axis=0).any() or (uv > np.array(lens.resolution)).all(axis=0).any():
+    uv = project(points, camera)
+    if (uv < 0.0).all(axis=0).any() or (uv > np.array(camera.resolution)).all(axis=0).any():
         return []  # wholly to one side of the image
     if beyond_guard(uv):
-        points, weights = clip_guard(points, weights, lens)
+        points, weights = clip_guard(points, weights, camera)
     fan = [[0, i, i + 1] for i in range(1, len(points) - 1)]
     return [(points[f], weights[f]) for f in fan if np.isfinite(points[f]).all()]
 
 
-def pieces(corners: Floats, near: float, lens: Lens) -> Pieces:
+def pieces(corners: Floats, near: float, camera: Camera) -> Pieces:
     """Clip, project and snap triangles (F, 3, 3) of camera-space corners."""
     in_front = corners[:, :, 2] >= near
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        uv = project(corners, *lens)
-        whole = in_front.all(axis=1)
-        simple = whole & ~beyond_guard(uv)
-        face = np.flatnonzero(simple)
-        points, weights = [corners[face]], [np.broadcast_to(np.eye(3), (len(face), 3, 3))]
-        faces = [face]
+        simple = in_front.all(axis=1) & ~beyond_guard(project(corners, camera))
+        uncut = np.flatnonzero(simple)
+        faces, points = [uncut], [corners[uncut]]
+        weights = [np.broadcast_to(np.eye(3), (len(uncut), 3, 3))]
         for k in np.flatnonzero(in_front.any(axis=1) & ~simple):
-            for piece_points, piece_weights in clip_face(corners[k], near, lens):
+            for piece_points, piece_weights in clip_face(corners[k], near, camera):
+                faces.append(np.array([k]))
                 points.append(piece_points[None])
                 weights.append(piece_weights[None])
-                faces.append(np.array([k]))
-    all_faces, all_points = np.concatenate(faces), np.concatenate(points)
-    order = np.argsort(all_faces, kind="stable")
-    all_points = all_points[order]
+    face, point = np.concatenate(faces), np.concatenate(points)
+    order = np.argsort(face, kind="stable")
     return Pieces(
-        face=all_faces[order],
+        face=face[order],
         # Rounding can put a crossing of an edge 1e36 long beyond the guard band: clamp it, as `snap` requires.
-        xy=snap(np.clip(project(all_points, *lens), *GUARD)),
-        z=all_points[:, :, 2],
+        xy=snap(np.clip(project(point[order], camera), *GUARD)),
+        z=point[order][:, :, 2],
         weights=np.concatenate(weights)[order],
     )

@@ -1,4 +1,4 @@
-"""Which pixels a triangle covers, in exact integer arithmetic, and which triangle comes first.
+"""Which pixels a triangle covers, in exact integer arithmetic, which triangle comes first, and where a pixel's samples lie.
 
 Corners are snapped image coordinates xy (..., 3, 2), int64, in 1/65536 pixel with y up. Column c, row r (from the
 bottom) has its center at (65536*c + 32768, 65536*r + 32768).
@@ -12,13 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
-from .transform import SUBPIXELS, painter_depth
+from .transform import SAMPLE_STEPS, SUBPIXELS, painter_depth
 
 HALF = SUBPIXELS // 2
+GOLDEN_RATIO = (1.0 + 5.0**0.5) / 2.0
 
 
 class Setup(NamedTuple):
-    """What is known of triangles before rasterization.
+    """Triangles before rasterization.
 
     area: (...) twice the signed area, in 1/65536^2 square pixels, positive when counterclockwise.
     box: (..., 4) columns and rows whose centers the bounding box holds, within the image: first column, first row,
@@ -37,8 +38,9 @@ def signed_area(xy: Integers) -> Integers:
     return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (b[..., 1] - a[..., 1])
 
 
-def setup(xy: Integers, columns: int, rows: int, cull: bool = False) -> Setup:
-    """Return area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels."""
+def setup(xy: Integers, columns: int, rows: int, cull: Bools | bool = False) -> Setup:
+    """Return area, bounding box and culling of triangles (..., 3, 2) in an image of columns x rows pixels. cull: (...) of
+    back faces."""
     xy = np.asarray(xy, dtype=np.int64)
     area = signed_area(xy)
     a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
@@ -46,9 +48,7 @@ def setup(xy: Integers, columns: int, rows: int, cull: bool = False) -> Setup:
     last = (np.maximum(np.maximum(a, b), c) - HALF) // SUBPIXELS
     first = np.maximum(first, 0)
     last = np.minimum(last, [columns - 1, rows - 1])
-    culled = (area == 0) | (last < first).any(axis=-1)
-    if cull:
-        culled = culled | (area < 0)
+    culled = (area == 0) | (last < first).any(axis=-1) | (cull & (area < 0))
     return Setup(area, np.concatenate([first, last], axis=-1), culled)
 
 
@@ -60,15 +60,16 @@ def edge_functions(xy: Integers, column: Integers, row: Integers) -> Integers:
     the absolute value of `signed_area`. All are 0 for a triangle without area.
     """
     xy = np.asarray(xy, dtype=np.int64)
-    px = np.asarray(column, dtype=np.int64) * SUBPIXELS + HALF
-    py = np.asarray(row, dtype=np.int64) * SUBPIXELS + HALF
-    winding = np.sign(signed_area(xy))
-    result = []
-    for i in range(3):
-        start, end = xy[..., (i + 1) % 3, :], xy[..., (i + 2) % 3, :]
-        dx, dy = end[..., 0] - start[..., 0], end[..., 1] - start[..., 1]
-        result.append((dx * (py - start[..., 1]) - dy * (px - start[..., 0])) * winding)
-    return np.stack(np.broadcast_arrays(*result), axis=-1)
+    px = np.asarray(column, dtype=np.int64)[..., None] * SUBPIXELS + HALF
+    py = np.asarray(row, dtype=np.int64)[..., None] * SUBPIXELS + HALF
+    start, (dx, dy) = np.roll(xy, -1, axis=-2), _edges(xy)
+    return np.asarray(dx * (py - start[..., 1]) - dy * (px - start[..., 0]))
+
+
+def _edges(xy: Integers) -> tuple[Integers, Integers]:
+    """Return x and y (..., 3) of the edges opposite the corners, traversed counterclockwise."""
+    edges = (np.roll(xy, -2, axis=-2) - np.roll(xy, -1, axis=-2)) * np.sign(signed_area(xy))[..., None, None]
+    return edges[..., 0], edges[..., 1]
 
 
 def top_left(xy: Integers) -> Bools:
@@ -76,14 +77,8 @@ def top_left(xy: Integers) -> Bools:
 
     Traversed counterclockwise with y up, a left edge goes down and a top edge goes exactly left.
     """
-    xy = np.asarray(xy, dtype=np.int64)
-    winding = np.sign(signed_area(xy))
-    result = []
-    for i in range(3):
-        direction = xy[..., (i + 2) % 3, :] - xy[..., (i + 1) % 3, :]
-        dx, dy = direction[..., 0] * winding, direction[..., 1] * winding
-        result.append((dy < 0) | ((dy == 0) & (dx < 0)))
-    return np.stack(result, axis=-1)
+    dx, dy = _edges(np.asarray(xy, dtype=np.int64))
+    return np.asarray((dy < 0) | ((dy == 0) & (dx < 0)))
 
 
 def covered(xy: Integers, edges: Integers) -> Bools:
@@ -96,8 +91,7 @@ def covered(xy: Integers, edges: Integers) -> Bools:
 
 def triangle_mask(xy: Integers, columns: int, rows: int) -> Bools:
     """Return the pixels that one triangle (3, 2) covers: (rows, columns) bool, row 0 at the BOTTOM, either winding."""
-    edges = edge_functions(xy, np.arange(columns)[None, :], np.arange(rows)[:, None])
-    return covered(xy, edges)
+    return covered(xy, edge_functions(xy, np.arange(columns)[None, :], np.arange(rows)[:, None]))
 
 
 def painter_order(z: Floats, alive: Bools) -> Integers:
@@ -112,34 +106,21 @@ def painter_order(z: Floats, alive: Bools) -> Integers:
 def samples(
     xy: Integers, boxes: Integers, limit: int = 1 << 18
 ) -> Iterator[tuple[Integers, Integers, Integers, Integers]]:
-    """Yield every pixel that each triangle covers, in batches of bounded size.
-
-    xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle, column, row, each (S,), and edge functions (S, 3).
-    """
-    if len(xy) == 0:
-        return
-    left, bottom, right, top = boxes.T
-    width = np.maximum(right - left + 1, 0)
-    band = max(1, limit // max(1, int(width.max())))  # rows at a time: one triangle has at most `limit` pixels there
-    for start in range(int(bottom.min()), int(top.max()) + 1, band):
-        low, high = np.maximum(bottom, start), np.minimum(top, start + band - 1)
-        count = width * np.maximum(high - low + 1, 0)
-        for batch in _batches(count, limit):
-            triangle, offset = _spread(batch, count)
-            column = left[triangle] + offset % width[triangle]
-            row = low[triangle] + offset // width[triangle]
-            edges = edge_functions(xy[triangle], column, row)
-            drawn = covered(xy[triangle], edges)
-            yield triangle[drawn], column[drawn], row[drawn], edges[drawn]
+    """Yield the pixels that each triangle covers, as `samples_at`: triangle, column, row, each (S,), and edge functions
+    (S, 3)."""
+    columns, rows = boxes[:, 2:].max(axis=0, initial=-1) + 1
+    row, column = np.divmod(np.arange(rows * columns), max(columns, 1))
+    for triangle, pixel, edges in samples_at(xy, boxes, column, row, limit):
+        yield triangle, column[pixel], row[pixel], edges
 
 
 def samples_at(
     xy: Integers, boxes: Integers, column: Integers, row: Integers, limit: int = 1 << 18
 ) -> Iterator[tuple[Integers, Integers, Integers]]:
-    """Yield which of the given pixels (column, row), (Q,) each, every triangle covers; others take no time.
+    """Yield which of the pixels (column, row), (Q,) each, the triangles xy (K, 3, 2) cover. boxes: (K, 4), see `Setup`.
 
-    xy: (K, 3, 2) and boxes: (K, 4) as of `setup`. Yields triangle and index of the pixel, each (S,), and edge functions
-    (S, 3), in batches of bounded size; of one pixel a later batch holds later triangles only.
+    Yields triangle and index of the pixel, each (S,), and edge functions (S, 3), in batches of bounded size; of one pixel a
+    later batch holds later triangles only.
     """
     left, bottom, right, top = boxes.T
     stride = int(max(column.max(initial=0), right.max(initial=0))) + 1
@@ -170,3 +151,29 @@ def _spread(batch: Integers, count: Integers) -> tuple[Integers, Integers]:
     """Repeat each index of the batch as often as its count; also return the repetition's number, from 0."""
     index = np.repeat(batch, count[batch])
     return index, np.arange(len(index)) - np.repeat(np.cumsum(count[batch]) - count[batch], count[batch])
+
+
+def places(count: int) -> Integers:
+    """Return (S, 2) int64: positions within a pixel, 1/256 px from its lower left corner, nearest to its center first.
+
+    x = (i + 1/2)/S for i = 0, ..., S - 1; y = (i modulo n + 1 - x)/n for S = n n = 4, 9, 16, else the fraction of
+    1/2 + (i - (S - 1)/2)/phi; rounded to the grid.
+    """
+    positions, rows = [], {4: 2, 9: 3, 16: 4}.get(count)
+    for i in range(count):
+        x, y = (i + 0.5) / count, (0.5 + (i - (count - 1) / 2.0) / GOLDEN_RATIO) % 1.0
+        if rows is not None:
+            y = (i % rows + 1.0 - x) / rows
+        positions.append([min(int(np.rint(t * SAMPLE_STEPS)), SAMPLE_STEPS - 1) for t in (x, y)])
+    center = SAMPLE_STEPS // 2
+    positions.sort(
+        key=lambda place: (place[0] - center) ** 2 + (place[1] - center) ** 2
+    )  # keeps the order of equal ones
+    return np.array(positions)
+
+
+def mean_place(lit: Bools) -> Integers:
+    """Return the mean of the places of samples, (K, 2) int64, rounded to whole 1/256 px, halves up. lit: (S, K), which
+    samples of K pixels, at least one in each."""
+    count, total = lit.sum(axis=0)[:, None], lit.T @ places(len(lit))
+    return np.asarray((2 * total + count) // (2 * count))

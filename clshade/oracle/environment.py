@@ -1,41 +1,28 @@
-"""Image-based light: the split sum as the kernels take it, with how far rounding may change it, and the true integral.
+"""Environments: what surfaces reflect of them, by the split sum as the kernels take it, and what is seen behind surfaces,
+with how far rounding may change it.
 
 Functions broadcast over leading axes: normals and directions are (..., 3).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..base.arrays import Floats, Integers
+from ..scene.camera import Camera
 from ..scene.environment import Environment
 from ..scene.image_light.brdf_table import SIDE, brdf_table
-from ..scene.image_light.irradiance import radiance
 from ..scene.image_light.light import image_light
 from ..scene.image_light.specular import OFF_MIRROR
-from . import microfacet
-from .microfacet import Facets, Reflected, alpha_of
-from .vectors import dot, unit
+from .microfacet import REACH, Facets, Reflected
+from .transform import SAMPLE_STEPS, camera_frame, dot, unit
 
 
-def folded(side: int, column: Integers, row: Integers) -> tuple[Integers, Integers]:
-    """Return the texels that continue an octahedral map beyond its edges, where it goes on turned by half a turn about the
-    middle of the edge."""
-    for low in (True, False):
-        beyond = (column < 0) if low else (column >= side)
-        column, row = (
-            np.where(beyond, (-1 if low else 2 * side - 1) - column, column),
-            np.where(beyond, side - 1 - row, row),
-        )
-    for low in (True, False):
-        beyond = (row < 0) if low else (row >= side)
-        column, row = (
-            np.where(beyond, side - 1 - column, column),
-            np.where(beyond, (-1 if low else 2 * side - 1) - row, row),
-        )
-    return column, row
+def extended(level: Floats) -> Floats:
+    """Continue an octahedral map two texels beyond its edges, where it goes on turned by half a turn about the middle of
+    the edge."""
+    wide = np.concatenate([level[::-1, 1::-1], level, level[::-1, :-3:-1]], axis=1)
+    return np.concatenate([wide[1::-1, ::-1], wide, wide[:-3:-1, ::-1]], axis=0)
 
 
 def octahedral_place(direction: Floats, side: int) -> tuple[Floats, Floats]:
@@ -51,28 +38,24 @@ def octahedral_place(direction: Floats, side: int) -> tuple[Floats, Floats]:
 def lookup(level: Floats, direction: Floats, reach: Floats) -> tuple[Floats, Floats]:
     """Return the bilinear means (..., 3) of a map, and how far they may be off if directions are within `reach` (...).
 
-    A unit vector that turns by r moves by at most 1.4 S r texels in a map of S texels a side: |d|_1 is 1 to sqrt(3), and the
-    place changes by at most (1 + sqrt(3)) r of the half side S/2. The middle of a lobe is at least sqrt(1/2) long, so that
-    it turns by up to 1.4 times as much: 2 S r in all. Less than a texel away the mean changes by at most the
-    range of the 4 x 4 texels around it times twice the distance in texels; else by the range of the whole map.
+    A unit vector that turns by r moves by at most 1.4 S r texels in a map of S texels a side: |d|_1 is 1 to sqrt(3), and
+    the place changes by at most (1 + sqrt(3)) r of the half side S/2. The middle of a lobe is at least sqrt(1/2) long, so
+    that it turns by up to 1.4 times as much: 2 S r in all. Less than a texel away the mean changes by at most the range of
+    the 4 x 4 texels around it times twice the distance in texels; else by the range of the whole map.
     """
     side = len(level)
     x, y = octahedral_place(direction, side)
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     part_x, part_y = x - column, y - row
+    rows, columns = (first[..., None] + np.arange(1, 5) for first in (row, column))
+    around = extended(level)[rows[..., :, None], columns[..., None, :]]
     mean = np.zeros((*x.shape, 3))
-    low, high = np.full_like(mean, np.inf), np.full_like(mean, -np.inf)
-    for down in (-1, 0, 1, 2):
-        for across in (-1, 0, 1, 2):
-            at = folded(side, column + across, row + down)
-            texel = level[at[1], at[0]]
-            low, high = np.minimum(low, texel), np.maximum(high, texel)
-            if down in (0, 1) and across in (0, 1):
-                share = (part_x if across else 1.0 - part_x) * (part_y if down else 1.0 - part_y)
-                mean += share[..., None] * texel
+    for down, share_y in enumerate((1.0 - part_y, part_y), 1):
+        for across, share_x in enumerate((1.0 - part_x, part_x), 1):
+            mean += (share_x * share_y)[..., None] * around[..., down, across, :]
     moved = 2.0 * side * reach
-    whole = level.max(axis=(0, 1)) - level.min(axis=(0, 1))
-    return mean, np.where((moved < 1.0)[..., None], 2.0 * moved[..., None] * (high - low), whole)
+    near = 2.0 * moved[..., None] * np.ptp(around, axis=(-3, -2))
+    return mean, np.where((moved < 1.0)[..., None], near, np.ptp(level, axis=(0, 1)))
 
 
 def irradiance(factors: Floats, normal: Floats) -> tuple[Floats, Floats]:
@@ -90,65 +73,45 @@ def shares(n_v: Floats, roughness: Floats) -> tuple[Floats, Floats]:
     across, down = (x - column)[..., None], (y - row)[..., None]
     top = table[row, column] * (1.0 - across) + table[row, column + 1] * across
     bottom = table[row + 1, column] * (1.0 - across) + table[row + 1, column + 1] * across
-    around = np.stack(
-        [
-            table[np.clip(row + i, 0, SIDE - 1), np.clip(column + j, 0, SIDE - 1)]
-            for i in (-1, 0, 1, 2)
-            for j in (-1, 0, 1, 2)
-        ]
-    )
-    slope: Floats = (around.max(axis=0) - around.min(axis=0)) * (SIDE - 1)
+    rows, columns = (np.clip(first[..., None] + np.arange(-1, 3), 0, SIDE - 1) for first in (row, column))
+    slope: Floats = np.ptp(table[rows[..., :, None], columns[..., None, :]], axis=(-3, -2)) * (SIDE - 1)
     return top * (1.0 - down) + bottom * down, slope
 
 
-@dataclass(frozen=True, eq=False)
-class Around:
-    """Where an environment is reflected: unit normals (..., 3) or 0, unit directions to the eye or 0, parameters, the
-    largest color that errors are relative to, and how far rounding may turn a direction, (...)."""
-
-    normal: Floats
-    view: Floats
-    facets: Facets
-    most: Floats
-    reach: Floats
-
-
-def reflected(environment: Environment, at: Around) -> Reflected:
+def reflected(
+    environment: Environment, normal: Floats, view: Floats, facets: Facets, max_color: Floats, reach: Floats
+) -> Reflected:
     """Return what surfaces reflect of an environment by the split sum, as `microfacet.reflected` does of lights.
+
+    normal, view: (..., 3) unit or 0, view toward the eye. max_color: (..., 3) the largest color that errors are relative
+    to. reach: (...) how far rounding may turn a direction.
 
     Errors: the irradiance is a polynomial of degree 2 with slopes at most twice its terms' magnitudes; the maps are
     `lookup`'s; the shares of the BRDF have their slope. Each is divided by `reach`, the unit of errors, and counts besides
     as itself, for the roundings of its own sums and of its table.
     """
-    light, facets, roughness = image_light(environment), at.facets, at.facets.roughness
-    dielectric = (1.0 - facets.metallic)[..., None]
-    metal, f90 = facets.metallic[..., None], dielectric * facets.f90[..., None]
-    n_v = dot(at.normal, at.view)
-    facing = np.clip(n_v, 0.0, 1.0)
-    mirrored = 2.0 * at.normal * facing[..., None] - at.view
-    alpha = (roughness**2)[..., None]
+    light, roughness = image_light(environment), facets.roughness
+    dielectric, metal = (1.0 - facets.metallic)[..., None], facets.metallic[..., None]
+    f0, f90, base = dielectric * facets.f0, dielectric * facets.f90[..., None], dielectric * facets.diffuse
+    facing, alpha = np.clip(dot(normal, view), 0.0, 1.0), (roughness**2)[..., None]
+    mirrored = 2.0 * normal * facing[..., None] - view
     share = (1.0 - alpha) * (1.0 + OFF_MIRROR * alpha)
-    mirrored = share * mirrored + (1.0 - share) * at.normal  # the middle of a lobe that the horizon cuts off
-    seen = (at.view != 0.0).any(axis=-1) & (at.normal != 0.0).any(axis=-1)
-    mirrored = np.where(seen[..., None], mirrored, (0.0, 0.0, 1.0))
+    mirrored = share * mirrored + (1.0 - share) * normal  # the middle of a lobe that the horizon cuts off
+    seen = ((view != 0.0).any(axis=-1) & (normal != 0.0).any(axis=-1))[..., None]
+    mirrored = np.where(seen, mirrored, (0.0, 0.0, 1.0))
     share, slope = shares(facing, roughness)
-    diffuse, terms = irradiance(light.irradiance, at.normal)
-    blur, off = _blurred(light.levels, mirrored, roughness, at.reach)
-    blur, off = (np.where(seen[..., None], value, 0.0) for value in (blur, off))
+    diffuse, terms = irradiance(light.irradiance, normal)
+    blur, off = (np.where(seen, part, 0.0) for part in _blurred(light.levels, mirrored, roughness, reach))
     a, b, grazing = (share[..., k, None] for k in range(3))
-    most_f0 = facets.f0.max(axis=-1)[..., None]
-    below = 1.0 - most_f0 + (most_f0 - facets.f90[..., None]) * grazing
-    base = dielectric * facets.diffuse
-    tinted = base * diffuse * below + metal * blur * a
-    plain = (dielectric * facets.f0 * a + (f90 + metal) * b) * blur
-    color = np.maximum(np.abs(at.most), 1.0)
-    strength = dielectric * facets.f0 + f90 + metal * color
-    per_reach = 1.0 / at.reach[..., None]
-    steep = slope[..., :2].max(axis=-1)[..., None]
-    spread = base * color * terms * (4.0 + slope[..., 2:]) + strength * (
-        off * per_reach * (a + b) + blur * (a + b + 2.0 * steep)
+    max_f0 = facets.f0.max(axis=-1)[..., None]
+    below = 1.0 - max_f0 + (max_f0 - facets.f90[..., None]) * grazing
+    color, steep = np.maximum(np.abs(max_color), 1.0), slope[..., :2].max(axis=-1)[..., None]
+    of_lobe = off * (1.0 / reach[..., None]) * (a + b) + blur * (a + b + 2.0 * steep)
+    return Reflected(
+        tinted=base * diffuse * below + metal * blur * a,
+        plain=(f0 * a + (f90 + metal) * b) * blur,
+        spread=base * color * terms * (4.0 + slope[..., 2:]) + (f0 + f90 + metal * color) * of_lobe,
     )
-    return Reflected(tinted, plain, spread)
 
 
 def _blurred(levels: tuple[Floats, ...], mirrored: Floats, roughness: Floats, reach: Floats) -> tuple[Floats, Floats]:
@@ -167,44 +130,58 @@ def _blurred(levels: tuple[Floats, ...], mirrored: Floats, roughness: Floats, re
     return blur, off
 
 
-def true_reflection(environment: Environment, at: Around, points: int = 128) -> Reflected:
-    """Return the integrals over the environment itself of diffuse and specular reflection, for K points, by quadrature with
-    points^2 directions each: in equal shares of the cosine for the diffuse term and of GGX's normals for the lobe.
+# The background
 
-    spread is 0. Slow; rough where the environment has small bright spots.
+
+def rays(camera: Camera, x: Integers, y: Integers) -> Floats:
+    """Return unit directions (K, 3), world space, of the rays through points of the image (K,), 1/256 px, y up."""
+    axes = camera_frame(camera)
+    if camera.orthographic:
+        return np.tile(axes[2], (len(x), 1))
+    (height, width), (columns, rows), principal = camera.plane, camera.resolution, camera.principal
+    right = (x / (SAMPLE_STEPS * columns) - principal[0]) * (width / camera.focal)
+    up = (y / (SAMPLE_STEPS * rows) - principal[1]) * (height / camera.focal)
+    return unit(right[:, None] * axes[0] + up[:, None] * axes[1] + axes[2])
+
+
+def seen(environment: Environment, directions: Floats, precision: str) -> tuple[Floats, Floats]:
+    """Return the radiance (K, 3) in unit directions (K, 3), bilinear between the centers of pixels, and the budget (K, 3)
+    of its errors. At a pole the first or last row is interpolated to its mean, so that the radiance is continuous there.
+
+    A direction that turns by r moves by at most 2 h/pi r rows, since the row at a pole is half as far away as the others,
+    and by w/(2 pi) min(h, 1/sin) r columns: within half a row of a pole, where longitudes turn faster, they count the less.
+    Less than a pixel away the mean changes by at most twice that distance times the range of the pixels around, else by the
+    range of the image.
     """
-    facets = at.facets
-    share = (np.arange(points) + 0.5) / points
-    turn = 2.0 * np.pi * share
-    total = [np.zeros(np.shape(at.normal)) for _ in range(2)]
-    for k, (n, v) in enumerate(zip(at.normal, at.view, strict=True)):
-        one = facets[k]
-        alpha = float(alpha_of(one.roughness))
-        side = unit(np.cross(n, np.eye(3)[np.abs(n).argmin()]))
-        frame = np.stack([side, np.cross(n, side), n])
-        dielectric = 1.0 - one.metallic
-        # Diffuse: cos^2 of the angle to the normal is uniform.
-        light = _around(np.sqrt(share), turn) @ frame
-        v_h = np.sqrt((1.0 + light @ v) / 2.0)
-        schlick = microfacet.schlick(np.full(3, one.f0.max()), one.f90, v_h)
-        total[0][k] = dielectric * one.diffuse * (radiance(environment, light) * (1.0 - schlick)).mean(axis=(0, 1))
-        # The lobe: normals in equal shares of D N.H.
-        half = _around(1.0 / np.sqrt(1.0 + alpha * alpha * share / (1.0 - share)), turn) @ frame
-        v_h, n_h = half @ v, half @ n
-        light = 2.0 * v_h[..., None] * half - v
-        n_l = light @ n
-        lit = (v_h > 0.0) & (n_l > 0.0)
-        passing = microfacet.passing(np.where(lit, n_l, 0.0), np.asarray(max(n @ v, 0.0)), np.asarray(alpha))
-        weight = np.where(lit, 4.0 * passing * v_h / n_h, 0.0)[..., None] * radiance(environment, light)
-        grazing = ((1.0 - np.clip(v_h, 0.0, 1.0)) ** 5)[..., None]
-        total[0][k] += one.metallic * (weight * (1.0 - grazing)).mean(axis=(0, 1))
-        edge = dielectric * one.f90 + one.metallic
-        total[1][k] = (weight * (dielectric * one.f0 * (1.0 - grazing) + edge * grazing)).mean(axis=(0, 1))
-    return Reflected(total[0], total[1], np.zeros_like(total[0]))
+    rows, columns, _ = environment.image.shape
+    front, left, up = (directions @ axis for axis in environment.axes)
+    longitude, polar = np.arctan2(left, front), np.arctan2(np.hypot(left, front), up)
+    x, y = columns * (0.5 - longitude / (2.0 * np.pi)) - 0.5, rows * polar / np.pi - 0.5
+    column = np.floor(x).astype(np.int64)
+    row = np.clip(np.floor(y).astype(np.int64), -1, rows - 1)
+    across, down = (x - column)[:, None], (y - row)[:, None]
+    down = np.where((row == -1)[:, None], 2.0 * down - 1.0, np.where((row == rows - 1)[:, None], 2.0 * down, down))
+    first, last = (environment.image[k].astype(np.float64) * environment.intensity for k in (0, -1))
 
+    def pixel(k: int, i: int) -> Floats:
+        """Return the pixels k rows below and i columns to the right of the one above and to the left."""
+        at = (row + k)[:, None]
+        inside = environment.image[np.clip(row + k, 0, rows - 1), (column + i) % columns].astype(np.float64)
+        beyond = np.where(at < 0, first.mean(axis=0), last.mean(axis=0))
+        return np.asarray(np.where((at < 0) | (at >= rows), beyond, inside * environment.intensity))
 
-def _around(cosine: Floats, turn: Floats) -> Floats:
-    """Return the directions (C, T, 3) at angles to z with these cosines, and at angles `turn` about it."""
-    sine = np.sqrt(1.0 - cosine * cosine)[:, None]
-    upward = np.broadcast_to(cosine[:, None], (len(cosine), len(turn)))
-    return np.stack([sine * np.cos(turn), sine * np.sin(turn), upward], axis=-1)
+    upper = (1.0 - across) * pixel(0, 0) + across * pixel(0, 1)
+    lower = (1.0 - across) * pixel(1, 0) + across * pixel(1, 1)
+    radiance = (1.0 - down) * upper + down * lower
+    around = np.array([pixel(k, i) for k in (-1, 0, 1, 2) for i in (-1, 0, 1, 2)])
+    low, high = around.min(axis=0), around.max(axis=0)
+    for near, end in ((row <= 0, first), (row >= rows - 2, last)):  # all longitudes meet there
+        low = np.where(near[:, None], np.minimum(low, end.min(axis=0)), low)
+        high = np.where(near[:, None], np.maximum(high, end.max(axis=0)), high)
+    reach = REACH[precision]
+    sine = np.maximum(np.sin(polar), 1.0 / rows)
+    moved = reach * (2.0 * rows / np.pi + columns / (2.0 * np.pi * sine))[:, None]
+    image_max = float(environment.image.max()) * environment.intensity
+    off = np.where(moved < 1.0, 2.0 * moved * (high - low), image_max)
+    limit = np.finfo(np.float64 if precision == "float64" else np.float32).max  # where samples saturate
+    return np.minimum(radiance, float(limit)), radiance + off / reach

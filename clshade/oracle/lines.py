@@ -8,28 +8,17 @@ edge, covers q, and is nearer than the line at q by more than moving its corners
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..base.arrays import Array, Bools, Floats, Integers
-from ..scene.model import Edges, Scene, Settings
-from .clip import GUARD, Pieces, beyond_guard, guard_planes
-from .coverage import signed_area
-from .sampling import places
-from .transform import (
-    SAMPLE_STEPS,
-    SUBPIXELS,
-    Lens,
-    camera_frame,
-    lens_of,
-    near_distance,
-    painter_depth,
-    project,
-    snap,
-    to_camera,
-)
-from .vectors import cross, dot
+from ..base.arrays import Bools, Floats, Integers
+from ..scene.camera import Camera
+from ..scene.model import Edges
+from .clip import GUARD, beyond_guard, clip_guard, clip_near
+from .coverage import painter_order, places, signed_area
+from .shot import Shot
+from .transform import SAMPLE_STEPS, SUBPIXELS, camera_frame, cross, dot, near_distance, project, snap, to_camera
 
 INSET = 64  # 1/256 px from the ends of a line, at most up to its middle
 SLACK = 2.0**-12  # 1/256 px by which triangles cover more
@@ -61,6 +50,20 @@ class Lines:
     edge: Integers
 
 
+@dataclass(frozen=True, eq=False)
+class Occluders:
+    """Triangles that may hide lines: xy (T, 3, 2) snapped corners, 1/256 px, w (T, 3), see `Lines`, and face (T,).
+    containing: pairs of edge and face that contains it, edge * faces + face each."""
+
+    xy: Integers
+    w: Floats
+    face: Integers
+    containing: Integers
+
+    def __getitem__(self, index: slice | Integers) -> Occluders:
+        return replace(self, xy=self.xy[index], w=self.w[index], face=self.face[index])
+
+
 def mesh_edges(world: Floats) -> MeshEdges:
     """Return the edges of faces (F, 3, 3). Equal positions are one vertex; faces with two equal corners have no edges."""
     positions, corner = np.unique(world.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
@@ -72,95 +75,69 @@ def mesh_edges(world: Floats) -> MeshEdges:
     return MeshEdges(positions[ends], face, edge.reshape(-1), pair[:, 0] < pair[:, 1])
 
 
-def drawn_edges(edges: MeshEdges, world: Floats, asked: Edges, scene: Scene, front_only: Bools) -> Bools:
-    """Return (E,) bool: the edges asked for, of which a face is drawn. front_only: (F,) faces that are culled from
-    behind."""
+def drawn_edges(edges: MeshEdges, shot: Shot, style: Edges) -> Bools:
+    """Return (E,) bool: the edges of the kinds to draw, of which a face is drawn."""
+    world, camera = shot.corners.world, shot.scene.camera
     normal = cross(world[:, 1] - world[:, 0], world[:, 2] - world[:, 0])
-    camera = scene.camera
     towards = camera.eye - world[:, 0]
     if camera.orthographic:
-        towards = np.broadcast_to(-camera_frame(camera.eye, camera.lookat, camera.up)[2], normal.shape)
+        towards = np.broadcast_to(-camera_frame(camera)[2], normal.shape)
     front, flat = dot(normal, towards) > 0.0, (normal == 0.0).all(axis=1)
     count = np.bincount(edges.edge, minlength=len(edges.ends))
-    found = np.zeros(len(edges.ends), bool)
-    if "all" in asked.kinds:
-        found[:] = True
-    if "boundary" in asked.kinds:
-        found |= count == 1
-    if "nonmanifold" in asked.kinds:
-        found |= count > 2
-    if "silhouette" in asked.kinds:
+    shown = np.full(len(edges.ends), "all" in style.kinds)
+    if "boundary" in style.kinds:
+        shown |= count == 1
+    if "nonmanifold" in style.kinds:
+        shown |= count > 2
+    if "silhouette" in style.kinds:
         left = front[edges.face] == edges.forward  # on which side of the edge the face lies in the image
         with_area = ~flat[edges.face]
-        sides = [np.bincount(edges.edge[with_area & (left == side)], minlength=len(found)) for side in (False, True)]
-        found |= (sides[0] == 0) | (sides[1] == 0)
-    if "feature" in asked.kinds:
-        found |= _sharp(edges, normal, count, asked.angle)
-    seen = np.bincount(edges.edge[(front | ~front_only)[edges.face]], minlength=len(found)) > 0
-    return found & seen
+        sides = [np.bincount(edges.edge[with_area & (left == side)], minlength=len(shown)) for side in (False, True)]
+        shown |= (sides[0] == 0) | (sides[1] == 0)
+    if "feature" in style.kinds:
+        shown |= _sharp(edges, normal, count, style.angle)
+    faces = edges.edge[(front | ~shot.backs_culled)[edges.face]]
+    return np.asarray(shown & (np.bincount(faces, minlength=len(shown)) > 0))
 
 
 def _sharp(edges: MeshEdges, normal: Floats, count: Integers, angle: float) -> Bools:
     order = np.lexsort((edges.face, edges.edge))
     pairs = np.flatnonzero(count == 2)
-    first = order[np.searchsorted(edges.edge[order], pairs)]
-    second = order[np.searchsorted(edges.edge[order], pairs) + 1]
+    first = np.searchsorted(edges.edge[order], pairs)
+    both = order[first], order[first + 1]
     with np.errstate(invalid="ignore"):
-        a, b = (
-            v / np.abs(v).max(axis=1, initial=0.0, keepdims=True)
-            for v in (normal[edges.face[first]], normal[edges.face[second]])
-        )
+        largest = (np.abs(normal[edges.face[side]]).max(axis=1, initial=0.0, keepdims=True) for side in both)
+        a, b = (normal[edges.face[side]] / size for side, size in zip(both, largest, strict=True))
         cosine = dot(a, b) / np.sqrt(dot(a, a) * dot(b, b))
-    sharp = np.zeros(len(count), bool)
-    sharp[pairs] = np.where(edges.forward[first] == edges.forward[second], -cosine, cosine) < np.cos(np.radians(angle))
+    sharp, alike = np.zeros(len(count), bool), edges.forward[both[0]] == edges.forward[both[1]]
+    sharp[pairs] = np.where(alike, -cosine, cosine) < np.cos(np.radians(angle))
     return sharp
 
 
-def _cut(points: Floats, distance: Floats) -> tuple[Floats, Bools] | None:
-    """Cut a segment (2, 3) to where the distance (2,) is not negative. Also returns which ends are new."""
-    outside = distance < 0.0
-    if outside.all():
-        return None
-    a, b = (0, 1) if abs(distance[0]) <= abs(distance[1]) else (1, 0)
-    crossing = points[a] + distance[a] / (distance[a] - distance[b]) * (points[b] - points[a]) if outside.any() else 0.0
-    return np.where(outside[:, None], crossing, points), outside
+def clip_segment(points: Floats, near: float, camera: Camera) -> Floats:
+    """Clip a segment (2, 3), camera space, as a polygon of two corners, to the near plane and, if it exceeds it, to the
+    guard band: (2, 3), or (0, 3)."""
+    points, weights = clip_near(points, np.zeros((2, 0)), near)
+    if len(points) and beyond_guard(project(points, camera)):
+        points, _ = clip_guard(points, weights, camera)
+    return points[:2]
 
 
-def clip_segment(points: Floats, near: float, lens: Lens) -> Floats | None:
-    """Clip a segment (2, 3), camera space, to the near plane and, if it exceeds it, to the guard band."""
-    found = _cut(points, points[:, 2] - near)
-    if found is None:
-        return None
-    points, made = found
-    points[made, 2] = near
-    if not beyond_guard(project(points, *lens)):
-        return points
-    for axis, side, slope, offset in guard_planes(lens):
-        depth = np.ones(2) if lens.orthographic else points[:, 2]
-        found = _cut(points, side * (slope * points[:, axis]) + side * offset * depth)
-        if found is None:
-            return None
-        points, made = found
-        depth = np.ones(2) if lens.orthographic else points[:, 2]
-        points[made, axis] = -offset * depth[made] / slope
-    return points
-
-
-def lines_of(ends: Floats, edge: Integers, scene: Scene, near: float) -> Lines:
+def lines_of(ends: Floats, edge: Integers, shot: Shot) -> Lines:
     """Return the lines of edges (E, 2, 3) with these numbers (E,), as far as they lie before the near plane."""
-    camera, lens = scene.camera, lens_of(scene.camera)
-    points = to_camera(ends, camera.eye, camera_frame(camera.eye, camera.lookat, camera.up))
+    camera, corners = shot.scene.camera, shot.corners.world.reshape(-1, 3)
+    points, near = to_camera(ends, camera), near_distance(corners, camera, shot.settings.near)
     with np.errstate(all="ignore"):
-        simple = (points[..., 2] >= near).all(axis=1) & ~beyond_guard(project(points, *lens))
+        simple = (points[..., 2] >= near).all(axis=1) & ~beyond_guard(project(points, camera))
         kept, numbers = [points[simple]], [edge[simple]]
         for k in np.flatnonzero(~simple):
-            cut = clip_segment(points[k], near, lens)
-            if cut is not None:
+            cut = clip_segment(points[k], near, camera)
+            if len(cut):
                 kept.append(cut[None])
                 numbers.append(edge[k : k + 1])
     points = np.concatenate(kept)
-    w = -points[..., 2] if lens.orthographic else 1.0 / points[..., 2]
-    return Lines(on_line_grid(snap(np.clip(project(points, *lens), *GUARD))), w, np.concatenate(numbers))
+    w = -points[..., 2] if camera.orthographic else 1.0 / points[..., 2]
+    return Lines(on_line_grid(snap(np.clip(project(points, camera), *GUARD))), w, np.concatenate(numbers))
 
 
 def on_line_grid(xy: Integers) -> Integers:
@@ -169,80 +146,69 @@ def on_line_grid(xy: Integers) -> Integers:
     return (xy + step // 2) // step
 
 
-def samples_with_lines(
-    scene: Scene,
-    settings: Settings,
-    world: Floats,
-    cut: Pieces,
-    z: Floats,
-    front_only: Bools,
-    pixels: tuple[Array, Array],
-) -> Integers:
-    """Return what each sample of pixels shows, NONE, LINE or MARKED: (S, K).
-
-    world: (F, 3, 3) faces. cut: the triangles drawn. z: (F, 3) depths of the faces. front_only: (F,) bool. pixels: columns
-    and rows from the BOTTOM, (K,) each.
-    """
-    asked = settings.edges
-    shown = np.zeros((settings.samples, len(pixels[0])), np.int64)
-    edges = mesh_edges(world)
-    if asked is None or not len(edges.ends):
+def samples_with_lines(shot: Shot, column: Integers, row: Integers) -> Integers:
+    """Return what each sample of pixels (columns and rows from the BOTTOM), (K,), shows, NONE, LINE or MARKED: (S, K)."""
+    style, offsets, faces = shot.settings.edges, places(shot.settings.samples), len(shot.corners.world)
+    shown = np.zeros((len(offsets), len(column)), np.int64)
+    edges = mesh_edges(shot.corners.world)
+    if style is None or not len(edges.ends):
         return shown
-    drawn = np.flatnonzero(drawn_edges(edges, world, asked, scene, front_only))
-    before = near_distance(world.reshape(-1, 3), scene.camera.eye, scene.camera.lookat, settings.near)
-    lines = lines_of(edges.ends[drawn], drawn, scene, before)
-    corners = on_line_grid(cut.xy)
-    area = signed_area(corners)
-    hiding = np.flatnonzero((area != 0) & ~((front_only[cut.face]) & (area < 0)))
-    w = -cut.z if scene.camera.orthographic else 1.0 / cut.z
-    if settings.visibility == "painter":
-        rank = np.empty(len(z))
-        rank[np.lexsort((-np.arange(len(z)), painter_depth(z)))] = np.arange(len(z))
-        first = np.full(len(edges.ends), np.inf)
-        np.minimum.at(first, edges.edge, rank[edges.face])
-        lines = Lines(lines.xy, -np.repeat(first[lines.edge][:, None], 2, axis=1), lines.edge)
-        w = -np.repeat(rank[cut.face][:, None], 3, axis=1)
+    drawn = np.flatnonzero(drawn_edges(edges, shot, style))
+    lines, occluders = _ranked(shot, edges, lines_of(edges.ends[drawn], drawn, shot))
     marked = np.bincount(edges.edge)[lines.edge] > 2
-    own = np.unique(edges.edge * len(world) + edges.face)
-    offsets = places(settings.samples)
 
     def points(mine: Integers) -> Integers:
-        corner = np.stack([pixels[0][mine], pixels[1][mine]], axis=1) * SAMPLE_STEPS
+        corner = np.stack([column[mine], row[mine]], axis=1) * SAMPLE_STEPS
         return (corner[None] + offsets[:, None]).reshape(-1, 2)
 
-    for mine, near_lines, near in _cells(pixels, points, lines.xy, corners, hiding, asked.steps):
+    for mine, near_lines, near in _cells((column, row), points, lines.xy, occluders.xy, style.steps):
         p = points(mine)
         kinds = np.zeros(len(p), np.int64)
-        for sample, line in _covered(p, lines.xy[near_lines], asked.steps):
+        for sample, line in _covered(p, lines.xy[near_lines], style.steps):
             line = near_lines[line]
             q, depth = nearest_points(p[sample], lines.xy[line], lines.w[line])
-            owner = lines.edge[line] * len(world)
-            seen = ~_hidden(q, depth, corners[near], w[near], owner, cut.face[near], own, settings)
-            np.maximum.at(kinds, sample[seen], np.where(marked[line[seen]], MARKED, LINE))
-        shown[:, mine] = kinds.reshape(settings.samples, -1)
+            hidden = _hidden(q, depth, occluders[near], lines.edge[line] * faces, shot.settings.visibility == "painter")
+            np.maximum.at(kinds, sample[~hidden], np.where(marked[line[~hidden]], MARKED, LINE))
+        shown[:, mine] = kinds.reshape(len(offsets), -1)
     return shown
 
 
+def _ranked(shot: Shot, edges: MeshEdges, lines: Lines) -> tuple[Lines, Occluders]:
+    """Return the lines, and the triangles that may hide them; in painter's order by the ranks of the faces."""
+    cut, z = shot.pieces, shot.z
+    w = -cut.z if shot.scene.camera.orthographic else 1.0 / cut.z
+    if shot.settings.visibility == "painter":
+        rank = np.empty(len(z))
+        rank[painter_order(z, np.ones(len(z), bool))] = np.arange(len(z))
+        first = np.full(len(edges.ends), np.inf)
+        np.minimum.at(first, edges.edge, rank[edges.face])
+        lines = replace(lines, w=-np.repeat(first[lines.edge][:, None], 2, axis=1))
+        w = -np.repeat(rank[cut.face][:, None], 3, axis=1)
+    corners = on_line_grid(cut.xy)
+    area = signed_area(corners)
+    drawn = np.flatnonzero((area != 0) & ~(shot.backs_culled[cut.face] & (area < 0)))
+    return lines, Occluders(corners, w, cut.face, np.unique(edges.edge * len(z) + edges.face))[drawn]
+
+
 def _cells(
-    pixels: tuple[Array, Array],
+    pixels: tuple[Integers, Integers],
     points: Callable[[Integers], Integers],
     lines: Integers,
-    pieces: Integers,
-    hiding: Integers,
+    occluders: Integers,
     width: int,
 ) -> Iterator[tuple[Integers, Integers, Integers]]:
-    """Yield indices of pixels in the same cell of the image, and of the lines (L, 2, 2), and those of the pieces (T, 3, 2)
-    in `hiding`, that come near their sample points."""
+    """Yield indices of pixels in the same cell of the image, and of the lines (L, 2, 2) and occluders (T, 3, 2) that come
+    near their sample points."""
     for large in _groups(pixels, np.arange(len(pixels[0])), CELLS[0]):
         some_lines = _touching(lines, points(large), width)
-        some_pieces = hiding[_touching(pieces[hiding], points(large), width + 2 * INSET)]
+        some_occluders = _touching(occluders, points(large), width + 2 * INSET)
         for small in _groups(pixels, large, CELLS[1]):
             near_lines = some_lines[_touching(lines[some_lines], points(small), width)]
-            near_pieces = some_pieces[_touching(pieces[some_pieces], points(small), width + 2 * INSET)]
-            yield small, near_lines, near_pieces
+            near_occluders = some_occluders[_touching(occluders[some_occluders], points(small), width + 2 * INSET)]
+            yield small, near_lines, near_occluders
 
 
-def _groups(pixels: tuple[Array, Array], some: Integers, size: int) -> list[Integers]:
+def _groups(pixels: tuple[Integers, Integers], some: Integers, size: int) -> list[Integers]:
     """Split the indices `some` of pixels by square cells of the image."""
     cell = (pixels[1][some] // size) * (1 << 20) + pixels[0][some] // size
     order = np.argsort(cell, kind="stable")
@@ -266,10 +232,10 @@ def _covered(p: Integers, xy: Integers, width: int) -> Iterator[tuple[Integers, 
         end = np.where(beyond[..., None], r - d, r)
         inside = 4 * (end * end).sum(axis=-1) <= width * width
         between = (along > 0) & ~beyond
-        ours = 4.0 * np.square((r[..., 0] * d[..., 1] - r[..., 1] * d[..., 0]).astype(np.float64))
-        most = float(width * width) * length2.astype(np.float64)
-        inside = np.where(between, ours <= most, inside)
-        for i, j in np.argwhere(between & (np.abs(ours - most) <= 1e-9 * most)):
+        offset2 = 4.0 * np.square((r[..., 0] * d[..., 1] - r[..., 1] * d[..., 0]).astype(np.float64))
+        limit2 = float(width * width) * length2.astype(np.float64)
+        inside = np.where(between, offset2 <= limit2, inside)
+        for i, j in np.argwhere(between & (np.abs(offset2 - limit2) <= 1e-9 * limit2)):
             (rx, ry), (dx, dy) = r[i, j].tolist(), d[j].tolist()
             inside[i, j] = 4 * (rx * dy - ry * dx) ** 2 <= width * width * (dx * dx + dy * dy)
         sample, line = np.nonzero(inside)
@@ -291,14 +257,11 @@ def nearest_points(p: Integers, xy: Integers, w: Floats) -> tuple[Floats, Floats
     return q, np.where(end_on, w.max(axis=1), w[:, 0] + t * (w[:, 1] - w[:, 0]))
 
 
-def _hidden(
-    q: Floats, depth: Floats, xy: Integers, w: Floats, edge: Integers, face: Integers, own: Integers, settings: Settings
-) -> Bools:
-    """Return which points q (K, 2) at `depth` (K,) of edges (K,) triangles (T, 3, 2) with w (T, 3) of faces (T,) hide.
-    own: pairs of edge and face, edge + face each."""
-    found = np.zeros(len(q), bool)
-    turn = np.sign(signed_area(xy))
-    area = np.abs(signed_area(xy)).astype(np.float64)
+def _hidden(q: Floats, depth: Floats, occluders: Occluders, edge: Integers, painter: bool) -> Bools:
+    """Return which points q (K, 2) at `depth` (K,) of edges (K,), each times the number of faces, triangles hide."""
+    hidden = np.zeros(len(q), bool)
+    xy, w, area = occluders.xy, occluders.w, signed_area(occluders.xy)
+    turn, area = np.sign(area), np.abs(area).astype(np.float64)
     step = max(1, BATCH // max(1, len(q)))
     for start in range(0, len(xy), step):
         some = slice(start, start + step)
@@ -311,12 +274,12 @@ def _hidden(
             covers &= ~(e < -((np.abs(a) + np.abs(b)) * SLACK))
             nearer = w[some, k] - depth[:, None]
             ahead, slope_x, slope_y = ahead + e * nearer, slope_x + a * nearer, slope_y + b * nearer
-        if settings.visibility == "painter":
+        if painter:
             before = w[some, 0] > depth[:, None]
         else:
-            least = (np.abs(slope_x) + np.abs(slope_y)) * ROUNDED_TWICE + (EQUAL * np.abs(depth[:, None])) * area[some]
-            before = ahead - least > 0.0
+            slack = (np.abs(slope_x) + np.abs(slope_y)) * ROUNDED_TWICE + (EQUAL * np.abs(depth[:, None])) * area[some]
+            before = ahead - slack > 0.0
         at, triangle = np.nonzero(covers & before)
-        foreign = ~np.isin(edge[at] + face[some][triangle], own)
-        found[at[foreign]] = True
-    return found
+        foreign = ~np.isin(edge[at] + occluders.face[some][triangle], occluders.containing)
+        hidden[at[foreign]] = True
+    return hidden

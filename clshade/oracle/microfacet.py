@@ -1,5 +1,5 @@
 """The metallic-roughness model of glTF 2.0, appendix B: GGX's distribution, Smith's height-correlated visibility, Schlick's
-Fresnel reflectance, and how far rounding may change them.
+Fresnel reflectance, its maps, and how far rounding may change them.
 
 Functions broadcast over leading axes: points, directions and colors are (..., 3). Reflected light is pi times the
 specification's: a white diffuse surface that faces a light of intensity 1 sends 1.
@@ -8,15 +8,18 @@ specification's: a white diffuse surface that faces a light of intensity 1 sends
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..base.arrays import Array, Floats
+from ..base.arrays import Bools, Floats
 from ..scene.model import LEAST_ROUGHNESS, Material
-from . import lights
-from .shade import conditioning, light_condition, most_arriving
-from .vectors import dot, length, unit
+from .corners import blend
+from .lights import Interaction, LightSample
+from .shot import Hits
+from .terms import Directions
+from .texture import Texels, texels
+from .transform import cross, dot, length
 
 # How far rounding may move a unit vector or a cosine, by precision: the roundings that `oracle_bounds.ALLOWED` allows.
 REACH = {"float32": 32.0 * 2.0**-24, "float64": 1e-12}
@@ -40,45 +43,42 @@ class Facets:
 
 def facets_of(materials: Sequence[Material]) -> Facets:
     """Return the parameters of materials, (U,)."""
-    own = [material.microfacets for material in materials]
+    facets = [material.microfacets for material in materials]
     return Facets(
         np.array([material.diffuse for material in materials], np.float64).reshape(-1, 3),
-        np.array([each.dielectric_f0 for each in own], np.float64).reshape(-1, 3),
-        np.array([each.specular for each in own], np.float64),
-        np.array([each.metallic for each in own], np.float64),
-        np.array([each.roughness for each in own], np.float64),
-        np.array([each.emission for each in own], np.float64).reshape(-1, 3),
+        np.array([facet.dielectric_f0 for facet in facets], np.float64).reshape(-1, 3),
+        np.array([facet.specular for facet in facets], np.float64),
+        np.array([facet.metallic for facet in facets], np.float64),
+        np.array([facet.roughness for facet in facets], np.float64),
+        np.array([facet.emission for facet in facets], np.float64).reshape(-1, 3),
     )
 
 
 def alpha_of(roughness: Floats) -> Floats:
     """Return GGX's alpha (...)."""
-    alpha: Floats = np.maximum(roughness, LEAST_ROUGHNESS) ** 2
-    return alpha
+    return np.asarray(np.maximum(roughness, LEAST_ROUGHNESS) ** 2)
 
 
 def distribution(beside: Floats, alpha: Floats) -> Floats:
     """Return pi times GGX's distribution of normals, at most 1/alpha^2. beside: |N x H|."""
     x2, a2 = beside * beside, alpha * alpha
-    ratio: Floats = alpha / (x2 + a2 * (1.0 - x2))
-    return ratio * ratio
+    ratio = alpha / (x2 + a2 * (1.0 - x2))
+    return np.asarray(ratio * ratio)
 
 
 def passing(n_l: Floats, n_v: Floats, alpha: Floats) -> Floats:
-    """Return N.L times Smith's height-correlated visibility, G / (4 N.L N.V) N.L. It grows with N.L and falls with N.V, each
-    at least 0; 0 where N.L is 0."""
+    """Return N.L times Smith's height-correlated visibility, G / (4 N.L N.V) N.L. It grows with N.L and falls with N.V,
+    each at least 0; 0 where N.L is 0."""
     a2 = alpha * alpha
     shadowed, masked = (np.sqrt(a2 + (1.0 - a2) * x * x) for x in (n_l, n_v))
     lit = n_l > 0.0
-    share: Floats = np.where(lit, 0.5 * n_l / np.where(lit, n_l * masked + n_v * shadowed, 1.0), 0.0)
-    return share
+    return np.where(lit, 0.5 * n_l / np.where(lit, n_l * masked + n_v * shadowed, 1.0), 0.0)
 
 
 def schlick(f0: Floats, f90: Floats, v_h: Floats) -> Floats:
     """Return the reflectance (..., 3) of f0 (..., 3) and f90, v_h (...)."""
     grazing = ((1.0 - v_h) ** 5)[..., None]
-    reflectance: Floats = f0 * (1.0 - grazing) + np.asarray(f90)[..., None] * grazing
-    return reflectance
+    return np.asarray(f0 * (1.0 - grazing) + np.asarray(f90)[..., None] * grazing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +93,9 @@ class Angles:
     mirrors: Floats
 
 
-def angles(point: Floats, normal: Floats, eye: Floats, light_position: Floats) -> Angles:
-    """Return the cosines at points; N.L and N.V below 0 count as 0."""
-    n, towards_light, view = unit(normal), unit(light_position - point), unit(eye - point)
+def angles(directions: Directions) -> Angles:
+    """Return the cosines between directions; N.L and N.V below 0 count as 0."""
+    n, towards_light, view = directions
     both = towards_light + view
     size = length(both)
     half = both / np.where(size > 0.0, size, 1.0)[..., None]
@@ -114,83 +114,75 @@ def angles(point: Floats, normal: Floats, eye: Floats, light_position: Floats) -
 
 @dataclass(frozen=True, eq=False)
 class Reflected:
-    """Light of white light sources summed over them, (..., 3): tinted by the color, and not. spread: (..., 3) how much light
-    there is to be rounded, in units of which errors are counted; see `budget`."""
+    """Light of white light sources summed over them, (..., 3): tinted by the color, and not. spread: (..., 3) how much
+    light there is to be rounded, in units of which errors are counted; see `budget`."""
 
     tinted: Floats
     plain: Floats
     spread: Floats
 
-    def times(self, factor: Floats) -> Reflected:
-        """Return the light times factors (...) from 0 to 1."""
-        return Reflected(self.tinted * factor[..., None], self.plain * factor[..., None], self.spread)
-
-    def plus(self, other: Reflected) -> Reflected:
-        return Reflected(self.tinted + other.tinted, self.plain + other.plain, self.spread + other.spread)
-
 
 def reflected(
-    point: Floats,
-    normal: Floats,
-    eye: Floats,
+    at: Interaction,
     facets: Facets,
-    most: Floats,
-    light_positions: Floats,
-    light_intensities: Floats,
+    max_color: Floats,
     reach: float,
-    extent: Floats,
-    normal_length: Floats,
-    parallel: bool = False,
     wear: Floats | float = 0.0,
-    shapes: Sequence[lights.Shape] = (),
     reaching: Floats | None = None,
 ) -> Reflected:
     """Return what surfaces reflect, and how far rounding may change it.
 
-    most: (..., 3) the largest color that errors are relative to. reach: see `REACH`. extent, normal_length, parallel: as of
-    `shade.conditions`; shapes: as of `shade.reflected`. reaching: (L, ...) factors of the lights, which `spread` does not
-    know. wear: (...) how far the roughness and the metallic part may be off, over `reach`.
+    max_color: (..., 3) the largest color that errors are relative to. reach: see `REACH`. wear: (...) how far the roughness
+    and the metallic part may be off, over `reach`. reaching: factors of `at.samples`, (L, ...), which `spread` does not
+    know.
 
     A cosine within r of its value, r being `reach` times the light's own condition number, bounds distribution, visibility
-    and reflectance from above and below, since each is monotonic; so their product lies between two values. Their difference
-    over r, and the larger one for the roundings of the product itself, are what the lobe adds to `spread`. Its relative
-    change with alpha is at most 3/alpha, hence 6/roughness with the roughness; the reflectance changes with the metallic
-    part by at most the larger one of color and 1.
+    and reflectance from above and below, since each is monotonic; so their product lies between two values. Their
+    difference over r, and the larger one for the roundings of the product itself, are what the lobe adds to `spread`. Its
+    relative change with alpha is at most 3/alpha, hence 6/roughness with the roughness; the reflectance changes with the
+    metallic part by at most the larger one of color and 1.
     """
+    shape = np.broadcast_shapes(at.point.shape, at.normal.shape, facets.f0.shape)
+    tinted, plain, spread = np.zeros((3, *shape))
+    for k, sample in enumerate(at.samples):
+        share = sample.share * (1.0 if reaching is None else reaching[k])
+        parts = _reflected_of(sample.intensity * share[..., None], angles(sample.directions), facets)
+        for part in parts[:2]:
+            tinted += part
+        plain += parts[2]
+        spread += np.abs(sample.max_arriving) * _spread_of(sample, facets, max_color, reach, np.asarray(wear))
+    return Reflected(tinted, plain, spread)
+
+
+def _reflected_of(arriving: Floats, at: Angles, facets: Facets) -> tuple[Floats, Floats, Floats]:
+    """Return what surfaces reflect of a light, (..., 3) each: diffuse, the metal's lobe, which the color tints as well, and
+    the dielectric's."""
     alpha, dielectric = alpha_of(facets.roughness), 1.0 - facets.metallic
     f0, f90 = dielectric[..., None] * facets.f0, dielectric * facets.f90
-    base = dielectric[..., None] * facets.diffuse
-    metal = facets.metallic[..., None] * np.maximum(np.abs(most), 1.0)
-    shape = np.broadcast_shapes(point.shape, normal.shape, f0.shape)
-    tinted, plain, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    has_normal = (np.asarray(normal) != 0.0).any(axis=-1)
-    most_light = most_arriving(point, extent, eye, light_positions, light_intensities, shapes, parallel)
-    common = conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), parallel)
-    each = lights.each(light_positions, light_intensities, shapes, point, extent)
-    for k, ((position, intensity, kind), most_intensity) in enumerate(zip(each, most_light, strict=True)):
-        at = angles(point, normal, eye, lights.place(point, position, kind))
-        share = lights.share(point, position, kind) * (1.0 if reaching is None else reaching[k])
-        arriving = intensity * share[..., None]
-        lobe = np.where(at.mirrors, distribution(at.beside, alpha) * passing(at.n_l, at.n_v, alpha), 0.0)
-        below = 1.0 - schlick(facets.f0.max(axis=-1, keepdims=True), facets.f90, at.v_h)
-        grazing = (1.0 - at.v_h) ** 5
-        tinted += arriving * (base * at.n_l[..., None] * below)
-        tinted += arriving * (facets.metallic * lobe * (1.0 - grazing))[..., None]
-        plain += (
-            arriving
-            * (f0 * (1.0 - grazing)[..., None] + (f90 + facets.metallic)[..., None] * grazing[..., None])
-            * lobe[..., None]
-        )
-        own = np.fmax(common, light_condition(point, extent, eye, position, parallel, kind))
-        r = reach * np.maximum(np.nan_to_num(own, nan=1e300, posinf=1e300), 1.0)
-        low, high = _lobe_range(at, alpha, f0 + metal, f90 + facets.metallic, r)
-        color = np.maximum(np.abs(most), 1.0)
-        whole = _lobe_range(at, alpha, np.ones_like(color), np.ones_like(facets.f90), r)[1]
-        worn = np.asarray(wear)[..., None] * (6.0 / np.sqrt(alpha)[..., None] * high + color * whole)
-        lobes = np.where((has_normal & at.mirrors)[..., None], (high - low) / r[..., None] + high + worn, 0.0)
-        diffuse = 2.0 * base + np.asarray(wear)[..., None] * facets.diffuse
-        spread += np.abs(most_intensity) * (diffuse * color + lobes)
-    return Reflected(tinted, plain, spread)
+    lobe = np.where(at.mirrors, distribution(at.beside, alpha) * passing(at.n_l, at.n_v, alpha), 0.0)
+    below = 1.0 - schlick(facets.f0.max(axis=-1, keepdims=True), facets.f90, at.v_h)
+    grazing = (1.0 - at.v_h) ** 5
+    plain = f0 * (1.0 - grazing)[..., None] + (f90 + facets.metallic)[..., None] * grazing[..., None]
+    return (
+        arriving * (dielectric[..., None] * facets.diffuse * at.n_l[..., None] * below),
+        arriving * (facets.metallic * lobe * (1.0 - grazing))[..., None],
+        arriving * plain * lobe[..., None],
+    )
+
+
+def _spread_of(sample: LightSample, facets: Facets, max_color: Floats, reach: float, wear: Floats) -> Floats:
+    """Return what a light of intensity 1 adds to `Reflected.spread`."""
+    alpha, dielectric = alpha_of(facets.roughness), 1.0 - facets.metallic
+    f0, f90 = dielectric[..., None] * facets.f0, dielectric * facets.f90
+    at, color = angles(sample.directions), np.maximum(np.abs(max_color), 1.0)
+    r = reach * np.maximum(np.nan_to_num(sample.kappa, nan=1e300, posinf=1e300), 1.0)
+    low, high = _lobe_range(at, alpha, f0 + facets.metallic[..., None] * color, f90 + facets.metallic, r)
+    brightest = _lobe_range(at, alpha, np.ones_like(color), np.ones_like(facets.f90), r)[1]
+    worn = wear[..., None] * (6.0 / np.sqrt(alpha)[..., None] * high + color * brightest)
+    mirrors = (sample.at.has_normal & at.mirrors)[..., None]
+    lobes = np.where(mirrors, (high - low) / r[..., None] + high + worn, 0.0)
+    diffuse = 2.0 * (dielectric[..., None] * facets.diffuse) + wear[..., None] * facets.diffuse
+    return np.asarray(diffuse * color + lobes)
 
 
 def _lobe_range(at: Angles, alpha: Floats, f0: Floats, f90: Floats, r: Floats) -> tuple[Floats, Floats]:
@@ -205,17 +197,17 @@ def _lobe_range(at: Angles, alpha: Floats, f0: Floats, f90: Floats, r: Floats) -
         passing(np.minimum(at.n_l + r, 1.0), np.maximum(at.n_v - r, 0.0), alpha),
         passing(np.maximum(at.n_l - r, 0.0), np.minimum(at.n_v + r, 1.0), alpha),
     )
-    most_h, least_h = np.minimum(at.v_h + r, 1.0), np.maximum(at.v_h - r, 0.0)
-    far, near = ((1.0 - least_h) ** 5)[..., None], ((1.0 - most_h) ** 5)[..., None]
+    high_h, low_h = np.minimum(at.v_h + r, 1.0), np.maximum(at.v_h - r, 0.0)
+    far, near = ((1.0 - low_h) ** 5)[..., None], ((1.0 - high_h) ** 5)[..., None]
     high = (peak[0] * share[0])[..., None] * (f0 * (1.0 - near) + f90[..., None] * far)
     low = (peak[1] * share[1])[..., None] * (f0 * (1.0 - far) + f90[..., None] * near)
     return low, high
 
 
-def budget(ka_Ia: Floats, most: Floats, facets: Facets, spread: Floats, tinted: bool) -> Floats:
+def budget(ka_Ia: Floats, max_color: Floats, emission: Floats, spread: Floats, tinted: bool) -> Floats:
     """Return what errors are counted against, B (..., 3): the ambient and emitted light, and `Reflected.spread`."""
-    total: Floats = np.abs(ka_Ia) * (np.maximum(np.abs(most), 1.0) if tinted else 1.0) + facets.emission + spread
-    return total
+    brightest = np.maximum(np.abs(max_color), 1.0) if tinted else 1.0
+    return np.asarray(np.abs(ka_Ia) * brightest + emission + spread)
 
 
 def light(reflection: Reflected, color: Floats, ka_Ia: Floats, facets: Facets, tinted: bool) -> Floats:
@@ -225,23 +217,90 @@ def light(reflection: Reflected, color: Floats, ka_Ia: Floats, facets: Facets, t
     return total if tinted else total + ka_Ia
 
 
-def lost_energy(alpha: float, n_v: Array, steps: int = 400) -> Floats:
-    """Return the share of light that single scattering of a perfect reflector (F = 1) loses, (...), by quadrature: 1 minus
-    the integral of its BRDF times N.L over directions to the light.
+# Maps
 
-    Half vectors are taken with equal shares of D (N.H): tan^2 of their angle to N is alpha^2 u/(1 - u), u uniform.
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """What the maps give at K pixels.
+
+    normal: texels (K, 3) of normal maps, scale: (K,) factor of their first two components, turned: (K,) bool where there is
+    one. open: (K,) the part of the ambient light that arrives. open_spread: (K,) how much rounding may change it. facets:
+    (K,) parameters. emission: (K, 3) that the budget counts. wear: (K,) how far roughness and metallic part may be off,
+    relative to them and in `REACH`: a texel is right to 8 roundings, a quarter of that, and its place to `slack` texels.
+    jump: (K, 3) by how much the light changes if rounding exchanges nearest texels.
     """
-    u = (np.arange(steps) + 0.5) / steps
-    phi = (np.arange(steps) + 0.5) / steps * np.pi
-    cosine = 1.0 / np.sqrt(1.0 + alpha * alpha * u / (1.0 - u))
-    sine = np.sqrt(1.0 - cosine * cosine)
-    kept = []
-    for c in np.ravel(n_v):
-        s = np.sqrt(1.0 - c * c)
-        v_h = cosine[:, None] * c + (sine[:, None] * s) * np.cos(phi)
-        n_l = 2.0 * v_h * cosine[:, None] - c
-        mirrored = (v_h > 0.0) & (n_l > 0.0)
-        visible = 4.0 * passing(np.where(mirrored, n_l, 0.0), np.asarray(c), np.asarray(alpha))
-        kept.append(np.where(mirrored, visible * v_h / cosine[:, None], 0.0).mean())
-    lost: Floats = 1.0 - np.reshape(kept, np.shape(n_v))
-    return lost
+
+    normal: Texels
+    scale: Floats
+    turned: Bools
+    open: Floats
+    open_spread: Floats
+    facets: Facets
+    emission: Floats
+    wear: Floats
+    jump: Floats
+
+
+def maps(hits: Hits) -> Maps:
+    """Return the maps at pixels; none without shader pbr."""
+    settings, materials = hits.shot.settings, [mesh.material for mesh in hits.shot.scene.meshes]
+    pbr, plain = settings.shader == "pbr", facets_of(materials)[hits.mesh]
+
+    def look_up(name: str) -> Texels:
+        return texels(hits, lambda mesh: getattr(mesh.material.microfacets, name) if pbr else None)
+
+    normal, occlusion = look_up("normal_texture"), look_up("occlusion_texture")
+    glow, worn = look_up("emission_texture"), look_up("metallic_roughness_texture")
+    strength, scale = (
+        np.array([getattr(material.microfacets, name) for material in materials])[hits.mesh]
+        for name in ("occlusion_strength", "normal_scale")
+    )
+    exchanged = np.maximum(normal.spread.max(axis=1), worn.spread.max(axis=1)) > 0.0
+    return Maps(
+        normal=normal,
+        scale=scale,
+        turned=normal.looked_up & (hits.shot.corners.tangents[hits.face] != 0.0).any(axis=(1, 2)),
+        open=1.0 + strength * (occlusion.color[:, 0] - 1.0),
+        open_spread=strength * occlusion.spread[:, 0],
+        facets=replace(
+            plain,
+            roughness=plain.roughness * worn.color[:, 1],
+            metallic=plain.metallic * worn.color[:, 2],
+            emission=plain.emission * glow.color,
+        ),
+        emission=plain.emission * np.maximum(glow.magnitude, 1.0),
+        wear=np.where(worn.looked_up, 0.25 + worn.slack / REACH[settings.precision], 0.0),
+        jump=np.where(exchanged[:, None], np.inf, plain.emission * glow.spread),
+    )
+
+
+def shading_normals(hits: Hits, mapped: Maps) -> tuple[Floats, Floats, Floats]:
+    """Return normals (K, 3) as corners give them and as normal maps turn these, and their lengths before normalizing (K,),
+    1 where the corners' normals are all 0: nothing cancels there.
+
+    With the texel's x, y, z = 2 RGB - 1 a turned one is x T + y B + z N, B = w N x T, where none of the interpolated
+    vectors is normalized (as MikkTSpace asks). On a side seen from behind all of it is turned round.
+
+    Its length is divided by how much larger its error is than that of interpolated vectors, which is 1 here. T and N have
+    an error of 1 each, B of 2, so x T + y B + z N has at most 2 (|x| + |y| + |z|) and 1 for its own roundings. A texel is
+    right to 8 roundings, a quarter of `REACH`, and its place to `slack` texels; either changes x and y by up to twice the
+    scale and z by 2, thus the sum by up to 4 (scale + 1).
+    """
+    corners, face = hits.shot.corners, hits.face
+    smooth = blend(hits.weights, corners.normals[face])
+    smooth = np.where(hits.turned[:, None], -smooth, smooth)
+    smooth_length = np.where((corners.normals[face] != 0.0).any(axis=(1, 2)), length(smooth), 1.0)
+    if not mapped.turned.any():
+        return smooth, smooth, smooth_length
+    side, tangents = np.where(hits.turned, -1.0, 1.0)[:, None], corners.tangents[face]
+    tangent = (hits.weights[..., None] * tangents[..., :3]).sum(axis=1)
+    w = np.where(tangents[..., 3].sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+    x, y, z = (2.0 * mapped.normal.color - 1.0).T[..., None]
+    scale, front = mapped.scale[:, None], side * smooth
+    turned = side * ((x * scale) * tangent + (y * scale) * w * cross(front, tangent) + z * front)
+    turned = np.where(mapped.turned[:, None], turned, smooth)
+    x, y, z, scale = np.abs(x[:, 0]), np.abs(y[:, 0]), np.abs(z[:, 0]), np.abs(mapped.scale)
+    error = 1.0 + 2.0 * (scale * (x + y) + z)
+    error += 4.0 * (scale + 1.0) * (0.25 + mapped.normal.slack / REACH[hits.shot.settings.precision])
+    return smooth, turned, np.where(mapped.turned, length(turned) / error, smooth_length)

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Bools, Floats, Integers
-from ..scene.model import Environment, Light, Scene, Settings
-from . import ambient_occlusion, environment, light_points, microfacet, shade, shadows, transparency
-from .color_map import MapColors, map_colors
-from .corners import Corners, Texels, corner_colors, texels
-from .lights import Shape, position_of, shape_of
-from .lights import each as light_each
-from .lights import place as place_of
-from .maps import Maps, maps, turned_length, turned_normals
+from ..base.arrays import Floats, Integers
+from . import environment, microfacet, shade
+from .corners import blend
+from .lights import Interaction, scene_lights
+from .microfacet import Reflected
+from .shot import Hits
 from .terms import RIGHT, Steps, Surface
-from .transform import camera_frame
-from .vectors import length, unit
+from .texture import corner_colors, map_colors, texels
+from .transform import camera_frame, length, unit
+from .visibility import MAX_BEND, AmbientVisibility, Visibility, ambient_visibility, light_visibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,442 +30,245 @@ class Shaded:
     jump: Floats
     exponent: Floats
 
-
-@dataclass(frozen=True, eq=False)
-class Lights:
-    """Lights of non-zero intensity, relative to the eye: positions (see `lights.position_of`) and intensities (L, 3)."""
-
-    positions: Floats
-    intensities: Floats
-    shapes: tuple[Shape, ...] = ()
+    @property
+    def kappa(self) -> Floats:
+        return shade.condition_number(self.conditions)
 
 
-def scene_lights(scene: Scene, settings: Settings, at: tuple[Integers, Integers] | None = None) -> Lights:
-    """Return the lights as pixels see them. at: x and y (K,) where these are lit, 1/256 px; None for corners of faces."""
-    lit = [light for light in scene.lights if light.intensity.any()]
-    positions = np.array([position_of(light, scene.camera.eye) for light in lit]).reshape(-1, 3)
-    shapes = (shape_of(light, settings.light_samples) for light in lit)
-    shift = 0 if at is None else light_points.shifts(np.stack(at, axis=-1))
-    shapes = (replace(shape, shift=shift) if shape.points else shape for shape in shapes)
-    return Lights(positions, np.array([light.intensity for light in lit]).reshape(-1, 3), tuple(shapes))
+def shade_pixels(hits: Hits, light: Steps = RIGHT) -> Shaded:
+    """Shade pixels. light: how it is computed, by shaders gouraud and phong."""
+    models = {"nolight": _Unlit, "gouraud": _Gouraud, "phong": _Phong, "pbr": _Pbr}
+    return models[hits.shot.settings.shader](hits, light).shaded()
 
 
-def blend(weights: Floats, values: Floats) -> Floats:
-    """Interpolate corner values (K, 3, C) at corner weights (K, 3): (K, C)."""
-    a, b, c = (weights[:, corner, None] * values[:, corner] for corner in range(3))
-    return (a + b) + c
+class _Unlit:
+    """Pixels K and the U faces that they lie on: `faces` (U,), pixel k lies on face `where[k]` of these.
 
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Pixels to light. U faces are involved; pixel k lies on face where[k], at corner weights weights[k].
-
-    points, normals, colors: (U, 3, 3) at the corners, relative to the eye. extent: (U,) largest coordinate there.
-    texel: per pixel. mapped: per pixel, colors of scalars. tinted: whether the color multiplies the ambient light. turned:
-    (K,) whether the normal is flipped. view: None, or the unit vector toward an orthographic camera, the same everywhere.
-    facets: (U,) parameters of shader pbr. reach: see `microfacet.REACH`. tangents: (U, 3, 4) at the corners. maps: per
-    pixel. environment: of the scene, if it has one. seen: what reaches the pixels, or with shader gouraud the corners
-    (U, 3); None without shadows. bends: (U, 3), see `corners.placed_bends`. open: what of the ambient light reaches the
-    pixels, or with shader gouraud and `tinted` the corners; None without ambient occlusion.
+    colors: (U, 3, 3) at the corners. vertex_color, color: (K, 3), the latter with texels and colors of scalars. max_color:
+    (K, 3) the largest magnitude that the color is a mean of. tinted: whether the color multiplies the ambient light.
     """
 
-    points: Floats
-    normals: Floats
-    colors: Floats
-    extent: Floats
-    surface: Surface
-    lights: Lights
-    tinted: bool
-    where: Integers
-    weights: Floats
-    texel: Texels
-    mapped: MapColors
-    turned: Bools
-    view: Floats | None
-    facets: microfacet.Facets
-    reach: float
-    tangents: Floats
-    maps: Maps
-    environment: Environment | None
-    seen: shadows.Visibility | None = None
-    bends: Floats | None = None
-    open: ambient_occlusion.Openness | None = None
-    light: Steps = RIGHT
+    def __init__(self, hits: Hits, steps: Steps) -> None:
+        self.hits, self.steps = hits, steps
+        self.scene, self.settings, self.corners = hits.shot.scene, hits.shot.settings, hits.shot.corners
+        self.faces, self.where = np.unique(hits.face, return_inverse=True)
+        self.tinted = self.settings.ambient == "tinted"
+        self.reach = microfacet.REACH[self.settings.precision]
+        of_pixel = self.settings.texture_at == "pixel"
+        self.texel = texels(hits, lambda mesh: mesh.material.texture if of_pixel else None)
+        self.mapped = map_colors(hits)
+        self.colors = corner_colors(self.settings, self.corners, self.faces)
+        self.vertex_color = blend(hits.weights, self.colors[self.where])
+        self.color = self.vertex_color * self.texel.color * self.mapped.color
+        self.max_color = self.brightest() * self.texel.magnitude * self.mapped.magnitude
+
+    def brightest(self) -> Floats:
+        """Return the largest vertex color that each pixel's depends on, (K, 3): that of the worst corner."""
+        return np.asarray(np.abs(self.colors).max(axis=1)[self.where])
 
     def flips(self, color: Floats) -> Floats:
         """Return by how much rounding may change the color (K, 3), times texel and color of scalars, where it decides which
         color those are."""
-        of_texel = np.abs(color) * self.mapped.most * self.texel.spread
-        total: Floats = np.abs(color * self.texel.color) * self.mapped.spread + of_texel
-        return total
+        of_texel = np.abs(color) * self.mapped.magnitude * self.texel.spread
+        return np.asarray(np.abs(color * self.texel.color) * self.mapped.spread + of_texel)
 
-    def eye(self, point: Floats) -> Floats:
-        """Return the position of the eye for points (..., 3): the origin, as everything here is relative to it. An
-        orthographic camera's is as far from the point as the scene is large: 1 away from a point at 1e15 would leave no
-        digit of the direction."""
-        if self.view is None:
-            return np.zeros(3)
-        far: Floats = point + self.view * np.ldexp(1.0, np.frexp(self.extent.max(initial=1e-300))[1])
-        return far
+    def shaded(self) -> Shaded:
+        budget, jump, count = np.maximum(self.max_color, 1.0), self.flips(self.vertex_color), len(self.color)
+        return Shaded(self.color, budget, np.ones((count, 4)), jump, np.ones(count))
 
 
-def shade_pixels(
-    scene: Scene,
-    settings: Settings,
-    corners: Corners,
-    face: Integers,
-    weights: Floats,
-    behind: Bools,
-    steps: tuple[Floats, Floats] | None = None,
-    condition: Floats | float = 1.0,
-    at: tuple[Integers, Integers] | None = None,
-    light: Steps = RIGHT,
-) -> Shaded:
-    """Shade pixels of faces `face` (K,) at weights (K, 3) of the faces' original corners. behind: (K,) bool, whether
-    the face is seen from behind. steps: of the weights from pixel to pixel, see `corners.texels`. condition: (K,) how much
-    rounding of positions in float64 is amplified in the weights. at: x and y (K,) of the samples, 1/256 px, y up, if there
-    are shadows or lights of finite size. light: how it is computed, by shaders gouraud and phong."""
-    two_sided = np.array([m.material.two_sided for m in scene.meshes], bool)[corners.mesh[face]]
-    axes = camera_frame(scene.camera.eye, scene.camera.lookat, scene.camera.up)
-    used, where = np.unique(face, return_inverse=True)
-    colors = corner_colors(scene, settings, corners, used)
-    condition = condition * np.ones(len(face))
-    texel = texels(scene, settings, corners, face, weights, steps, condition)
-    rounding = 2.0**-53 if settings.precision == "float64" else 2.0**-24
-    unit = np.maximum(rounding, 2.0**-53 * condition)
-    points = corners.world[used] - scene.camera.eye
-    extent = np.abs(points).max(axis=(1, 2))
-    if settings.lighting_at == "centroid":
-        points = np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape)
-    shown = _Shown(scene, settings, corners, (used, where), behind, at)
-    batch = Batch(
-        points=points,
-        normals=corners.normals[used],
-        colors=colors,
-        extent=extent,
-        surface=Surface.of([m.material for m in scene.meshes], scene.ambient)[corners.mesh[used]],
-        lights=scene_lights(scene, settings, None if settings.shader == "gouraud" else at),
-        tinted=settings.ambient == "tinted",
-        where=where,
-        weights=weights,
-        texel=texel,
-        mapped=map_colors(scene, settings, corners, face, weights, unit),
-        turned=behind & two_sided,
-        view=-axes[2] if scene.camera.orthographic else None,
-        facets=microfacet.facets_of([m.material for m in scene.meshes])[corners.mesh[used]],
-        reach=microfacet.REACH[settings.precision],
-        tangents=corners.tangents[used],
-        maps=maps(scene, settings, corners, face, weights, steps, condition),
-        environment=scene.environment,
-        seen=_seen(shown),
-        bends=corners.bends[used],
-        open=_open(shown),
-        light=light,
-    )
-    return {"nolight": _nolight, "gouraud": _gouraud, "phong": _phong, "pbr": _pbr}[settings.shader](batch)
+class _Lit(_Unlit):
+    """Pixels that are lit by Phong's reflection model.
 
+    points: (U, 3, 3) where the corners are lit, relative to the eye. extent: (U,) the largest coordinate of the corners.
+    surface: (U,) materials. at: (...) points where the light is computed, with lit_surface. smooth: (..., 3) normals before
+    a map turned them. bend: (...), see `visibility.Normals`.
+    """
 
-class _Shown(NamedTuple):
-    """What pixels show. faces: (U,), and the pixels' indices into them (K,). behind, at: see `shade_pixels`."""
-
-    scene: Scene
-    settings: Settings
-    corners: Corners
-    faces: tuple[Integers, Integers]
-    behind: Bools
-    at: tuple[Integers, Integers] | None
-
-    def from_pixels(self) -> shadows.Visibility:
-        """Return what reaches the pixels."""
-        used, where = self.faces
-        return seen_at_pixels(self.scene, self.corners, used[where], self.behind, self.at)
-
-    def from_corners(self) -> shadows.Visibility:
-        """Return what reaches the corners of the faces."""
-        casters, lit, factors = _casting(self.scene, self.corners)
-        used, where = self.faces
-        of_face = np.zeros(len(used), bool)
-        of_face[where] = self.behind  # all pixels of a face see the same side of it
-        receivers = shadows.at_corners(casters, used)
-        return shadows.visibility(casters, lit, receivers, np.repeat(of_face, 3), (len(used), 3), factors)
-
-
-def _seen(shown: _Shown) -> shadows.Visibility | None:
-    """Return what the lights of non-zero intensity reach; None without shadows."""
-    if not shown.settings.shadows or shown.settings.shader == "nolight":
-        return None
-    return shown.from_corners() if shown.settings.shader == "gouraud" else shown.from_pixels()
-
-
-def seen_at_pixels(
-    scene: Scene, corners: Corners, face: Integers, behind: Bools, at: tuple[Integers, Integers] | None
-) -> shadows.Visibility:
-    """Return what reaches pixels of faces (K,). behind, at: see `shade_pixels`."""
-    assert at is not None
-    casters, lit, factors = _casting(scene, corners)
-    receivers = shadows.at_pixels(casters, scene.camera, face, *at)
-    return shadows.visibility(casters, lit, receivers, behind, (len(face),), factors)
-
-
-@lru_cache(1)  # the parts of an image, one after another, have the same
-def _casting(scene: Scene, corners: Corners) -> tuple[shadows.Casters, list[Light], shadows.Factors]:
-    """Return what casts shadows, the lights that shine, and what veils let pass."""
-    factors = partial(transparency.veil_factors, scene, corners)
-    casters = shadows.Casters.of(corners, transparency.veiling_faces(scene, corners))
-    return casters, [light for light in scene.lights if light.intensity.any()], factors
-
-
-def _open(shown: _Shown) -> ambient_occlusion.Openness | None:
-    """Return what of the ambient light arrives; None without ambient occlusion."""
-    scene, settings = shown.scene, shown.settings
-    if not settings.ambient_occlusion or settings.shader == "nolight":
-        return None
-    reach = microfacet.REACH[settings.precision]
-    if settings.shader == "gouraud" and settings.ambient == "tinted":
-        return ambient_occlusion.openness(shown.from_corners(), scene, settings, reach, None)
-    return ambient_occlusion.openness(shown.from_pixels(), scene, settings, reach, shown.at)
-
-
-def _arriving(ambient: Floats, open_: ambient_occlusion.Openness | None) -> tuple[Floats, Floats, Floats]:
-    """Return ambient light (..., 3) as it arrives, by how much rounding may change it where it decides whether rays meet
-    triangles, and what its budget is more than without occlusion."""
-    if open_ is None:
-        return ambient, np.zeros(3), np.zeros(3)
-    share, spread = open_.share[..., None], open_.spread[..., None]
-    return ambient * share, np.abs(ambient) * spread, np.abs(ambient) * (open_.rounding - 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Unhidden:
-    """What share of each light arrives, (L, ...); of one of finite size that of each point. changes: by how much rounding
-    may change it, over how far it may turn a direction. doubtful: what arrives where either answer is right, else 0."""
-
-    share: Floats
-    changes: Floats
-    doubtful: Floats
-
-
-def _unhidden(
-    batch: Batch, point: Floats, normals: tuple[Floats, Floats], extent: Floats, normal_length: Floats, eye: Floats
-) -> Unhidden | None:
-    """Return what triangles leave of the lights; None without shadows. normals: the one that is lit, and before a map turned
-    it. Other arguments as of `shade.conditioning`."""
-    seen, lights = batch.seen, batch.lights
-    if seen is None or not len(lights.positions):
-        return None
-    assert batch.bends is not None
-    bend = batch.bends
-    if len(point.shape) == 2:  # pixels
-        mean = blend(batch.weights, batch.bends[batch.where][..., None])[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bend = np.nan_to_num(np.minimum(mean / length(normals[1]), shadows.MOST_BEND))
-    at = shadows.Normals(unit(normals[0]), unit(normals[1]), seen.facing, bend)
-    share, changes, doubtful = [], [], []
-    common = shade.conditioning(point, extent, normal_length, eye, np.zeros((0, 3)), batch.view is not None)
-    numbers = [number for number, shape in enumerate(lights.shapes) for _ in range(max(shape.points, 1))]
-    each = light_each(lights.positions, lights.intensities, lights.shapes, point, extent)
-    for number, (position, _, shape) in zip(numbers, each, strict=True):
-        kappa = np.fmax(common, shade.light_condition(point, extent, eye, position, batch.view is not None, shape))
-        turned = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
-        to_light = unit(place_of(point, position, shape) - point)
-        found, least, most = shadows.softened(at, to_light, turned + seen.off)
-        of_point = number, shape.offset, np.nan_to_num(batch.reach * shape.blur, posinf=1e300)
-        reached, unsure = seen.reached(*of_point)
-        passed = seen.passed(*of_point)
-        found, least, most = found * passed.share, least * passed.least, most * passed.most
-        share.append(np.where(reached | unsure, found, 0.0))
-        changes.append(np.where((reached | unsure) & ~passed.jumps, (most - least) / turned, 0.0))
-        doubtful.append(np.where(unsure, most, np.where(reached & passed.jumps, most - least, 0.0)))
-    return Unhidden(np.array(share), np.array(changes), np.array(doubtful))
-
-
-def _nolight(batch: Batch) -> Shaded:
-    """Return the colors themselves."""
-    color = blend(batch.weights, batch.colors[batch.where])
-    rgb = color * batch.texel.color * batch.mapped.color
-    worst_color = np.abs(batch.colors).max(axis=1)[batch.where] * batch.texel.most * batch.mapped.most
-    budget = np.maximum(worst_color, 1.0)
-    return Shaded(rgb, budget, np.ones((len(rgb), 4)), batch.flips(color), np.ones(len(rgb)))
-
-
-def _gouraud(batch: Batch) -> Shaded:
-    """Light the corners, then interpolate. The texel multiplies all but the plain ambient light."""
-    points, normals, where, lights = batch.points, batch.normals, batch.where, batch.lights
-    surface = batch.surface[:, None]
-    turned = np.zeros(len(points), bool)
-    turned[where] = batch.turned  # all pixels of a face see the same side of it
-    normals = np.where(turned[:, None, None], -normals, normals)
-    eye = batch.eye(points)
-    given = lights.positions, lights.intensities
-    unhidden = _unhidden(batch, points, (normals, normals), batch.extent[:, None], np.ones(1), eye)
-    reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(points, normals, eye, surface, *given, lights.shapes, reaching, batch.light)
-    at_corners = _arriving(surface.ka_Ia, batch.open if batch.tinted else None)
-    factor = lit + at_corners[0] if batch.tinted else lit
-    plain = blend(batch.weights, (batch.colors * factor)[where])
-    rgb = plain * batch.texel.color * batch.mapped.color
-    pixel = batch.surface[where]
-    ambient, hidden, rounded = _arriving(pixel.ka_Ia, None if batch.tinted else batch.open)
-    if not batch.tinted:
-        rgb = rgb + ambient
-    place, parallel = (points, batch.extent[:, None], np.ones(1)), batch.view is not None
-    steepness = shade.steepness(points, normals, surface, eye, lights.positions, lights.shapes)
-    conditions = shade.conditions(*place, eye, lights.positions, parallel, steepness, lights.shapes)
-    worst = shade.condition_number(conditions).argmax(axis=1)
-    conditions = np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0]
-    jump = shade.jumps(points, normals, *place[1:], surface, eye, *given, parallel, lights.shapes)
-    jump = jump.max(axis=1)[where]
-    worst_color = np.abs(batch.colors).max(axis=1)[where] * batch.texel.most * batch.mapped.most
-    arriving = shade.most_arriving(points, place[1], eye, *given, lights.shapes, parallel)
-    if arriving.ndim > 2:  # of the brightest corner
-        arriving = np.abs(arriving).max(axis=2)[:, where]
-    budget = shade.budget(worst_color, pixel, arriving, batch.tinted)
-    jump = jump * worst_color + batch.flips(plain)
-    if batch.open is not None and batch.tinted:
-        hidden, rounded = (
-            np.broadcast_to(part, (len(points), 3, 3)).max(axis=1)[where] * worst_color for part in at_corners[1:]
-        )
-    budget, jump = budget + rounded, jump + hidden
-    if unhidden is not None:
-        brightest = surface.magnitudes(), lights.positions, np.abs(lights.intensities), lights.shapes
-        changes, doubtful = (
-            shade.reflected(points, normals, eye, *brightest, factors).max(axis=1)[where] * worst_color
-            for factors in (unhidden.changes, unhidden.doubtful)
-        )
-        budget, jump = budget + changes, jump + doubtful
-    return Shaded(rgb, budget, conditions[where], jump, pixel.n)
-
-
-@dataclass(frozen=True, eq=False)
-class Interpolated:
-    """What pixels show, (K, 3): point, normal, the same before a map turned it, vertex color, and color; most: the largest
-    magnitude that the color is a mean of. extent, normal_length: (K,), see `shade.conditions`."""
-
-    point: Floats
-    normal: Floats
+    at: Interaction
     smooth: Floats
-    vertex_color: Floats
-    color: Floats
-    most: Floats
-    extent: Floats
-    normal_length: Floats
+    bend: Floats
+
+    def __init__(self, hits: Hits, steps: Steps) -> None:
+        super().__init__(hits, steps)
+        points = self.corners.world[self.faces] - self.scene.camera.eye
+        self.extent = np.abs(points).max(axis=(1, 2))
+        centroid = self.settings.lighting_at == "centroid"
+        self.points = np.broadcast_to(points.mean(axis=1, keepdims=True), points.shape) if centroid else points
+        surface = Surface.of([mesh.material for mesh in self.scene.meshes], self.scene.ambient)
+        self.surface = surface[self.corners.mesh[self.faces]]
+        self.pixel_surface = self.lit_surface = self.surface[self.where]
+
+    def interaction(
+        self, point: Floats, normal: Floats, extent: Floats, normal_length: Floats, place: Integers | None
+    ) -> Interaction:
+        """Return points (..., 3) that lights reach. place: of pixels, which shifts the points of lights.
+
+        The eye is the origin, as everything is relative to it. An orthographic camera's is as far from the point as the
+        scene is large: 1 away from a point at 1e15 would leave no digit of the direction.
+        """
+        camera, eye = self.scene.camera, np.zeros(3)
+        if camera.orthographic:
+            far = np.ldexp(1.0, np.frexp(self.extent.max(initial=1e-300))[1])
+            eye = point + -camera_frame(camera)[2] * far
+        lights = scene_lights(self.scene, self.settings.light_samples, place)
+        return Interaction(point, normal, eye, lights, extent, normal_length, camera.orthographic)
+
+    @property
+    def seen(self) -> Visibility:
+        """What reaches the points."""
+        return Visibility.of_pixels(self.hits)
+
+    def ambient_visibility(self, at_corners: bool = False) -> AmbientVisibility | None:
+        """Return what of the ambient light arrives at pixels or corners; None without ambient occlusion."""
+        if not self.settings.ambient_occlusion:
+            return None
+        seen, place = (self.seen, None) if at_corners else (Visibility.of_pixels(self.hits), self.hits.position)
+        return ambient_visibility(seen, self.settings, self.reach, place)
+
+    def shaded(self) -> Shaded:
+        """Light the points, then count what rounding may change, also in what shadows leave of the light."""
+        left = None
+        if self.settings.shadows and len(self.at.lights.positions):
+            left = light_visibility(self.seen, self.at, self.smooth, self.bend, self.reach)
+        rgb, budget, jump = self.light(None if left is None else left.share)
+        if left is not None:
+            brightest = replace(self.at, lights=self.at.lights.magnitudes())
+            budget = sum(self.magnitudes(brightest, left.changes), budget)
+            jump = sum(self.magnitudes(brightest, left.doubtful), jump)
+        return Shaded(rgb, budget, self.conditions(), jump, self.exponent())
+
+    def light(self, reaching: Floats | None) -> tuple[Floats, Floats, Floats]:
+        """Return the light of pixels, its budget, and its jumps, (K, 3) each. reaching: see `shade.reflected`."""
+        factor = shade.reflected(self.at, self.lit_surface, reaching, self.steps)
+        ambient, hidden, rounded = self.ambient()
+        plain, rgb = self.colored(factor + ambient if self.tinted else factor)
+        rgb = rgb if self.tinted else rgb + ambient
+        jump = self.worst(shade.jumps(self.at, self.lit_surface)) * self.max_color + self.flips(plain)
+        arriving = (self.worst(np.abs(sample.max_arriving)) for sample in self.at.samples)
+        budget = shade.budget(self.max_color, self.pixel_surface, arriving, self.tinted)
+        if not self.tinted:
+            return rgb, budget + rounded, jump + hidden
+        return rgb, budget + self.worst(rounded) * self.max_color, jump + self.worst(hidden) * self.max_color
+
+    def magnitudes(self, brightest: Interaction, reaching: Floats) -> Iterator[Floats]:
+        """Yield the summands of the light of lights with these factors, (K, 3)."""
+        yield self.worst(shade.reflected(brightest, self.lit_surface.magnitudes(), reaching)) * self.max_color
+
+    def conditions(self) -> Floats:
+        return shade.conditions(self.at, shade.steepness(self.at, self.lit_surface))
+
+    def exponent(self) -> Floats:
+        return self.pixel_surface.n
+
+    def worst(self, values: Floats) -> Floats:
+        """Return the largest values for pixels (K, 3) of values at the points (..., 3)."""
+        return values
+
+    def colored(self, factor: Floats) -> tuple[Floats, Floats]:
+        """Return the light (K, 3) without and with texels and colors of scalars, from factors of the color (..., 3)."""
+        return self.vertex_color * factor, self.color * factor
+
+    def ambient(self) -> tuple[Floats, Floats, Floats]:
+        """Return the ambient light (..., 3) that arrives, or that of pixels if it is not tinted, by how much rounding may
+        change it where it decides whether rays meet triangles, and what its budget is more than without occlusion."""
+        return self.arriving(self.pixel_surface.ka_Ia, self.ambient_visibility())
+
+    @staticmethod
+    def arriving(ambient: Floats, part: AmbientVisibility | None) -> tuple[Floats, Floats, Floats]:
+        if part is None:
+            return ambient, np.zeros(3), np.zeros(3)
+        magnitude, share, spread = np.abs(ambient), part.share[..., None], part.spread[..., None]
+        return ambient * share, magnitude * spread, magnitude * (part.rounding - 1.0)
 
 
-def _interpolated(batch: Batch) -> Interpolated:
-    where = batch.where
-    normal = blend(batch.weights, batch.normals[where])
-    normal = np.where(batch.turned[:, None], -normal, normal)
-    vertex_color = blend(batch.weights, batch.colors[where])
-    # Where all three corner normals are 0 nothing cancels: 0 is exact.
-    normal_length = np.where((batch.normals != 0.0).any(axis=(1, 2))[where], length(normal), 1.0)
-    smooth = normal
-    if batch.maps.turned.any():
-        normal = turned_normals(normal, batch.tangents[where], batch.weights, batch.turned, batch.maps)
-        normal_length = np.where(batch.maps.turned, turned_length(normal, batch.maps, batch.reach), normal_length)
-    return Interpolated(
-        point=blend(batch.weights, batch.points[where]),
-        normal=normal,
-        smooth=smooth,
-        vertex_color=vertex_color,
-        color=vertex_color * batch.texel.color * batch.mapped.color,
+class _Gouraud(_Lit):
+    """Lights the corners, (3 U,), then interpolates. The texel multiplies all but the plain ambient light."""
+
+    def __init__(self, hits: Hits, steps: Steps) -> None:
+        super().__init__(hits, steps)
+        turned, normals = np.zeros(len(self.faces), bool), self.corners.normals[self.faces]
+        turned[self.where] = hits.turned  # all pixels of a face see the same side of it
+        self.smooth = np.where(turned[:, None, None], -normals, normals).reshape(-1, 3)
+        of_corners, points = np.repeat(np.arange(len(self.faces)), 3), self.points.reshape(-1, 3)
+        self.at = self.interaction(points, self.smooth, self.extent[of_corners], np.ones(1), None)
+        self.bend, self.lit_surface = self.corners.bends[self.faces].reshape(-1), self.surface[of_corners]
+
+    @property
+    def seen(self) -> Visibility:
+        return Visibility.of_corners(self.hits, self.faces, self.where)
+
+    def worst(self, values: Floats) -> Floats:
+        at_corners = np.broadcast_to(values, (3 * len(self.faces), 3)).reshape(-1, 3, 3)
+        return np.asarray(at_corners.max(axis=1)[self.where])
+
+    def colored(self, factor: Floats) -> tuple[Floats, Floats]:
+        plain = blend(self.hits.weights, (self.colors * factor.reshape(-1, 3, 3))[self.where])
+        return plain, plain * self.texel.color * self.mapped.color
+
+    def ambient(self) -> tuple[Floats, Floats, Floats]:
+        if not self.tinted:
+            return super().ambient()
+        return self.arriving(self.lit_surface.ka_Ia, self.ambient_visibility(at_corners=True))
+
+    def conditions(self) -> Floats:
+        """Return those of the worst corner."""
+        conditions = super().conditions().reshape(-1, 3, 4)
+        worst = shade.condition_number(conditions).argmax(axis=1)
+        return np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0][self.where]
+
+
+class _Phong(_Lit):
+    """Interpolates point, normal and color, then lights each pixel."""
+
+    def __init__(self, hits: Hits, steps: Steps) -> None:
+        super().__init__(hits, steps)
+        self.maps, weights = microfacet.maps(hits), hits.weights
+        self.smooth, normal, normal_length = microfacet.shading_normals(hits, self.maps)
+        point = blend(weights, self.points[self.where])
+        self.at = self.interaction(point, normal, self.extent[self.where], normal_length, hits.position)
+        mean = blend(weights, self.corners.bends[hits.face][..., None])[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.bend = np.nan_to_num(np.minimum(mean / length(self.smooth), MAX_BEND))
+
+    def brightest(self) -> Floats:
         # Corners whose colors differ in sign are each rounded separately.
-        most=blend(batch.weights, np.abs(batch.colors[where])) * batch.texel.most * batch.mapped.most,
-        extent=batch.extent[where],
-        normal_length=normal_length,
-    )
+        return blend(self.hits.weights, np.abs(self.colors[self.where]))
 
 
-def _phong(batch: Batch) -> Shaded:
-    """Interpolate point, normal and color, then light each pixel."""
-    lights, surface, at = batch.lights, batch.surface[batch.where], _interpolated(batch)
-    point, normal, color = at.point, at.normal, at.color
-    eye = batch.eye(point)
-    given = lights.positions, lights.intensities
-    unhidden = _unhidden(batch, point, (normal, at.smooth), at.extent, at.normal_length, eye)
-    reaching = None if unhidden is None else unhidden.share
-    lit = shade.reflected(point, normal, eye, surface, *given, lights.shapes, reaching, batch.light)
-    ambient, hidden, rounded = _arriving(surface.ka_Ia, batch.open)
-    factor = lit + ambient if batch.tinted else lit
-    rgb = color * factor if batch.tinted else ambient + color * factor
-    parallel = batch.view is not None
-    steepness = shade.steepness(point, normal, surface, eye, lights.positions, lights.shapes)
-    around = point, at.extent, at.normal_length, eye, lights.positions, parallel, steepness
-    conditions = shade.conditions(*around, lights.shapes)
-    gates = at.extent, at.normal_length, surface, eye, *given, parallel, lights.shapes
-    jump = shade.jumps(point, normal, *gates) * at.most
-    jump = jump + batch.flips(at.vertex_color * factor)
-    arriving = shade.most_arriving(point, at.extent, eye, *given, lights.shapes, parallel)
-    budget = shade.budget(at.most, surface, arriving, batch.tinted)
-    of_ambient = at.most if batch.tinted else 1.0
-    budget, jump = budget + rounded * of_ambient, jump + hidden * of_ambient
-    if unhidden is not None:
-        brightest = surface.magnitudes(), lights.positions, np.abs(lights.intensities), lights.shapes
-        changes, doubtful = (
-            shade.reflected(point, normal, eye, *brightest, factors) * at.most
-            for factors in (unhidden.changes, unhidden.doubtful)
-        )
-        budget, jump = budget + changes, jump + doubtful
-    return Shaded(rgb, budget, conditions, jump, surface.n)
+class _Pbr(_Phong):
+    """Interpolates point, normal and color, then lights each pixel by the metallic-roughness model."""
 
+    def reflected(self, at: Interaction, reaching: Floats | None) -> Reflected:
+        return microfacet.reflected(at, self.maps.facets, self.max_color, self.reach, self.maps.wear, reaching)
 
-def _from_around(batch: Batch, at: Interpolated, facets: microfacet.Facets, eye: Floats) -> microfacet.Reflected:
-    """Return what pixels reflect of the environment."""
-    assert batch.environment is not None
-    kappa = shade.conditioning(
-        at.point, at.extent, at.normal_length, eye, np.zeros((0, 3)), parallel=batch.view is not None
-    )
-    reach = batch.reach * np.maximum(np.nan_to_num(kappa, nan=1e300, posinf=1e300), 1.0)
-    around = environment.Around(unit(at.normal), unit(eye - at.point), facets, at.most, reach)
-    return environment.reflected(batch.environment, around)
+    def light(self, reaching: Floats | None) -> tuple[Floats, Floats, Floats]:
+        ka_Ia, open_, open_spread, sums = self.pixel_surface.ka_Ia, self.maps.open, self.maps.open_spread, 1.0
+        part = self.ambient_visibility()
+        if part is not None:
+            open_, open_spread, sums = open_ * part.share, open_spread + part.spread, part.rounding
+        ambient, lit = ka_Ia * open_[:, None], self.reflected(self.at, reaching)
+        hideable = np.abs(ka_Ia * self.color if self.tinted else ka_Ia)
+        if self.scene.environment is not None:
+            reach = self.reach * np.maximum(np.nan_to_num(self.at.kappa, nan=1e300, posinf=1e300), 1.0)
+            directions = unit(self.at.normal), unit(self.at.eye - self.at.point)
+            around = environment.reflected(self.scene.environment, *directions, self.maps.facets, self.max_color, reach)
+            tinted, plain = (light * open_[..., None] for light in (around.tinted, around.plain))
+            lit = Reflected(lit.tinted + tinted, lit.plain + plain, lit.spread + around.spread)
+            hideable = hideable + (np.abs(around.tinted * self.color) + around.plain)
+        rgb = microfacet.light(lit, self.color, ambient, self.maps.facets, self.tinted)
+        per_color = lit.tinted + ambient if self.tinted else lit.tinted
+        budget = microfacet.budget(ka_Ia, self.max_color, self.maps.emission, lit.spread, self.tinted)
+        jump = self.flips(self.vertex_color * per_color) + hideable * open_spread[:, None]
+        return rgb, budget + hideable * (sums - 1.0), jump + self.maps.jump
 
+    def magnitudes(self, brightest: Interaction, reaching: Floats) -> Iterator[Floats]:
+        light = self.reflected(brightest, reaching)
+        yield self.max_color * light.tinted
+        yield light.plain
 
-def _pbr(batch: Batch) -> Shaded:
-    """Interpolate point, normal and color, then light each pixel by the metallic-roughness model."""
-    lights, plain, at, parallel = batch.lights, batch.facets[batch.where], _interpolated(batch), batch.view is not None
-    all_of_it, eye, found = batch.surface.ka_Ia[batch.where], batch.eye(at.point), batch.maps
-    open_, open_spread, sums = found.open, found.open_spread, 1.0
-    if batch.open is not None:
-        open_, open_spread, sums = open_ * batch.open.share, open_spread + batch.open.spread, batch.open.rounding
-    ka_Ia = all_of_it * open_[:, None]
-    facets = found.changed(plain)
-    place = at.extent, at.normal_length
-    unhidden = _unhidden(batch, at.point, (at.normal, at.smooth), *place, eye)
+    def conditions(self) -> Floats:
+        return shade.conditions(self.at)
 
-    def reflected(intensities: Floats, reaching: Floats | None) -> microfacet.Reflected:
-        return microfacet.reflected(
-            at.point,
-            at.normal,
-            eye,
-            facets,
-            at.most,
-            lights.positions,
-            intensities,
-            batch.reach,
-            *place,
-            parallel,
-            found.error(batch.reach),
-            lights.shapes,
-            reaching,
-        )
-
-    lit = reflected(lights.intensities, None if unhidden is None else unhidden.share)
-    hidden = np.zeros(3)  # light of the environment that occlusion may hide
-    if batch.environment is not None:
-        around = _from_around(batch, at, facets, eye)
-        lit = lit.plus(around.times(open_))
-        hidden = np.abs(around.tinted * at.color) + around.plain
-    rgb = microfacet.light(lit, at.color, ka_Ia, facets, batch.tinted)
-    per_color = lit.tinted + ka_Ia if batch.tinted else lit.tinted
-    conditions = shade.conditions(at.point, *place, eye, lights.positions, parallel, shapes=lights.shapes)
-    budget = microfacet.budget(all_of_it, at.most, found.brightest(plain), lit.spread, batch.tinted)
-    ambient = np.abs(all_of_it * at.color if batch.tinted else all_of_it)
-    jump = batch.flips(at.vertex_color * per_color) + (ambient + hidden) * open_spread[:, None]
-    jump = jump + found.jump(plain)
-    budget = budget + (ambient + hidden) * (sums - 1.0)
-    if unhidden is not None:
-        changes, doubtful = (
-            reflected(np.abs(lights.intensities), factors) for factors in (unhidden.changes, unhidden.doubtful)
-        )
-        budget = budget + at.most * changes.tinted + changes.plain
-        jump = jump + at.most * doubtful.tinted + doubtful.plain
-    return Shaded(rgb, budget, conditions, jump, np.ones(len(rgb)))
+    def exponent(self) -> Floats:
+        return np.ones(len(self.where))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.arrays import Floats
 from ..scene.model import Material
-from .vectors import dot, unit
+from .transform import dot, unit
 
 
 class Directions(NamedTuple):
@@ -36,7 +36,8 @@ class Directions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Materials at points: exponent (...), ka*Ia (..., 3), and the coefficients of TERMS by name, (..., 3); others are 0."""
+    """Materials at points: exponent (...), ka*Ia (..., 3), and the coefficients of TERMS by name, (..., 3); others are
+    0."""
 
     n: Floats
     ka_Ia: Floats = field(default_factory=lambda: np.zeros(3))
@@ -45,8 +46,9 @@ class Surface:
     @classmethod
     def of(cls, materials: Sequence[Material], ambient: Floats) -> Surface:
         """Return materials in a row."""
-        k = {name: np.array([getattr(each, name) for each in materials]) for name in TERMS}
-        return cls(np.array([each.n for each in materials]), np.array([each.ka * ambient for each in materials]), k)
+        k = {name: np.array([getattr(material, name) for material in materials]) for name in TERMS}
+        ambients = np.array([material.ka * ambient for material in materials])
+        return cls(np.array([material.n for material in materials]), ambients, k)
 
     def __getitem__(self, index: Any) -> Surface:
         return Surface(self.n[index], self.ka_Ia[index], {name: k[index] for name, k in self.k.items()})
@@ -60,8 +62,8 @@ class Term(NamedTuple):
     """A term of the model.
 
     value: at most 1, from directions and exponent, (...). jump: by how much rounding may change it where it decides whether
-    there is anything at all, if cosines are right to `reach` (...). steepness: how much it amplifies an error of directions,
-    at least 1, beyond what the exponent's square root stands for.
+    there is anything at all, if cosines are right to `reach` (...). steepness: how much it amplifies an error of
+    directions, at least 1, beyond what the exponent's square root stands for.
     """
 
     value: Callable[[Directions, Floats], Floats]
@@ -98,13 +100,6 @@ def _most_within(cosine: Floats, distance2: Floats, n: Floats, reach: Floats) ->
     return np.where(cosine >= reach, power(cosine, distance2, n), np.where(largest > 0.0, largest**n, 0.0))
 
 
-def _slope(cosine: Floats, n: Floats) -> Floats:
-    """Return the slope n*x^(n-1) of x^n with 0 < n < 1, which is unbounded as x goes to 0, else 1: for n >= 1 it is at most
-    n, and where it is n, x is as accurate as sqrt(n) requires."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return np.where((cosine > 0.0) & (n > 0.0) & (n < 1.0), n * cosine ** (n - 1.0), 1.0)
-
-
 def specular(at: Directions, n: Floats) -> Floats:
     """Return (R.V)^n. No highlight where N.L <= 0 or R.V <= 0."""
     return np.where(at.n_l > 0.0, power(*mirrored(at), n), 0.0)
@@ -118,9 +113,14 @@ def _specular_jump(at: Directions, n: Floats, reach: Floats) -> Floats:
 
 
 def _specular_steepness(at: Directions, n: Floats) -> Floats:
-    if not ((n > 0.0) & (n < 1.0)).any():
+    """Return the slope n*x^(n-1) of x^n with 0 < n < 1, which is unbounded as x goes to 0, else 1: for n >= 1 it is at most
+    n, and where it is n, x is as accurate as sqrt(n) requires."""
+    steep = (n > 0.0) & (n < 1.0)
+    if not steep.any():
         return np.ones(())
-    return np.where(at.n_l > 0.0, _slope(mirrored(at)[0], n), 1.0)
+    cosine, _ = mirrored(at)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.where((at.n_l > 0.0) & (cosine > 0.0) & steep, n * cosine ** (n - 1.0), 1.0)
 
 
 TERMS = {"kd": Term(_diffuse), "ks": Term(specular, _specular_jump, _specular_steepness)}  # by coefficient
@@ -129,17 +129,13 @@ TERMS = {"kd": Term(_diffuse), "ks": Term(specular, _specular_jump, _specular_st
 _VALUES = {name: term.value for name, term in TERMS.items()}
 
 
-def _same(light: Floats) -> Floats:
-    return light
-
-
 class Steps(NamedTuple):
     """The steps of the light that `measure.grade` replaces by wrong ones: from point, normal, eye and light to directions,
     the values of TERMS by coefficient, and from the sum over the lights (..., 3) to what the color is multiplied by."""
 
     directions: Callable[[Floats, Floats, Floats, Floats], Directions] = Directions.at
     terms: Mapping[str, Callable[[Directions, Floats], Floats]] = _VALUES
-    total: Callable[[Floats], Floats] = _same
+    total: Callable[[Floats], Floats] = np.asarray
 
 
 RIGHT = Steps()

@@ -1,10 +1,18 @@
-"""Texture lookups: bilinear, in both conventions, and trilinear between mip-map levels."""
+"""Lookups in textures, bilinear in both conventions and trilinear between mip-map levels, and in color maps."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
-from ..base.arrays import Floats, Integers, Reals
+from ..base.arrays import Bools, Floats, Integers, Reals
+from ..scene.model import Mesh, Settings, Texture
+from ..scene.scalar_colors import ColorMap, color_map_of
+from .corners import Corners, from_first, has_uvs, interpolated
+from .shot import Hits
 
 
 def wrapped(t: Floats, wrap: str) -> Floats:
@@ -33,11 +41,9 @@ def neighbors(t: Floats, size: int, lookup: str, wrap: str) -> tuple[Integers, I
         index = np.floor(wrapped(t, wrap) * size).astype(np.int64)
         return (both := wrapped_index(index, size, wrap)), both, np.zeros_like(t)
     if lookup == "course":
-        x = np.clip(t, 0.0, 1.0) * (size - 1)
-        first = np.floor(x)
-        index = first.astype(np.int64)
-        return index, np.minimum(index + 1, size - 1), x - first
-    x = wrapped(t, wrap) * size - 0.5
+        x, wrap = np.clip(t, 0.0, 1.0) * (size - 1), "clamp"
+    else:
+        x = wrapped(t, wrap) * size - 0.5
     first = np.floor(x)
     index = first.astype(np.int64)
     return wrapped_index(index, size, wrap), wrapped_index(index + 1, size, wrap), x - first
@@ -65,27 +71,25 @@ def bilerp(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[
     """
     texels, fx, fy = four_texels(uv, image, lookup, wrap)
     below, above = texels[:, 0] * (1.0 - fx) + texels[:, 1] * fx
-    colors: Floats = below * (1.0 - fy) + above * fy
-    return colors
+    return np.asarray(below * (1.0 - fy) + above * fy)
 
 
 def brightest(uv: Reals, image: Reals, lookup: str = "standard", wrap: str | tuple[str, str] = "repeat") -> Floats:
     """Return the largest magnitude (..., C) among the texels of a bilinear lookup: the sensitivity of the color to
     errors of its fractions."""
-    largest: Floats = np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1))
-    return largest
+    return np.asarray(np.abs(four_texels(uv, image, lookup, wrap)[0]).max(axis=(0, 1)))
 
 
 def spread(uv: Floats, image: Reals, wrap: tuple[str, str], slack: Floats) -> Floats:
     """Return how much the nearest texel's color (K, C) may change if texture coordinates uv (K, 2) are off by up to `slack`
     (K, 2)."""
     here = bilerp(uv, image, "nearest", wrap)
-    found = np.zeros_like(here)
+    change = np.zeros_like(here)
     for across in (-1.0, 0.0, 1.0):
         for down in (-1.0, 0.0, 1.0):
             other = bilerp(uv + slack * [across, down], image, "nearest", wrap)
-            found = np.maximum(found, np.abs(other - here))
-    return found
+            change = np.maximum(change, np.abs(other - here))
+    return change
 
 
 def covered_means(rows: Floats) -> Floats:
@@ -105,11 +109,11 @@ def levels(image: Reals) -> list[Reals]:
     """Return the mip-map of an image (h, w, C): the image itself, then each level half the size of the previous one,
     rounded down, to 1 x 1. A texel is the mean of the area that it covers; the levels are kept as float32, as the image
     is."""
-    found, exact = [image], image.astype(np.float64)
+    mipmap, exact = [image], image.astype(np.float64)
     while max(exact.shape[:2]) > 1:
         exact = covered_means(covered_means(exact).swapaxes(0, 1)).swapaxes(0, 1)
-        found.append(exact.astype(np.float32))
-    return found
+        mipmap.append(exact.astype(np.float32))
+    return mipmap
 
 
 def level_of_detail(right: Floats, up: Floats, size: tuple[int, int], last: int) -> Floats:
@@ -120,15 +124,14 @@ def level_of_detail(right: Floats, up: Floats, size: tuple[int, int], last: int)
     the last level is right: for derivatives beyond all numbers, the mean of the texture.
     """
     rho = np.maximum(np.hypot(*np.moveaxis(right * size, -1, 0)), np.hypot(*np.moveaxis(up * size, -1, 0)))
-    detail: Floats = np.log2(np.clip(np.where(np.isnan(rho), np.inf, rho), 1.0, 2.0**last))
-    return detail
+    return np.asarray(np.log2(np.clip(np.where(np.isnan(rho), np.inf, rho), 1.0, 2.0**last)))
 
 
 def trilinear(
     uv: Floats, right: Floats, up: Floats, mipmap: list[Reals], lookup: str, wrap: tuple[str, str], slack: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return colors (K, C) at texture coordinates uv (K, 2) that change by right and up (K, 2) from pixel to pixel: between
-    the colors of the levels before and after lambda. mipmap: as of `levels`. lookup: `standard` or `nearest`.
+    the colors of the levels before and after lambda. mipmap: see `levels`. lookup: see `bilerp`.
 
     Also the largest magnitude among the texels looked up, (K, C), see `brightest`; an error of lambda counts likewise.
     And with `nearest` how much the color may change if uv is off by slack (K, 2).
@@ -136,15 +139,161 @@ def trilinear(
     last = len(mipmap) - 1
     detail = level_of_detail(right, up, mipmap[0].shape[1::-1], last)
     first = np.floor(detail).astype(np.int64)
-    color, most, apart = np.zeros((3, len(uv), mipmap[0].shape[2]))
+    color, magnitude, apart = np.zeros((3, len(uv), mipmap[0].shape[2]))
     for level in np.unique(first):
         mine = first == level
         share = (detail[mine] - level)[:, None]
         both = mipmap[level], mipmap[min(level + 1, last)]
         fine, coarse = (bilerp(uv[mine], image, lookup, wrap) for image in both)
         color[mine] = fine * (1.0 - share) + coarse * share
-        most[mine] = np.maximum(*(brightest(uv[mine], image, lookup, wrap) for image in both))
+        magnitude[mine] = np.maximum(*(brightest(uv[mine], image, lookup, wrap) for image in both))
         if lookup == "nearest":
             fine, coarse = (spread(uv[mine], image, wrap, slack[mine]) for image in both)
             apart[mine] = fine * (1.0 - share) + coarse * share
-    return color, most + apart, apart
+    return color, magnitude + apart, apart
+
+
+def color_texture(mesh: Mesh) -> Texture | None:
+    """Return the texture of a material's color; None without texture coordinates."""
+    return None if mesh.uvs is None else mesh.material.texture
+
+
+def lookup_of(texture: Texture) -> str:
+    """Return the lookup of `bilerp`: the texture's own, or `nearest`."""
+    return "nearest" if texture.filter == "nearest" else texture.lookup
+
+
+def uv_slack(settings: Settings, uvs: Floats, condition: Floats, size: tuple[int, int]) -> Floats:
+    """Return how far interpolated texture coordinates may be off, (K, 2), with those of the corners (K, 3, 2), `condition`
+    (K,) of `Hits`, and a texture of `size` columns and rows.
+
+    In float32 they are accurate to 2^-42 of the largest one at a corner, with another 2^-25 of a texel from planes
+    (kernels/texture.clh), twice that with the oracle's own. Rounding of positions in float64 counts as for the weights,
+    76 * 2^-53.
+    """
+    unit, of_texel = (0.0, 0.0) if settings.precision == "float64" else (2.0**-41, 2.0**-24)
+    slack: Floats = np.abs(uvs).max(axis=(1, 2)) * np.maximum(unit, 76.0 * 2.0**-53 * condition)
+    return slack[:, None] + of_texel / np.array(size)
+
+
+def corner_colors(settings: Settings, corners: Corners, face: Integers) -> Floats:
+    """Return colors at the corners of faces `face` (U,): (U, 3, 3).
+
+    With texture_at=vertex the texel replaces (course lookup) or multiplies the vertex color; with texture_at=pixel a
+    course texture leaves white, to be multiplied by the texel later.
+    """
+    colors: Floats = corners.colors[face].copy()
+    for mesh, mine in corners.by_mesh(face):
+        texture = color_texture(mesh)
+        if texture is not None and texture.lookup == "course":
+            colors[mine] = 1.0
+        colors[mine] = colors[mine] * mesh.material.color
+        if texture is not None and settings.texture_at == "vertex":
+            uv = corners.uvs_for(texture)[face[mine]]
+            colors[mine] = colors[mine] * bilerp(uv, texture.image[..., :3], texture.lookup, texture.wrap)
+    return colors
+
+
+@dataclass(frozen=True, eq=False)
+class Texels:
+    """Texels of pixels, (K, 3) each: the color; magnitude, the largest among the texels it is a mean of; and by how
+    much rounding may change the color where it is that of the nearest texel. looked_up: (K,) where a texture is looked up.
+    slack: (K,) how many texels the place may be off by."""
+
+    color: Floats
+    magnitude: Floats
+    spread: Floats
+    looked_up: Bools
+    slack: Floats
+
+
+_mipmaps: WeakKeyDictionary[Texture, list[Reals]] = WeakKeyDictionary()  # without alpha
+
+
+def texels(hits: Hits, texture_of: Callable[[Mesh], Texture | None]) -> Texels:
+    """Return texels of pixels, 1 where none is looked up."""
+    shape, corners = (len(hits.face), 3), hits.shot.corners
+    result = Texels(np.ones(shape), np.ones(shape), np.zeros(shape), np.zeros(shape[0], bool), np.zeros(shape[0]))
+    for mesh, mine in corners.by_mesh(hits.face):
+        texture = texture_of(mesh)
+        if texture is None or not has_uvs(mesh, texture):
+            continue
+        uvs, size = corners.uvs_for(texture)[hits.face[mine]], texture.image.shape[1::-1]
+        uv = interpolated(hits.weights[mine], uvs)
+        slack = uv_slack(hits.shot.settings, uvs, hits.condition[mine], size)
+        result.looked_up[mine], result.slack[mine] = True, (slack * size).max(axis=1)
+        right, up, mipmap = np.zeros_like(uv), np.zeros_like(uv), [texture.image[..., :3]]
+        if hits.steps is not None and texture.lookup == "standard":
+            if texture not in _mipmaps:
+                _mipmaps[texture] = levels(mipmap[0])
+            with np.errstate(invalid="ignore", over="ignore"):
+                right, up = (from_first(step[mine], uvs) for step in hits.steps)
+            mipmap = _mipmaps[texture]
+        looked_up = trilinear(uv, right, up, mipmap, lookup_of(texture), texture.wrap, slack)
+        result.color[mine], result.magnitude[mine], result.spread[mine] = looked_up
+    return result
+
+
+# Color maps
+
+
+# Of the largest position at a face's corners, in units of 2^-24 (2^-53 in float64): how far an interpolated position may
+# be off. The weights of two corners are off by 2 * 17 units together, and count for differences of positions, up to twice
+# the largest; positions and their differences are rounded, 3, and two fma: 2 * 34 + 3 + 2 = 73, and 3 for the oracle's own.
+POSITION_UNITS = 76.0
+
+
+@dataclass(frozen=True, eq=False)
+class MapColors:
+    """Colors of pixels by scalars, (K, 3) each: color, 1 where no scalars color the face; magnitude: the largest of
+    the colors that rounding may give; spread: the largest difference of those from the color."""
+
+    color: Floats
+    magnitude: Floats
+    spread: Floats
+
+
+def scaled(color_map: ColorMap, scalars: Floats) -> tuple[Floats, Floats]:
+    """Return scalars (K, 3) less the map's low end, and the map's width (K,): each row divided by a power of two, so that
+    no difference overflows."""
+    ends = np.array([color_map.low, color_map.high])
+    exponent = -np.frexp(np.maximum(np.abs(np.nan_to_num(scalars)).max(axis=1), np.abs(ends).max()))[1] - 1
+    low, high = np.ldexp(ends[0], exponent), np.ldexp(ends[1], exponent)
+    return np.ldexp(scalars, exponent[:, None]) - low[:, None], high - low
+
+
+def rows_of(color_map: ColorMap, above_low: Floats, width: Floats) -> Integers:
+    """Return the rows of the map's table for numbers given as their distances above its low end, (K,), NaN included."""
+    count = color_map.count
+    inside = (above_low >= 0.0) & (above_low <= width)
+    # The product first: where the quotient is a whole number, it is exact.
+    position = np.divide(above_low * count, width, out=np.zeros_like(above_low), where=inside & (width > 0.0))
+    row = np.minimum(np.floor(position), count - 1).astype(np.int64) + 1
+    row = np.where(above_low < 0.0, 0, row)
+    row = np.where(above_low > width, count + 1, row)
+    return np.where(np.isnan(above_low), count + 2, row)
+
+
+def map_colors(hits: Hits) -> MapColors:
+    """Return the colors of pixels by scalars."""
+    corners, settings, shape = hits.shot.corners, hits.shot.settings, (len(hits.face), 3)
+    result = MapColors(np.ones(shape), np.ones(shape), np.zeros(shape))
+    scalars = settings.scalars
+    if scalars is None:
+        return result
+    color_map = color_map_of(hits.shot.scene, scalars)
+    mapped = np.flatnonzero(corners.of_meshes(lambda mesh: scalars.name in mesh.scalars)[hits.face])
+    unit = np.maximum(2.0**-53 if settings.precision == "float64" else 2.0**-24, 2.0**-53 * hits.condition[mapped])
+    apart, width = scaled(color_map, corners.scalars[hits.face[mapped]])
+    above_low = interpolated(hits.weights[mapped], apart[..., None])[:, 0]
+    slack = POSITION_UNITS * unit * np.abs(apart).max(axis=1)
+    table = color_map.table.astype(np.float64)
+    row = rows_of(color_map, above_low, width)
+    first, last = (rows_of(color_map, above_low + side * slack, width) for side in (-1.0, 1.0))
+    magnitude, spread = np.abs(table[row]), np.zeros((len(row), 3))
+    for step in range(int((last - first).max(initial=0)) + 1):
+        other = table[np.minimum(first + step, last)]
+        magnitude = np.maximum(magnitude, np.abs(other))
+        spread = np.maximum(spread, np.abs(other - table[row]))
+    result.color[mapped], result.magnitude[mapped], result.spread[mapped] = table[row], magnitude, spread
+    return result

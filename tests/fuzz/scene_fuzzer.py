@@ -93,7 +93,7 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
     in total some 2^-21 of the largest alpha, 1. The margin is ten times that. Large texture coordinates add the error
     of a position in texels along both axes (kernels/texture.clh), times the step of alpha between texels, at most 1. With
     filter `nearest` alpha jumps where a position may be on either side of a texel's edge: 2^-24 of a texel is added, see
-    `corners.uv_slack`.
+    `texture.uv_slack`.
     """
 
     def moved(sign: float, across: float = 0.0, down: float = 0.0) -> OracleFrame:

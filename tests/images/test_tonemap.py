@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tonemap_reference import tonemap as oracle
 
 from clshade.errors import InputError
 from clshade.images import joint_tonemaps
 from clshade.images import tonemap as tm
 from clshade.images.joint_tonemaps import JOINT, agx, neutral
 from clshade.images.tonemap import OPERATORS, display_values, radiance, tonemap
-from clshade.oracle.tonemap import tonemap as oracle
 
 SEPARATE = [operator for operator in OPERATORS if operator not in JOINT]
 EXPOSURES = (0.0, 1.0, 0.5, -3.7, 21.3)

@@ -66,7 +66,7 @@ def test_some_pixels_equal_those_of_the_whole_image(name, preset):
     settings = Settings.from_preset(preset)
     whole = oracle.render(scene, settings)
     rows, columns = np.divmod(np.random.default_rng(3).integers(0, whole.id.size, 300), whole.id.shape[1])
-    some = oracle.sample(scene, settings, rows, columns)
+    some = oracle.render(scene, settings, rows, columns)
     for field in vars(whole):
         assert np.array_equal(getattr(some, field), getattr(whole, field)[rows, columns])
 
@@ -112,7 +112,7 @@ def test_a_right_image_passes(preset):
 
 def plant(frame: Frame, row: int, column: int, relative: float) -> None:
     """Plant an error in green, relative to the light budget."""
-    expected = oracle.sample(frame.scene, frame.settings, np.array([row]), np.array([column]))
+    expected = oracle.render(frame.scene, frame.settings, np.array([row]), np.array([column]))
     frame.rgba[row, column, 1] += relative * expected.budget[0, 1]
 
 
@@ -200,7 +200,7 @@ def test_a_highlights_gate_may_be_decided_either_way():
     frame.rgba[30, 40, :3] += 1e-3
     assert clshade.check(frame, "all").gates == 0
     rows, columns = np.divmod(np.arange(4800), 80)
-    expected = oracle.sample(frame.scene, frame.settings, rows, columns)
+    expected = oracle.render(frame.scene, frame.settings, rows, columns)
     for highlight, excepted in ((1e-3, True), (9e-4, False)):
         jump = expected.jump.copy()
         jump[30 * 80 + 40] = highlight

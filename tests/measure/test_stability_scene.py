@@ -15,6 +15,7 @@ from clshade.images import exr, figures
 from clshade.measure.stability import causes, scene_figure, scene_stability, scene_study
 from clshade.measure.stability.cases import lit
 from clshade.oracle import shade
+from clshade.oracle.lights import NO_LIGHTS, Interaction, Lights
 from clshade.pipeline.frame import Frame
 from clshade.pipeline.renderer import render
 from clshade.scene.camera import Camera
@@ -143,11 +144,12 @@ def test_every_cause_is_planted():
 
 
 def test_the_terms_of_kappa():
-    point, eye, lights = np.array([[0.0, 0, -4.5]]), np.zeros(3), np.array([[0.0, 0, -4], [0, 0, -9]])
-    terms = shade.conditions(point, np.array([5.0]), np.array([0.5]), eye, lights, steepness=3.0)
+    point, lights = np.array([[0.0, 0, -4.5]]), np.array([[0.0, 0, -4], [0, 0, -9]])
+    at = Interaction(point, np.ones(3), np.zeros(3), Lights(lights, lights), 5.0, 0.5)
+    terms = shade.conditions(at, steepness=3.0)
     assert np.allclose(terms, [[2.0, 5 / 4.5, 10.0, 3.0]])
     assert np.allclose(shade.condition_number(terms), 30.0)
-    terms = shade.conditions(point, np.array([5.0]), np.array([0.5]), eye, lights[:0], parallel=True)
+    terms = shade.conditions(replace(at, lights=NO_LIGHTS, parallel=True))
     assert np.allclose(terms, [[2.0, 0.0, 0.0, 1.0]])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import mpmath
@@ -10,11 +11,14 @@ import numpy as np
 import pytest
 
 from clshade.oracle import clip, coverage, normals, shade, texture, transform
+from clshade.oracle.lights import Interaction, Lights
 from clshade.oracle.terms import Surface
+from clshade.scene.camera import Camera
 
-VIEW = (1.0, (1.0, 1.0), (32, 32))  # focal, plane, resolution
+CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
 
 PIXEL = coverage.SUBPIXELS
+UP = np.array([0.0, 0, 1])
 
 
 def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
@@ -25,25 +29,28 @@ def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
 
 
 def test_camera_frame_is_right_handed_and_unmirrored():
-    axes = transform.camera_frame([0, 0, 4], [0, 0, 0], [0.0, 1, 0])
+    axes = transform.camera_frame(replace(CAMERA, eye=(0, 0, 4), lookat=(0, 0, 0)))
     assert np.array_equal(axes, [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
     eye, lookat, up = np.array([1.0, -2, 3]), np.array([-4.0, 4, 9]), np.array([0.3, 1, -0.2])
-    axes = transform.camera_frame(eye, lookat, up)
+    axes = transform.camera_frame(replace(CAMERA, eye=eye, lookat=lookat, up=up))
     assert close(axes @ axes.T, np.eye(3), atol=1e-15)
     assert close(axes[2], (lookat - eye) / np.linalg.norm(lookat - eye), atol=1e-15)
     assert axes[1] @ up > 0
     assert close(axes[0], np.cross(axes[2], axes[1]), atol=1e-15)
     for scale in (2.0**-300, 2.0**300):
-        assert np.array_equal(transform.camera_frame(eye * scale, lookat * scale, up * scale), axes)
+        larger = replace(CAMERA, eye=eye * scale, lookat=lookat * scale, up=up * scale)
+        assert np.array_equal(transform.camera_frame(larger), axes)
 
 
 def test_projection_and_snapping():
-    uv = transform.project(np.array([[0.0, 0, 5], [1, 1, 2], [-1, 0, 4]]), 1.0, (1.0, 2.0), (100, 50))
+    oblong = replace(CAMERA, plane=(1.0, 2.0), resolution=(100, 50))
+    uv = transform.project(np.array([[0.0, 0, 5], [1, 1, 2], [-1, 0, 4]]), oblong)
     assert np.array_equal(uv, [[50, 25], [75, 50], [37.5, 25]])
     halves = np.array([0.5, 1.5, 2.5, -0.5, -1.5]) / PIXEL
     assert transform.snap(halves).tolist() == [0, 2, 2, 0, -2]
-    assert transform.near_distance(np.array([[0.0, 0, 0], [3, 4, 0]]), np.zeros(3), np.ones(3)) == 2.5e-4
-    assert transform.near_distance(np.ones((1, 3)), np.zeros(3), np.array([0, 0, 2.0])) == 2e-4
+    far = replace(CAMERA, lookat=(0, 0, 2.0))
+    assert transform.near_distance(np.array([[0.0, 0, 0], [3, 4, 0]]), far) == 2.5e-4
+    assert transform.near_distance(np.ones((1, 3)), far) == 2e-4
 
 
 def test_world_vertices():
@@ -56,16 +63,18 @@ def test_world_vertices():
 def test_vertex_normals():
     verts = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
-    found = normals.vertex_normals(verts, faces)
+    found = normals.vertex_normals(verts, faces)[0]
     assert close(found[0], np.ones(3) / math.sqrt(3), atol=1e-15)
     assert close(found[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
     assert not found[4].any()
-    assert not normals.vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]])).any()
+    assert not normals.vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]]))[0].any()
     for scale in (1e-150, 1e150):
-        assert close(normals.vertex_normals(verts * scale, faces), found, atol=1e-15)
+        assert close(normals.vertex_normals(verts * scale, faces)[0], found, atol=1e-15)
     # Faces are weighted by area: twice the area, twice the weight.
-    folded = normals.vertex_normals(np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]]), [[0, 1, 2], [0, 3, 1]])
-    assert close(folded[0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
+    folded = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]])
+    assert close(
+        normals.vertex_normals(folded, [[0, 1, 2], [0, 3, 1]])[0][0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15
+    )
 
 
 def test_errors_of_vertex_normals_of_slivers():
@@ -82,15 +91,15 @@ def test_errors_of_vertex_normals_of_slivers():
             exact = np.zeros((len(verts), 3), np.longdouble)
             np.add.at(exact, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
             exact /= np.sqrt((exact * exact).sum(axis=1, keepdims=True))
-            off = np.sqrt(((normals.vertex_normals(verts, faces) - exact) ** 2).sum(axis=1)).astype(np.float64)
-            allowed = normals.vertex_normal_errors(verts, faces)
+            found, allowed = normals.vertex_normals(verts, faces)
+            off = np.sqrt(((found - exact) ** 2).sum(axis=1)).astype(np.float64)
             assert (off <= allowed / 2.0 + 4 * 2.0**-53).all()  # of two sides, and the rounding of normalization
             shares.append((off / allowed).max())
         assert 1e-16 / width < allowed.max() < 1e-13 / width
     assert max(shares) > 0.02  # the bound is not far too large
     lone = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]])
-    assert normals.vertex_normal_errors(lone, [[0, 1, 2], [0, 2, 1]]).tolist() == [0.0] * 4
-    assert not normals.vertex_normal_errors(lone, np.zeros((0, 3), int)).any()
+    assert normals.vertex_normals(lone, [[0, 1, 2], [0, 2, 1]])[1].tolist() == [0.0] * 4
+    assert not normals.vertex_normals(lone, np.zeros((0, 3), int))[1].any()
 
 
 def test_placed_normals_stay_perpendicular():
@@ -100,11 +109,11 @@ def test_placed_normals_stay_perpendicular():
         matrix[:3, :3] = rng.normal(size=(3, 3))
         normal, tangent = rng.normal(size=(2, 3))
         tangent -= normal * (tangent @ normal) / (normal @ normal)
-        placed = normals.placed_normals(normal[None], matrix)[0]
+        placed = normals.placed_normals(normal[None], matrix)[0][0]
         assert abs(placed @ (matrix[:3, :3] @ tangent)) < 1e-13
         assert placed @ np.linalg.inv(matrix[:3, :3]).T @ normal > 0
     mirror = np.diag([-1.0, 1, 1, 1])
-    assert close(normals.placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror), [[-1, 0, 0], [0, 1, 0]])
+    assert close(normals.placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror)[0], [[-1, 0, 0], [0, 1, 0]])
 
 
 # Clipping
@@ -131,7 +140,7 @@ def test_pieces_pass_drop_and_cut():
     straddling = [[-1.0, -1, 4], [1, -1, 4], [0, 1, -4]]
     huge = [[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]]
     aside = [[1e6, 0, 4], [2e6, 1, 4], [2e6, 2, 4]]
-    cut = clip.pieces(np.array([straddling, behind, simple, huge, aside]), 0.1, transform.Lens(*VIEW))
+    cut = clip.pieces(np.array([straddling, behind, simple, huge, aside]), 0.1, CAMERA)
     assert cut.face.tolist()[:4] == [0, 0, 2, 3]  # in face order
     assert set(cut.face.tolist()) == {0, 2, 3}
     assert np.array_equal(cut.weights[2], np.eye(3))
@@ -144,13 +153,13 @@ def test_pieces_pass_drop_and_cut():
 
 def test_guard_band_of_an_oblong_image():
     corners = np.array([[-1e6, -1e6, 4], [1e6, -1e6, 4], [0, 1e6, 4]])
-    view = (2.0, (1.0, 4.0), (64, 20))
-    cut = clip.pieces(corners[None], 0.1, transform.Lens(*view))
+    camera = replace(CAMERA, focal=2.0, plane=(1.0, 4.0), resolution=(64, 20))
+    cut = clip.pieces(corners[None], 0.1, camera)
     low, high = (limit * PIXEL for limit in clip.GUARD)
     assert (cut.xy.min(axis=(0, 1)) == low).all()
     assert (cut.xy.max(axis=(0, 1)) == high).all()
     assert sum(coverage.triangle_mask(xy, 64, 20).astype(int) for xy in cut.xy).tolist() == [[1] * 64] * 20
-    back = transform.project(cut.weights @ corners, *view)
+    back = transform.project(cut.weights @ corners, camera)
     assert close(back * PIXEL, cut.xy, rtol=0, atol=0.51)
 
 
@@ -270,7 +279,7 @@ def lit(point=(0, 0, 0), normal=(0, 0, 1), color=1.0, eye=(0, 0, 2), l_pos=(0, 0
     """Return the light of a light of intensity 2, and ambient light of 0.1."""
     args, one = (np.array(v, float) for v in (point, normal, eye)), np.ones(3)
     surface = Surface(n, k={"kd": kd * one, "ks": ks * one})
-    return 0.1 + color * shade.reflected(*args, surface, np.array([l_pos], float), 2 * one[None])
+    return 0.1 + color * shade.reflected(Interaction(*args, Lights(np.array([l_pos], float), 2 * one[None])), surface)
 
 
 def test_light_closed_forms():
@@ -310,25 +319,30 @@ def test_highlight_against_mpmath(n):
 
 
 def test_conditioning_budget_and_gate():
-    eye, lights = np.zeros(3), np.array([[0.0, 0, -4]])
-    point = np.array([[0.0, 0, -5], [0, 0, -4.001]])
-    kappa = shade.conditioning(point, np.array([5.0, 5.0]), np.array([1.0, 1.0]), eye, lights)
-    assert close(kappa, [5, 5000], rtol=1e-9)
-    assert shade.conditioning(point[0], np.array(5.0), np.array(0.01), eye, lights) == pytest.approx(100)
+    position, point = np.array([[0.0, 0, -4]]), np.array([[0.0, 0, -5], [0, 0, -4.001]])
+
+    def kappa(at, extent, normal_length=1.0, eye=np.zeros(3), away=1.0, **options):  # noqa: B008
+        light = Lights(away * position, away * position)
+        return shade.condition_number(
+            shade.conditions(Interaction(at, UP, eye, light, extent, normal_length, **options))
+        )
+
+    assert close(kappa(point, 5.0), [5, 5000], rtol=1e-9)
+    assert kappa(point[0], 5.0, 0.01) == pytest.approx(100)
     surface = Surface(1.0, np.full(3, 0.1), {"kd": np.full(3, 0.2), "ks": np.full(3, 0.3)})
-    found = shade.budget(np.array([0.5, 1, 3]), surface, [[2.0, 2, -2]] * 2)
+    found = shade.budget(np.array([0.5, 1, 3]), surface, np.array([[2.0, 2, -2]] * 2))
     assert close(found, [2.1, 2.1, 6.1])
     # In orthographic projection directions to the eye are exact, and coordinates are relative to the origin.
     beside = point[:1] + [0, 0, 1]
-    assert shade.conditioning(point[:1], np.array([1e6]), np.ones(1), beside, lights, True) == pytest.approx(1e6)
-    assert shade.conditioning(point[:1], np.array([1e6]), np.ones(1), beside, lights * 1e9, True) == pytest.approx(1)
+    assert kappa(point[:1], 1e6, eye=beside, parallel=True) == pytest.approx(1e6)
+    assert kappa(point[:1], 1e6, eye=beside, away=1e9, parallel=True) == pytest.approx(1)
 
 
 def jump(light, n=2.0, normal=(0.0, 0, 1), length=1.0):
     """Return the possible jump of the light at (2, 0, -2), which the eye sees at 45 degrees to its normal."""
-    point, lights = np.array([[2.0, 0, -2]]), np.array([light])
-    around = np.array([2.0]), np.array([length]), Surface(np.float64(n), k={"ks": np.ones(3)})
-    return shade.jumps(point, np.array(normal), *around, np.zeros(3), lights, np.array([[1.0, 2, -3]]))[0]
+    one_light, point = Lights(np.array([light]), np.array([[1.0, 2, -3]])), np.array([[2.0, 0, -2]])
+    at = Interaction(point, np.array(normal), np.zeros(3), one_light, 2.0, length)
+    return shade.jumps(at, Surface(np.float64(n), k={"ks": np.ones(3)}))[0]
 
 
 def test_highlights_that_may_be_decided_either_way():
@@ -399,16 +413,16 @@ def test_steepness_is_the_slope_of_the_highlight():
     def shiny(n: float) -> Surface:
         return Surface(np.array([n]), k={"ks": np.ones((1, 3))})
 
-    normal, eye, light = np.array([[0.0, 0, 1]]), np.array([0.0, 0, 1]), np.array([[3.0, 0, 4]])
+    def steepness(surface: Surface, light, normal=UP):
+        at = Interaction(np.zeros((1, 3)), normal[None], UP, Lights(np.array([light]), np.ones((1, 3))))
+        return shade.steepness(at, surface)
+
     for n, expected in ((0.5, 0.5 * 0.8**-0.5), (0.01, 1.0), (0.0, 1.0), (1.0, 1.0), (200.0, 1.0)):
-        found = shade.steepness(np.zeros((1, 3)), normal, shiny(n), eye, light)
-        assert found.tolist() == pytest.approx([max(expected, 1.0)])
-    low = np.array([[1.0, 0, 1e-8]])  # N.L and R.V are 1e-8
-    found = shade.steepness(np.zeros((1, 3)), normal, shiny(0.25), eye, low)
-    assert found == pytest.approx(0.25 * 1e-8**-0.75)
-    assert shade.steepness(np.zeros((1, 3)), -normal, shiny(0.25), eye, low) == 1.0
-    matte = Surface(np.array([0.25]), k={"ks": np.zeros((1, 3))})
-    assert shade.steepness(np.zeros((1, 3)), normal, matte, eye, low) == 1.0
+        assert steepness(shiny(n), (3.0, 0, 4)).tolist() == pytest.approx([max(expected, 1.0)])
+    low = (1.0, 0, 1e-8)  # N.L and R.V are 1e-8
+    assert steepness(shiny(0.25), low) == pytest.approx(0.25 * 1e-8**-0.75)
+    assert steepness(shiny(0.25), low, -UP) == 1.0
+    assert steepness(Surface(np.array([0.25]), k={"ks": np.zeros((1, 3))}), low) == 1.0
 
 
 def test_the_budget_holds_the_light():

@@ -13,7 +13,8 @@ import pytest
 
 from clshade import oracle
 from clshade.oracle import coverage
-from clshade.oracle.frame import owners, prepare
+from clshade.oracle.frame import owners
+from clshade.oracle.shot import prepare
 from clshade.scene.camera import Camera
 from clshade.scene.model import PRESETS, Material, Mesh, PointLight, Scene, Settings, Texture
 
@@ -157,15 +158,16 @@ def test_clipped_pieces_keep_the_painters_depth():
 
 
 def test_batches_change_nothing():
-    prepared = prepare(Scene((blob(), blob()), CAMERA, (LIGHT,)), Settings())
+    scene = Scene((blob(), blob()), CAMERA, (LIGHT,))
     row, column = np.divmod(np.arange(32 * 32), 32)
     for visibility in ("painter", "depth"):
-        whole = owners(prepared, visibility, column, row)
+        shot = prepare(scene, Settings(visibility=visibility))
+        whole = owners(shot, column, row)
         # Each face has a twin, the later of which is visible.
-        assert prepared.pieces.face[whole[whole >= 0]].min() >= 400
+        assert shot.pieces.face[whole[whole >= 0]].min() >= 400
         for limit in (150, 3000):
             some = partial(coverage.samples_at, limit=limit)
-            assert np.array_equal(owners(prepared, visibility, column, row, covered=some), whole)
+            assert np.array_equal(owners(shot, column, row, covered=some), whole)
 
 
 def test_culling_and_winding():
@@ -280,7 +282,7 @@ def test_sample_and_depth_at_agree_with_render(preset):
     rows, columns = np.indices(frame.id.shape)
     found = oracle.depth_at(scene, settings, frame.id.ravel().astype(int) - 1, rows.ravel(), columns.ravel())
     assert np.array_equal(found.reshape(frame.Z.shape), frame.Z)
-    some = oracle.sample(scene, settings, rows[5:9, 3], columns[5:9, 3])
+    some = oracle.render(scene, settings, rows[5:9, 3], columns[5:9, 3])
     assert np.array_equal(some.rgb, frame.rgb[5:9, 3])
     if settings.visibility == "depth":  # no face is nearer anywhere
         for face in range(0, 400, 7):

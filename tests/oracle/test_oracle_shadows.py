@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from clshade import builtin
-from clshade.oracle import shadows, signs
+from clshade.oracle import shadows, visibility
 from clshade.oracle.corners import gather
+from clshade.oracle.transform import orientation
 from clshade.scene.camera import Camera
 from clshade.scene.model import DirectionalLight, Light, Mesh, PointLight, Scene
 
@@ -48,10 +49,15 @@ def faces_of_ground(points: np.ndarray) -> np.ndarray:
     return np.where(points[:, 0] + points[:, 2] > 0.0, 0, 1)
 
 
+def dark_at(casters: shadows.Casters, light: Light, at: shadows.Receivers) -> tuple[np.ndarray, np.ndarray]:
+    """Return which receivers a light does not reach, and for which either answer is right."""
+    return shadows.met(shadows.Rays.to(casters, light, at))
+
+
 def dark_on_ground(light: Light, points: np.ndarray, *meshes: Mesh) -> tuple[np.ndarray, np.ndarray]:
     casters = casters_of(GROUND, *meshes)
     at = replace(on(casters, 0, points), face=faces_of_ground(points))
-    return shadows.shadowed(casters, light, at)
+    return dark_at(casters, light, at)
 
 
 # Signs
@@ -66,7 +72,7 @@ def test_orientation_is_exact_where_float64_is_not():
     d[::2, 0] = np.nextafter(d[::2, 0], 9.0)
     a[:100], b[:100], c[:100], d[:100] = (np.round(4.0 * v[:100]) / 4.0 for v in (a, b, c, d))
     d[:50] = a[:50] + 2.0 * (b[:50] - a[:50]) - (c[:50] - a[:50])
-    found = signs.orientation(a, b, c, d)
+    found = orientation(a, b, c, d)
     for k in range(len(a)):
         rows = [
             [Fraction(x) - Fraction(y) for x, y in zip(v[k].tolist(), a[k].tolist(), strict=True)] for v in (b, c, d)
@@ -114,10 +120,10 @@ def test_a_closed_box_is_dark_inside():
     points = np.tile(np.stack([np.full_like(y, -1.0), y, z], axis=1), (2, 1))
     for light in (PointLight((3.0, 0.0, 0.0)), PointLight((2.0, 2.0, 2.0)), DirectionalLight((-1.0, 0.0, 0.0))):
         receivers = replace(on(casters, 0, points), face=at)
-        dark, unsure = shadows.shadowed(casters, light, receivers)
+        dark, unsure = dark_at(casters, light, receivers)
         assert (dark | unsure).all()
         assert dark.mean() > 0.5
-    dark, unsure = shadows.shadowed(casters, PointLight((0.3, 0.2, 0.1)), replace(on(casters, 0, points), face=at))
+    dark, unsure = dark_at(casters, PointLight((0.3, 0.2, 0.1)), replace(on(casters, 0, points), face=at))
     assert not dark.any()
     assert unsure.mean() < 0.5
 
@@ -150,7 +156,7 @@ def test_coplanar_faces_cast_no_shadow_on_each_other():
             assert not unsure.any()
     casters = casters_of(replace(GROUND, verts=GROUND.verts @ turned.T))
     at = replace(on(casters, 0, points @ turned.T), face=faces_of_ground(points))
-    dark, unsure = shadows.shadowed(casters, PointLight(np.array([20.0, 1e-3, 3.0]) @ turned.T), at)
+    dark, unsure = dark_at(casters, PointLight(np.array([20.0, 1e-3, 3.0]) @ turned.T), at)
     assert not dark.any()
     assert unsure.mean() < 0.01
 
@@ -181,21 +187,18 @@ def test_far_scenes_and_lights(shift, distance):
     moved = [replace(mesh, verts=mesh.verts + shift) for mesh in (GROUND, square)]
     casters = casters_of(*moved)
     at = replace(on(casters, 0, points + shift), face=faces_of_ground(points))
-    dark, unsure = shadows.shadowed(casters, PointLight(toward * distance + shift), at)
+    dark, unsure = dark_at(casters, PointLight(toward * distance + shift), at)
     assert (dark == expected)[~unsure].all()
     assert unsure.mean() < 0.02
 
 
 def pairs_of_all(casters: shadows.Casters, light: Light, at: shadows.Receivers, off: float) -> tuple[set, set]:
     """Return the pairs of receivers and triangles that are candidates, and those of all that are hit or may be."""
-    position, parallel = casters.toward(light)
-    positions = np.broadcast_to(position, at.point.shape)
-    light_off = (0.0 if parallel else shadows.OFF * np.linalg.norm(positions, axis=1)) + np.full(len(positions), off)
-    tried = shadows._candidates(casters, positions, light_off, parallel, at, casters.solid)
-    k, column = np.nonzero(at.face[:, None] != casters.solid)
-    triangle = casters.solid[column]
-    every = shadows._Tests(casters, positions[k], light_off[k], parallel, at[k], triangle)
-    found = np.logical_or(*every.hits())
+    rays = shadows.Rays.to(casters, light, at, off=off * casters.scale)
+    tried = shadows.candidates(rays, casters.opaque)
+    k, column = np.nonzero(at.face[:, None] != casters.opaque)
+    triangle = casters.opaque[column]
+    found = np.logical_or(*shadows.Tests(rays[k], triangle).hits())
     pairs = zip(k[found].tolist(), triangle[found].tolist(), strict=True)
     return set(zip(*map(np.ndarray.tolist, tried), strict=True)), set(pairs)
 
@@ -208,7 +211,7 @@ def test_no_pair_that_is_hit_or_may_be_is_left_untried(uncertain):
     corners = generator.integers(-4, 5, size=(120, 3, 3)) / 4.0
     corners[:20, 2] = corners[:20, 1] + generator.normal(size=(20, 3)) * 1e-9  # slivers
     casters = casters_of(Mesh(corners.reshape(-1, 3), np.arange(360).reshape(-1, 3)))
-    face = generator.choice(casters.solid, 60)
+    face = generator.choice(casters.opaque, 60)
     share = generator.choice([0.0, 0.25, 0.5, 1.0], size=(60, 3)) + 1e-3
     points = (share[:, :, None] * casters.corners[face]).sum(axis=1) / share.sum(axis=1)[:, None]
     at = shadows.Receivers(points, face, np.full(60, shadows.OFF + uncertain))
@@ -218,7 +221,7 @@ def test_no_pair_that_is_hit_or_may_be_is_left_untried(uncertain):
         tried, hit = pairs_of_all(casters, light, at, uncertain)
         assert len(hit) > 60
         assert hit <= tried
-        assert len(tried) < len(at.face) * len(casters.solid)
+        assert len(tried) < len(at.face) * len(casters.opaque)
 
 
 def test_slivers_and_triangles_without_area_hide_at_most_what_they_cover():
@@ -260,7 +263,7 @@ def share(normal, face, to_light, bend: float = 0.0, turned=None):
     """Return the share of a light, its least and its largest."""
     normals = (np.broadcast_to(v, to_light.shape) for v in (normal if turned is None else turned, normal, face))
     count = to_light.shape[:-1]
-    return shadows.softened(shadows.Normals(*normals, np.full(count, bend)), to_light, np.full(count, 1e-6))
+    return visibility.softened(visibility.Normals(*normals, np.full(count, bend)), to_light, np.full(count, 1e-6))
 
 
 def test_the_terminator_is_soft_where_normals_differ_and_absent_where_they_agree():
@@ -290,8 +293,8 @@ def test_the_terminator_of_a_smooth_mesh_has_no_steps():
     mean = (weights[:, :, None] * corners.normals).sum(axis=1)
     size = np.sqrt((mean * mean).sum(axis=1))
     bend = (weights * corners.bends).sum(axis=1) / size
-    normals = shadows.Normals(mean / size[:, None], mean / size[:, None], np.zeros_like(mean), bend)
-    arriving = shadows.softened(normals, np.broadcast_to(to_light, mean.shape), np.zeros(len(mean)))[0]
+    normals = visibility.Normals(mean / size[:, None], mean / size[:, None], np.zeros_like(mean), bend)
+    arriving = visibility.softened(normals, np.broadcast_to(to_light, mean.shape), np.zeros(len(mean)))[0]
     assert (arriving[faces @ to_light <= 0.0] == 0.0).all()
     assert 0.4 < (arriving > 0.0).mean() < 0.5
     assert (arriving[mean @ to_light > 0.9] > 0.99).all()

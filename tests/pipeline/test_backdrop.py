@@ -12,7 +12,7 @@ from devices import rendered, skip_unsupported
 import clshade
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.oracle import backdrop
+from clshade.oracle import environment as backdrop
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.pipeline.features import derive, ignored
 from clshade.pipeline.frame import Frame, same_bits

@@ -13,7 +13,7 @@ from kernel_stages import OTHER_LANES
 from lit_floor import CAMERA, GLOSSY, MATTE, assert_lights, bounds_of, draw, lit_by
 
 from clshade import PointLight, RectangleLight, oracle
-from clshade.oracle import light_points as points_of_oracle
+from clshade.oracle import lights as points_of_oracle
 from clshade.pipeline import light_points, struct_layout
 from clshade.pipeline.frame import same_bits
 from clshade.pipeline.hierarchy import CasterFrame, shadow_lights

@@ -11,7 +11,8 @@ from layer_scenes import mixed
 import clshade
 from clshade.errors import InputError
 from clshade.images.cryptomatte import matte
-from clshade.oracle import frame as oracle
+from clshade.oracle.frame import owners
+from clshade.oracle.shot import prepare
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene
 
@@ -61,15 +62,13 @@ def test_they_are_the_oracles(device, samples):
     frame = clshade.render(mixed(), device=device, samples=samples, shader="nolight")
     found = clshade.cryptomatte(frame, device=device)
     scene, settings = frame.scene, frame.settings
-    views = oracle.samples_of(scene, settings, oracle.prepare(scene, settings))
+    views = prepare(scene, settings).samples
     columns, rows = scene.camera.resolution
     row, column = np.divmod(np.arange(rows * columns), columns)
     mesh_of = np.append(views[0].corners.mesh[views[0].pieces.face] + 1, 0)
-    opaque = [oracle.opaque_test(scene, settings, view) for view in views]
-    owners = [oracle.owners(view, "depth", column, row, test) for view, test in zip(views, opaque, strict=True)]
-    owners = np.array(owners).reshape(-1, rows, columns)[:, ::-1]
+    owner = np.array([owners(view, column, row) for view in views]).reshape(-1, rows, columns)[:, ::-1]
     names_of = {k: mesh.name or f"object {k}" for k, mesh in enumerate(scene.meshes, 1)}
-    expected = matte("CryptoObject", mesh_of[owners].astype(np.uint32), names_of)
+    expected = matte("CryptoObject", mesh_of[owner].astype(np.uint32), names_of)
     assert found["object"].metadata == expected.metadata
     for name, plane in expected.channels.items():
         assert np.array_equal(found["object"].channels[name].view(np.uint32), plane.view(np.uint32)), name

@@ -13,7 +13,7 @@ import clshade
 from clshade import oracle
 from clshade.errors import InputError
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, blob
-from clshade.oracle.sampling import places
+from clshade.oracle.coverage import places
 from clshade.pipeline import programs, sample_pattern
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings

@@ -364,7 +364,7 @@ def supersampled(scene: Scene, side: int) -> np.ndarray:
     horizon."""
     camera, mesh = scene.camera, scene.meshes[0]
     columns, rows = camera.resolution
-    axes = oracle.transform.camera_frame(camera.eye, camera.lookat, camera.up)
+    axes = oracle.transform.camera_frame(camera)
     at = (np.arange(side) + 0.5) / side
     image, found = mesh.material.texture.image, np.full((rows, columns), np.nan)
     x = ((np.arange(columns)[:, None] + at).ravel() / columns - 0.5) * camera.plane[1]

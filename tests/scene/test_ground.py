@@ -69,7 +69,7 @@ def test_its_edge_has_the_color_of_the_background(background, settings):
     place = (np.arange(160) + 0.5) / 5.0 - 16.0
     from_middle = np.hypot(place, place[:, None])
     within = (from_middle > 15.4) & (from_middle < 15.5)  # 9 times the radius of the sphere about the box, sqrt(3)
-    edge = oracle.sample(*effective_settings(replace(scene, camera=above), settings=settings), *np.nonzero(within))
+    edge = oracle.render(*effective_settings(replace(scene, camera=above), settings=settings), *np.nonzero(within))
     assert (edge.alpha == 1.0).all()
     assert len(edge.alpha) > 100
     behind = np.broadcast_to(1.0 if settings.shader == "nolight" else background, edge.rgb.shape)

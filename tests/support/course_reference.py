@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clshade.oracle import coverage, shade
+from clshade.oracle.lights import Interaction, Lights
 from clshade.oracle.terms import Surface
 from clshade.scene.model import Scene
 
@@ -45,12 +46,13 @@ def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -
     positions = np.asarray(positions, np.float64).reshape(-1, 3)
     length = np.sqrt((normal * normal).sum(axis=-1))
     extent = np.abs(point - eye).max(axis=-1)
-    around = extent, np.where(length > 0.0, length, 1.0)
-    kappa = shade.conditioning(point, *around, eye, positions)
+    lights = Lights(positions, np.reshape(intensities, (-1, 3)))
+    at = Interaction(point, normal, eye, lights, extent, np.where(length > 0.0, length, 1.0))
+    kappa = shade.condition_number(shade.conditions(at))
     k = {name: np.asarray(each, np.float64) * np.ones(3) for name, each in (("kd", k_d), ("ks", k_s))}
     surface = Surface(np.float64(n), np.asarray(k_a, np.float64), k)
-    budget = shade.budget(np.asarray(color, np.float64), surface, intensities)
-    jump = shade.jumps(point, normal, *around, surface, eye, positions, np.reshape(intensities, (-1, 3)))
+    budget = shade.budget(np.asarray(color, np.float64), surface, lights.intensities)
+    jump = shade.jumps(at, surface)
     share = np.minimum(FACTOR * np.sqrt(max(n, 1.0)) * HALF_ULP * kappa, 1.0)
     return share[..., None] * budget + jump * np.abs(color) + TINY
 

@@ -107,7 +107,7 @@ def view_of(device: Device, camera: Camera, near: float, scale: float = 1.0, **f
     view = np.zeros(1, struct_layout.SINGLE.View)
     view["needs"] = mask(ORTHOGRAPHIC=camera.orthographic, **features).needs
     view["eye"], view["focal"], view["principal"] = camera.eye, camera.focal, camera.principal
-    view["axes"] = transform.camera_frame(camera.eye, camera.lookat, camera.up).reshape(-1)
+    view["axes"] = transform.camera_frame(camera).reshape(-1)
     view["plane_height"], view["plane_width"] = camera.plane
     view["columns"], view["rows"] = camera.resolution
     view["near"], view["scale"] = near, scale

@@ -10,9 +10,14 @@ import numpy as np
 from kernel_stages import Pipeline, coefficients, float32, four, light_rows, material_rows, vertices_at
 
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
+from clshade.oracle.corners import gather
+from clshade.oracle.lights import Interaction, Lights
+from clshade.oracle.shot import Shot
 from clshade.oracle.terms import Surface
 from clshade.oracle.transform import SAMPLE_STEPS
+from clshade.scene.camera import Camera
 from clshade.scene.material import TERMS
+from clshade.scene.model import Mesh, Scene, Settings
 
 Array = np.ndarray
 EXPONENTS = (1.0, 20.0, 200.0, 1e4)
@@ -92,9 +97,12 @@ def owners_of(xy: Array, z: Array, resolution: tuple[int, int], visibility: str,
     """Return the oracle's owner of each pixel, -1 for none, (M, N), row 0 at the BOTTOM, of snapped triangles (F, 3,
     2)."""
     pieces = clip.Pieces(np.arange(len(xy)), xy, z, np.broadcast_to(np.eye(3), (len(xy), 3, 3)))
-    prepared = frame.Prepared(None, z, pieces, coverage.setup(xy, *resolution), None)  # type: ignore[arg-type]
+    faces = Mesh(np.zeros((3 * len(xy), 3)), np.arange(3 * len(xy)).reshape(-1, 3))
+    camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), resolution, orthographic=orthographic)
+    scene, settings = Scene((faces,), camera, ()), Settings(visibility=visibility)  # type: ignore[arg-type]
+    shot = Shot(scene, settings, gather(scene), z, pieces, coverage.places(1)[0])
     row, column = np.divmod(np.arange(resolution[0] * resolution[1]), resolution[0])
-    return frame.owners(prepared, visibility, column, row, orthographic=orthographic).reshape(resolution[::-1])
+    return frame.owners(shot, column, row).reshape(resolution[::-1])
 
 
 SAMPLE = coverage.SUBPIXELS // SAMPLE_STEPS  # of the samples' grid
@@ -148,17 +156,13 @@ def blend(weights: Array, values: Array) -> Array:
 
 def lit(point: Array, normal: Array, color: Array, surface: Surface, inputs: Inputs, extent: Array) -> dict[str, Array]:
     """Return the light without ambient at points (K, 3), and the quantities of its error bound."""
-    positions, intensities = light_of(inputs)
-    eye = np.zeros(3)
-    light = shade.reflected(point, normal, eye, surface, positions, intensities)
-    length = np.sqrt((normal * normal).sum(axis=-1))
-    place = point, normal, extent, length
-    steepness = shade.steepness(point, normal, surface, eye, positions)
+    length, lights = np.sqrt((normal * normal).sum(axis=-1)), Lights(*light_of(inputs))
+    at = Interaction(point, normal, np.zeros(3), lights, extent, length)
     return {
-        "rgb": color * light,
-        "budget": shade.budget(color, surface, intensities),
-        "conditions": shade.conditions(point, extent, length, eye, positions, steepness=steepness),
-        "jump": np.abs(color) * shade.jumps(*place, surface, eye, positions, intensities),
+        "rgb": color * shade.reflected(at, surface),
+        "budget": shade.budget(color, surface, lights.intensities),
+        "conditions": shade.conditions(at, shade.steepness(at, surface)),
+        "jump": np.abs(color) * shade.jumps(at, surface),
         "exponent": surface.n,
     }
 

@@ -83,7 +83,7 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
 def compare(frame: Frame, index: Array) -> Comparison:
     """Compare the pixels of these indices (K,), in reading order, with the oracle."""
     rows, columns = np.divmod(index, frame.alpha.shape[1])
-    return Comparison(frame, oracle.sample(frame.scene, frame.settings, rows, columns), rows, columns)
+    return Comparison(frame, oracle.render(frame.scene, frame.settings, rows, columns), rows, columns)
 
 
 def summary(found: Comparison, seconds: float) -> Check:

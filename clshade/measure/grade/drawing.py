@@ -12,8 +12,9 @@ import numpy as np
 from ...base.arrays import Bools, Floats, Integers
 from ...oracle import coverage
 from ...oracle.corners import Corners
-from ...oracle.frame import Prepared, face_weights, owners, prepare, set_up
+from ...oracle.frame import owners
 from ...oracle.pixels import shade_pixels
+from ...oracle.shot import Hits, Shot, prepare
 from ...oracle.terms import RIGHT, Steps
 from ...scene.model import Scene, Settings
 
@@ -94,9 +95,9 @@ def instead(**steps: Any) -> Edit:
 
 
 class _Visible(NamedTuple):
-    """What pixels show: the prepared scene, the piece at each pixel, -1 for none, and columns and rows from the bottom."""
+    """What pixels show: the scene, the piece at each pixel, -1 for none, and columns and rows from the bottom."""
 
-    prepared: Prepared
+    shot: Shot
     owner: Integers
     column: Integers
     upward: Integers
@@ -109,7 +110,7 @@ class Canvas:
     def __init__(self, rows: Integers, columns: Integers) -> None:
         self.rows, self.columns = np.asarray(rows, np.int64), np.asarray(columns, np.int64)
         self._kept: dict[tuple[object, ...], _Visible] = {}
-        self._prepared: dict[bool, Prepared] = {}
+        self._prepared: dict[bool, Shot] = {}
 
     def linear(self, drawing: Drawing) -> Floats:
         """Return the linear colors (K, 3) of a drawing, before `shown`."""
@@ -145,14 +146,11 @@ class Canvas:
             rows, columns = place(rows, columns, (height, width))
         if settings.cull not in self._prepared:
             self._prepared[settings.cull] = prepare(scene, settings)
-        prepared = self._prepared[settings.cull]
-        if drawing.snap:
-            cut = replace(prepared.pieces, xy=_through(drawing.snap, prepared.pieces.xy))
-            prepared = replace(prepared, pieces=cut, setup=set_up(scene, settings, prepared.corners, cut))
+        shot = replace(self._prepared[settings.cull], settings=settings)
+        shot = replace(shot, pieces=replace(shot.pieces, xy=_through(drawing.snap, shot.pieces.xy)))
         upward = height - 1 - rows
-        ordered = replace(prepared, z=drawing.order(prepared.z))
-        owner = owners(ordered, settings.visibility, columns, upward, covered=partial(_covered, reach=drawing.reach))
-        return _Visible(prepared, owner, columns, upward)
+        ordered, covered = replace(shot, z=drawing.order(shot.z)), partial(_covered, reach=drawing.reach)
+        return _Visible(shot, owners(ordered, columns, upward, covered, see_through=False), columns, upward)
 
 
 def _of_all_pixels(drawing: Drawing, colors: Callable[[Canvas, Drawing], Floats]) -> Floats:
@@ -190,10 +188,9 @@ def _covered(
 
 def _shade(drawing: Drawing, seen: _Visible, drawn: Bools) -> Floats:
     """Return the colors (D, 3) of the pixels that are drawn, (K,) bool."""
-    scene, settings, cut = drawing.scene, drawing.settings, seen.prepared.pieces
     piece, column, upward = seen.owner[drawn], seen.column[drawn], seen.upward[drawn]
-    edges = coverage.edge_functions(cut.xy[piece], column, upward)
-    weights = face_weights(scene, settings, seen.prepared, piece, edges)
-    behind = seen.prepared.setup.area[piece] < 0
-    corners = _through(drawing.corners, seen.prepared.corners)
-    return shade_pixels(scene, settings, corners, cut.face[piece], weights, behind, light=drawing.light).rgb
+    corners = _through(drawing.corners, replace(seen.shot.corners, scene=drawing.scene))
+    shot = replace(seen.shot, scene=drawing.scene, settings=drawing.settings, corners=corners)
+    edges = coverage.edge_functions(shot.pieces.xy[piece], column, upward)
+    place = np.broadcast_to(shot.place, (len(piece), 2))
+    return shade_pixels(Hits(shot, piece, column, upward, place, edges), drawing.light).rgb

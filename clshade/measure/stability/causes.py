@@ -14,9 +14,9 @@ import numpy as np
 from ...base.arrays import Array, Floats, Integers
 from ...oracle import shade
 from ...oracle.corners import Corners, gather
-from ...oracle.pixels import scene_lights
+from ...oracle.lights import Interaction, Lights, scene_lights
 from ...oracle.shade import CONDITIONS
-from ...oracle.vectors import cross, length
+from ...oracle.transform import cross, length
 from ...scene.model import Scene, Settings
 from ..check import oracle_bounds
 from ..check.check import Comparison
@@ -188,11 +188,12 @@ def explain(compared: Comparison, seen: Faces, pixel: int, of: Mapping[str, floa
 
 def _worst_light(scene: Scene, point: Floats, extent: float) -> dict[str, object]:
     """Return the numbers of the sentence about the light that amplifies rounding most at a point, relative to the eye."""
-    lights, one = scene_lights(scene, Settings()), np.ones(())
-    terms = [
-        float(shade.conditions(point, extent * one, one, np.zeros(3), position[None], shapes=[shape])[2])
-        for position, shape in zip(lights.positions, lights.shapes, strict=True)
-    ]
+    lights, one = scene_lights(scene, Settings().light_samples), np.ones(())
+    terms = []
+    for position, shape in zip(lights.positions, lights.shapes, strict=True):
+        light = Lights(position[None], position[None], [shape])
+        at = Interaction(point, np.zeros(3), np.zeros(3), light, extent * one, one)
+        terms.append(float(shade.conditions(at)[2]))
     worst = int(np.argmax(terms))
     position = lights.positions[worst]
     size, distance = max(extent, float(np.abs(position).max())), float(length(position - point))

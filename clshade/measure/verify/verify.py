@@ -178,9 +178,9 @@ def _remarks(image: RecordedImage) -> tuple[str, ...]:
 def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> tuple[Comparison, Bools, Bools]:
     """Compare pixels with the oracle: colors, coverage and all layers. Return also which are wrong, and which may be."""
     settings, where = image.record.settings, (rows, columns)
-    expected = oracle.sample(scene, settings, rows, columns)
+    expected = oracle.render(scene, settings, rows, columns)
     names = [name for name in settings.layers if name not in ("Z", "id")]
-    layers = oracle.sample_layers(scene, settings, rows, columns) if names else None
+    layers = oracle.render_layers(scene, settings, rows, columns) if names else None
     frame = _frame(image, scene, expected, layers, where)
     found = Comparison(frame, expected, rows, columns)
     compared = ~found.wrong & ~found.ties

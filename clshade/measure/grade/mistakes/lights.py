@@ -10,7 +10,7 @@ import numpy as np
 
 from ....base.arrays import Floats
 from ....oracle.corners import Corners
-from ....oracle.vectors import cross, unit
+from ....oracle.transform import cross, unit
 from ....scene.lights import PointLight
 from ..drawing import Drawing, Edit, then
 from .mistake import Edits, Mistake, scaled, setting, wrong_setting

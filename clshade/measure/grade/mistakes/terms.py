@@ -10,7 +10,7 @@ import numpy as np
 
 from ....base.arrays import Floats
 from ....oracle.terms import RIGHT, Directions
-from ....oracle.vectors import dot, unit
+from ....oracle.transform import dot, unit
 from ....scene.camera import Camera
 from ..drawing import Drawing, Edit, Shade, instead, then
 from .mistake import Mistake, of_materials, plain_materials, scaled, wrong_setting

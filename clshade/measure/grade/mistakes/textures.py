@@ -9,8 +9,9 @@ from functools import partial
 import numpy as np
 
 from ....base.arrays import Floats
-from ....oracle.corners import Corners, corner_colors
-from ....oracle.vectors import unit
+from ....oracle.corners import Corners
+from ....oracle.texture import corner_colors
+from ....oracle.transform import unit
 from ....scene.model import Material
 from ....scene.texture import Texture
 from ..drawing import Drawing, Edit, then
@@ -58,7 +59,8 @@ def _flat(drawing: Drawing) -> Drawing:
 
     def flat(corners: Corners) -> Corners:
         faces = np.arange(len(corners.mesh))
-        colors = corner_colors(scene, settings, corners, faces) if at_corners else corners.colors
+        own = replace(corners, scene=scene)  # with its textures
+        colors = corner_colors(settings, own, faces) if at_corners else corners.colors
         return replace(corners, colors=_mean(colors), normals=unit(_mean(corners.normals)), uvs=_mean(corners.uvs))
 
     return then(corners=flat)(plain_materials(drawing) if at_corners else drawing)

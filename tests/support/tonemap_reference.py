@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.arrays import Bytes, Floats, Reals
+from clshade.base.arrays import Bytes, Floats, Reals
 
 
 def _operate(x: Floats, operator: str) -> Floats:
