@@ -73,7 +73,7 @@ def literal_tables(tree: ast.Module) -> dict[str, list[str]]:
 
 
 def package_in(text: ast.JoinedStr) -> str | None:
-    """Return the package whose module an f-string such as f"clshade.cli.commands.{name}" names, None for another one."""
+    """Return the package whose module an f-string such as f"clshade.cli.{name}" names, None for another one."""
     match = re.fullmatch(r"f'clshade((?:\.\w+)*)\.{\w+}'", ast.unparse(text))
     return match[1].lstrip(".") if match else None
 
@@ -339,21 +339,16 @@ def test_pyopencl_is_imported_by_few_modules_only():
     assert users
 
 
-def test_every_command_is_a_module_of_its_own():
+def test_modules_of_commands_do_not_import_each_other():
+    """Except `verify`, which reads commands of `render`."""
     from clshade.cli import main
 
-    commands = {name for name in SOURCES if name.startswith("cli.commands.")}
-    shared = {
-        f"cli.commands.{name}"
-        for name in (
-            *("arguments", "parser", "farm_options", "live_view", "saving_options", "scene_options"),
-            *("drawn_command", "help_options", "scene_outputs", "stereo_options", "view_options"),
+    homes = {home.removeprefix("clshade.") for home in main._MODULES.values()}
+    assert main._MODULES.keys() == main.COMMANDS.keys()
+    for home in homes:
+        assert not imports(home, SOURCES[home]) & {f".{other}" for other in homes - {home}} - (
+            {".cli.render"} if home == "cli.checking" else set()
         )
-    }
-    assert {f"cli.commands.{name}" for name in main.COMMANDS} == commands - shared
-    for name in main.COMMANDS:
-        module = f"cli.commands.{name}"
-        assert not imports(module, SOURCES[module]) & {f".cli.commands.{other}" for other in main.COMMANDS}
 
 
 def test_only_main_imports_the_command_line():

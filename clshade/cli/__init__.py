@@ -1,1 +1,3 @@
-"""Arguments, exit codes and one-line errors."""
+"""The command line: options, exit codes and one-line errors. Only the module of the given command is imported."""
+
+DONE, FAILED, REFUSED, UNREAD = 0, 1, 2, 141  # exit codes; one more in clshade.base.interrupts

@@ -9,15 +9,14 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
-from typing import Any, TextIO
+from typing import Any
 
 from ..base import console, interrupts
 from ..base.interrupts import INTERRUPTED
 from ..errors import ClshadeError
-from .commands import REFUSED, UNREAD
-from .commands.arguments import with_values
-from .commands.help_options import add_help
-from .commands.parser import Parser
+from . import REFUSED, UNREAD
+from .options import with_values
+from .parser import Parser, add_help
 
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
@@ -36,6 +35,14 @@ COMMANDS = {
     "verify": "whether an EXR shows what its header says: random pixels computed again in float64, without OpenCL",
     "coco": "masks of the instances in rendered images as a COCO data set, for training detectors",
 }
+_MODULES = {
+    **dict.fromkeys(("render",), "clshade.cli.render"),
+    **dict.fromkeys(("turntable", "animate", "poster"), "clshade.cli.frames"),
+    **dict.fromkeys(("bench", "report", "stability", "grade"), "clshade.cli.measuring"),
+    **dict.fromkeys(("devices", "conform", "verify"), "clshade.cli.checking"),
+    **dict.fromkeys(("view",), "clshade.cli.view"),
+    **dict.fromkeys(("inspect", "compare", "coco"), "clshade.cli.images"),
+}
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -52,10 +59,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=about, add_help=False)
         if name == named:
             add_help(command)
-            module = import_module(f"clshade.cli.commands.{name}")
-            module.add_options(command)
+            module = import_module(_MODULES[name])
+            getattr(module, f"add_{name}_options")(command)
             _general_options(command)
-            command.set_defaults(run=module.run, parser=command)
+            command.set_defaults(run=getattr(module, f"run_{name}"), parser=command)
     return parser
 
 
@@ -73,7 +80,7 @@ def _general_options(parser: argparse.ArgumentParser) -> None:
 
 
 @contextlib.contextmanager
-def _told(parsed: argparse.Namespace) -> Iterator[None]:
+def _verbosity(parsed: argparse.Namespace) -> Iterator[None]:
     """Set the verbosity of standard output and error within the block."""
     with contextlib.ExitStack() as stack:
         stack.enter_context(console.at_level(parsed.verbose - parsed.quiet + console.NORMAL))
@@ -103,7 +110,7 @@ class _Unwritable(Exception):
 
 
 class _Stdout(console.Printable):
-    """Standard output with an exception of its own, to distinguish its errors from those of files."""
+    """Standard output, whose errors are told from those of files by their exception."""
 
     def write(self, text: str) -> int:
         try:
@@ -116,12 +123,6 @@ class _Stdout(console.Printable):
             self.stream.flush()
         except OSError as error:
             raise _Unwritable from error
-
-
-def _discard(stream: TextIO) -> None:
-    """Redirect the stream's buffered output to the null device: Python would write it again at exit, and complain."""
-    with contextlib.suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -138,7 +139,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.flush()
             return code
     except _Unwritable as error:
-        _discard(stdout)
+        # Python would write what is buffered again at exit, and complain.
+        with contextlib.suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), stdout.fileno())
         if isinstance(error.__cause__, BrokenPipeError):
             return UNREAD
         reason = getattr(error.__cause__, "strerror", None) or error.__cause__
@@ -156,21 +159,16 @@ def _run(arguments: Sequence[str]) -> int:
         console.error(f"the current folder: {error.strerror}: go to one that exists")
         return REFUSED
     try:
-        given = with_values(arguments)
-        parsed = _parser(given).parse_args(given)
+        words = with_values(arguments)
+        parsed = _parser(words).parse_args(words)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else REFUSED
     try:
-        with _told(parsed):
+        with _verbosity(parsed):
             code: int = parsed.run(parsed)
             return code
-    except ClshadeError as error:
+    except (ClshadeError, MemoryError) as error:
         if parsed.debug:
             raise
-        console.error(str(error))
-        return REFUSED
-    except MemoryError as error:
-        if parsed.debug:
-            raise
-        console.error(f"out of memory: {error}".rstrip(": "))
+        console.error(f"out of memory: {error}".rstrip(": ") if isinstance(error, MemoryError) else str(error))
         return REFUSED

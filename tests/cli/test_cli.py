@@ -17,7 +17,7 @@ from devices import is_tested, working_devices
 from processes import ROOT
 
 from clshade.base import interrupts
-from clshade.cli.commands import render
+from clshade.cli import render
 from clshade.cli.main import main
 from clshade.images import exr, png
 from clshade.pipeline.drawing_record import RECORD, SEAL

@@ -10,7 +10,7 @@ from command_line import SMALL, assert_refused, listing, needs_device, run
 from scene_files import TRIANGLE, write
 
 import clshade
-from clshade.cli.commands import DONE, render
+from clshade.cli import DONE, render
 from clshade.cli.main import COMMANDS, _parser, main
 from clshade.images import exr
 
@@ -117,7 +117,7 @@ def test_quiet_says_nothing_of_slow_files_and_half_floats(tmp_path, capsys, monk
         console.warning("half")
         return DONE
 
-    monkeypatch.setattr(render, "run", slow)
+    monkeypatch.setattr(render, "run_render", slow)
     assert run(capsys, "render", "-q")[2] == []
     assert run(capsys, "render")[2] == ["clshade: loading", "clshade: warning: half"]
     assert run(capsys, "render", "-v")[2] == ["clshade: loading", "clshade: loaded", "clshade: warning: half"]

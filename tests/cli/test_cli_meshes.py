@@ -14,8 +14,8 @@ from mesh_writers import triangle
 from scene_files import TRIANGLE, course_dict, save_npy, write
 
 from clshade.base import console
-from clshade.cli.commands import DONE, render
-from clshade.cli.commands.scene_options import load_scene
+from clshade.cli import DONE, render
+from clshade.cli.scene import load_scene
 from clshade.images import exr
 from clshade.scene import framing
 from clshade.scene.formats import load
@@ -175,14 +175,14 @@ def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
 
 def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
     path = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n")
-    monkeypatch.setattr(render, "run", lambda given: load_scene(given, given.scenes[0]) and DONE)
+    monkeypatch.setattr(render, "run_render", lambda given: load_scene(given, given.scenes[0]) and DONE)
     code, _, err = run(capsys, "render", path)
     assert code == 0
     assert err == [
         f"clshade: warning: {path}: line 1: mtllib: there is no file 'none.mtl': drawn without it",
         f"clshade: warning: {path}: usemtl: no library defines the material 'm'",
     ]
-    monkeypatch.setattr(render, "run", lambda arguments: warnings.warn("two\nlines", stacklevel=1))
+    monkeypatch.setattr(render, "run_render", lambda arguments: warnings.warn("two\nlines", stacklevel=1))
     assert run(capsys, "render", path)[2] == ["clshade: warning: two lines"]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from command_line import needs_device, run
 
-from clshade.cli.commands.scene_options import chosen_settings
 from clshade.cli.main import _parser
+from clshade.cli.scene import chosen_settings
 from clshade.images import exr
 from clshade.scene.edges import Edges
 

@@ -8,8 +8,8 @@ from mesh_writers import triangle
 from scene_files import course_dict, save_npy, write
 
 import clshade
-from clshade.cli.commands.scene_options import load_scene, picture_settings
 from clshade.cli.main import _parser
+from clshade.cli.scene import load_scene, picture_settings
 from clshade.errors import InputError
 from clshade.images import exr
 from clshade.scene.fitting import FILL

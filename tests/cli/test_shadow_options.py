@@ -7,8 +7,8 @@ from command_line import needs_device, run
 from mesh_writers import triangle
 
 from clshade import exr
-from clshade.cli.commands.scene_options import load_scene, picture_settings
 from clshade.cli.main import _parser
+from clshade.cli.scene import load_scene, picture_settings
 from clshade.pipeline.effective_settings import effective_settings
 
 SMALL = ("render", "teapot", "--resolution", "48,36", "--samples", "1")

@@ -7,7 +7,7 @@ import pytest
 from command_line import needs_device, run
 from hypothesis import given
 from hypothesis import strategies as st
-from speeds import STARTS, results_of, timed
+from speeds import results_of, timed
 
 from clshade.base import text_tables
 from clshade.errors import ClshadeError
@@ -117,7 +117,7 @@ def test_bench():
     slow = {"triangles": 16_777_216, "resolution": (16384, 16384), "ms": Spread(12345.6, 123456.7, 234567.8)}
     wide = {f"a-stage-{k}": 12345.678 for k in range(20)}
     error = ClshadeError("some words about what was wrong " * 5)
-    found = results_of(timed(LONG, **slow, stages=wide), timed(), starts=STARTS, errors={"w": error})
+    found = results_of(timed(LONG, **slow, stages=wide), timed(), errors={"w": error})
     assert_fits([line for line in found.lines() if LONG not in line])
 
 

@@ -108,7 +108,7 @@ def test_a_film_of_an_animation(folder, capsys):
 
 def test_a_film_tells_poses_by_their_source(folder, capsys, monkeypatch):
     found = []
-    monkeypatch.setattr("clshade.cli.commands.animate.draw", lambda *given: found.append(given[3]) or 0)
+    monkeypatch.setattr("clshade.cli.frames.draw", lambda *given: found.append(given[3]) or 0)
     command = ("animate", "bar.glb", "--count", "3", *SMALL, "-o", "f.#.exr")
     for options in ((), (), ("--animation", "Bend"), ("--lights", "1"), ("--light-intensity", "2"), ("--flat",)):
         assert run(capsys, *command, *options)[0] == 0
@@ -157,7 +157,7 @@ def test_several_processes_draw_the_same(folder, capsys):
 
 def test_what_is_said(folder, capsys, monkeypatch):
     found = []
-    monkeypatch.setattr("clshade.cli.commands.animate.draw", lambda *given: found.append(given) or 0)
+    monkeypatch.setattr("clshade.cli.frames.draw", lambda *given: found.append(given) or 0)
     assert run(capsys, "animate", "bar.glb", "--fps", "30000/1001")[::2] == (
         0,
         ["clshade: bar.glb: animation 0, 3 s: frames 1..90"],
@@ -209,6 +209,7 @@ def test_a_pose_is_offered_once(folder, capsys):
         (("teapot",), ("CAMERAS.json: a file of cameras is missing, and teapot has no animation to play",)),
         (("bar.glb", "--animation", "bend"), ("bar.glb: animation: expected one of Bend", "did you mean 'Bend'?")),
         (("bar.glb", "--time", "1"), ("--time: cannot go with an animation that is played",)),
+        (("bar.glb", "--no-weld"), ("--no-weld: cannot go with an animation that is played",)),
         (("bar.glb", "--focal", "1"), ("--focal: cannot go with an animation that is played",)),
         (("bar.glb", "--fps", "0"), ("--fps: expected a number above 0", "'0'")),
         (("bar.glb", "--fps", "fast"), ("--fps: expected a number above 0", "'fast'")),

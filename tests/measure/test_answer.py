@@ -11,8 +11,8 @@ import pytest
 from command_line import run
 from studies import small_study, sphere
 
-from clshade.cli.commands import render as render_command
-from clshade.cli.commands import scene_options
+from clshade.cli import render as render_command
+from clshade.cli import scene as selected
 from clshade.cli.main import _parser
 from clshade.measure.report import report, variants
 from clshade.measure.report.answer import CLOSE, FLIP, answer, criterion
@@ -168,7 +168,7 @@ def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, 
         program, verb, *arguments = shlex.split(command(each.settings(base)))
         assert (program, verb) == ("clshade", "render")
         parsed = _parser(["render"]).parse_args(["render", *arguments])
-        again = scene_options.load_scene(parsed, parsed.scenes[0])
+        again = selected.load_scene(parsed, parsed.scenes[0])
         kept = render_command.render_options(parsed, again)
         kept.pop("device")
         drawn, its_settings = effective_settings(again, **kept)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clshade.cli.commands.arguments import milliseconds, tolerance
+from clshade.cli.options import max_error, milliseconds
 from clshade.errors import InputError
 from clshade.measure.report.pareto import front, within_budget, within_tolerance
 from clshade.measure.timing import Spread
@@ -116,7 +116,7 @@ def test_times_that_are_none(text):
 
 
 def test_tolerances():
-    assert tolerance("1e-3") == 1e-3
+    assert max_error("1e-3") == 1e-3
     for text in ("0", "-1", "nan", "inf", "small", ""):
         with pytest.raises(argparse.ArgumentTypeError, match="expected an error above 0"):
-            tolerance(text)
+            max_error(text)

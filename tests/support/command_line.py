@@ -14,9 +14,9 @@ from devices import working_devices
 from processes import ROOT
 
 import clshade
-from clshade.cli.commands import scene_options
-from clshade.cli.commands.arguments import with_values
+from clshade.cli import scene as selected
 from clshade.cli.main import _parser, main
+from clshade.cli.options import with_values
 from clshade.scene import look
 
 # With these options the scene needs the program that tests of frames build anyway.
@@ -42,7 +42,7 @@ def scene_of(*arguments: object) -> clshade.Scene:
     given = with_values(["render", *map(str, arguments)])
     parsed = _parser(given).parse_args(given)
     with mock.patch.object(look, "_share_of_light", return_value=np.ones((2, 2))):
-        return scene_options.load_scene(parsed, parsed.scenes[0])
+        return selected.load_scene(parsed, parsed.scenes[0])
 
 
 def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:

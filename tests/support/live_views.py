@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import clshade
-from clshade.cli.commands import live_view
-from clshade.cli.commands.arguments import with_values
+from clshade.cli import view as live_view
 from clshade.cli.main import _parser
+from clshade.cli.options import with_values
 from clshade.view.live_scene import LiveScene, Source
 from clshade.view.live_session import Drawing, Session, Task
 

@@ -11,7 +11,7 @@ from command_line import run
 from live_views import source_of, unpacked
 
 import clshade
-from clshade.cli.commands.live_view import is_scene
+from clshade.cli.options import is_scene
 from clshade.errors import InputError
 from clshade.scene.adjust_lights import scaled_lights
 from clshade.view import orbit_controls

@@ -26,7 +26,7 @@ aiohttp = pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is n
 
 from clshade.base import console  # noqa: E402
 from clshade.base.extras import how_to_install  # noqa: E402
-from clshade.cli.commands import live_view  # noqa: E402
+from clshade.cli import view as live_view  # noqa: E402
 from clshade.errors import InputError  # noqa: E402
 from clshade.view import live_server  # noqa: E402
 from clshade.view.live_page import live_page  # noqa: E402

@@ -16,7 +16,7 @@ from PIL import Image
 
 import clshade
 from clshade import Camera, exr
-from clshade.cli.commands import poster as command
+from clshade.cli import frames as command
 from clshade.errors import InputError
 from clshade.images import exr_tiles, png
 from clshade.view import draw_poster, poster

@@ -1,0 +1,390 @@
+"""`turntable`, `animate` and `poster`: frames, films and tiles, drawn by several processes or machines."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from ..base import console
+from ..base.atomic_files import check, folder_made, shown
+from ..base.validation import integer, number
+from ..errors import InputError
+from ..scene import adjust_camera
+from ..scene.camera import MAX_RESOLUTION, checked_resolution
+from ..scene.formats.table import extensions_with
+from . import DONE
+from .options import Arguments, Device, Json, Option, add_options, output_name, seconds
+from .outputs import EYES, OUTPUT, Mattes, Saving, Stereo, check_stereo, saving
+from .scene import (
+    A_SCENE,
+    CameraFields,
+    LoadFields,
+    apply_options,
+    choose_look,
+    load_scene,
+    picture_settings,
+    print_load_notes,
+    scene_options,
+    wants_ground,
+    with_lights,
+)
+
+if TYPE_CHECKING:
+    from ..farm import Run
+    from ..farm.frames import Frames
+    from ..scene.camera import Camera
+    from ..scene.model import Scene
+    from ..scene.pose import Pose
+    from ..view.film import Film
+
+FPS = 30  # view.film.FPS, whose import takes long
+TILE = 2048  # view.poster.TILE, likewise
+FRAMES = "1..120"  # of a turn
+_T = TypeVar("_T")
+
+
+class FrameFiles:
+    title = OUTPUT
+    output = Option(
+        "-o, --output OUT: #### stands for the number of the frame; a PNG beside each EXR; its folder is made where there "
+        "is none. Or a film: OUT.mp4, .webm, .gif, .apng or .webp",
+        output_name,
+        "out.####.exr",
+    )
+    overwrite = Option("--overwrite: draw frames that exist, too")
+    save_cameras = Option(
+        "--save-cameras FILE.json: also write K and pose of each frame's camera, in the order of the frames, which "
+        "`animate` reads; of a stereo pair FILE.left.json and FILE.right.json"
+    )
+
+
+class FilmFields:
+    """Arguments of `draw_film` that others lack."""
+
+    title = OUTPUT
+    fps = Option(f"--fps RATE: of a film, or of an animation: frames per second, also 30000/1001 (default: {FPS!s})")
+    bits = Option("--bit-depth 8|10: of an .mp4: bits per channel (default: 8)", int)
+    keep_frames = Option("--keep-frames: of a film, in the folder OUT.mp4.frames")
+
+
+class FrameFields:
+    """Arguments of `draw_frames` that others lack."""
+
+    title = OUTPUT
+    flow = Option(
+        "--flow: of frames: optical flow in the EXR, pixels to the right and down, to the next frame (flow) and to the "
+        "one before (flow_back), what is occluded there (flow_occluded, flow_back_occluded), and the layer id"
+    )
+    visible = Option(
+        "--visible csv|json: of frames: also how much of each instance is seen, and how much of it is in the image, "
+        "beside each frame: out.0001_visible.csv and so on"
+    )
+
+
+class Workers:
+    """Arguments of `draw_frames`, `draw_film` and `draw_poster`."""
+
+    title = "workers: processes and machines that draw"
+    workers = Option("--workers N: processes on this machine (default: this one alone)", int, either="workers")
+    scheduler = Option("--scheduler tcp://HOST:8786: the workers of this Dask scheduler", either="workers")
+    timeout = Option("--timeout S: seconds to wait for the scheduler and for a worker", float, 10.0)
+    frame_timeout = Option(
+        "--frame-timeout SECONDS: with --workers or --scheduler: a worker that takes longer to draw and write a frame "
+        "counts as hanging, and others draw what it has; starting and compiling the kernels do not count, up to two "
+        "minutes (default: it is waited for)",
+        seconds,
+    )
+
+
+class Turn:
+    title = "turn: about what points up, through what is looked at"
+    frames = Option(
+        f"--frames 1..120: the frames to draw; also 5, 1..120..2 or 1..10,20 (default: {FRAMES})", either="frames"
+    )
+    count = Option("--count N: number of frames, for --frames 1..N", int, either="frames")
+    turn = Option(
+        "--turn 1..120: frames of a whole turn, where --frames are some of them (default: from the first to the last)"
+    )
+    degrees = Option("--degrees DEG: to the right; below 0: to the left", float, 360.0)
+
+
+class Played:
+    cameras = Option(
+        'cameras CAMERAS.json: a list such as [{"eye": [0, 1, 5]}, {"eye": [1, 1, 5], "fov": 40}]: frames 1, 2, ... of the '
+        "scene as it is; without it an animation of a glTF file is played: its length at --fps; with --animation all, of "
+        "several for one property the last counts",
+        nargs="?",
+    )
+    frames = Option("--frames 1..120: the frames to draw, from 1; also 5, 1..120..2 or 1..10,20", either="frames")
+    count = Option("--count N: number of frames, evenly spaced over an animation's length", int, either="frames")
+
+
+class Tiles:
+    title = OUTPUT
+    output = Option("-o, --output OUT: OUT.exr and OUT.png", output_name, "poster")
+    tile = Option("--tile PIXELS: a side of a tile, a power of two", int, TILE)
+    keep_tiles = Option("--keep-tiles: in the folder OUT.tiles", default=False)
+    overwrite = Option("--overwrite: draw tiles that an earlier run left, too")
+
+
+FRAME_OPTIONS = (Stereo, FrameFiles, FilmFields, Saving, FrameFields, Mattes)  # of `turntable` and `animate`
+
+
+def _add_drawing(parser: ArgumentParser, *kinds: type) -> None:
+    """Add these options, and those that all commands of this module share."""
+    add_options(parser, *kinds, Json, title=OUTPUT)
+    add_options(parser, Workers, Device)
+
+
+def drawing_options(arguments: Arguments, scene: Scene) -> dict[str, Any]:
+    """Return the keyword arguments that `draw_frames`, `draw_film` and `draw_poster` share."""
+    options = {
+        "overwrite": bool(arguments.overwrite),
+        "device": arguments.device,
+        "preset": arguments.preset,
+        "progress": not arguments.quiet,
+        "saving": saving(arguments),
+    }
+    return {**arguments.keywords(Workers), **options, **picture_settings(arguments, scene)}
+
+
+# `turntable`
+
+
+def add_turntable_options(parser: ArgumentParser) -> None:
+    scene_options(parser)
+    add_options(parser, Turn)
+    _add_drawing(parser, *FRAME_OPTIONS)
+
+
+def run_turntable(arguments: Arguments) -> int:
+    from ..farm import orbit, parse_frames
+
+    frames = _turn_frames(arguments)
+    turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
+    degrees = number("turntable", "--degrees", arguments.degrees)
+    scene = load_scene(arguments, turning=True)
+    return draw(arguments, scene, orbit(scene.camera, frames.numbers, turn, degrees))
+
+
+def _turn_frames(arguments: Arguments) -> Frames:
+    """Return the frames of --frames or --count; warn if a frame number was probably meant as the number of frames."""
+    from ..farm.frames import MOST, parse_frames
+
+    if arguments.count is not None:
+        return parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")
+    frames = parse_frames(FRAMES if arguments.frames is None else arguments.frames)
+    count = frames.last
+    if frames.span == 1 and 1 < count <= MOST and arguments.turn is None and "#" in arguments.output:
+        console.warning(f"--frames {count} is one frame, that of number {count}: --count {count} draws {count} frames")
+    return frames
+
+
+# `animate`
+
+
+def add_animate_options(parser: ArgumentParser) -> None:
+    scene_options(parser, Option(f"scene SCENE: {A_SCENE}"))
+    add_options(parser, Played)
+    _add_drawing(parser, *FRAME_OPTIONS)
+
+
+def run_animate(arguments: Arguments) -> int:
+    from ..farm import parse_frames, read_cameras
+
+    frames = None if arguments.frames is None else parse_frames(arguments.frames)
+    if arguments.cameras is None:
+        return _play(arguments, frames)
+    arguments.refuse(("count",), "is for the animation of a glTF file, and cannot go with CAMERAS.json")
+    scene = load_scene(arguments)
+    cameras = read_cameras(arguments.cameras, scene.camera, arguments.resolution)
+    numbers = _numbers(frames, arguments, len(cameras), arguments.cameras)
+    return draw(arguments, scene, {number: cameras[number - 1] for number in numbers})
+
+
+def _play(arguments: Arguments, frames: Frames | None) -> int:
+    """Draw an animation of a glTF file."""
+    from ..scene.formats.load import load_animation
+
+    name = arguments.scene
+    if not name.lower().endswith(extensions_with("animation")):
+        raise InputError(f"CAMERAS.json: a file of cameras is missing, and {shown(name)} has no animation to play")
+    options = arguments.keywords(LoadFields)
+    arguments.refuse(("time", "focal", "weld"), "cannot go with an animation that is played")
+    fit = arguments.camera == "fit"
+    played = load_animation(
+        name, count=arguments.count, fps=_rate(arguments), resolution=arguments.resolution, fit=fit, **options
+    )
+    print_load_notes(played.scene, arguments, name)
+    count = len(played.times)
+    console.progress(f"{shown(name)}: {shown(played.name)}, {played.seconds:.6g} s: frames 1..{count}")
+    numbers = _numbers(frames, arguments, count, "the animation")
+    is_fitted = played.scene.fitted or fit
+    on_stage = is_fitted or wants_ground(choose_look(played.scene, arguments), arguments)
+    stage = played.stage if on_stage else played.scene
+    arranged = apply_options(stage, arguments, moving=True)
+    meshes = (*arranged.meshes[: len(played.scene.meshes)], *arranged.meshes[len(stage.meshes) :])  # the last: a ground
+    scene = replace(arranged, meshes=meshes)
+
+    def camera(frame: int) -> Camera:
+        if is_fitted:
+            return scene.camera
+        moved = replace(played.scene, camera=played.cameras[frame])
+        return adjust_camera.camera_of(moved, arguments.keywords(CameraFields))
+
+    def pose(frame: int) -> Pose:
+        posed = played.poses[frame]
+        if posed.lights is None:
+            return posed
+        return replace(posed, lights=with_lights(replace(played.scene, lights=posed.lights), arguments).lights)
+
+    def source() -> Any:
+        return played.poses.source, arguments.lights, arguments.light_intensity, arguments.light_radius
+
+    return draw(arguments, scene, _PerFrame(numbers, camera), _PerFrame(numbers, pose, source))
+
+
+def _rate(arguments: Arguments) -> float:
+    """Return how many frames a second of the animation has. Raises InputError for a rate that is no number above 0."""
+    if arguments.fps is None:
+        return FPS
+    try:
+        rate = float(Fraction(arguments.fps))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        rate = 0.0
+    if not rate > 0.0:
+        raise InputError(f"--fps: expected a number above 0, or a fraction such as 30000/1001, found {arguments.fps!r}")
+    return rate
+
+
+def _numbers(frames: Frames | None, arguments: Arguments, count: int, owner: str) -> Sequence[int]:
+    """Return the numbers of the frames to draw, of `count`. owner: what has them, for the error."""
+    numbers: Sequence[int] = range(1, count + 1) if frames is None else frames.numbers
+    if not 1 <= numbers[0] <= numbers[-1] <= count:
+        raise InputError(f"--frames: {arguments.frames} goes beyond the frames of {owner}, 1..{count}")
+    return numbers
+
+
+class _PerFrame(Mapping[int, _T]):
+    """What `make` makes for each frame of these numbers, when it is looked up. source: of poses, see `draw_film`."""
+
+    def __init__(self, numbers: Sequence[int], make: Callable[[int], _T], source: Callable[[], Any] = tuple) -> None:
+        self._numbers, self._make, self._source = dict.fromkeys(numbers), make, source
+
+    @property
+    def source(self) -> Any:
+        return self._source()
+
+    def __getitem__(self, number: int) -> _T:
+        if number not in self._numbers:
+            raise KeyError(number)
+        return self._make(number)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+
+# Frames and films
+
+
+class _Eye(NamedTuple):
+    """What is drawn for an eye, or in all. saved: the file of its cameras, if any."""
+
+    output: str
+    saved: str | None
+    cameras: Mapping[int, Camera]
+
+
+def draw(
+    arguments: Arguments, scene: Scene, cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None = None
+) -> int:
+    """Draw the frames or the film, as the options say, and print a summary. poses: of an animation that is played."""
+    from ..farm import write_cameras
+
+    check_stereo(arguments)
+    eyes = _eyes(arguments, cameras)
+    with ExitStack() as folders:
+        for eye in eyes.values():  # refused before anything is drawn
+            if eye.saved:
+                folders.enter_context(folder_made(Path(eye.saved).parent))
+                check(eye.saved)
+        drawn = {}
+        for name, eye in eyes.items():
+            drawn[name] = _draw_eye(arguments, scene, eye, poses)
+            if eye.saved:
+                write_cameras(eye.saved, (eye.cameras[number] for number in sorted(eye.cameras)))
+
+    def figures() -> Any:
+        stats = {name: each.stats() for name, each in drawn.items()}
+        return stats.get("", stats)
+
+    arguments.print_result(figures, lambda: (line for each in drawn.values() for line in each.lines()))
+    return DONE
+
+
+def _eyes(arguments: Arguments, cameras: Mapping[int, Camera]) -> dict[str, _Eye]:
+    """Return both eyes by name, or without --stereo one whose name is empty."""
+    from ..farm import stereo_cameras
+    from ..farm.frames import pattern_of_eye
+
+    output, saved = arguments.output, arguments.save_cameras
+    if arguments.stereo is None:
+        return {"": _Eye(output, saved, cameras)}
+    pair = stereo_cameras(cameras, arguments.stereo, arguments.convergence)
+    return {
+        name: _Eye(pattern_of_eye(output, name), saved and pattern_of_eye(saved, name), each)
+        for name, each in zip(EYES, pair, strict=True)
+    }
+
+
+def _draw_eye(arguments: Arguments, scene: Scene, eye: _Eye, poses: Mapping[int, Pose] | None) -> Run | Film:
+    from ..view.film_format import is_film
+
+    options = {"poses": poses, **drawing_options(arguments, scene)}
+    if is_film(eye.output):
+        if arguments.formats is not None:
+            raise InputError(f"--formats: cannot go with a film, {eye.output}")
+        from ..view.film import draw_film
+
+        needs = f"needs frames as --output, such as out.####.exr, not {eye.output}"
+        arguments.refuse(("flow", "visible", "cryptomatte"), needs)
+        return draw_film(scene, eye.cameras, eye.output, **arguments.keywords(FilmFields), **options)
+    from ..farm import draw_frames
+
+    of_films = ("bit_depth", "keep_frames", *(("fps",) if poses is None else ()))
+    arguments.refuse(of_films, f"needs a film as --output, such as out.mp4, not {eye.output}")
+    options |= {**arguments.keywords(FrameFields), "mattes": arguments.cryptomatte or ()}
+    return draw_frames(scene, eye.cameras, eye.output, **options)
+
+
+# `poster`
+
+
+def add_poster_options(parser: ArgumentParser) -> None:
+    scene_options(parser)
+    _add_drawing(parser, Tiles, Saving)
+
+
+def run_poster(arguments: Arguments) -> int:
+    from ..scene.image_part import MAX_WHOLE
+    from ..view.poster import draw_poster
+
+    if arguments.resolution is None:
+        expected = f"columns and rows, up to {MAX_WHOLE} each, such as 32768x24576"
+        raise InputError(f"--resolution: expected {expected}, found none")
+    columns, rows = resolution = checked_resolution("--resolution", arguments.resolution, MAX_WHOLE)
+    reduction = max(1.0, max(resolution) / MAX_RESOLUTION)  # of the image for which a camera is chosen
+    arguments.resolution = max(1, round(columns / reduction)), max(1, round(rows / reduction))
+    scene = load_scene(arguments)
+    options = {"resolution": resolution, "tile": arguments.tile, "keep_tiles": arguments.keep_tiles}
+    poster = draw_poster(scene, arguments.output, **options, **drawing_options(arguments, scene))
+    arguments.print_result(poster.stats, poster.lines)
+    return DONE

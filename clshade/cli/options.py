@@ -1,0 +1,272 @@
+"""Options declared as attributes of classes, the conversion of their texts, and refusals."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import stat
+from argparse import ArgumentParser
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from ..base.spelling import hint
+from ..errors import InputError
+from ..measure.defaults import PIXELS
+
+
+class Option:
+    """An option, declared once as the attribute of a class: from it come its help and the argument of `keywords`.
+
+    text: its names, the form of its value and its help, as in "-o, --output OUT: the image". Without a form it is a flag,
+    --[no-]flag one that can be taken back; a form such as fit|file lists the choices; a name without dashes is that of an
+    argument. default: the help says it too. either: of options with the same one, one may be given. facts: further
+    arguments of `add_argument`.
+    """
+
+    def __init__(
+        self, text: str, read: Callable[[str], Any] = str, default: Any = None, *, either: str = "", **facts: Any
+    ) -> None:
+        head, about = text.split(": ", 1)
+        words = head.replace(", ", " ").split()
+        self.names = [word.replace("[no-]", "") for word in words if word.startswith("-")]
+        form = " ".join(words[len(self.names) or 1 :])
+        self.default, self.either = default, either
+        if isinstance(default, (str, int, float)) and default is not False:
+            about += f" (default: {default:g})" if isinstance(default, float) else f" (default: {default})"
+        self.facts: dict[str, Any] = {"help": about, "default": default}
+        if "[no-]" in head:
+            self.facts["action"] = argparse.BooleanOptionalAction
+        elif "|" in form and form.islower():
+            self.facts["choices"] = tuple(form.split("|"))
+        elif form:
+            self.facts |= {"type": read, "metavar": form}
+        elif not {"action", "choices"} & facts.keys():
+            self.facts["action"] = "store_true"
+        self.facts |= facts
+        long = next((name[2:] for name in self.names if name.startswith("--")), words[0])
+        self.dest: str = facts.get("dest", long.replace("-", "_"))  # its name among the parsed arguments
+
+
+def declared(kind: type) -> dict[str, Option]:
+    """Return the options that a class declares, by the names of its attributes."""
+    return {name: each for name, each in vars(kind).items() if isinstance(each, Option)}
+
+
+def add_options(parser: ArgumentParser, *kinds: type | Iterable[Option], title: str = "") -> None:
+    """Add the options of classes to the groups that their attribute `title` names, and others to the group of `title`."""
+    for kind in kinds:
+        name = getattr(kind, "title", title)
+        group = {group.title: group for group in parser._action_groups}.get(name)
+        target = group or (parser.add_argument_group(name) if name else parser)
+        groups: dict[str, argparse._ActionsContainer] = {"": target}
+        for option in declared(kind).values() if isinstance(kind, type) else kind:
+            if option.either not in groups:
+                groups[option.either] = target.add_mutually_exclusive_group()
+            groups[option.either].add_argument(*(option.names or [option.dest]), **option.facts)
+
+
+class Arguments(argparse.Namespace):
+    """The arguments of a command line, by the names of the options."""
+
+    parser: ArgumentParser  # of the command
+
+    def get(self, name: str) -> Any:
+        """Return the value of an option, None if the command lacks it."""
+        return getattr(self, name, None)
+
+    def keywords(self, *kinds: type) -> dict[str, Any]:
+        """Return the values of the options of classes that are set, by the names of their attributes."""
+        options = {name: option for kind in kinds for name, option in declared(kind).items()}
+        values = {name: getattr(self, option.dest) for name, option in options.items()}
+        return {name: value for name, value in values.items() if value not in (None, options[name].default)}
+
+    def is_set(self, name: str) -> bool:
+        """Return whether an option has another value than its default."""
+        return bool(self.get(name) != self.parser.get_default(name))
+
+    def as_options(self, names: Iterable[str]) -> list[str]:
+        """Return the arguments of a command that set these options, without those at their defaults."""
+        from ..base.declare import as_option
+
+        return [as_option(name, getattr(self, name)) for name in dict.fromkeys(names) if self.is_set(name)]
+
+    def refuse(self, names: Iterable[str], why: str) -> None:
+        """Raise InputError for the first of these options that is set. why: what it needs, or cannot go with."""
+        for name in filter(self.is_set, names):
+            raise InputError(f"--{'no-' * (self.get(name) is False)}{name.replace('_', '-')}: {why}")
+
+    def print_result(self, figures: Callable[[], Any], lines: Callable[[], Iterable[str]]) -> None:
+        """Print the figures as JSON if --json asks for it, else the lines."""
+        import json
+
+        print(json.dumps(figures(), indent=2) if self.get("json") else "\n".join(lines()))
+
+
+# Conversion of texts
+
+
+def reader(convert: Callable[[str], Any], form: str) -> Callable[[str], Any]:
+    """Return the conversion, with a refusal that names the form of texts for which it raises ValueError."""
+
+    def read(text: str) -> Any:
+        try:
+            return convert(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"expected {form}, found {text!r}") from None
+
+    return read
+
+
+def within(kind: Callable[[str], Any], low: float, form: str, *, above: bool = False) -> Callable[[str], Any]:
+    """Return a reader of finite numbers from `low` on, or above it."""
+
+    def convert(text: str) -> Any:
+        value = kind(text)
+        if not low <= value < math.inf or (above and value == low):
+            raise ValueError(text)
+        return value
+
+    return reader(convert, form)
+
+
+def _milliseconds(text: str) -> float:
+    parts = re.fullmatch(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(s|ms|us|)\s*", text, re.IGNORECASE)
+    return float(parts[1]) * {"s": 1e3, "ms": 1.0, "us": 1e-3, "": 1.0}[parts[2].lower()] if parts else math.nan
+
+
+def numbers(kind: type, counts: Sequence[int], form: str, separators: str = ",") -> Callable[[str], Any]:
+    """Return a reader of tuples of numbers. counts: how many, if not any number of them."""
+
+    def convert(text: str) -> tuple[Any, ...]:
+        values = tuple(kind(part) for part in re.split(f"[{separators}]", text))
+        if counts and len(values) not in counts:
+            raise ValueError(text)
+        return values
+
+    return reader(convert, form)
+
+
+whole, real = reader(int, "a whole number"), reader(float, "a number")
+from_1 = within(int, 1, "a whole number from 1 on")
+seconds = within(float, 0.0, "seconds above 0 such as 30", above=True)
+max_error = within(float, 0.0, "an error above 0 such as 1e-3", above=True)
+milliseconds = within(_milliseconds, 0.0, "a time above 0 such as 5ms or 0.005s", above=True)
+resolution = numbers(int, [2], "two whole numbers such as 800,600 or 800x600", ",xX×")
+point = numbers(float, [3], "three numbers such as 1,2,3")
+
+
+def names(allowed: Sequence[str], **others: Any) -> Callable[[str], Any]:
+    """Return a reader of tuples of names. others: further names known to `spelling.hint`."""
+
+    def read(text: str) -> tuple[str, ...]:
+        values = tuple(part.strip() for part in text.split(",") if part.strip())
+        for value in values or ("",):
+            if value not in allowed:
+                near = hint(value, allowed, **others)
+                raise argparse.ArgumentTypeError(f"expected names of {', '.join(allowed)}, found {value!r}{near}")
+        return values
+
+    return read
+
+
+def color(text: str, names: Sequence[str] = ()) -> str:
+    """Check a color, see `images.colors.linear_rgb`, or one of some names, and return it unchanged."""
+    from ..images.colors import linear_rgb
+
+    try:
+        if text not in names:
+            linear_rgb("", "", text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix(": : ")) from None
+    return text
+
+
+def output_name(text: str) -> str:
+    """Check an output name.
+
+    It must not be empty, which would become the default or `.exr`, nor a device, pipe or socket, beside which files
+    would appear: `/dev/null` would become /dev/null.exr.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a file or folder, found ''")
+    try:
+        mode = os.stat(text).st_mode
+    except (OSError, ValueError):  # does not exist, or fails when written
+        return text
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        found = f"{text!r}, a device, pipe or socket"
+        raise argparse.ArgumentTypeError(f"expected the name of a file or folder, found {found}")
+    return text
+
+
+# Options of several commands
+
+
+class Device:
+    device = Option(
+        "--device DEVICE: pocl, intel, nvidia, rusticl, part of a platform's name, or P:D (default: CLSHADE_DEVICE, PoCL)"
+    )
+
+
+class Json:
+    json = Option("--json: print all figures as JSON")
+
+
+class Limits:
+    budget = Option(
+        "--budget TIME: the most accurate variant within 5ms, 0.005s or 5 (ms) a frame", milliseconds, either="limit"
+    )
+    tolerance = Option(
+        "--tolerance RMSE: the fastest variant with at most this error, such as 1e-3", max_error, either="limit"
+    )
+
+
+def is_scene(name: str) -> bool:
+    """Return whether a name is a scene's: of a file with a scene's extension, or without one if there is no such file."""
+    from ..scene.formats.table import EXTENSIONS
+
+    ending = os.path.splitext(name)[1].lower()
+    return ending in EXTENSIONS or (not ending and not os.path.exists(name))
+
+
+def check_scene_name(name: str) -> None:
+    """Refuse a name without extension that is neither a file's nor a built-in scene's."""
+    from ..scene.builtin.scenes import BUILTINS
+
+    if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):
+        near = hint(name, BUILTINS)
+        raise InputError(f"SCENE: expected a file or one of {', '.join(BUILTINS)}, found {name!r}{near}")
+
+
+def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str], option: str = "--output") -> None:
+    """Refuse, before anything is read, an output file that cannot be written, has none of the endings, or would
+    overwrite one of the input files."""
+    from ..base import atomic_files
+
+    if os.path.splitext(output)[1].lower() not in endings:
+        expected = f"a file name that ends in {' or '.join(endings)}"
+        raise InputError(f"{option}: expected {expected}, found {atomic_files.shown(output)}")
+    atomic_files.check(output)
+    for name in inputs:
+        if os.path.exists(output) and os.path.exists(name) and os.path.samefile(output, name):
+            raise InputError(f"{option}: {atomic_files.shown(output)} is read: choose another file")
+
+
+def with_values(arguments: Sequence[str]) -> list[str]:
+    """Join options with values that argparse would misread.
+
+    `--up -x` becomes `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes any argument that begins with a
+    dash and is not a single number for an option. `--check SCENE` becomes `--check=4096 SCENE`, unless it is a number.
+    """
+    joined: list[str] = []
+    for argument in arguments:
+        before = joined[-1] if joined else ""
+        if before == "--check" and not re.fullmatch(r"-.*|all|\s*\+?[\d.]+(e[+-]?\d+)?\s*", argument, re.DOTALL):
+            joined[-1:] = [f"--check={PIXELS}", argument]  # the next argument is the scene
+        elif re.fullmatch(r"-([xyz]|\.?\d.*)", argument) and re.fullmatch(r"--[a-z-]+", before):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
