@@ -133,7 +133,7 @@ def _camera_chooser() -> Any:
 
 
 def _json_writer() -> Any:
-    from .scene.formats.scene_json_writer import write_scene
+    from .scene.formats.scene_json import write_scene
 
     return write_scene
 

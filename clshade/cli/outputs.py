@@ -293,7 +293,7 @@ def check_save_scene(arguments: Arguments, others: Iterable[Path]) -> None:
     name = arguments.save_scene
     if name is None:
         return
-    from ..scene.formats.scene_json_writer import ENDING, checked_name
+    from ..scene.formats.scene_json import ENDING, checked_name
 
     if len(arguments.scenes) > 1:
         raise InputError(f"--save-scene: is for one scene, not for {len(arguments.scenes)}")

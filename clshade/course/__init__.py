@@ -47,7 +47,7 @@ from ..pipeline.opencl.device import Device, shared_device
 from ..pipeline.renderer import Renderer
 from ..pipeline.single_primitive import NOWHERE, Lookup, PointLighting, draw_triangle, light_point, reach
 from ..scene.camera import Camera
-from ..scene.formats import course_values
+from ..scene.formats import course_npy
 from ..scene.formats.course_npy import only_mesh
 from ..scene.formats.course_npy import save_course as save
 from ..scene.geometry import vertex_normals
@@ -472,7 +472,7 @@ def _render(
     bg_color: ArrayLike,
 ) -> Floats:
     choice(owner, "shader", shader, SHADERS)
-    camera = course_values.camera(owner, *view)
+    camera = course_npy.camera(owner, *view)
     given = checked.mesh(owner, **mesh)
     geometry = [given.get(field) for field in ("verts", "faces", "colors", "uvs", "uv_faces")]
     material = checked.material(owner, *surface)

@@ -17,7 +17,7 @@ from ..base.spelling import hint
 from ..base.validation import coefficient, value_error
 from ..errors import InputError
 from ..scene.camera import MAX_RESOLUTION
-from ..scene.formats import course_values as values
+from ..scene.formats import course_npy as values
 from ..scene.model import Material, Texture
 
 Shader: TypeAlias = Literal["gouraud", "phong", "nolight"]

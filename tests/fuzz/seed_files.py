@@ -18,7 +18,7 @@ from scene_files import course_dict, png16, transposed
 from clshade.images import exr
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
-from clshade.scene.formats.scene_json_writer import encoded
+from clshade.scene.formats.scene_json import encoded
 from clshade.scene.lights import DirectionalLight, PointLight
 from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 
@@ -291,6 +291,6 @@ def _saved() -> list[Sample]:
     found = []
     for scene in (small, Scene((large, large), camera, lights, environment=around)):
         made = encoded(scene, "a.json")
-        arrays = b"".join(made.binary())
+        arrays = b"".join(made.parts)
         found.append(Sample({"a.json": made.text, **({made.file: arrays} if arrays else {})}))
     return found

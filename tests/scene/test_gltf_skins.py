@@ -10,7 +10,7 @@ import pytest
 from mesh_writers import CORNERS, INDICES, Gltf, bar, png, triangle
 from scene_files import refusal
 
-from clshade.scene.formats.gltf_skins import Influences, skinned
+from clshade.scene.formats.gltf_meshes import Influences, skinned
 from clshade.scene.formats.load import load
 from clshade.scene.geometry import bounding_box
 

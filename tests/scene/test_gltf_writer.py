@@ -597,7 +597,7 @@ def test_files_that_cannot_be_written(tmp_path):
 
 
 def test_too_large_a_file_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("clshade.scene.formats.glb.MOST_BYTES", 1000)
+    monkeypatch.setattr("clshade.scene.formats.glb.MAX_BYTES", 1000)
     with pytest.raises(InputError, match="to_glb: scene: expected a file of at most 1000 bytes"):
         clshade.builtin("icosphere", level=0).to_glb(tmp_path / "a.glb")
     assert list(tmp_path.iterdir()) == []

@@ -18,8 +18,7 @@ from clshade.base import input_files
 from clshade.errors import InputError
 from clshade.images.decode import read_image
 from clshade.scene.formats import gltf_nodes, safe_pickle
-from clshade.scene.formats.gltf_accessors import Buffers
-from clshade.scene.formats.gltf_json import Item
+from clshade.scene.formats.gltf_data import Buffers, Item
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.json", "a.mtl", "a.png"])

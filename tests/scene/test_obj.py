@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import partial
 from operator import eq
 
@@ -15,14 +14,14 @@ from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
 from clshade.scene.formats import obj_parser, text_tokens
 from clshade.scene.formats.load import load
-from clshade.scene.formats.obj_parser import parse_obj
+from clshade.scene.formats.obj_parser import ObjText
 from clshade.scene.objects import object_names, object_numbers
 from clshade.scene.triangulate import triangulated
 
 
 def corners(text: str) -> list:
     """Return the parser's v/vt/vn of the corners by face."""
-    return parse_obj(text.encode(), "x.obj").indices.tolist()
+    return ObjText(text.encode(), "x.obj").indices.tolist()
 
 
 def test_positions_uvs_and_normals_keep_their_own_indices(tmp_path):
@@ -221,7 +220,7 @@ def test_against_the_obvious_parser(monkeypatch, chunk):
     for _ in range(12):
         text = random_text(rng)
         verts, uvs, normals, polygons = plain(text)
-        found = parse_obj(text.encode(), "x.obj")
+        found = ObjText(text.encode(), "x.obj")
         assert found.verts.tolist() == verts
         assert found.uvs.tolist() == [uv[:2] for uv in uvs]
         assert found.normals.tolist() == normals
@@ -236,13 +235,15 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
     block = "# a\nmtllib {k}.mtl\nv 0 0 {k} 1 0 0.5\nv 1 0 0\nv 0 1 0 0 {k} 0 .5\no {k}\nusemtl m{k} \\\n x\ns {k}\n"
     block += "f -3 -2 \\\n-1\ng g{k} # none\nvt 0 {k}\nf -1/1 -2/1 -3/-1 -1/-1\nl 1 2\ncurv {k}\n"
     data = "".join(block.replace("{k}", str(k)) for k in range(12)).encode()
-    whole = parse_obj(data, "a.obj")
+    whole = ObjText(data, "a.obj")
     monkeypatch.setattr(text_tokens, "CHUNK", chunk)
-    parts = parse_obj(data, "a.obj")
-    for field in fields(whole):
-        expected, found = getattr(whole, field.name), getattr(parts, field.name)
+    parts = ObjText(data, "a.obj")
+    names = {name for name in vars(whole) if not name.startswith("_")}
+    assert names >= {"verts", "colored", "colors", "uvs", "normals", "indices", "runs", "libraries", "smoothing"}
+    for name in names:
+        expected, found = getattr(whole, name), getattr(parts, name)
         same = partial(np.array_equal, equal_nan=True) if isinstance(expected, np.ndarray) else eq
-        assert same(expected, found), field.name
+        assert same(expected, found), name
     assert whole.colored.tolist() == [3 * k + corner for k in range(12) for corner in (0, 2)]
     np.testing.assert_array_equal(
         whole.colors, [row for k in range(12) for row in ([1, 0, 0.5, np.nan], [0, k, 0, 0.5])]
@@ -271,7 +272,7 @@ def test_materials_and_objects_make_meshes_in_the_order_of_the_file(tmp_path):
     assert [mesh.name for mesh in scene.meshes] == ["a", "a", "a", "part"]
     assert scene.meshes[0].material is scene.meshes[2].material
     positions = np.concatenate([mesh.verts[mesh.faces] for mesh in scene.meshes])
-    expected = parse_obj((SQUARE + body).encode(), "x")
+    expected = ObjText((SQUARE + body).encode(), "x")
     assert np.array_equal(positions, expected.verts[expected.indices[:, :, 0]])
     # Without normals in the file, vertex normals average all faces, so that no seam is visible.
     normals = geometry.vertex_normals(expected.verts, expected.indices[:, :, 0])

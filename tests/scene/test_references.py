@@ -99,7 +99,7 @@ def test_names_in_another_case_are_looked_for_in_the_folder_alone(tmp_path, monk
 
 
 def test_of_many_missing_files_a_few_are_looked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(texture, "MOST_MISSING", 3)
+    monkeypatch.setattr(texture, "MAX_MISSING", 3)
     path = textured(tmp_path / "scene", "obj", "x/a.png", "b.png", "x/a.png", "y/a.png", "z/a.png", "c.png")
     for name in ("a.png", "c.png"):
         (tmp_path / "scene" / name).write_bytes(png(np.zeros((2, 3, 3), np.uint8)))

@@ -24,6 +24,7 @@ from .options import DEFAULT_MATERIAL
 _OWNER = "from_trimesh"
 _KINDS = "a Trimesh or Scene of trimesh, a TriangleMesh of Open3D, or a PolyData of PyVista with triangles alone"
 _UNSET_DIFFUSE = (102, 102, 102, 255)  # of trimesh's SimpleMaterial
+_MATERIAL = replace(DEFAULT_MATERIAL, two_sided=True)
 
 
 def scene_of(
@@ -34,13 +35,10 @@ def scene_of(
         resolution = checked_resolution(_OWNER, resolution)
     degrees = None if crease is None else crease_angle(_OWNER, "crease", crease)
     choice(_OWNER, "up", up, UPS)
-    camera = None
-    if hasattr(source, "geometry") and hasattr(source, "graph"):
-        found = list(_of_scene(source))
-        camera = _camera(source, resolution)
-    else:
-        found = [_mesh(source)]
-    meshes = tuple(mesh for mesh in found if len(mesh.faces))
+    is_scene = hasattr(source, "geometry") and hasattr(source, "graph")
+    converted = [*_of_scene(source)] if is_scene else [_mesh(source, {})]
+    meshes = tuple(mesh for mesh in converted if len(mesh.faces))
+    camera = _camera(source, resolution) if is_scene else None
     if degrees is not None:
         creased = (crease_normals(mesh.verts, mesh.faces, degrees) for mesh in meshes)
         meshes = tuple(replace(m, normals=n, normal_faces=f) for m, (n, f) in zip(meshes, creased, strict=True))
@@ -75,7 +73,7 @@ def _camera(source: Any, resolution: tuple[int, int] | None) -> Camera | None:
     """Return the camera of a scene of trimesh, if it has one and says where it is."""
     if not getattr(source, "has_camera", False) or source.camera.name not in source.graph.nodes:
         return None
-    columns, rows = (int(each) for each in source.camera.resolution)
+    columns, rows = (int(size) for size in source.camera.resolution)
     width, height = (2.0 * np.tan(np.radians(np.asarray(source.camera.fov, np.float64)) / 2.0)).tolist()
     pose = np.asarray(source.camera_transform, np.float64)
     eye, forward, up = pose[:3, 3], -pose[:3, 2], pose[:3, 1]
@@ -85,14 +83,14 @@ def _camera(source: Any, resolution: tuple[int, int] | None) -> Camera | None:
     return camera if resolution is None else camera.with_resolution(resolution)
 
 
-def _mesh(source: Any, materials: dict[int, Material] | None = None) -> Mesh:
+def _mesh(source: Any, materials: dict[int, Material]) -> Mesh:
     """Return one mesh. materials: those converted before, by the id of the other library's."""
     if hasattr(source, "triangles") and hasattr(source, "vertex_colors"):
         return _of_open3d(source)
     if hasattr(source, "points") and "regular_faces" in dir(source):  # a property that raises for some meshes
         return _of_pyvista(source)
     if hasattr(source, "vertices") and hasattr(source, "faces"):
-        return _of_trimesh(source, {} if materials is None else materials)
+        return _of_trimesh(source, materials)
     raise value_error(_OWNER, "source", _KINDS, source)
 
 
@@ -106,21 +104,20 @@ def _of_trimesh(source: Any, materials: dict[int, Material]) -> Mesh:
         for name, values in _arrays(source, "vertex_attributes").items()
         if values.size == len(values) == len(source.vertices)
     }
-    material = replace(DEFAULT_MATERIAL, two_sided=True)
-    mesh = Mesh(source.vertices, source.faces, **fields, material=material, scalars=_numbers(scalars))
+    mesh = Mesh(source.vertices, source.faces, **fields, material=_MATERIAL, scalars=_numbers(scalars))
     if kind == "vertex":
         return replace(mesh, **_colored(visual.vertex_colors, mesh.material))
     if kind == "face":
         return _with_face_colors(mesh, np.asarray(visual.face_colors))
     if kind != "texture":
         return mesh
-    given = visual.material
-    if id(given) not in materials:
-        if hasattr(given, "materials"):
-            raise value_error(_OWNER, "visual.material", "one material for each mesh", given)
-        convert = _metallic_roughness if hasattr(given, "baseColorFactor") else _simple
-        materials[id(given)] = convert(given)
-    material = materials[id(given)]
+    source_material = visual.material
+    if id(source_material) not in materials:
+        if hasattr(source_material, "materials"):
+            raise value_error(_OWNER, "visual.material", "one material for each mesh", source_material)
+        convert = _metallic_roughness if hasattr(source_material, "baseColorFactor") else _simple
+        materials[id(source_material)] = convert(source_material)
+    material = materials[id(source_material)]
     uvs = None if visual.uv is None else np.asarray(visual.uv) * [1.0, -1.0] + [0.0, 1.0]  # v = 0 is the bottom there
     colors = getattr(visual, "vertex_attributes", {}).get("color")
     rgba = None if colors is None else _linear(colors)
@@ -134,7 +131,7 @@ def _of_open3d(source: Any) -> Mesh:
         np.asarray(source.triangles),
         srgb_to_linear(np.clip(colors, 0.0, 1.0)) if len(colors) else None,
         normals if len(normals) else None,
-        material=replace(DEFAULT_MATERIAL, two_sided=True),
+        material=_MATERIAL,
     )
 
 
@@ -146,13 +143,17 @@ def _of_pyvista(source: Any) -> Mesh:
     if faces.ndim != 2 or faces.shape[1] != 3:
         raise value_error(_OWNER, "source", "triangles alone (PolyData.triangulate() makes them)", source)
     verts = np.asarray(source.points)
-    mesh = Mesh(verts, faces, material=replace(DEFAULT_MATERIAL, two_sided=True))
+    mesh = Mesh(verts, faces, material=_MATERIAL)
     points, cells = _arrays(source, "point_data"), _arrays(source, "cell_data")
     normals = points.get("Normals")
-    colors = next((each for each in points.values() if each.dtype == np.uint8 and each.shape[1:] in ((3,), (4,))), None)
-    scalars = {name: each for name, each in points.items() if each.shape == (len(verts),)}
+    colors = next(
+        (values for values in points.values() if values.dtype == np.uint8 and values.shape[1:] in ((3,), (4,))), None
+    )
+    scalars = {name: values for name, values in points.items() if values.shape == (len(verts),)}
     if len(faces) != len(verts):  # of as many points as cells, numbers would count as those of points
-        scalars |= {name: each for name, each in cells.items() if each.shape == (len(faces),) and name not in scalars}
+        scalars |= {
+            name: values for name, values in cells.items() if values.shape == (len(faces),) and name not in scalars
+        }
     mesh = replace(mesh, normals=normals, scalars=_numbers(scalars))
     return mesh if colors is None else replace(mesh, **_colored(colors, mesh.material))
 
@@ -192,64 +193,63 @@ def _with_face_colors(mesh: Mesh, colors: Array) -> Mesh:
     return replace(mesh, verts=verts, faces=faces, normals=normals, normal_faces=mesh.faces, **changes)
 
 
-def _simple(given: Any) -> Material:
+def _simple(source: Any) -> Material:
     """Return a Material for a SimpleMaterial, as for one of an MTL file."""
-    kd = _factor(given.diffuse)
-    texture = _texture(given.image, srgb=True)
-    if texture is not None and tuple(np.asarray(given.diffuse).tolist()) == _UNSET_DIFFUSE:
+    kd = _factor(source.diffuse)
+    texture = _texture(source.image, srgb=True)
+    if texture is not None and tuple(np.asarray(source.diffuse).tolist()) == _UNSET_DIFFUSE:
         kd = np.append(DEFAULT_MATERIAL.kd, 1.0)
     return Material(
-        _factor(given.ambient)[:3],
+        _factor(source.ambient)[:3],
         kd[:3],
-        _factor(given.specular)[:3],
-        float(np.clip(given.glossiness, 0.0, 1e9)),
+        _factor(source.specular)[:3],
+        float(np.clip(source.glossiness, 0.0, 1e9)),
         texture,
-        str(given.name or ""),
+        str(source.name or ""),
         two_sided=True,
         blend=bool(kd[3] < 1.0) or (texture is not None and texture.texels.shape[2] == 4),
         opacity=float(kd[3]),
     )
 
 
-def _metallic_roughness(given: Any) -> Material:
+def _metallic_roughness(source: Any) -> Material:
     """Return a Material for a PBRMaterial, with glTF's defaults for what it leaves out."""
-    factor = np.ones(4) if given.baseColorFactor is None else _factor(given.baseColorFactor)
-    metallic = 1.0 if given.metallicFactor is None else float(np.clip(given.metallicFactor, 0.0, 1.0))
-    roughness = 1.0 if given.roughnessFactor is None else float(np.clip(given.roughnessFactor, 0.0, 1.0))
-    mode = given.alphaMode or "OPAQUE"
-    cutoff = (0.5 if given.alphaCutoff is None else float(given.alphaCutoff)) if mode == "MASK" else None
-    texture = _texture(given.baseColorTexture, srgb=True)
+
+    def value(name: str, default: Any) -> Any:
+        return default if getattr(source, name) is None else getattr(source, name)
+
+    factor = _factor(value("baseColorFactor", np.ones(4)))
+    metallic, roughness = (float(np.clip(value(f"{name}Factor", 1.0), 0.0, 1.0)) for name in ("metallic", "roughness"))
+    mode = source.alphaMode or "OPAQUE"
+    cutoff = float(value("alphaCutoff", 0.5)) if mode == "MASK" else 0.0
+    texture = _texture(source.baseColorTexture, srgb=True)
     base = factor[:3] if texture is None else factor[:3] * texture.mean()
-    kd, ks, n = phong(metallic, roughness, float(np.mean(base)))
-    emission = np.zeros(3) if given.emissiveFactor is None else np.asarray(given.emissiveFactor, np.float64)
     facets = MetallicRoughness(
         metallic,
         roughness,
-        _texture(given.metallicRoughnessTexture, srgb=False),
-        emission=np.maximum(emission, 0.0),
-        normal_texture=_texture(given.normalTexture, srgb=False),
-        occlusion_texture=_texture(given.occlusionTexture, srgb=False),
-        emission_texture=_texture(given.emissiveTexture, srgb=True),
+        _texture(source.metallicRoughnessTexture, srgb=False),
+        emission=np.maximum(np.asarray(value("emissiveFactor", np.zeros(3)), np.float64), 0.0),
+        normal_texture=_texture(source.normalTexture, srgb=False),
+        occlusion_texture=_texture(source.occlusionTexture, srgb=False),
+        emission_texture=_texture(source.emissiveTexture, srgb=True),
     )
     return Material(
         1.0,
-        kd,
-        ks,
-        n,
+        *phong(metallic, roughness, float(np.mean(base))),
         texture,
-        str(given.name or ""),
+        str(source.name or ""),
         factor[:3],
         two_sided=True,
-        alpha_cutoff=cutoff if cutoff is not None and cutoff > 0.0 else None,
+        alpha_cutoff=cutoff if cutoff > 0.0 else None,
         pbr=facets,
         blend=mode == "BLEND",
         opacity=float(np.clip(factor[3], 0.0, 1.0)) if mode != "OPAQUE" else 1.0,
     )
 
 
-def _factor(given: Any) -> Floats:
+def _factor(factor: Any) -> Floats:
     """Return an RGBA factor (4,), linear; whole numbers count from 0 to 255."""
-    array = np.asarray(given)
+    array = np.asarray(factor)
     values = array / 255.0 if array.dtype.kind in "ui" else array.astype(np.float64)
     return np.append(values[:3], values[3] if len(values) > 3 else 1.0)
 
@@ -259,10 +259,7 @@ def _texture(image: Any, *, srgb: bool) -> Texture | None:
     if image is None:
         return None
     alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
-    codes = np.asarray(image.convert("RGBA" if alpha else "RGB"))
-    pixels = codes / 255.0
+    pixels = np.asarray(image.convert("RGBA" if alpha else "RGB")) / 255.0
     if srgb:
         pixels[..., :3] = srgb_to_linear(pixels[..., :3])
-    if alpha and codes[..., 3].min() == 255:
-        pixels = pixels[..., :3]
-    return Texture(pixels)
+    return Texture(pixels[..., :3] if alpha and (pixels[..., 3] == 1.0).all() else pixels)

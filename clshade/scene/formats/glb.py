@@ -18,14 +18,13 @@ from ..geometry import camera_axes
 from ..lights import PlacedLight
 from ..model import Light
 
-MOST_BYTES = (1 << 32) - 1  # of a GLB file, whose lengths have 32 bits
+MAX_BYTES = (1 << 32) - 1  # of a GLB file, whose lengths have 32 bits
 VERTICES, INDICES = 34962, 34963  # targets of buffer views
 _COMPONENTS = {"uint16": 5123, "uint32": 5125, "float32": 5126}
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
-
 _SQUARE = 1e-6  # cosine between the axes of a matrix that is a rotation and a scale
-_MOST = 1e300  # of a number in the file: readers refuse larger ones
-_NARROWEST = 1e-6  # radians, of a cone
+_MAX_NUMBER = 1e300  # of a number in the file: readers refuse larger ones
+_MIN_CONE = 1e-6  # radians, of a cone
 _HALF_PI = math.pi / 2
 _IN_GLTF = ("kind", "position", "direction", "intensity", "inner_cone", "outer_cone", "range")  # fields of lights
 
@@ -33,9 +32,13 @@ Sphere = tuple[Array, float]
 
 
 class Glb:
-    """Lists of JSON objects by name, and one binary chunk. The same calls give the same bytes."""
+    """Lists of JSON objects by name, and one binary chunk. The same calls give the same bytes.
+
+    lost: collects a few words for what the file does not say of a scene.
+    """
 
     def __init__(self) -> None:
+        self.lost: list[str] = []
         self.lists: dict[str, list[dict[str, Any]]] = {}
         self.extensions: dict[str, dict[str, Any]] = {}
         self.used: set[str] = set()
@@ -100,8 +103,8 @@ class Glb:
             raise file_error(owner, "scene", "materials and lights within the range of float64", "others") from None
         text += b" " * (-len(text) % 4)
         whole = 12 + 8 + len(text) + (8 + length if length else 0)
-        if whole > MOST_BYTES:
-            raise file_error(owner, "scene", f"a file of at most {MOST_BYTES} bytes", f"{whole} bytes")
+        if whole > MAX_BYTES:
+            raise file_error(owner, "scene", f"a file of at most {MAX_BYTES} bytes", f"{whole} bytes")
         with replacing(path) as file:
             file.write(struct.pack("<4sII", b"glTF", 2, whole))
             file.write(struct.pack("<I4s", len(text), b"JSON") + text)
@@ -114,35 +117,24 @@ class Glb:
 
 def add_placement(glb: Glb, matrix: Floats, **content: Any) -> int:
     """Add a node, in two steps where its matrix shears, which nodes may not; return the index of the outer one."""
-    outer, inner = _without_shear(_checked(matrix, "meshes"))
-    if inner is None:
-        return glb.add("nodes", {**content, **_placed(outer)})
+    linear = _checked(matrix, "meshes")[:3, :3]
+    columns = linear / (np.abs(linear).max() or 1.0)
+    lengths = np.sqrt((columns * columns).sum(axis=0))
+    cosines = np.abs(columns.T @ columns) - np.diag(lengths * lengths)
+    if (cosines <= _SQUARE * np.outer(lengths, lengths)).all():
+        return glb.add("nodes", {**content, **_placed(matrix)})
+    left, sizes, right = np.linalg.svd(linear)
+    outer, inner = matrix.copy(), np.eye(4)
+    outer[:3, :3], inner[:3, :3] = left * sizes, right
     child = glb.add("nodes", {**content, **_placed(inner)})
     return glb.add("nodes", {"children": [child], **_placed(outer)})
 
 
 def _checked(matrix: Floats, field: str) -> Floats:
     """Return a placement. Raises InputError, naming the scene's field, for one beyond what readers take."""
-    if not (np.isfinite(matrix).all() and np.abs(matrix).max() <= _MOST):
-        raise value_error("to_glb", field, f"placements within {_MOST:g}", matrix.tolist())
+    if not (np.isfinite(matrix).all() and np.abs(matrix).max() <= _MAX_NUMBER):
+        raise value_error("to_glb", field, f"placements within {_MAX_NUMBER:g}", matrix.tolist())
     return matrix
-
-
-def _without_shear(matrix: Floats) -> tuple[Floats, Floats | None]:
-    """Return matrices whose product is a (4, 4) matrix, each a rotation or reflection and a scale; one if it is one."""
-    linear = matrix[:3, :3]
-    largest = np.abs(linear).max()
-    if largest == 0.0:
-        return matrix, None
-    columns = linear / largest
-    lengths = np.sqrt((columns * columns).sum(axis=0))
-    cosines = np.abs(columns.T @ columns) - np.diag(lengths * lengths)
-    if (cosines <= _SQUARE * np.outer(lengths, lengths)).all():
-        return matrix, None
-    left, sizes, right = np.linalg.svd(linear)
-    outer, inner = matrix.copy(), np.eye(4)
-    outer[:3, :3], inner[:3, :3] = left * sizes, right
-    return outer, inner
 
 
 def _placed(matrix: Floats) -> dict[str, list[float]]:
@@ -152,11 +144,11 @@ def _placed(matrix: Floats) -> dict[str, list[float]]:
     return {"translation": (matrix[:3, 3] + 0.0).tolist()} if matrix[:3, 3].any() else {}
 
 
-def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int:
+def add_camera(glb: Glb, camera: Camera, sphere: Sphere) -> int:
     """Add the camera; return the index of its node. sphere: of the meshes, which lie between near and far plane."""
     (height, width), (right, up, forward) = camera.plane, camera_axes(camera)
     if camera.principal != (0.5, 0.5):
-        lost.append("the camera's principal point (the middle of the image)")
+        glb.lost.append("the camera's principal point (the middle of the image)")
     center, radius = sphere
     depth = float((center - camera.eye) @ forward)
     facts: dict[str, Any] = {name: np.asarray(getattr(camera, name)).tolist() for name in ("eye", "lookat", "up")}
@@ -169,68 +161,57 @@ def add_camera(glb: Glb, camera: Camera, sphere: Sphere, lost: list[str]) -> int
     else:
         near = max(0.5 * (depth - radius), 1e-3 * radius)
         fov, aspect = 2.0 * math.atan(height / camera.focal / 2.0), width / height
-        if not (0.0 < fov < math.pi and 0.0 < aspect <= _MOST):
+        if not (0.0 < fov < math.pi and 0.0 < aspect <= _MAX_NUMBER):
             raise value_error("to_glb", "camera", "angles of view above 0 and below 180 degrees", camera.plane)
         lens = {"yfov": fov, "aspectRatio": aspect, "znear": near}
         entry = {"type": "perspective", "perspective": lens, "extras": extras}
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = np.stack([right, up, -forward], axis=1), camera.eye
-    own = _placed(_checked(matrix, "camera"))
-    return glb.add("nodes", {"name": "camera", "camera": glb.add("cameras", entry), **own})
+    content = {"name": "camera", "camera": glb.add("cameras", entry)}
+    return glb.add("nodes", {**content, **_placed(_checked(matrix, "camera"))})
 
 
-def add_lights(
-    glb: Glb, lights: tuple[Light, ...], sphere: Sphere, light_scale: float, lost: list[str]
-) -> tuple[list[int], dict[str, Any]]:
-    """Add the lights; return the indices of their nodes, and the file's extension that lists them.
-
-    sphere: of the meshes. light_scale: see Scene.
-    """
-    entries, nodes = [], []
+def add_lights(glb: Glb, lights: tuple[Light, ...], sphere: Sphere, light_scale: float) -> list[int]:
+    """Add the lights; return the indices of their nodes. sphere: of the meshes. light_scale: see Scene."""
+    nodes: list[int] = []
+    entries = glb.extensions.setdefault("KHR_lights_punctual", {"lights": []})["lights"]
     for number, light in enumerate(lights):
-        entry, matrix = _light(light, sphere, light_scale, lost)
+        entry, matrix = _light(glb, light, sphere, light_scale)
         entries.append(entry)
-        use = glb.use("KHR_lights_punctual", {"light": number})
-        own = _placed(_checked(matrix, "lights"))
-        nodes.append(glb.add("nodes", {"name": f"light {number}", "extensions": use, **own}))
-    return nodes, {"lights": entries}
+        content = {"name": f"light {number}", "extensions": glb.use("KHR_lights_punctual", {"light": number})}
+        nodes.append(glb.add("nodes", {**content, **_placed(_checked(matrix, "lights"))}))
+    return nodes
 
 
-def _light(light: Light, sphere: Sphere, light_scale: float, lost: list[str]) -> tuple[dict[str, Any], Floats]:
+def _light(glb: Glb, light: Light, sphere: Sphere, light_scale: float) -> tuple[dict[str, Any], Floats]:
     """Return a light of the file and its (4, 4) matrix in the world."""
     intensity = np.maximum(light.intensity, 0.0)
     if (light.intensity < 0.0).any():
-        lost.append("negative light (none)")
+        glb.lost.append("negative light (none)")
     strength = float(intensity.max())
     color = (intensity / strength).tolist() if strength else [1.0, 1.0, 1.0]
     strength /= light_scale
     entry: dict[str, Any] = {"type": light.gltf, "color": color, "intensity": strength}
-    matrix = np.eye(4) if light.axis is None else _towards(light.axis)
+    matrix = np.eye(4)
+    if light.axis is not None:  # a rotation that turns -z into it
+        back = -np.asarray(light.axis)
+        right = np.cross(np.eye(3)[int(np.argmin(np.abs(back)))], back)
+        right /= np.linalg.norm(right)
+        matrix[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     if not isinstance(light, PlacedLight):
         return entry, matrix
     if light.gltf_loss:
-        lost.append(light.gltf_loss)
+        glb.lost.append(light.gltf_loss)
     if not light.attenuates:  # as bright at the center of the meshes
         center, radius = sphere
         away = max(math.dist(light.position, center), radius)
-        entry["intensity"] = min(strength * away * away, _MOST)
+        entry["intensity"] = min(strength * away * away, _MAX_NUMBER)
     if light.range is not None:
         entry["range"] = light.range
     if light.gltf == "spot":
         angles = np.radians(light.cone or (0.0, 90.0)).tolist()
-        outer = max(min(angles[1], _HALF_PI), _NARROWEST)
-        entry["spot"] = {"innerConeAngle": min(angles[0], outer * (1.0 - _NARROWEST)), "outerConeAngle": outer}
+        outer = max(min(angles[1], _HALF_PI), _MIN_CONE)
+        entry["spot"] = {"innerConeAngle": min(angles[0], outer * (1.0 - _MIN_CONE)), "outerConeAngle": outer}
     matrix[:3, 3] = light.position
     others = {name: value for name, value in light.facts().items() if name not in _IN_GLTF}
     return {**entry, "extras": {"clshade": others}}, matrix
-
-
-def _towards(direction: Floats) -> Floats:
-    """Return a rotation (4, 4) that turns -z into a direction of length 1."""
-    back = -np.asarray(direction)
-    side = np.eye(3)[int(np.argmin(np.abs(back)))]
-    right = np.cross(side, back)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
-    return matrix

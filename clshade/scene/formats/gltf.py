@@ -23,17 +23,15 @@ from ...errors import InputError
 from .. import fitting, framing
 from ..camera import Camera
 from ..geometry import bounding_box
-from ..model import Light, Mesh, Scene
+from ..model import Mesh, Scene
 from ..pose import Pose, changes_of, pose_between
-from .gltf_accessors import open_gltf
-from .gltf_animations import Animation, NodeValues, names_of, read_animation
-from .gltf_json import Item
-from .gltf_materials import Materials
+from .gltf_animations import Animation, NodeValues, names_of, read_animation, shortened
+from .gltf_data import Item, open_gltf
 from .gltf_meshes import MeshBuilder
-from .gltf_nodes import Placed, camera_of, lights_of, placed
+from .gltf_nodes import Placed, camera_of, lights_of, place_nodes
 from .options import FPS, Options, warn_ignored
 
-MOST = 1_000_000  # frames
+MAX_FRAMES = 1_000_000
 _T = TypeVar("_T")
 # Extensions that are rendered, and those that a renderer may ignore.
 RENDERED = (
@@ -59,21 +57,22 @@ def read_gltf(path: Path, options: Options) -> Scene:
     Scene.ignored and in one warning. Faces without normals are flat, as glTF specifies, unless options.crease is given.
     """
     file = GltfFile(path, options)
-    if options.time is None and options.animation is None:
-        return file.scene({})
-    return file.scene(file.animation(options.animation).at(options.time or 0.0))
+    at_rest = options.time is None and options.animation is None
+    pose = {} if at_rest else read_animation(file.buffers, options.animation).at(options.time or 0.0)
+    meshes, nodes = file.meshes(pose)
+    return file.framed(meshes, nodes, fitting.bounding_sphere(meshes))
 
 
 def animations_and_cameras(path: Path) -> tuple[list[float | None], int]:
     """Return the length of each animation of a glTF file, None of a broken one, and how many cameras it has."""
-    document, buffers = open_gltf(path)
+    buffers = open_gltf(path)
     lengths: list[float | None] = []
-    for index in range(len(names_of(document))):
+    for index in range(len(names_of(buffers.document))):
         try:
-            lengths.append(read_animation(document, buffers, index, []).seconds)
+            lengths.append(read_animation(buffers, index).seconds)
         except InputError:
             lengths.append(None)
-    return lengths, document.count("cameras")
+    return lengths, buffers.document.count("cameras")
 
 
 class GltfFile:
@@ -82,22 +81,14 @@ class GltfFile:
     def __init__(self, path: Path, options: Options) -> None:
         self.owner, self.options = shown(path), options
         self.name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
-        self.document, self.buffers = open_gltf(path)
-        self.ignored = _check_asset(self.document)
-        self._materials = Materials(self.document, self.buffers, options.texture, self.ignored)
-        self._builder = MeshBuilder(self.document, self.buffers, self._materials, options, self.ignored)
-
-    def animation(self, wanted: str | int | None) -> Animation:
-        """Read an animation, see `read_animation`."""
-        return read_animation(self.document, self.buffers, wanted, self.ignored)
-
-    def nodes(self, pose: NodeValues) -> Placed:
-        """Return what the nodes of the scene place in a pose."""
-        return placed(self.document, pose)
+        self.buffers = open_gltf(path)
+        self.document, self.ignored = self.buffers.document, self.buffers.ignored
+        self.ignored += _check_asset(self.document)
+        self._builder = MeshBuilder(self.buffers, options)
 
     def meshes(self, pose: NodeValues) -> tuple[tuple[Mesh, ...], Placed]:
-        """Return the meshes in a pose, and its nodes."""
-        nodes = self.nodes(pose)
+        """Return the meshes in a pose, and what its nodes place."""
+        nodes = place_nodes(self.document, pose)
         meshes = self._builder.meshes(nodes)
         if not meshes:
             found = f"none besides {', '.join(dict.fromkeys(self.ignored))}" if self.ignored else "none"
@@ -112,24 +103,15 @@ class GltfFile:
             return None
         return camera_of(self.document, nodes, sphere, self.options.resolution)
 
-    def lights(self, nodes: Placed, sphere: tuple[Array, float], scale: float | None = None) -> tuple[Light, ...]:
-        """Return the file's lights, their intensities times `scale`, default: as `lights_of` exposes them."""
-        return lights_of(nodes.lights, sphere, self.ignored, scale)[0]
-
-    def scene(self, pose: NodeValues) -> Scene:
-        """Return the scene in a pose, and warn of what is not rendered."""
-        meshes, nodes = self.meshes(pose)
-        return self.framed(meshes, nodes, fitting.bounding_sphere(meshes))
-
     def framed(self, meshes: tuple[Mesh, ...], nodes: Placed, sphere: tuple[Array, float]) -> Scene:
-        """Return the scene of these meshes with camera and lights. sphere: of the meshes."""
+        """Return the scene of these meshes with camera and lights, and warn of what is not rendered. sphere: of the
+        meshes."""
         camera = self.camera(nodes, sphere)
         if len(nodes.cameras) > 1 and not self.options.fit:
             self.ignored.append("cameras but the first")
         lights, light_scale = lights_of(nodes.lights, sphere, self.ignored)
-        scene = framing.framed(
-            meshes, self.name, self.options.resolution, up=self.options.up, camera=camera, lights=lights, sphere=sphere
-        )
+        resolution, up = self.options.resolution, self.options.up
+        scene = framing.framed(meshes, self.name, resolution, up=up, camera=camera, lights=lights, sphere=sphere)
         scene = replace(scene, preset="pbr", light_scale=light_scale, animations=names_of(self.document))
         return warn_ignored(scene, self.owner, self.ignored)
 
@@ -146,39 +128,36 @@ def _check_asset(document: Item) -> list[str]:
     for name in _names(document, "extensionsRequired"):
         if name not in (*RENDERED, *_SILENT, *_IMAGES):
             raise document.error("extensionsRequired", "known ones (" + ", ".join(RENDERED) + ")", quoted(name))
-    used = _names(document, "extensionsUsed")
-    return [name for name in used if name not in RENDERED and name not in _SILENT]
+    return [name for name in _names(document, "extensionsUsed") if name not in (*RENDERED, *_SILENT)]
 
 
 def _names(document: Item, key: str) -> list[str]:
     names = document.value.get(key, [])
     if not isinstance(names, list) or not all(isinstance(name, str) and name.isprintable() for name in names):
         raise document.error(key, "a list of names", quoted(repr(names)))
-    return [name if len(name) <= 64 else name[:64] + "..." for name in names[:64]]
+    return [shortened(name) for name in names[:64]]
 
 
-class _Each(Mapping[int, _T]):
+class _ByFrame(Mapping[int, _T]):
     """What `make` makes of the time of each frame, by its number from 1, when it is looked up."""
 
     def __init__(self, times: tuple[float, ...], make: Callable[[float], _T]) -> None:
-        self._times, self._make = times, make
+        self._times, self._make = dict(enumerate(times, 1)), make
 
     def __getitem__(self, frame: int) -> _T:
-        if frame not in range(1, len(self._times) + 1):
-            raise KeyError(frame)
-        return self._make(self._times[frame - 1])
+        return self._make(self._times[frame])
 
     def __iter__(self) -> Iterator[int]:
-        return iter(range(1, len(self._times) + 1))
+        return iter(self._times)
 
     def __contains__(self, frame: object) -> bool:
-        return frame in range(1, len(self._times) + 1)
+        return frame in self._times
 
     def __len__(self) -> int:
         return len(self._times)
 
 
-class Poses(_Each[Pose]):
+class Poses(_ByFrame[Pose]):
     """Poses by frame number. source: what they are computed from, which tells them from others without computing them."""
 
     def __init__(self, times: tuple[float, ...], make: Callable[[float], Pose], source: Callable[[], Any]) -> None:
@@ -208,7 +187,7 @@ class Played:
     poses : mapping of int to Pose
         What each frame changes in `scene`, by frame number; computed when looked up.
     cameras : mapping of int to Camera
-        Camera of each frame: the file's, which may move, or that of `scene`.
+        Camera of each frame: the file's, which may move, or `scene.camera`.
     stage : Scene
         `scene` with one mesh more, last, of the boxes that its moving meshes fill in all frames: for
         what is chosen to show everything. Computed when looked up, if the file has a camera and
@@ -231,34 +210,35 @@ class Played:
 def play(path: Path, options: Options, *, count: int | None = None, fps: float = FPS) -> Played:
     """Return the frames of options.animation, `count` of them or `fps` for each second. See `load.load_animation`."""
     file = GltfFile(path, options)
-    animation = file.animation(options.animation)
+    animation = read_animation(file.buffers, options.animation)
     if count is None:
-        count = max(1, round(min(animation.seconds * number("load_animation", "fps", fps, above=0.0), MOST + 1)))
-        if count > MOST:
+        count = max(1, round(min(animation.seconds * number("load_animation", "fps", fps, above=0.0), MAX_FRAMES + 1)))
+        if count > MAX_FRAMES:
             raise InputError(
-                f"load_animation: fps: expected at most {MOST} frames, found {animation.seconds:g} s of {fps:g}"
+                f"load_animation: fps: expected at most {MAX_FRAMES} frames, found {animation.seconds:g} s of {fps:g}"
             )
-    count = integer("load_animation", "count", count, 1, MOST)
+    count = integer("load_animation", "count", count, 1, MAX_FRAMES)
     times = tuple(animation.seconds * k / count for k in range(count))
     meshes, nodes = file.meshes(animation.at(times[0]))
     extent = functools.cache(lambda: _extent(file, animation, times, meshes))
     sphere = fitting.bounding_sphere(meshes)
-    chosen = file.camera(nodes, sphere) is None or not file.lights(nodes, sphere)
+    chosen = file.camera(nodes, sphere) is None or not lights_of(nodes.lights, sphere, file.ignored)[0]
     stage_meshes = (*meshes, *extent()) if chosen else meshes
     sphere = fitting.bounding_sphere(stage_meshes) if chosen else sphere
     scene = replace(file.framed(stage_meshes, nodes, sphere), meshes=meshes)
 
     def pose(time: float) -> Pose:
         posed, nodes = file.meshes(animation.at(time))
-        lights = file.lights(nodes, sphere, scene.light_scale) if scene.own_lights else None
+        scale = scene.light_scale
+        lights = lights_of(nodes.lights, sphere, file.ignored, scale)[0] if scene.own_lights else None
         return pose_between(meshes, posed, lights)
 
     def camera(time: float) -> Camera:
-        own = None if scene.fitted else file.camera(file.nodes(animation.at(time)), sphere)
-        return own or scene.camera
+        moved = None if scene.fitted else file.camera(place_nodes(file.document, animation.at(time)), sphere)
+        return moved or scene.camera
 
     poses = Poses(times, pose, lambda: (file.buffers.digest(), options, animation.name, times))
-    return Played(scene, animation.name, animation.seconds, times, poses, _Each(times, camera), extent)
+    return Played(scene, animation.name, animation.seconds, times, poses, _ByFrame(times, camera), extent)
 
 
 def _extent(
@@ -269,7 +249,8 @@ def _extent(
     for time in times[1:]:
         for index, (mesh, posed) in enumerate(zip(meshes, file.meshes(animation.at(time))[0], strict=True)):
             if changes_of(mesh, posed):
-                low, high = _box(posed)
+                view = Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0))
+                low, high = bounding_box(Scene((posed,), view))
                 lows, highs = boxes.get(index, (low, high))
                 boxes[index] = np.minimum(lows, low), np.maximum(highs, high)
     if not boxes:
@@ -278,7 +259,3 @@ def _extent(
     corners = np.stack([ends[:, [x, y, z], [0, 1, 2]] for x, y, z in np.ndindex(2, 2, 2)], axis=1).reshape(-1, 3)
     faces = np.repeat(np.arange(len(corners), dtype=np.int32)[:, None], 3, axis=1)
     return (Mesh(corners, faces, name="extent of the animation"),)
-
-
-def _box(mesh: Mesh) -> tuple[Floats, Floats]:
-    return bounding_box(Scene((mesh,), Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, (1.0, 1.0))))

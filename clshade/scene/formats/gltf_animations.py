@@ -11,8 +11,7 @@ import numpy as np
 from ...base.arrays import Array, Floats
 from ...base.input_files import file_error, quoted
 from ...base.spelling import hint
-from .gltf_accessors import Buffers
-from .gltf_json import Item
+from .gltf_data import Buffers, Item
 
 # By node: translation, rotation, scale, weights, those that are animated.
 NodeValues: TypeAlias = dict[int, dict[str, Floats]]
@@ -47,8 +46,8 @@ class Channel:
         step = float(self.times[k + 1] - self.times[k])
         t, before, after = (time - float(self.times[k])) / step, self.values[k], self.values[k + 1]
         if self.tangents is not None:
-            found = hermite(t, before, after, step * self.tangents[k, 1], step * self.tangents[k + 1, 0])
-            return unit(found) if self.path == "rotation" else found
+            value = hermite(t, before, after, step * self.tangents[k, 1], step * self.tangents[k + 1, 0])
+            return unit(value) if self.path == "rotation" else value
         if self.path == "rotation":
             return slerp(t, before, after)
         return np.asarray((1.0 - t) * before + t * after)
@@ -108,23 +107,25 @@ def names_of(document: Item) -> tuple[str, ...]:
     return tuple(n.encode("utf-8", "replace").decode("utf-8") if isinstance(n, str) else "" for n in names)
 
 
-def read_animation(document: Item, buffers: Buffers, wanted: str | int | None, ignored: list[str]) -> Animation:
+def read_animation(buffers: Buffers, selection: str | int | None) -> Animation:
     """Read an animation: by name, by number from 0, also as text, or the first; or all of them at once, by ALL, of
     which the last counts where several animate one property.
 
-    ignored: collects a few words for each channel that is not rendered. Raises InputError for an unknown animation, and
-    for broken samplers.
+    Raises InputError for an unknown animation, and for broken samplers.
     """
+    document = buffers.document
     count = document.count("animations")
-    if wanted == ALL and count and ALL not in names_of(document):
-        every = [_animation(document, buffers, index, ignored) for index in range(count)]
-        together = {(channel.node, channel.path): channel for each in every for channel in each.channels}
-        return Animation(ALL, max(each.seconds for each in every), tuple(together.values()))
-    return _animation(document, buffers, _chosen(document, wanted), ignored)
+    if selection == ALL and count and ALL not in names_of(document):
+        animations = [_animation(buffers, index) for index in range(count)]
+        by_property = {
+            (channel.node, channel.path): channel for animation in animations for channel in animation.channels
+        }
+        return Animation(ALL, max(animation.seconds for animation in animations), tuple(by_property.values()))
+    return _animation(buffers, _chosen(document, selection))
 
 
-def _animation(document: Item, buffers: Buffers, index: int, ignored: list[str]) -> Animation:
-    item = document.entry("animations", index)
+def _animation(buffers: Buffers, index: int) -> Animation:
+    item = buffers.document.entry("animations", index)
     channels: dict[tuple[int, str], Channel] = {}
     for entry in item.items("channels"):
         target = entry.item("target")
@@ -132,26 +133,26 @@ def _animation(document: Item, buffers: Buffers, index: int, ignored: list[str])
             raise entry.error("target", "an object", "none")
         path, node = target.text("path"), target.reference("node", "nodes")
         if path == "pointer":
-            ignored.append(_POINTER)
+            buffers.ignored.append(_POINTER)
         elif path not in _WIDTHS:
             raise target.error("path", "one of " + ", ".join(_WIDTHS), quoted(path) if path else "none")
         elif node is not None:  # without a node it is the target of an extension
             if (node, path) in channels:
                 raise target.error("path", "one channel for each property", f"another for {path} of nodes[{node}]")
-            channels[node, path] = _channel(document, buffers, item, entry, node, path)
+            channels[node, path] = _channel(buffers, item, entry, node, path)
     seconds = max((float(channel.times[-1]) for channel in channels.values()), default=0.0)
     return Animation(item.text("name") or f"animation {index}", seconds, tuple(channels.values()))
 
 
-def _chosen(document: Item, wanted: str | int | None) -> int:
+def _chosen(document: Item, selection: str | int | None) -> int:
     names = names_of(document)
     if not names:
         raise file_error(document.owner, "animations", "an animation to show", "none")
-    if wanted is None:
+    if selection is None:
         return 0
-    if isinstance(wanted, str) and wanted in names:
-        return names.index(wanted)
-    text = str(wanted)
+    if isinstance(selection, str) and selection in names:
+        return names.index(selection)
+    text = str(selection)
     if text.isascii() and text.isdigit() and len(text) < 9 and int(text) < len(names):
         return int(text)
     listed = [shortened(name) for name in names if name][:16]
@@ -165,18 +166,16 @@ def shortened(name: str) -> str:
     return name if len(name) <= 64 else name[:64] + "..."
 
 
-def _channel(document: Item, buffers: Buffers, item: Item, entry: Item, node: int, path: str) -> Channel:
+def _channel(buffers: Buffers, item: Item, entry: Item, node: int, path: str) -> Channel:
     number, samplers = entry.integer("sampler"), list(item.items("samplers"))
     if number >= len(samplers):
         raise entry.error("sampler", f"an index of the {len(samplers)} samplers", str(number))
-    animated = document.entry("nodes", node)
+    animated = buffers.document.entry("nodes", node)
     if path != "weights" and "matrix" in animated.value:
-        where = f"{entry.where}.target.node"
-        raise file_error(item.owner, where, "a node without a matrix", f"nodes[{node}], which has one")
+        raise entry.error("target.node", "a node without a matrix", f"nodes[{node}], which has one")
     width = _WIDTHS[path] or target_count(animated)
     if not width:
-        where = f"{entry.where}.target.node"
-        raise file_error(item.owner, where, "a node whose mesh has morph targets", f"nodes[{node}]")
+        raise entry.error("target.node", "a node whose mesh has morph targets", f"nodes[{node}]")
     sampler = samplers[number]
     kind = sampler.text("interpolation", "LINEAR")
     if kind not in _INTERPOLATIONS:
@@ -187,8 +186,7 @@ def _channel(document: Item, buffers: Buffers, item: Item, entry: Item, node: in
     if path == "rotation":
         lengths = np.linalg.norm(keys, axis=1)
         if not lengths.all():
-            found = f"0 in row {int(np.argmin(lengths))}"
-            raise sampler.error("output", "quaternions other than 0", found)
+            raise sampler.error("output", "quaternions other than 0", f"0 in row {int(np.argmin(lengths))}")
         if values.shape[1] == 1:  # the tangents of a spline belong to the values as they are
             keys = keys / lengths[:, None]
     tangents = values[:, [0, 2]] if values.shape[1] == 3 else None
@@ -203,15 +201,14 @@ def target_count(node: Item) -> int:
 
 
 def _times(buffers: Buffers, sampler: Item) -> Floats:
-    index = sampler.reference("input", "accessors")
-    if index is None:
-        raise sampler.error("input", "an index", "none")
+    index = sampler.index("input", "accessors")
     array = buffers.array(index)
     if array.shape[1] != 1 or array.dtype != np.float32:
         raise sampler.error("input", "float32 of type SCALAR", f"another type in accessors[{index}]")
     times: Floats = array[:, 0].astype(np.float64)
-    if not np.isfinite(times).all() or times[0] < 0.0:
-        row = int(np.argmin(np.isfinite(times) & (times >= 0.0)))
+    good = np.isfinite(times) & (times >= 0.0)
+    if not good.all():
+        row = int(np.argmin(good))
         raise sampler.error("input", "finite times from 0 on", f"{times[row]:g} in row {row} of accessors[{index}]")
     if not (np.diff(times) > 0.0).all():
         row = int(np.argmin(np.diff(times) > 0.0)) + 1
@@ -222,9 +219,7 @@ def _times(buffers: Buffers, sampler: Item) -> Floats:
 
 def _values(buffers: Buffers, sampler: Item, count: int, width: int, path: str, *, cubic: bool) -> Floats:
     """Return (count, 1 or 3, width) numbers: values, or tangent, value and tangent of a spline."""
-    index = sampler.reference("output", "accessors")
-    if index is None:
-        raise sampler.error("output", "an index", "none")
+    index = sampler.index("output", "accessors")
     array: Array = buffers.array(index)
     columns, parts = 1 if path == "weights" else width, 3 if cubic else 1
     rows = count * parts * (width // columns)

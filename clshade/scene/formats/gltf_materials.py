@@ -16,14 +16,14 @@ from ...images.decode import MAX_BYTES, CodedImage
 from ..framing import AMBIENT
 from ..metallic_roughness import MAPS, MOST_SCALE
 from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
-from .gltf_accessors import Buffers, data_of
-from .gltf_json import Item
+from .gltf_data import Buffers, Item, data_of
 from .texture import Images
 
-_WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_MOST_EMISSION = float(np.finfo(np.float32).max)
+_REPEAT = 10497
+_WRAPS: dict[int, Wrap] = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
+_MAX_EMISSION = float(np.finfo(np.float32).max)
 _NEAREST, _LINEAR = 9728, 9729
-SHARPEST_WIDE = 12.0  # the exponent from which on lobes stay as they are
+MIN_LOBE_EXPONENT = 12.0  # the exponent from which on lobes stay as they are
 
 Coordinates: TypeAlias = tuple[int, tuple[float, ...] | None]  # number of the attribute, rows of the transform
 
@@ -33,7 +33,7 @@ class Surface:
     """A material, and the texture coordinates of its textures.
 
     coordinates: for each set that its textures look up, the number of the TEXCOORD attribute and the transform, (2, 3) for
-    (u, v, 1), or None. alpha_counts: whether alpha counts, that of vertices too.
+    (u, v, 1), or None. alpha_counts: whether alpha, also of vertices, has an effect.
     """
 
     material: Material
@@ -56,7 +56,7 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
     Diffuse is 1 - metallic of the base color; metals keep 0.4 of it, for the environment that they would reflect and
     that a scene of point lights lacks.
 
-    A wide lobe (m below SHARPEST_WIDE) would end at N.L = 0 with a bright edge, for Phong's highlight is not weighted
+    A wide lobe (m below MIN_LOBE_EXPONENT) would end at N.L = 0 with a bright edge, for Phong's highlight is not weighted
     by N.L. It becomes a lobe with that exponent and diffuse light, which together have its peak and its energy, see
     README.md; diffuse light is at most 1 then, as more than all cannot be reflected.
     """
@@ -64,9 +64,9 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
     wide = (1.0 / (alpha * alpha) - 1.0) / 2.0
     reflectance = 0.04 + metallic * (base - 0.04)
     peak = min(reflectance * (wide + 2.0) / 2.0, 1.0)
-    diffuse, exponent = 1.0 - 0.6 * metallic, max(wide, SHARPEST_WIDE)
-    if wide < SHARPEST_WIDE:
-        whole, peak = peak, peak * (wide / (wide + 2.0)) * ((SHARPEST_WIDE + 2.0) / SHARPEST_WIDE)
+    diffuse, exponent = 1.0 - 0.6 * metallic, max(wide, MIN_LOBE_EXPONENT)
+    if wide < MIN_LOBE_EXPONENT:
+        whole, peak = peak, peak * (wide / (wide + 2.0)) * ((MIN_LOBE_EXPONENT + 2.0) / MIN_LOBE_EXPONENT)
         diffuse = min(diffuse + (whole - peak) / max(base, 0.04), 1.0)
     return diffuse, peak / max(base, 0.04), exponent
 
@@ -74,12 +74,11 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
 class Materials:
     """The materials of a glTF file by index. Images are decoded on first use.
 
-    own: a texture in place of the file's. ignored: collects a few words for each feature that is not rendered.
-    Raises InputError for broken fields.
+    replacement: a texture in place of the file's. Raises InputError for broken fields.
     """
 
-    def __init__(self, document: Item, buffers: Buffers, own: Texture | None, ignored: list[str]) -> None:
-        self.document, self.buffers, self.own, self.ignored = document, buffers, own, ignored
+    def __init__(self, buffers: Buffers, replacement: Texture | None) -> None:
+        self.document, self.buffers, self.replacement = buffers.document, buffers, replacement
         self._surfaces: dict[int | None, Surface] = {}
         self._images = Images(buffers.path)
         self._textures: dict[tuple[int, bool, bool, int], Texture | None] = {}
@@ -87,20 +86,22 @@ class Materials:
     def surface(self, index: int | None) -> Surface:
         """Return the material with that index; None is glTF's default material."""
         if index not in self._surfaces:
-            empty = Item({}, "material", self.document.root, self.document.owner)
-            item = empty if index is None else self.document.entry("materials", index)
-            self._surfaces[index] = self._surface(item)
+            default = Item({}, "material", self.document.root, self.document.owner)
+            self._surfaces[index] = self._surface(default if index is None else self.document.entry("materials", index))
         return self._surfaces[index]
 
     def _surface(self, item: Item) -> Surface:
-        reflection = item.item("pbrMetallicRoughness") or Item({}, item.where, item.root, item.owner)
+        reflection = item.part("pbrMetallicRoughness")
         *color, opacity = reflection.numbers("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)).tolist()
         metallic, roughness = _factor(reflection, "metallicFactor"), _factor(reflection, "roughnessFactor")
-        blend, cutoff = self._alpha_mode(item)
-        alpha_counts = blend or cutoff is not None
+        mode = item.text("alphaMode", "OPAQUE")
+        if mode not in ("OPAQUE", "MASK", "BLEND"):
+            raise item.error("alphaMode", "OPAQUE, MASK or BLEND", quoted(mode))
+        cutoff = item.number("alphaCutoff", 0.5) if mode == "MASK" else 0.0
+        alpha_counts = mode == "BLEND" or cutoff > 0.0
         sets: list[Coordinates] = []
-        info, texture = reflection.item("baseColorTexture"), self.own
-        if self.own is not None:
+        info, texture = reflection.item("baseColorTexture"), self.replacement
+        if self.replacement is not None:
             sets.append((0 if info is None else info.integer("texCoord", 0), None))
         elif info is not None:
             texture = self._texture(info, True, sets, alpha_counts)
@@ -120,10 +121,10 @@ class Materials:
             name=item.text("name"),
             sides="both" if double else "front",
             two_sided=double,
-            alpha_cutoff=cutoff,
+            alpha_cutoff=cutoff if cutoff > 0.0 else None,
             pbr=MetallicRoughness(metallic, roughness, **self._maps(item, reflection, sets)),
-            blend=blend,
-            opacity=_held(reflection, "baseColorFactor", opacity, 0.0, 1.0) if alpha_counts else 1.0,
+            blend=mode == "BLEND",
+            opacity=_clamped(reflection, "baseColorFactor", opacity, 0.0, 1.0) if alpha_counts else 1.0,
         )
         if item.extension("KHR_materials_unlit") is not None:  # the color itself, independent of the lights
             material = replace(material, ka=1.0 / AMBIENT, kd=0.0, ks=0.0, pbr=None)
@@ -131,58 +132,46 @@ class Materials:
 
     def _maps(self, item: Item, reflection: Item, sets: list[Coordinates]) -> dict[str, Any]:
         """Return the fields of MetallicRoughness that are maps, emission and those of extensions."""
-        found: dict[str, Any] = self._dielectric(item)
-        worn = reflection.item("metallicRoughnessTexture")
-        if worn is not None:
-            found["metallic_roughness_texture"] = self._texture(worn, False, sets)
-        normal, occlusion, emission = (item.item(f"{name}Texture") for name in ("normal", "occlusion", "emissive"))
-        if normal is not None:
-            found["normal_texture"] = self._texture(normal, False, sets)
-            found["normal_scale"] = _held(normal, "scale", normal.number("scale", 1.0), -MOST_SCALE, MOST_SCALE)
-        if occlusion is not None:
-            found["occlusion_texture"] = self._texture(occlusion, False, sets)
-            found["occlusion_strength"] = _factor(occlusion, "strength")
-        color = _held(item, "emissiveFactor", item.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0)), 0.0, _MOST_EMISSION)
-        strength = item.extension("KHR_materials_emissive_strength")
-        scale = 1.0 if strength is None else strength.number("emissiveStrength", 1.0, least=0.0)
-        found["emission"] = _held(strength or item, "emissiveStrength", color * min(scale, 1e200), 0.0, _MOST_EMISSION)
-        if emission is not None and color.any():
-            found["emission_texture"] = self._texture(emission, True, sets)
-        return found
-
-    def _dielectric(self, item: Item) -> dict[str, Any]:
-        """Return the fields of KHR_materials_ior and KHR_materials_specular."""
-        found: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         ior, specular = item.extension("KHR_materials_ior"), item.extension("KHR_materials_specular")
         if ior is not None:
             index = ior.number("ior", 1.5, least=0.0)
-            found["ior"] = _held(ior, "ior", index, 1.0, math.inf) if index else 0.0
+            fields["ior"] = _clamped(ior, "ior", index, 1.0, math.inf) if index else 0.0
         if specular is not None:
-            found["specular"] = _factor(specular, "specularFactor")
-            color = specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))
-            found["specular_color"] = _held(specular, "specularColorFactor", color, 0.0, math.inf)
+            fields["specular"] = _factor(specular, "specularFactor")
+            tint = specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))
+            fields["specular_color"] = _clamped(specular, "specularColorFactor", tint, 0.0, math.inf)
             if "specularTexture" in specular.value or "specularColorTexture" in specular.value:
-                self.ignored.append("maps of KHR_materials_specular")
-        return found
-
-    def _alpha_mode(self, item: Item) -> tuple[bool, float | None]:
-        """Return whether alpha is composited, and the alpha below which nothing is drawn, None if there is none."""
-        mode = item.text("alphaMode", "OPAQUE")
-        if mode not in ("OPAQUE", "MASK", "BLEND"):
-            raise item.error("alphaMode", "OPAQUE, MASK or BLEND", quoted(mode))
-        cutoff = item.number("alphaCutoff", 0.5) if mode == "MASK" else None
-        return mode == "BLEND", cutoff if cutoff is not None and cutoff > 0.0 else None
+                self.buffers.ignored.append("maps of KHR_materials_specular")
+        surface = reflection.item("metallicRoughnessTexture")
+        if surface is not None:
+            fields["metallic_roughness_texture"] = self._texture(surface, False, sets)
+        normal, occlusion, emission = (item.item(f"{name}Texture") for name in ("normal", "occlusion", "emissive"))
+        if normal is not None:
+            fields["normal_texture"] = self._texture(normal, False, sets)
+            scale = normal.number("scale", 1.0)
+            fields["normal_scale"] = _clamped(normal, "scale", scale, -MOST_SCALE, MOST_SCALE)
+        if occlusion is not None:
+            fields["occlusion_texture"] = self._texture(occlusion, False, sets)
+            fields["occlusion_strength"] = _factor(occlusion, "strength")
+        color = item.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0))
+        color = _clamped(item, "emissiveFactor", color, 0.0, _MAX_EMISSION)
+        strength = item.extension("KHR_materials_emissive_strength")
+        scale = 1.0 if strength is None else strength.number("emissiveStrength", 1.0, least=0.0)
+        emitted = color * min(scale, 1e200)
+        fields["emission"] = _clamped(strength or item, "emissiveStrength", emitted, 0.0, _MAX_EMISSION)
+        if emission is not None and color.any():
+            fields["emission_texture"] = self._texture(emission, True, sets)
+        return fields
 
     def _texture(self, item: Item, srgb: bool, sets: list[Coordinates], alpha: bool = False) -> Texture | None:
         """Return a texture; its coordinates are added to `sets`. srgb: whether its colors are; else numbers. alpha: whether
         to keep that channel."""
-        index = item.reference("index", "textures")
-        if index is None:
-            raise item.error("index", "an index", "none")
+        index = item.index("index", "textures")
         coordinates: Coordinates = item.integer("texCoord", 0), None
-        moved = item.extension("KHR_texture_transform")
-        if moved is not None:
-            coordinates = moved.integer("texCoord", coordinates[0]), _transform(moved)
+        transform = item.extension("KHR_texture_transform")
+        if transform is not None:
+            coordinates = transform.integer("texCoord", coordinates[0]), _transform(transform)
         if coordinates not in sets:
             sets.append(coordinates)
         key = index, srgb, alpha, sets.index(coordinates)
@@ -196,23 +185,18 @@ class Materials:
         image = None if source is None else self._image(source, srgb)
         if source is None or image is None:
             return None
-        wraps, filter = self._sampler(entry)
-        name = entry.text("name") or self.document.entry("images", source).text("name")
-        rgb = image if alpha else image[:, :, :3]
-        return Texture(rgb, wrap=wraps, name=name, filter=filter, coordinates=coordinates)
-
-    def _sampler(self, entry: Item) -> tuple[tuple[Wrap, Wrap], Filter]:
-        """Return wrap modes and filter. The filter is that of magnification: how textures are made smaller is a setting."""
         index = entry.reference("sampler", "samplers")
-        if index is None:
-            return ("repeat", "repeat"), "linear"
-        sampler, found = self.document.entry("samplers", index), []
-        for key in ("wrapS", "wrapT"):
-            mode = sampler.integer(key, 10497)
+        sampler = Item({}, "sampler", entry.root, entry.owner) if index is None else entry.entry("samplers", index)
+        modes = [sampler.integer(key, _REPEAT) for key in ("wrapS", "wrapT")]
+        for key, mode in zip(("wrapS", "wrapT"), modes, strict=True):
             if mode not in _WRAPS:
                 raise sampler.error(key, "one of " + ", ".join(map(str, _WRAPS)), str(mode))
-            found.append(_WRAPS[mode])
-        return (found[0], found[1]), "nearest" if sampler.integer("magFilter", _LINEAR) == _NEAREST else "linear"
+        # The filter of magnification: minification is a setting.
+        filter: Filter = "nearest" if sampler.integer("magFilter", _LINEAR) == _NEAREST else "linear"
+        name = entry.text("name") or self.document.entry("images", source).text("name")
+        rgb = image if alpha else image[:, :, :3]
+        wraps = _WRAPS[modes[0]], _WRAPS[modes[1]]
+        return Texture(rgb, wrap=wraps, name=name, filter=filter, coordinates=coordinates)
 
     def _image(self, index: int, srgb: bool) -> CodedImage | None:
         """Return (h, w, 3 or 4), row 0 at the top, colors linear; None, with a warning, if it cannot be had."""
@@ -236,21 +220,20 @@ class Materials:
         return self._images.decoded(f"{item.owner}: {item.where}", read, srgb=srgb)
 
 
-def _held(item: Item, key: str, given: Any, least: float, most: float) -> Any:
+def _clamped(item: Item, key: str, values: Any, low: float, high: float) -> Any:
     """Return a number or an array, clamped to what the specification allows, with a warning where that changes it."""
-    clamped = np.clip(given, least, most)
-    if (clamped != given).any():
-        words = f"from {least:g} to {most:g}" if most < math.inf else f"from {least:g} on"
-        found = " ".join(f"{number:g}" for number in np.ravel(given)[np.ravel(clamped != given)])
-        warnings.warn(
-            f"{item.owner}: {item.where}.{key}: expected numbers {words}, found {found}: clamped", stacklevel=2
-        )
-    return clamped if np.ndim(given) else float(clamped)
+    clamped = np.clip(values, low, high)
+    if (clamped != values).any():
+        words = f"from {low:g} to {high:g}" if high < math.inf else f"from {low:g} on"
+        found = " ".join(f"{number:g}" for number in np.ravel(values)[np.ravel(clamped != values)])
+        where = f"{item.owner}: {item.where}.{key}"
+        warnings.warn(f"{where}: expected numbers {words}, found {found}: clamped", stacklevel=2)
+    return clamped if np.ndim(values) else float(clamped)
 
 
 def _factor(item: Item, key: str) -> float:
     """Return a factor from 0 to 1, by default 1. Raises InputError if it is below 0."""
-    return float(_held(item, key, item.number(key, 1.0, least=0.0), 0.0, 1.0))
+    return float(_clamped(item, key, item.number(key, 1.0, least=0.0), 0.0, 1.0))
 
 
 def _transform(item: Item) -> tuple[float, ...] | None:
@@ -272,14 +255,14 @@ def transformed(uvs: Array | None, rows: tuple[float, ...] | None) -> Array | No
 
 def with_coordinates(material: Material, uvs: list[Array | None]) -> Material:
     """Return the material without the textures whose coordinates, one set after the other, are missing."""
-    if all(each is not None for each in uvs):
+    if all(table is not None for table in uvs):
         return material
 
-    def kept(texture: Texture | None) -> Texture | None:
+    def usable(texture: Texture | None) -> Texture | None:
         return None if texture is None or uvs[texture.coordinates] is None else texture
 
     facets = material.pbr
     if facets is not None:
-        maps: dict[str, Any] = {name: kept(getattr(facets, name)) for name in MAPS}
+        maps: dict[str, Any] = {name: usable(getattr(facets, name)) for name in MAPS}
         facets = replace(facets, **maps)
-    return replace(material, texture=kept(material.texture), pbr=facets)
+    return replace(material, texture=usable(material.texture), pbr=facets)

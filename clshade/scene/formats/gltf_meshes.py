@@ -1,31 +1,31 @@
-"""Meshes of a glTF file: primitives with their attributes, morphed by weights and moved by joints."""
+"""Meshes of a glTF file: primitives with their attributes, morphed by weights and moved by joints (section 3.7.3)."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.arrays import Array, Floats
+from ...base.arrays import Array, Floats, Integers
 from ...base.input_files import file_error
 from ...images.decode import srgb_to_linear
 from ..model import MAX_FACES, Mesh, with_fields
 from ..normals import crease_normals, flat_normals
 from ..triangulate import single_fan, strips
-from .gltf_accessors import Buffers
-from .gltf_json import Item
+from .gltf_data import Buffers, Item
 from .gltf_materials import Materials, Surface, transformed, with_coordinates
 from .gltf_nodes import MAX_NODES, Placed, Placement
-from .gltf_skins import Influences, influences_of, joint_matrices, skinned
 from .options import Options, mended_normals
 
 _FEW = 1 << 12  # faces of a mesh whose flat normals are computed together with those of others
 MAX_SCALARS = 64  # of a primitive
-
-
+TOLERANCE = 0.01  # of the sum of a vertex's weights: four of 8 bits, rounded each by itself, are 0.0078 off
+_AFFINE = 1e-4  # of the last row of an inverse bind matrix, which exporters compute in float32
+_BLOCK = 1 << 15  # vertices that are blended at a time, 12 MiB of matrices
 _BARE = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
 
 
@@ -44,16 +44,11 @@ class _Shape:
 
 
 class MeshBuilder:
-    """Converts the meshes of a document, in any pose; arrays, and meshes that do not change their shape, are made once.
+    """Converts the meshes of a file, in any pose; arrays, and meshes that do not change their shape, are made once."""
 
-    ignored: collects a few words for each feature that is not rendered.
-    """
-
-    def __init__(
-        self, document: Item, buffers: Buffers, materials: Materials, options: Options, ignored: list[str]
-    ) -> None:
-        self.document, self.buffers, self.materials = document, buffers, materials
-        self.options, self.ignored = options, ignored
+    def __init__(self, buffers: Buffers, options: Options) -> None:
+        self.document, self.buffers, self.ignored = buffers.document, buffers, buffers.ignored
+        self.options, self.materials = options, Materials(buffers, options.texture)
         self.faces = self.placements = 0
         self._checked: dict[tuple[int, bool], Array] = {}
         self._shapes: dict[str, _Shape | None] = {}
@@ -63,10 +58,10 @@ class MeshBuilder:
     def meshes(self, nodes: Placed) -> tuple[Mesh, ...]:
         """Return all primitives of the placed meshes, in the order of the file; those of one mesh are parts of one object.
 
-        The placements of a primitive are those of one Mesh, but for each that has a skin or weights of its own.
+        A primitive with all its placements is one Mesh, except for placements with a skin or their own weights.
         """
         self.faces = self.placements = 0
-        found: list[Mesh] = []
+        meshes: list[Mesh] = []
         joints: dict[int, Floats] = {}
         for index in sorted(nodes.meshes):
             for primitive in self.document.entry("meshes", index).items("primitives"):
@@ -74,9 +69,13 @@ class MeshBuilder:
         for index in sorted(nodes.meshes):
             item = self.document.entry("meshes", index)
             primitives = list(item.items("primitives"))
-            groups = [(group, _weights(item, primitives, group[0])) for group in _groups(nodes.meshes[index])]
-            # That of the mesh, else of a node that has it, else of the file, with its number if there are several.
-            name = item.text("name") or next((each.name for each in nodes.meshes[index] if each.name), "")
+            by_shape: dict[int | None, list[Placement]] = {}  # those of one shape, whatever the pose
+            for placement in nodes.meshes[index]:
+                by_shape.setdefault(placement.node, []).append(placement)
+            groups = [(group, _weights(item, primitives, group[0])) for group in by_shape.values()]
+            # The name of the mesh, else of a node that has it, else of the file, with its number if there are several.
+            of_nodes = (placement.name for placement in nodes.meshes[index] if placement.name)
+            name = item.text("name") or next(of_nodes, "")
             stem = os.path.splitext(os.path.basename(self.document.owner))[0]
             name = name or (stem if self.document.count("meshes") == 1 else f"{stem} {index}")
             for primitive in primitives:
@@ -88,15 +87,15 @@ class MeshBuilder:
                 for number, (group, weights) in enumerate(groups):
                     skin = group[0].skin
                     if skin is not None and skin not in joints:
-                        joints[skin] = joint_matrices(self.document, self.buffers, skin, nodes.worlds)
-                    mesh, placement = self._mesh(shape, weights, None if skin is None else joints[skin])
-                    own = np.array([each.matrix for each in group]) if placement is None else placement[None]
-                    own.flags.writeable = False
-                    names = [each.name for each in (group if placement is None else group[:1])]
+                        joints[skin] = joint_matrices(self.buffers, skin, nodes.worlds)
+                    mesh, matrix = self._mesh(shape, weights, None if skin is None else joints[skin])
+                    matrices = np.array([placement.matrix for placement in group]) if matrix is None else matrix[None]
+                    matrices.flags.writeable = False
+                    names = tuple(placement.name for placement in (group if matrix is None else group[:1]))
                     part_of = f"{name}, meshes[{index}].{number}" if len(primitives) > 1 else ""
-                    named = {"name": name, "instance_names": tuple(names) if any(names) else (), "part_of": part_of}
-                    found.append(with_fields(mesh, instances=own, **named))
-        return _with_flat_normals(found)
+                    named = {"name": name, "instance_names": names if any(names) else (), "part_of": part_of}
+                    meshes.append(with_fields(mesh, instances=matrices, **named))
+        return _with_flat_normals(meshes)
 
     def _count(self, item: Item, placements: int) -> None:
         """Count triangles and placements before any is created. Raises InputError for too many."""
@@ -145,10 +144,8 @@ class MeshBuilder:
         if has_joints != (joints is not None):
             self.ignored.append("joints of meshes without a skin" if has_joints else "skins of meshes without joints")
         targets = [(w, target) for w, target in zip(weights.tolist(), shape.targets, strict=True) if w]
-        if joints is not None and has_joints:
-            return self._assembled(shape, targets, joints)
-        if targets:
-            return self._assembled(shape, targets, None)
+        if targets or (joints is not None and has_joints):
+            return self._assembled(shape, targets, joints if has_joints else None)
         if shape.item.where not in self._plain:
             self._plain[shape.item.where] = self._assembled(shape, [], None)[0]
         return self._plain[shape.item.where], None
@@ -157,19 +154,18 @@ class MeshBuilder:
         self, shape: _Shape, targets: list[tuple[float, Item]], joints: Floats | None
     ) -> tuple[Mesh, Array | None]:
         """Assemble a Mesh: first morphed, then skinned. targets: morph targets with their weights."""
-        attributes, faces, used, surface = shape.attributes, shape.faces, shape.used, shape.surface
+        faces, surface = shape.faces, shape.surface
 
         def rows(name: str, *widths: int) -> Array | None:
-            values = self._attribute(attributes, name, *widths, count=shape.count)
-            if values is None:
-                return None
-            values = values if used is None else values[used]
-            values = self._mended(shape, values) if name == "NORMAL" else values
-            return self._morphed(name, values, shape, targets) if targets else values
+            values = self._rows(shape, name, *widths)
+            if values is not None and name == "NORMAL":
+                values = self._mended(shape, values)
+            return self._morphed(name, values, shape, targets) if targets and values is not None else values
 
-        normals, colors = rows("NORMAL", 3), rows("COLOR_0", 3, 4)
+        vectors = {"POSITION": rows("POSITION", 3), "NORMAL": rows("NORMAL", 3)}
+        colors = rows("COLOR_0", 3, 4)
         uvs = [transformed(rows(f"TEXCOORD_{number}", 2), transform) for number, transform in surface.coordinates]
-        if any(each is None for each in uvs):
+        if any(table is None for table in uvs):
             self.ignored.append("textures of meshes without their texture coordinates")
         if colors is not None and not surface.alpha_counts:
             colors = colors[:, :3]
@@ -177,46 +173,56 @@ class MeshBuilder:
             linear = srgb_to_linear(np.maximum(colors[:, :3], 0.0))
             colors = np.hstack([linear.astype(np.float32), colors[:, 3:]])
         material = self.options.lit(with_coordinates(surface.material, uvs))
-        any_uvs = next((each for each in uvs if each is not None), None)
-        all_uvs = [] if any_uvs is None else [np.zeros_like(any_uvs) if each is None else each for each in uvs]
-        tangents = None
-        if normals is not None and material.microfacets.normal_texture is not None:
-            tangents = rows("TANGENT", 4)
-        vectors = {"POSITION": rows("POSITION", 3), "NORMAL": normals, "TANGENT": tangents}
-        placement, found = self._placed(shape, vectors, joints)
-        own, normals, tangents = found["POSITION"], found.get("NORMAL"), found.get("TANGENT")
-        if (targets or joints is not None) and not all(np.isfinite(values).all() for values in found.values()):
+        any_uvs = next((table for table in uvs if table is not None), None)
+        all_uvs = [] if any_uvs is None else [np.zeros_like(any_uvs) if table is None else table for table in uvs]
+        if vectors["NORMAL"] is not None and material.microfacets.normal_texture is not None:
+            vectors["TANGENT"] = rows("TANGENT", 4)
+        present, placement = self._skinned(shape, vectors, joints)
+        if (targets or joints is not None) and not all(np.isfinite(values).all() for values in present.values()):
             raise shape.item.error("attributes", "finite positions and directions in every pose", "an overflow")
-        normal_faces = None
-        if normals is None and (self.options.crease or own.dtype != np.float32 or len(faces) > _FEW):
-            normals, normal_faces = crease_normals(own, faces, self.options.crease or 0.0)
-        scalars = {
-            name: values if used is None else values[used] for name, values in self._scalars(attributes, shape.count)
-        }
+        verts, normals, normal_faces = present["POSITION"], present.get("NORMAL"), None
+        if normals is None and (self.options.crease or verts.dtype != np.float32 or len(faces) > _FEW):
+            normals, normal_faces = crease_normals(verts, faces, self.options.crease or 0.0)
+        scalars = dict(self._scalars(shape))
         arrays: dict[str, Any] = {
-            "verts": own,
+            "verts": verts,
             "faces": faces,
             "normals": normals,
             "normal_faces": normal_faces,
-            "tangents": tangents,
-        }
-        fields: dict[str, Any] = {
+            "tangents": present.get("TANGENT"),
             "uvs": all_uvs[0] if all_uvs else None,
-            "more_uvs": tuple(all_uvs[1:]),
-            "material": material,
         }
+        fields: dict[str, Any] = {**arrays, "more_uvs": tuple(all_uvs[1:]), "material": material}
         if colors is not None or scalars:
-            return Mesh(**arrays, **fields, colors=colors, scalars=scalars), placement
+            return Mesh(**fields, colors=colors, scalars=scalars), placement
         for array in (*arrays.values(), *all_uvs):
             if array is not None:
                 array.flags.writeable = False
-        return with_fields(_BARE, **arrays, **fields), placement  # accessors have been checked
+        return with_fields(_BARE, **fields), placement  # accessors have been checked
+
+    def _skinned(
+        self, shape: _Shape, vectors: dict[str, Array | None], joints: Floats | None
+    ) -> tuple[dict[str, Array], Array | None]:
+        """Return the attributes that are there, moved by joints if there are any, and the placement that they then need."""
+        present = {name: values for name, values in vectors.items() if values is not None}
+        if joints is None:
+            return present, None
+        key = shape.item.where, len(joints)
+        if key not in self._influences:
+            influences = influences_of(shape.attributes, self.buffers, shape.count, shape.used, len(joints))
+            self._influences[key] = influences
+        posed, placement = skinned(present, self._influences[key], joints)
+        return {name: _float32(values) for name, values in posed.items()}, placement
+
+    def _rows(self, shape: _Shape, name: str, *widths: int, target: Item | None = None) -> Array | None:
+        """Return an attribute of the vertices in use, or how a morph target moves it, see `_attribute`."""
+        values = self._attribute(target or shape.attributes, name, *widths, count=shape.count)
+        return values if values is None or shape.used is None else values[shape.used]
 
     def _mended(self, shape: _Shape, normals: Array) -> Array:
         """Return normals (V, 3), computed from the faces where those of the file are 0 or not finite."""
-        verts, count = self._attribute(shape.attributes, "POSITION", 3), len(normals)
+        verts, count = self._rows(shape, "POSITION", 3), len(normals)
         assert verts is not None
-        verts = verts if shape.used is None else verts[shape.used]
         where = f"{shape.item.owner}: {shape.attributes.where}.NORMAL"
         normals, corners = mended_normals(verts, shape.faces, normals, shape.faces, where)
         if corners is not shape.faces:
@@ -227,37 +233,21 @@ class MeshBuilder:
         """Return an attribute with the displacements of morph targets, computed in float64 and rounded to float32."""
         width, sums = 3 if name == "TANGENT" else values.shape[1], values.astype(np.float64)
         for weight, target in targets:
-            moved = self._attribute(target, name, width, count=shape.count)
-            if moved is not None:
-                moved = moved if shape.used is None else moved[shape.used]
+            displacements = self._rows(shape, name, width, target=target)
+            if displacements is not None:
                 with np.errstate(over="ignore", invalid="ignore"):  # refused afterwards
-                    sums[:, :width] += weight * moved.astype(np.float64)
-        if name.startswith("COLOR"):
-            sums = np.clip(sums, 0.0, 1.0)
-        return _float32(sums)
+                    sums[:, :width] += weight * displacements.astype(np.float64)
+        return _float32(np.clip(sums, 0.0, 1.0) if name.startswith("COLOR") else sums)
 
-    def _placed(
-        self, shape: _Shape, vectors: dict[str, Array | None], joints: Floats | None
-    ) -> tuple[Array | None, dict[str, Array]]:
-        """Return placement and attributes as `skinned` makes them; without joints None and those that are there."""
-        there = {name: values for name, values in vectors.items() if values is not None}
-        if joints is None:
-            return None, there
-        key = shape.item.where, len(joints)
-        if key not in self._influences:
-            self._influences[key] = influences_of(shape.attributes, self.buffers, shape.count, shape.used, len(joints))
-        moved, placement = skinned(there, self._influences[key], joints)
-        return placement, {name: _float32(values) for name, values in moved.items()}
-
-    def _scalars(self, attributes: Item, count: int) -> Iterator[tuple[str, Array]]:
+    def _scalars(self, shape: _Shape) -> Iterator[tuple[str, Array]]:
         """Yield the application's own attributes with one number per vertex, (V,), by name without the underscore."""
-        names = [name for name in attributes.value if name.startswith("_") and len(name) > 1]
+        names = [name for name in shape.attributes.value if name.startswith("_") and len(name) > 1]
         for number, name in enumerate(names):
-            index = attributes.reference(name, "accessors")
+            index = shape.attributes.reference(name, "accessors")
             if number >= MAX_SCALARS or index is None or self.buffers.array(index).shape[1] != 1:
                 self.ignored.append(f"attribute {name[:32]}")
                 continue
-            values = self._attribute(attributes, name, 1, count=count)
+            values = self._rows(shape, name, 1)
             if values is not None:
                 yield name[1:], values[:, 0]
 
@@ -293,18 +283,15 @@ class MeshBuilder:
             if values.shape[1] != 1 or values.dtype.kind != "u":
                 raise item.error("indices", "whole numbers of type SCALAR", f"another type in accessors[{index}]")
             flat, most = values.reshape(-1), np.iinfo(values.dtype).max
-            if int(flat.max()) == most:  # glTF 2.0, section 3.7.2.1: it would restart a strip or fan
-                place = int(np.argmax(flat == most))
-                expected = f"indices below {most}, the largest of their type"
-                raise item.error("indices", expected, f"{most} at place {place} of accessors[{index}]")
-            if int(flat.max()) >= count:
-                place = int(np.argmax(flat >= count))
-                found = f"{flat[place]} at place {place} of accessors[{index}]"
-                raise item.error("indices", f"indices below {count}", found)
+            if int(flat.max()) >= min(count, most):
+                restarts = int(flat.max()) == most  # glTF 2.0, section 3.7.2.1: it would restart a strip or fan
+                expected = f"indices below {most}, the largest of their type" if restarts else f"indices below {count}"
+                place = int(np.argmax(flat == most if restarts else flat >= count))
+                raise item.error("indices", expected, f"{flat[place]} at place {place} of accessors[{index}]")
             flat = flat.astype(np.int32)
-        if mode == 4 and len(flat) % 3:
-            raise item.error("indices", "a multiple of 3", str(len(flat)))
         if mode == 4:
+            if len(flat) % 3:
+                raise item.error("indices", "a multiple of 3", str(len(flat)))
             return flat.reshape(-1, 3)
         return strips(flat) if mode == 5 else single_fan(flat)
 
@@ -329,14 +316,6 @@ def _with_flat_normals(meshes: Sequence[Mesh]) -> tuple[Mesh, ...]:
     return tuple(completed(mesh) if mesh.normals is None else mesh for mesh in meshes)
 
 
-def _groups(placements: Sequence[Placement]) -> list[list[Placement]]:
-    """Group the placements of a mesh that have one shape, whatever the pose."""
-    groups: dict[int | None, list[Placement]] = {}
-    for placement in placements:
-        groups.setdefault(placement.node, []).append(placement)
-    return list(groups.values())
-
-
 def _weights(item: Item, primitives: Sequence[Item], placement: Placement) -> Floats:
     """Return the weights of the morph targets of a mesh where it is placed."""
     if placement.weights is None and not any("targets" in primitive.value for primitive in primitives):
@@ -354,3 +333,136 @@ def _weights(item: Item, primitives: Sequence[Item], placement: Placement) -> Fl
 def _float32(values: Floats) -> Array:
     with np.errstate(over="ignore"):  # refused afterwards
         return values.astype(np.float32)
+
+
+class Influences(NamedTuple):
+    """Which joints move each vertex: joints and weights, (V, K) each; weights add up to 1."""
+
+    joints: Integers
+    weights: Floats
+
+
+def joint_matrices(buffers: Buffers, index: int, worlds: Mapping[int, Floats]) -> Floats:
+    """Return what moves a vertex with each joint of a skin from the bind pose to the world, (J, 3, 4).
+
+    worlds: the (4, 4) matrix of each node in the world. Raises InputError for a broken skin.
+    """
+    skin = buffers.document.entry("skins", index)
+    joints = skin.references("joints", "nodes")
+    if not joints:
+        raise skin.error("joints", "a skeleton of one node or more", "none")
+    skin.reference("skeleton", "nodes")  # a hint for editors
+    for joint in joints:
+        if joint not in worlds:  # then it is reached from no root
+            raise buffers.document.error(f"nodes[{joint}]", "a tree of nodes", "a cycle")
+    placements: Floats = np.stack([worlds[joint] for joint in joints])
+    accessor = skin.reference("inverseBindMatrices", "accessors")
+    if accessor is None:
+        return placements[:, :3]
+    array = buffers.array(accessor)
+    if array.dtype != np.float32 or array.shape[1] != 16 or len(array) < len(joints):
+        other = f"{array.shape[0]} of {array.shape[1]} in accessors[{accessor}]"
+        raise skin.error("inverseBindMatrices", f"{len(joints)} matrices of 16 float32", other)
+    inverse: Floats = array[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+    good = np.isfinite(inverse).all(axis=(1, 2)) & (np.abs(inverse[:, 3] - [0.0, 0.0, 0.0, 1.0]) <= _AFFINE).all(axis=1)
+    if not good.all():
+        expected = "finite matrices with a last row of 0 0 0 1"
+        raise skin.error("inverseBindMatrices", expected, f"another in row {int(np.argmin(good))}")
+    inverse[:, 3] = 0.0, 0.0, 0.0, 1.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        matrices: Floats = (placements @ inverse)[:, :3]
+    if not np.isfinite(matrices).all():
+        raise skin.error("joints", "joints at finite places in the world", "an overflow")
+    return matrices
+
+
+def influences_of(attributes: Item, buffers: Buffers, count: int, used: Array | None, joint_count: int) -> Influences:
+    """Return the influences on the vertices of a primitive, from all its sets of joints and weights.
+
+    count: rows of its attributes. used: (V,) those that are vertices, None for all.
+
+    Weights are scaled to a sum of 1, with a warning if one is off by more than TOLERANCE; without any, a vertex follows
+    the first joint. Raises InputError for other shapes, and joints or weights out of range.
+    """
+    sets = [number for number in range(len(attributes.value)) if f"JOINTS_{number}" in attributes.value]
+    joints = np.concatenate([_rows(attributes, buffers, f"JOINTS_{number}", count) for number in sets], axis=1)
+    weights = np.concatenate([_rows(attributes, buffers, f"WEIGHTS_{number}", count) for number in sets], axis=1)
+    joints, weights = (table if used is None else table[used] for table in (joints, weights))
+    weights = weights.astype(np.float64)
+    good = (np.isfinite(weights) & (weights >= 0.0)).all(axis=1)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise attributes.error("WEIGHTS", "finite numbers of at least 0", f"{weights[row].tolist()} in row {row}")
+    sums = weights.sum(axis=1)
+    off = np.abs(sums - 1.0)
+    if off.max() > TOLERANCE:
+        row = int(np.argmax(off))
+        line = f"WEIGHTS: expected a sum of 1 for each vertex, found {sums[row]:g} in row {row}: scaled"
+        warnings.warn(f"{attributes.owner}: {attributes.where}.{line}", stacklevel=2)
+    weights[sums == 0.0, 0] = 1.0
+    weights /= weights.sum(axis=1)[:, None]
+    joints = np.where(weights > 0.0, joints, 0)  # what has no weight may have any number
+    if joints.max() >= joint_count:
+        row = int(np.argmax(joints.max(axis=1)))
+        raise attributes.error("JOINTS", f"indices below {joint_count}", f"{joints[row].max()} in row {row}")
+    return Influences(joints.astype(np.int64), weights)
+
+
+def _rows(attributes: Item, buffers: Buffers, name: str, count: int) -> Array:
+    index = attributes.index(name, "accessors")
+    joints = name.startswith("JOINTS")
+    values = buffers.array(index, normalized=not joints)
+    if values.shape != (count, 4) or values.dtype.kind != ("u" if joints else "f"):
+        kind = "whole numbers" if joints else "float32 or normalized integers"
+        found = f"{values.shape[0]} of {values.shape[1]} {values.dtype} in accessors[{index}]"
+        raise attributes.error(name, f"{count} of 4 {kind}", found)
+    return values
+
+
+def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floats) -> tuple[dict[str, Floats], Floats]:
+    """Return positions, normals and tangents, by attribute, in the world, and the placement (4, 4) that they then need.
+
+    vectors: POSITION and NORMAL (V, 3), TANGENT (V, 4), of those that are there. matrices: see `joint_matrices`. Positions
+    and tangents are moved by the blended matrix of each vertex, normals by the cofactors of its linear part, which are
+    parallel to its inverse transpose and exist for singular ones too; normals then have length 1, or 0 where they vanish.
+    What overflows is infinite or NaN.
+    The placement is the identity. But if most of the matrices mirror, the result is mirrored in x, and so is the placement:
+    by it the renderer knows which sides are front.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses an overflow
+        mirror = bool((np.sign(np.linalg.det(matrices[:, :, :3]))[influences.joints] * influences.weights).sum() < 0.0)
+        if mirror:
+            matrices = matrices * np.array([-1.0, 1.0, 1.0])[:, None]
+        posed = {name: np.array(values, np.float64) for name, values in vectors.items()}
+        for start in range(0, len(influences.joints), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            joints, weights = influences.joints[part], influences.weights[part]
+            blended = np.zeros((len(joints), 3, 4))
+            for joint, weight in zip(joints.T, weights.T, strict=True):
+                if weight.any():
+                    blended += weight[:, None, None] * matrices[joint]
+            linear = blended[:, :, :3]
+            for name, values in posed.items():
+                if name == "NORMAL":
+                    rows = np.moveaxis(_scaled(linear, (1, 2)), 1, 0)
+                    cofactors = np.stack([np.cross(rows[k - 2], rows[k - 1]) for k in range(3)], axis=1)
+                    normals = _scaled(_products(cofactors, values[part]), 1)
+                    x, y, z = normals.T
+                    lengths = np.sqrt(x * x + y * y + z * z)
+                    values[part] = normals / np.where(lengths == 0.0, 1.0, lengths)[:, None]
+                    continue
+                directions = _products(linear, values[part, :3])
+                values[part, :3] = directions + blended[:, :, 3] if name == "POSITION" else directions
+    return posed, np.diag([-1.0 if mirror else 1.0, 1.0, 1.0, 1.0])
+
+
+def _products(matrices: Floats, vectors: Floats) -> Floats:
+    """Return matrices (V, 3, 3) times vectors (V, 3), each a sum in a fixed order: the same on every machine."""
+    x, y, z = (matrices[:, :, column] * vectors[:, column, None] for column in range(3))
+    return x + y + z
+
+
+def _scaled(values: Floats, axes: int | tuple[int, ...]) -> Floats:
+    """Return values divided by their largest magnitude over these axes: products of them neither overflow nor vanish."""
+    largest = np.abs(values).max(axis=axes, keepdims=True)
+    return values / np.where(largest == 0.0, 1.0, largest)

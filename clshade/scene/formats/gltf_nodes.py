@@ -18,18 +18,18 @@ from ..framing import RESOLUTION
 from ..lights import Attenuation, DirectionalLight, PlacedLight, PointLight, SpotLight
 from ..model import Light
 from .gltf_animations import NodeValues, target_count
-from .gltf_json import Item
+from .gltf_data import Item
 
 MAX_NODES = 1 << 18
-_MOST = float(np.finfo(np.float32).max)
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 _HALF_PI = 1.5707964  # the float32 next to it is larger
 _ATTENUATION: Attenuation = "inverse-square"
 _LEVEL = 1e-6  # radians: less is the rounding of rotations in float32, and moves no pixel
 
 
 class Placement(NamedTuple):
-    """A mesh in the world. matrix: (4, 4). skin: its index. node: the index, of those that have a skin or weights of their
-    own. weights: of morph targets, where they are not the mesh's. name: of the node."""
+    """A mesh in the world. matrix: (4, 4). node: its index, if it has a skin or its own weights. skin: its index. weights:
+    of morph targets, where they are not the mesh's. name: of the node."""
 
     matrix: Array
     node: int | None = None
@@ -52,25 +52,34 @@ class Placed:
     worlds: dict[int, Array] = field(default_factory=dict)
 
 
-def placed(document: Item, pose: NodeValues) -> Placed:
+def place_nodes(document: Item, pose: NodeValues) -> Placed:
     """Return the contents of the file's scene: the one it names, else its first, else all nodes that have no parent.
 
     pose: properties of nodes in place of the file's. In a file without nodes each mesh is placed once. Raises InputError
     for more than MAX_NODES nodes, one that is reached twice, and broken fields.
     """
-    if document.count("nodes") > MAX_NODES:
-        raise document.error("nodes", f"at most {MAX_NODES}", str(document.count("nodes")))
-    found = Placed()
-    if not document.count("nodes") and document.count("meshes") <= MAX_NODES:
-        found.meshes = {index: [Placement(np.eye(4))] for index in range(document.count("meshes"))}
-    for index in _visited(document, _roots(document), pose, found.worlds):
-        _collect(document.entry("nodes", index), index, found, pose.get(index, {}))
-    if any(each.skin is not None for placements in found.meshes.values() for each in placements):
-        children = _children(document)
-        outside = [node for node in range(document.count("nodes")) if node not in children and node not in found.worlds]
-        for _ in _visited(document, outside, pose, found.worlds):
+    count, content = document.count("nodes"), Placed()
+    if count > MAX_NODES:
+        raise document.error("nodes", f"at most {MAX_NODES}", str(count))
+    if not count and document.count("meshes") <= MAX_NODES:
+        content.meshes = {index: [Placement(np.eye(4))] for index in range(document.count("meshes"))}
+    if document.count("scenes"):
+        scene = document.entry("scenes", document.reference("scene", "scenes") or 0)
+        roots = scene.references("nodes", "nodes")
+    else:
+        roots = _parentless(document)
+    for index in _visited(document, roots, pose, content.worlds):
+        _collect(document.entry("nodes", index), index, content, pose.get(index, {}))
+    if any(placement.skin is not None for placements in content.meshes.values() for placement in placements):
+        outside = [node for node in _parentless(document) if node not in content.worlds]
+        for _ in _visited(document, outside, pose, content.worlds):
             pass  # joints may lie outside the scene
-    return found
+    return content
+
+
+def _parentless(document: Item) -> list[int]:
+    children = {child for node in document.items("nodes") for child in node.references("children", "nodes")}
+    return [index for index in range(document.count("nodes")) if index not in children]
 
 
 def _visited(document: Item, roots: list[int], pose: NodeValues, worlds: dict[int, Array]) -> Iterator[int]:
@@ -92,39 +101,26 @@ def _visited(document: Item, roots: list[int], pose: NodeValues, worlds: dict[in
         stack += [(child, matrix) for child in reversed(node.references("children", "nodes"))]
 
 
-def _roots(document: Item) -> list[int]:
-    scenes = document.count("scenes")
-    if scenes:
-        return document.entry("scenes", document.reference("scene", "scenes") or 0).references("nodes", "nodes")
-    children = _children(document)
-    return [index for index in range(document.count("nodes")) if index not in children]
-
-
-def _children(document: Item) -> set[int]:
-    return {child for node in document.items("nodes") for child in node.references("children", "nodes")}
-
-
-def _collect(node: Item, index: int, found: Placed, changed: Mapping[str, Floats]) -> None:
-    matrix = found.worlds[index]
+def _collect(node: Item, index: int, content: Placed, changed: Mapping[str, Floats]) -> None:
+    matrix = content.worlds[index]
     mesh, camera = node.reference("mesh", "meshes"), node.reference("camera", "cameras")
     if mesh is not None:
         skin, weights = node.reference("skin", "skins"), changed.get("weights")
         count = target_count(node)
         if weights is None and count and "weights" in node.value:
             weights = node.numbers("weights", count)
-        own = index if skin is not None or weights is not None else None
-        found.meshes.setdefault(mesh, []).append(Placement(matrix, own, skin, weights, node.text("name")))
+        number = index if skin is not None or weights is not None else None
+        content.meshes.setdefault(mesh, []).append(Placement(matrix, number, skin, weights, node.text("name")))
     if camera is not None:
-        found.cameras.append((camera, matrix))
+        content.cameras.append((camera, matrix))
     light = node.extension("KHR_lights_punctual")
     if light is not None:
-        extensions = node.root.get("extensions")
-        known = Item(node.root, "", node.root, node.owner).extension("KHR_lights_punctual") if extensions else None
-        lights = [] if known is None else list(known.items("lights"))
+        extension = Item(node.root, "", node.root, node.owner).extension("KHR_lights_punctual")
+        lights = [] if extension is None else list(extension.items("lights"))
         number = light.integer("light")
         if number >= len(lights):
             raise light.error("light", f"an index of the {len(lights)} lights", str(number))
-        found.lights.append((lights[number], matrix))
+        content.lights.append((lights[number], matrix))
 
 
 def _matrix(node: Item, changed: Mapping[str, Floats]) -> Array:
@@ -162,7 +158,7 @@ def _unit(vector: Array) -> Array | None:
 
 
 def camera_of(
-    document: Item, found: Placed, sphere: tuple[Array, float], resolution: tuple[int, int] | None
+    document: Item, content: Placed, sphere: tuple[Array, float], resolution: tuple[int, int] | None
 ) -> Camera | None:
     """Return the first camera of the scene, or None if there is none or its node has no direction.
 
@@ -170,9 +166,9 @@ def camera_of(
     resolution: (N, M); default: 600 rows and the camera's aspect ratio, or framing.RESOLUTION. Pixels are square; an
     image with another aspect ratio shows the whole view, and more beside it or above and below.
     """
-    if not found.cameras:
+    if not content.cameras:
         return None
-    index, matrix = found.cameras[0]
+    index, matrix = content.cameras[0]
     item = document.entry("cameras", index)
     forward, up = _unit(-matrix[:3, 2]), _unit(matrix[:3, 1])
     if forward is None or up is None or np.linalg.norm(np.cross(forward, up)) < 1e-6:
@@ -200,24 +196,20 @@ def camera_of(
     away = float((center - eye) @ forward)
     away = away if away > 1e-3 * radius else radius
     plane = (height, height * resolution[0] / resolution[1])
-    return Camera(eye, eye + forward * away, _upward(forward, up), 1.0, plane, resolution, orthographic=flat)
-
-
-def _upward(forward: Array, up: Array) -> Array:
-    """Return what points up for a camera with these axes, unit each: +y, which is up in glTF, unless it is rolled or
-    upside down or sees it end on. The image is the same, but what goes round `up` goes round the scene's own axis."""
+    # Unless the camera is rolled, upside down or sees it end on, its up is +y, which is up in glTF: the image is the same,
+    # but an orbit around `up` is then one around the scene's axis.
     y = np.array([0.0, 1.0, 0.0])
-    right = np.cross(forward, up)
-    level = abs(right[1]) <= _LEVEL * np.linalg.norm(np.cross(forward, y))
-    return y if level and up[1] > 0.0 else up
+    level = abs(np.cross(forward, up)[1]) <= _LEVEL * np.linalg.norm(np.cross(forward, y))
+    upward = y if level and up[1] > 0.0 else up
+    return Camera(eye, eye + forward * away, upward, 1.0, plane, resolution, orthographic=flat)
 
 
 def lights_of(
-    placed: list[tuple[Item, Array]], sphere: tuple[Array, float], ignored: list[str], scale: float | None = None
+    entries: list[tuple[Item, Array]], sphere: tuple[Array, float], ignored: list[str], scale: float | None = None
 ) -> tuple[tuple[Light, ...], float]:
     """Return the lights of the scene, and what their intensities, in candela and lux, were multiplied by.
 
-    placed: each light and its matrix in the world. sphere: center and radius of the meshes. ignored: gets lights of an
+    entries: each light and its matrix in the world. sphere: center and radius of the meshes. ignored: gets lights of an
     unknown type. scale: what to multiply them by instead, as in another pose.
 
     A file says how bright lights are, not how a picture of them is exposed. So all intensities are multiplied by one
@@ -225,28 +217,21 @@ def lights_of(
     distance), its cone and range aside. Ratios are the file's. Without a light that shines there are none.
     """
     center, radius = sphere
-    found, illuminances = [], []
-    for item, matrix in placed:
-        light = _light(item, matrix, ignored)
-        if light is not None:
-            brightest = float(np.abs(light.intensity).max())
+    lights = [light for item, matrix in entries if (light := _light(item, matrix, ignored)) is not None]
+    if scale is None:
+        strongest = 0.0
+        for light in lights:
+            illuminance = float(np.abs(light.intensity).max())
             if isinstance(light, PlacedLight):
                 away = max(math.dist(light.position, center), radius)
-                brightest = brightest / away / away
-            illuminances.append(brightest)
-            found.append(light)
-    if scale is not None:
-        return tuple(_brighter(light, scale) for light in found), scale
-    strongest = max(illuminances, default=0.0)
-    if not 0.0 < strongest < math.inf or not math.isfinite(1.0 / strongest):
-        return (), 1.0
-    return tuple(_brighter(light, 1.0 / strongest) for light in found), 1.0 / strongest
-
-
-def _brighter(light: Light, factor: float) -> Light:
+                illuminance = illuminance / away / away
+            strongest = max(strongest, illuminance)
+        if not 0.0 < strongest < math.inf or not math.isfinite(1.0 / strongest):
+            return (), 1.0
+        scale = 1.0 / strongest
     with np.errstate(over="ignore"):
-        intensity: Floats = np.clip(light.intensity * factor, -_MOST, _MOST)
-    return replace(light, intensity=intensity)
+        intensities: list[Floats] = [np.clip(light.intensity * scale, -_MAX_FLOAT32, _MAX_FLOAT32) for light in lights]
+    return tuple(replace(light, intensity=i) for light, i in zip(lights, intensities, strict=True)), scale
 
 
 def _light(item: Item, matrix: Array, ignored: list[str]) -> Light | None:
@@ -256,7 +241,7 @@ def _light(item: Item, matrix: Array, ignored: list[str]) -> Light | None:
         ignored.append("lights of an unknown type")
         return None
     color = item.numbers("color", 3, (1.0, 1.0, 1.0)) * item.number("intensity", 1.0, least=0.0)
-    color = np.clip(color, -_MOST, _MOST)
+    color = np.clip(color, -_MAX_FLOAT32, _MAX_FLOAT32)
     position, direction = matrix[:3, 3], -matrix[:3, 2]
     if kind != "point" and not direction.any():
         return None
@@ -267,17 +252,11 @@ def _light(item: Item, matrix: Array, ignored: list[str]) -> Light | None:
         raise item.error("range", "a number above 0", f"{limit:g}")
     if kind == "point":
         return PointLight(position, color, _ATTENUATION, limit)
-    inner, outer = _cone(item)
-    return SpotLight(position, direction, color, inner, outer, _ATTENUATION, limit)
-
-
-def _cone(item: Item) -> tuple[float, float]:
-    """Return the angles of a spot light, degrees."""
-    cone = item.item("spot") or Item({}, item.where, item.root, item.owner)
+    cone = item.part("spot")
     inner, outer = cone.number("innerConeAngle", 0.0, least=0.0), cone.number("outerConeAngle", math.pi / 4, least=0.0)
     if outer > _HALF_PI:
         raise cone.error("outerConeAngle", "radians from 0 to pi/2", f"{outer:g}")
     if inner > outer:
         raise cone.error("innerConeAngle", f"at most outerConeAngle, {outer:g}", f"{inner:g}")
-    degrees = math.degrees(min(inner, math.pi / 2)), math.degrees(min(outer, math.pi / 2))
-    return min(degrees[0], 90.0), min(degrees[1], 90.0)
+    inner, outer = (min(math.degrees(min(angle, math.pi / 2)), 90.0) for angle in (inner, outer))
+    return SpotLight(position, direction, color, inner, outer, _ATTENUATION, limit)

@@ -33,8 +33,7 @@ _FILTERS = {"nearest": 9728, "linear": 9729}
 _PNG_LEVEL = 6  # of zlib
 # Rows of an attribute, and their indices (F, 3); None: those of vertices.
 Source: TypeAlias = tuple[Array, Faces | None]
-
-_MOST_UV = 2.0**40  # as Mesh.uvs says
+_MAX_UV = 2.0**40  # as Mesh.uvs says
 _RESTART = 65535  # as an index of 16 bits restarts strips
 _EXPONENTS = range(-60, 61)  # of the largest coordinate: others are scaled by a power of two
 
@@ -45,61 +44,70 @@ def write_glb(scene: Scene, path: Path) -> None:
     if os.path.splitext(path)[1].lower() != ENDING:
         raise file_error(_OWNER, "path", f"a name ending in {ENDING}", shown(path))
     atomic_files.check(path)
-    glb, lost = Glb(), [] if scene.environment is None else ["the environment (none)"]
-    decode = scene.preset == "course"
-    materials = MaterialWriter(glb, np.asarray(scene.ambient), lost, decode=decode)
-    meshes = MeshWriter(glb, lost, decode=decode)
+    glb, decode = Glb(), scene.preset == "course"
+    if scene.environment is not None:
+        glb.lost.append("the environment (none)")
+    nodes = _add_meshes(glb, scene, MaterialWriter(glb, np.asarray(scene.ambient), decode=decode), decode=decode)
+    sphere = bounding_sphere(scene.meshes)
+    nodes.append(add_camera(glb, scene.camera, sphere))
+    if scene.lights and scene.own_lights:
+        nodes += add_lights(glb, scene.lights, sphere, scene.light_scale)
+    background = None if scene.background is None else np.asarray(scene.background).tolist()
+    unsaid = {"preset": scene.preset, "ambient": np.asarray(scene.ambient).tolist(), "background": background}
+    glb.add("scenes", {**named(scene.name), "nodes": nodes, "extras": {"clshade": unsaid}})
+    glb.write(path, _OWNER)
+    if glb.lost:
+        line = f"{shown(path)}: not in the file as in the scene: {', '.join(dict.fromkeys(glb.lost))}"
+        warnings.warn(line if line.isprintable() else ascii(line), stacklevel=3)
+
+
+def _add_meshes(glb: Glb, scene: Scene, materials: MaterialWriter, *, decode: bool) -> list[int]:
+    """Add the meshes that have triangles and placements; return the indices of their nodes."""
     nodes: list[int] = []
     written: dict[Any, dict[str, Any]] = {}  # by object and nodes: the parts of an object become primitives of one mesh
     numbers = object_numbers(scene)
     parts: dict[int, list[Mesh]] = {}
     for number, mesh in zip(numbers, scene.meshes, strict=True):
         parts.setdefault(number, []).append(mesh)
-    frames = {number: in_float32([_used_vertices(mesh) for mesh in own]) for number, own in parts.items()}
+    frames = {
+        number: in_float32([mesh.verts[_used(mesh.faces, len(mesh.verts))] for mesh in meshes])
+        for number, meshes in parts.items()
+    }
     for number, mesh in zip(numbers, scene.meshes, strict=True):
         placements = np.asarray(mesh.instances)
         if not len(mesh.faces) or not len(placements):
             continue
         sets = 0 if mesh.uvs is None else 1 + len(mesh.more_uvs)
-        names = next(
-            (part.instance_names for part in parts[number] if part.instance_names), (mesh.name,) * len(placements)
-        )
+        of_parts = (part.instance_names for part in parts[number] if part.instance_names)
+        names = next(of_parts, (mesh.name,) * len(placements))
         with np.errstate(over="ignore", invalid="ignore"):
-            primitive, own = meshes.write(mesh, materials.write(mesh.material, sets), *frames[number])
+            material = materials.write(mesh.material, sets)
+            primitive = {**_primitive(glb, mesh, frames[number], decode=decode), "material": material}
             key = number, placements.tobytes()
             if key in written:
                 written[key]["primitives"].append(primitive)
                 continue
             written[key] = {**named(mesh.name), "primitives": [primitive]}
             index = glb.add("meshes", written[key])
+            middle, exponent = frames[number]
+            matrix = np.diag([*[np.ldexp(1.0, exponent)] * 3, 1.0])
+            matrix[:3, 3] = middle
             nodes += [
-                add_placement(glb, each @ own, mesh=index, **named(name))
-                for each, name in zip(placements, names, strict=True)
+                add_placement(glb, placement @ matrix, mesh=index, **named(name))
+                for placement, name in zip(placements, names, strict=True)
             ]
-    sphere = bounding_sphere(scene.meshes)
-    nodes.append(add_camera(glb, scene.camera, sphere, lost))
-    if scene.lights and scene.own_lights:
-        placed, extension = add_lights(glb, scene.lights, sphere, scene.light_scale, lost)
-        nodes += placed
-        glb.extensions["KHR_lights_punctual"] = extension
-    background = None if scene.background is None else np.asarray(scene.background).tolist()
-    unsaid = {"preset": scene.preset, "ambient": np.asarray(scene.ambient).tolist(), "background": background}
-    glb.add("scenes", {**named(scene.name), "nodes": nodes, "extras": {"clshade": unsaid}})
-    glb.write(path, _OWNER)
-    if lost:
-        line = f"{shown(path)}: not in the file as in the scene: {', '.join(dict.fromkeys(lost))}"
-        warnings.warn(line if line.isprintable() else ascii(line), stacklevel=3)
+    return nodes
 
 
 class MaterialWriter:
     """Writes materials into a file, equal ones once.
 
-    ambient: light by which unlit materials show their color, (3,). lost: collects a few words for what the file does not
-    say. decode: for scenes whose image is shown without a curve: colors and texels are sRGB then.
+    ambient: light by which unlit materials show their color, (3,). decode: for scenes whose image is shown without a
+    curve: colors and texels are sRGB then.
     """
 
-    def __init__(self, glb: Glb, ambient: Floats, lost: list[str], *, decode: bool) -> None:
-        self.glb, self.ambient, self.lost, self.decode = glb, ambient, lost, decode
+    def __init__(self, glb: Glb, ambient: Floats, *, decode: bool) -> None:
+        self.glb, self.ambient, self.decode = glb, ambient, decode
         self._images: dict[bytes, int] = {}
         self._textures: dict[tuple[int, str], tuple[int, float]] = {}
         self._materials: dict[str, int] = {}
@@ -114,11 +122,17 @@ class MaterialWriter:
             "metallicFactor": 0.0 if unlit else facets.metallic,
             "roughnessFactor": 1.0 if unlit else facets.roughness,
         }
-        entry = {**named(material.name), "pbrMetallicRoughness": reflection, **self._alpha(material)}
+        entry: dict[str, Any] = {**named(material.name), "pbrMetallicRoughness": reflection}
+        if material.blend:
+            entry["alphaMode"] = "BLEND"
+            if material.alpha_cutoff is not None:
+                self.glb.lost.append("alpha tests of materials that blend")
+        elif material.alpha_cutoff is not None:
+            entry |= {"alphaMode": "MASK", "alphaCutoff": max(material.alpha_cutoff, 0.0)}
         if material.sides == "both":
             entry["doubleSided"] = True
         color = color * self._put(reflection, "baseColorTexture", material.texture, sets, "color")
-        reflection["baseColorFactor"] = [*self._clamped(color).tolist(), material.opacity if counts else 1.0]
+        reflection["baseColorFactor"] = [*_clamped(self.glb, color).tolist(), material.opacity if counts else 1.0]
         self._put(reflection, "metallicRoughnessTexture", facets.metallic_roughness_texture, sets, "numbers")
         if unlit:
             entry["extensions"] = self.glb.use("KHR_materials_unlit", {})
@@ -126,20 +140,14 @@ class MaterialWriter:
             extensions = self._maps(entry, facets, sets)
             if extensions:
                 entry["extensions"] = extensions
-        entry["extras"] = {"clshade": _phong(material)}
+        # What glTF cannot say of a material.
+        phong: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in COMPONENTS.values()}
+        phong |= {"n": material.n, "color": np.asarray(material.color).tolist(), "two_sided": material.two_sided}
+        entry["extras"] = {"clshade": phong}
         text = json.dumps(entry)
         if text not in self._materials:
             self._materials[text] = self.glb.add("materials", entry)
         return self._materials[text]
-
-    def _alpha(self, material: Material) -> dict[str, Any]:
-        if material.blend:
-            if material.alpha_cutoff is not None:
-                self.lost.append("alpha tests of materials that blend")
-            return {"alphaMode": "BLEND"}
-        if material.alpha_cutoff is None:
-            return {}
-        return {"alphaMode": "MASK", "alphaCutoff": max(material.alpha_cutoff, 0.0)}
 
     def _maps(self, entry: dict[str, Any], facets: MetallicRoughness, sets: int) -> dict[str, Any]:
         """Add maps and emission to a material; return its extensions."""
@@ -147,9 +155,8 @@ class MaterialWriter:
         self._put(entry, "normalTexture", normal, sets, "numbers", scale=facets.normal_scale)
         self._put(entry, "occlusionTexture", occlusion, sets, "numbers", strength=facets.occlusion_strength)
         extensions: dict[str, Any] = {}
-        emission = np.asarray(facets.emission) * self._put(
-            entry, "emissiveTexture", facets.emission_texture, sets, "color"
-        )
+        scale = self._put(entry, "emissiveTexture", facets.emission_texture, sets, "color")
+        emission = np.asarray(facets.emission) * scale
         strength = max(float(emission.max()), 1.0)
         if emission.any():
             entry["emissiveFactor"] = (emission / strength).tolist()
@@ -171,16 +178,16 @@ class MaterialWriter:
         if texture is None or texture.coordinates >= sets:
             return 1.0
         index, scale = self._texture(texture, kind)
-        found: dict[str, Any] = {"index": index}
+        info: dict[str, Any] = {"index": index}
         if texture.coordinates:
-            found["texCoord"] = texture.coordinates
-        found |= {key: value for key, value in fields.items() if value != 1.0}
+            info["texCoord"] = texture.coordinates
+        info |= {key: value for key, value in fields.items() if value != 1.0}
         if texture.lookup == "course":  # u (w-1) + 0.5 texels from the left edge
             height, width = texture.image.shape[:2]
             sizes = np.array([width, height], np.float64)
-            moved = {"offset": (0.5 / sizes).tolist(), "scale": ((sizes - 1.0) / sizes).tolist()}
-            found["extensions"] = self.glb.use("KHR_texture_transform", moved)
-        entry[name] = found
+            transform = {"offset": (0.5 / sizes).tolist(), "scale": ((sizes - 1.0) / sizes).tolist()}
+            info["extensions"] = self.glb.use("KHR_texture_transform", transform)
+        entry[name] = info
         return scale
 
     def _texture(self, texture: Texture, kind: str) -> tuple[int, float]:
@@ -190,107 +197,85 @@ class MaterialWriter:
             codes, scale = self._codes(texture, kind)
             file = io.BytesIO()
             png.encode(file, codes, _PNG_LEVEL)
-            image = self._image(file.getvalue(), texture.name)
+            data = file.getvalue()
+            if data not in self._images:
+                view = {"bufferView": self.glb.view(data), "mimeType": "image/png"}
+                self._images[data] = self.glb.add("images", {**named(texture.name), **view})
             wraps: Any = ("clamp", "clamp") if texture.lookup == "course" else texture.wrap
             sampler = {"magFilter": _FILTERS[texture.filter], "wrapS": _WRAPS[wraps[0]], "wrapT": _WRAPS[wraps[1]]}
-            entry = {**named(texture.name), "sampler": self.glb.shared("samplers", sampler), "source": image}
-            self._textures[key] = self.glb.shared("textures", entry), scale
+            entry = {"sampler": self.glb.shared("samplers", sampler), "source": self._images[data]}
+            self._textures[key] = self.glb.shared("textures", {**named(texture.name), **entry}), scale
         return self._textures[key]
-
-    def _image(self, data: bytes, name: str) -> int:
-        if data not in self._images:
-            entry = {**named(name), "bufferView": self.glb.view(data), "mimeType": "image/png"}
-            self._images[data] = self.glb.add("images", entry)
-        return self._images[data]
 
     def _codes(self, texture: Texture, kind: str) -> tuple[Bytes, float]:
         """Return the codes (h, w, 3 or 4) of a texture, and what they are to be multiplied by."""
         image = texture.image.astype(np.float64)
-        most = float(image[..., :3].max())
-        scale = 1.0
-        if kind == "color" and most > 1.0 and not self.decode:
-            scale = most
-            image[..., :3] /= scale
-        image = self._clamped(image)
+        scale = max(float(image[..., :3].max()), 1.0) if kind == "color" and not self.decode else 1.0
+        image[..., :3] /= scale
+        image = _clamped(self.glb, image)
         if kind == "color" and not self.decode:
             image[..., :3] = srgb_curve(image[..., :3])
         return np.rint(image * 255.0).astype(np.uint8), scale
 
-    def _clamped(self, values: Floats) -> Floats:
-        clamped = np.clip(values, 0.0, 1.0)
-        if (clamped != values).any():
-            self.lost.append("colors beyond 0 to 1 (clamped)")
-        return clamped
 
+def _primitive(glb: Glb, mesh: Mesh, frame: tuple[Floats, int], *, decode: bool) -> dict[str, Any]:
+    """Write a mesh that has triangles; return it as a primitive without material.
 
-def _phong(material: Material) -> dict[str, Any]:
-    """Return what glTF cannot say of a material."""
-    found: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in COMPONENTS.values()}
-    return {**found, "n": material.n, "color": np.asarray(material.color).tolist(), "two_sided": material.two_sided}
-
-
-class MeshWriter:
-    """Writes meshes into a file.
-
-    lost: collects a few words for what the file does not say. decode: whether vertex colors are decoded from sRGB, as for
-    `MaterialWriter`.
+    frame: see `in_float32`. decode: whether vertex colors are decoded from sRGB, as for `MaterialWriter`.
     """
+    used, (middle, exponent) = _used(mesh.faces, len(mesh.verts)), frame
+    verts = mesh.verts if used.all() else np.where(used[:, None], mesh.verts, mesh.verts[mesh.faces[0, 0]])
+    positions = verts if verts.dtype == np.float32 else np.ldexp(verts - middle, -exponent).astype(np.float32)
+    sources = {"POSITION": (positions, None), **_sources(mesh)}
+    colors = _colors(glb, mesh, decode=decode)
+    if colors is not None:
+        sources["COLOR_0"] = colors, None
+    for name, values in mesh.scalars.items():
+        if np.isnan(values).any():
+            glb.lost.append(f"NaN in scalars {name} (kept, though glTF forbids it)")
+        with np.errstate(over="ignore"):
+            rows = values.astype(np.float32)
+        sources[f"_{in_utf8(name)}"] = (rows, None) if at_vertices(mesh, name) else _by_value(rows)
+    tables, faces = unified(mesh.faces, len(mesh.verts), sources)
+    attributes = {name: glb.accessor(rows, extent=name == "POSITION") for name, rows in tables.items()}
+    kind = np.uint16 if int(faces.max()) < _RESTART else np.uint32
+    return {"attributes": attributes, "indices": glb.accessor(faces.reshape(-1).astype(kind), INDICES)}
 
-    def __init__(self, glb: Glb, lost: list[str], *, decode: bool) -> None:
-        self.glb, self.lost, self.decode = glb, lost, decode
 
-    def write(self, mesh: Mesh, material: int, middle: Floats, exponent: int) -> tuple[dict[str, Any], Floats]:
-        """Write a mesh that has triangles; return it as a primitive, and the (4, 4) matrix from its positions to object
-        space. middle, exponent: see `in_float32`."""
-        used = _used(mesh.faces, len(mesh.verts))
-        verts = mesh.verts if used.all() else np.where(used[:, None], mesh.verts, mesh.verts[mesh.faces[0, 0]])
-        positions = verts if verts.dtype == np.float32 else np.ldexp(verts - middle, -exponent).astype(np.float32)
-        matrix = np.diag([*[np.ldexp(1.0, exponent)] * 3, 1.0])
-        matrix[:3, 3] = middle
-        sources = {"POSITION": (positions, None), **self._sources(mesh)}
-        found, faces = unified(mesh.faces, len(mesh.verts), sources)
-        attributes = {name: self.glb.accessor(rows, extent=name == "POSITION") for name, rows in found.items()}
-        kind = np.uint16 if int(faces.max()) < _RESTART else np.uint32
-        indices = self.glb.accessor(faces.reshape(-1).astype(kind), INDICES)
-        return {"attributes": attributes, "indices": indices, "material": material}, matrix
+def _sources(mesh: Mesh) -> dict[str, Source]:
+    """Return normals, tangents and texture coordinates, by their names in the file."""
+    normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
+    sources: dict[str, Source] = {"NORMAL": (_unit(normals, (0.0, 0.0, 1.0)), mesh.normal_faces)}
+    if mesh.tangents is not None:
+        signs = np.where(mesh.tangents[:, 3:] < 0.0, -1.0, 1.0).astype(np.float32)
+        tangents = np.hstack([_unit(mesh.tangents[:, :3], (1.0, 0.0, 0.0)), signs])
+        sources["TANGENT"] = tangents, mesh.tangent_faces
+    if mesh.uvs is not None:
+        for number, uvs in enumerate((mesh.uvs, *mesh.more_uvs)):
+            finite = np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -_MAX_UV, _MAX_UV)
+            sources[f"TEXCOORD_{number}"] = finite.astype(np.float32), mesh.uv_faces
+    return sources
 
-    def _sources(self, mesh: Mesh) -> dict[str, Source]:
-        """Return the attributes but positions, by their names in the file."""
-        normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
-        found: dict[str, Source] = {"NORMAL": (_unit(normals, (0.0, 0.0, 1.0)), mesh.normal_faces)}
-        if mesh.tangents is not None:
-            signs = np.where(mesh.tangents[:, 3:] < 0.0, -1.0, 1.0).astype(np.float32)
-            tangents = np.hstack([_unit(mesh.tangents[:, :3], (1.0, 0.0, 0.0)), signs])
-            found["TANGENT"] = tangents, mesh.tangent_faces
-        if mesh.uvs is not None:
-            for number, uvs in enumerate((mesh.uvs, *mesh.more_uvs)):
-                finite = np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -_MOST_UV, _MOST_UV)
-                found[f"TEXCOORD_{number}"] = finite.astype(np.float32), mesh.uv_faces
-        colors = self._colors(mesh)
-        if colors is not None:
-            found["COLOR_0"] = colors, None
-        for name, values in mesh.scalars.items():
-            if np.isnan(values).any():
-                self.lost.append(f"NaN in scalars {name} (kept, though glTF forbids it)")
-            with np.errstate(over="ignore"):
-                rows = values.astype(np.float32)
-            found[f"_{in_utf8(name)}"] = (rows, None) if at_vertices(mesh, name) else _by_value(rows)
-        return found
 
-    def _colors(self, mesh: Mesh) -> Floats32 | None:
-        """Return the colors of the vertices, (V, 3) or with alpha (V, 4); None for opaque white."""
-        texture = mesh.material.texture
-        replaced = texture is not None and texture.lookup == "course" and mesh.uvs is not None
-        colors: Floats32 | None = None
-        if mesh.colors is not None and not replaced:
-            clipped = np.clip(mesh.colors, 0.0, 1.0)
-            if (clipped != mesh.colors).any():
-                self.lost.append("colors beyond 0 to 1 (clamped)")
-            colors = (srgb_to_linear(clipped) if self.decode else clipped).astype(np.float32)
-        if mesh.alphas is None:
-            return colors
-        white = np.ones((len(mesh.verts), 3), np.float32)
-        return np.hstack([white if colors is None else colors, mesh.alphas[:, None].astype(np.float32)])
+def _colors(glb: Glb, mesh: Mesh, *, decode: bool) -> Floats32 | None:
+    """Return the colors of the vertices, (V, 3) or with alpha (V, 4); None for opaque white."""
+    texture = mesh.material.texture
+    replaced = texture is not None and texture.lookup == "course" and mesh.uvs is not None
+    colors: Floats32 | None = None
+    if mesh.colors is not None and not replaced:
+        clipped = _clamped(glb, mesh.colors)
+        colors = (srgb_to_linear(clipped) if decode else clipped).astype(np.float32)
+    if mesh.alphas is None:
+        return colors
+    white = np.ones((len(mesh.verts), 3), np.float32)
+    return np.hstack([white if colors is None else colors, mesh.alphas[:, None].astype(np.float32)])
+
+
+def _clamped(glb: Glb, values: Array) -> Array:
+    clamped = np.clip(values, 0.0, 1.0)
+    if (clamped != values).any():
+        glb.lost.append("colors beyond 0 to 1 (clamped)")
+    return clamped
 
 
 def named(name: str) -> dict[str, str]:
@@ -303,10 +288,6 @@ def in_utf8(name: str) -> str:
     return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def _used_vertices(mesh: Mesh) -> Array:
-    return mesh.verts[_used(mesh.faces, len(mesh.verts))]
-
-
 def in_float32(parts: list[Array]) -> tuple[Floats, int]:
     """Return the point (3,), and the exponent of a power of two, by which the positions (V, 3) of an object's parts are
     moved and divided to be held in float32.
@@ -315,8 +296,8 @@ def in_float32(parts: list[Array]) -> tuple[Floats, int]:
     farther from the origin than from their ends, and scaled where float32 would over- or underflow.
     """
     with np.errstate(over="ignore", under="ignore"):
-        held = all(verts.dtype == np.float32 or (verts.astype(np.float32) == verts).all() for verts in parts)
-    if held:
+        exact = all(verts.dtype == np.float32 or (verts.astype(np.float32) == verts).all() for verts in parts)
+    if exact:
         return np.zeros(3), 0
     verts = np.concatenate(parts).astype(np.float64)
     low, high = verts.min(axis=0), verts.max(axis=0)
@@ -334,17 +315,19 @@ def unified(faces: Faces, count: int, sources: dict[str, Source]) -> tuple[dict[
     their order, and those without faces are left out.
     """
     columns: list[Faces] = []
-    for _, own in sources.values():
-        if own is not None and not any(np.array_equal(own, other) for other in (faces, *columns)):
-            columns.append(own)
+    for _, index in sources.values():
+        if index is not None and not any(np.array_equal(index, other) for other in (faces, *columns)):
+            columns.append(index)
     if not columns and _used(faces, count).all():
         return {name: rows[:count] for name, (rows, _) in sources.items()}, faces
     key = faces.reshape(-1).astype(np.int64)
     for column in columns:
         key = np.unique(key * (int(column.max()) + 1) + column.reshape(-1), return_inverse=True)[1].reshape(-1)
     _, first, vertex = np.unique(key, return_index=True, return_inverse=True)
-    found = {name: rows[(faces if own is None else own).reshape(-1)[first]] for name, (rows, own) in sources.items()}
-    return found, vertex.reshape(-1, 3).astype(np.int32)
+    tables = {
+        name: rows[(faces if index is None else index).reshape(-1)[first]] for name, (rows, index) in sources.items()
+    }
+    return tables, vertex.reshape(-1, 3).astype(np.int32)
 
 
 def _used(faces: Faces, count: int) -> Array:

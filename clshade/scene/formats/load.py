@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
-from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,26 +13,20 @@ from numpy.typing import ArrayLike
 
 from ...base import console
 from ...base.atomic_files import Path, shown
+from ...base.declare import facts_of
 from ...base.input_files import file_error, quoted, size_of
-from ...base.validation import choice, flag, number, value_error
+from ...base.validation import flag, sequence, value_error
 from ...base.validation import path as checked_path
 from ...errors import InputError
-from ..camera import checked_resolution
-from ..framing import UPS, Up
+from ..framing import Up
 from ..lights import LIGHTS
 from ..model import Scene, Texture
-from ..normals import crease_angle
-from .course_npy import save_course
-from .options import FPS, VERTEX_COLORS, Options, VertexColors
+from .options import FPS, Options, VertexColors
 from .table import BY_EXTENSION, EXTENSIONS, Format, extensions_with
 from .texture import as_texture
 
 if TYPE_CHECKING:
     from .gltf import Played
-
-__all__ = ["load", "load_animation", "save_course"]
-
-IMAGES = (".exr", ".png")
 
 
 def load(
@@ -56,38 +48,35 @@ def load(
 ) -> Scene:
     """Load a scene from a file.
 
-    A .npy file is a course scene (preset `course`), a .json file a scene that `Scene.to_json`
-    wrote. All others are meshes (preset `pbr` of glTF files, `standard` of the others), see
-    clshade/scene/formats/README.md.
+    A .npy file is a course scene (preset `course`), a .json file a scene of `Scene.to_json`; others
+    are meshes (preset `pbr` of glTF files, else `standard`), see clshade/scene/formats/README.md.
 
     Parameters
     ----------
     path : str or path-like
         File; its extension selects the format.
     texture : str, path-like, array_like or Texture, optional
-        Image in place of the file's. An array is (h, w, 3) and holds linear values (integers are
-        divided by their type's maximum; row 0 is v = 0). An image file is value/255 for a course
-        scene, where it replaces the vertex colors, and is decoded from sRGB for a mesh. Not for a
-        .json file.
+        Image in place of the file's: an array (h, w, 3) of linear values (integers are divided by
+        their type's maximum; row 0 is v = 0), or an image file, which is value/255 for a course
+        scene, where it replaces the vertex colors, and decoded from sRGB for a mesh. Not for .json.
     focal : float, optional
         For course files: distance of the image plane from the eye, scene units, in place of the
         file's.
     resolution : (int, int), optional
-        (N, M), columns and rows, 1 to 16384 pixels each; the image plane keeps its height and
-        pixels become square. Default: the file's, or 800 x 600 for a mesh.
+        (N, M), columns and rows, 1 to 16384 each; the image plane keeps its height, pixels become
+        square. Default: the file's, or 800 x 600 for a mesh.
     lights : sequence of int, optional
-        Indices, from 0, of the lights to keep, in this order. Default: all. Meshes get three: key,
-        fill and rim.
+        Indices, from 0, of the lights to keep, in this order; a mesh has three: key, fill and rim.
+        Default: all.
     crease : float, optional
-        Degrees, 0 to 180: edges with a larger angle between their faces are sharp, where a mesh has
-        no normals of its own. Default: everything is smooth, but flat in glTF (as its specification
-        says) and STL.
+        Degrees, 0 to 180: edges with a larger angle between their faces are sharp, where a mesh lacks
+        normals. Default: everything is smooth, but flat in glTF (as its specification says) and STL.
     flat : bool, default False
-        The same as crease=0; not allowed together with `crease`.
+        Means crease=0; not allowed together with `crease`.
     weld : bool, optional
         Join vertices at one position, for normals, where an OBJ or PLY file has none and at most 30
-        degrees lie between the faces, so that no seam shows. `crease` joins them in any case.
-        Default: no, but on the command line.
+        degrees lie between the faces, so that no seam shows; `crease` always does. Default: False, but
+        True on the command line.
     up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         Axis that points up in the view chosen for a mesh; a camera of a glTF file is not turned.
         Default: z for STL, y for most.
@@ -95,19 +84,17 @@ def load(
         Light surfaces seen from behind like those seen from the front. Default: as the glTF file
         says; True where its format cannot say.
     fit : bool, default False
-        Ignore the camera of the file, and choose one that shows all of the scene, as for a mesh
-        without one.
+        Choose a camera that shows all of the scene, in place of the file's.
     time : float, optional
         Show a glTF file as its animation has it after so many seconds, at least 0; after its end as
-        at its end. Default: at rest, with the nodes, joints and weights of morph targets that the
-        file has outside animations.
+        at its end. Default: at rest, with the values that the file has outside animations.
     animation : str or int, optional
-        Name of the animation, or its number from 0, see `Scene.animations`; "all": all at once, as
-        some exporters write one for each node; of several for one property the last counts. Without
+        Name of the animation, or its number from 0, see `Scene.animations`; "all": all at once (some
+        exporters write one for each node; of several for one property the last counts). Without
         `time`: its beginning. Default: the first.
     vertex_colors : {"srgb", "linear"}, optional
-        Whether colors at vertices are codes of sRGB, to be decoded, or linear, in an OBJ, PLY or
-        glTF file. Default: linear in glTF, as its specification says, else srgb.
+        Whether colors at vertices of an OBJ, PLY or glTF file are codes of sRGB, to be decoded, or
+        linear. Default: linear in glTF, as its specification says, else srgb.
 
     Raises
     ------
@@ -126,32 +113,14 @@ def load(
     A mesh gets a camera that shows all of its vertices (`clshade.scene.fitting.fitted`) and lights
     around it, unless a glTF file has its own; `Scene.fitted` says whether it got the camera.
     Materials and images are opened only inside the file's own folder. Code in a file is never run,
-    and nothing is fetched. A file that takes more than a second to load is announced by a line on
-    stderr.
+    and nothing is fetched. Loading that takes more than a second is announced on stderr.
 
     Examples
     --------
-    >>> import clshade
     >>> scene = clshade.load("bunny.ply", resolution=(1920, 1080), crease=40)
     """
-    owner, form = _checked_file("load", path)
-    with _refusals(owner), console.told_when_slow(f"loading {owner} ..."):
-        options = _options(
-            "load",
-            form,
-            texture=texture,
-            focal=focal,
-            resolution=resolution,
-            crease=crease,
-            flat=flat,
-            weld=weld,
-            up=up,
-            two_sided=two_sided,
-            fit=fit,
-            time=time,
-            animation=animation,
-            vertex_colors=vertex_colors,
-        )
+    arguments = {**locals()}
+    with _opened("load", arguments) as (form, options):
         scene = form.read(path, options)
     return scene if lights is None else replace(scene, lights=_kept(scene, lights))
 
@@ -194,92 +163,35 @@ def load_animation(
 
     Examples
     --------
-    >>> import clshade
-    >>> from clshade import farm
     >>> run = clshade.load_animation("fox.glb", "Run", fps=24)
-    >>> farm.draw_frames(run.scene, run.cameras, "run.##.exr", poses=run.poses)
+    >>> clshade.farm.draw_frames(run.scene, run.cameras, "run.##.exr", poses=run.poses)
     """
-    owner, form = _checked_file("load_animation", path)
-    if "animation" not in form.takes:
-        expected = f"one of {', '.join(extensions_with('animation'))}, which have animations"
-        raise file_error(owner, "extension", expected, quoted(_extension(path)))
-    with _refusals(owner), console.told_when_slow(f"loading {owner} ..."):
-        options = _options(
-            "load_animation",
-            form,
-            texture=texture,
-            resolution=resolution,
-            crease=crease,
-            flat=flat,
-            up=up,
-            two_sided=two_sided,
-            fit=fit,
-            animation=animation,
-            vertex_colors=vertex_colors,
-        )
+    arguments = {**locals()}
+    with _opened("load_animation", arguments) as (_, options):
         from .gltf import play
 
         return play(path, options, count=count, fps=fps)
 
 
-def _options(who: str, form: Format, **values: Any) -> Options:
-    """Return the options for a file of this format from arguments of `load` that users give `who`. Raises InputError, naming
-    `who`, for one that is refused."""
-    values["flat"] = flag(who, "flat", values["flat"]) or None
-    given = {name: value for name, value in values.items() if value is not None}
-    checks: dict[str, Callable[..., Any]] = {
-        "resolution": lambda who, name, value: checked_resolution(who, value),
-        "crease": crease_angle,
-        "flat": flag,
-        "weld": flag,
-        "focal": partial(number, above=0.0),
-        "up": partial(choice, allowed=UPS),
-        "two_sided": flag,
-        "fit": flag,
-        "time": partial(number, least=0.0),
-        "animation": _animation,
-        "vertex_colors": partial(choice, allowed=VERTEX_COLORS),
-        "texture": lambda who, name, value: as_texture(value, srgb=form.lookup == "standard", lookup=form.lookup),
-    }
-    for name, value in given.items():
-        if name not in (*form.takes, "resolution", "two_sided", "fit"):
-            *most, last = extensions_with(name)
-            others = f"{', '.join(most)} and {last}" if most else last
-            raise value_error(who, name, f"one only for {others} files", value)
-    options = {name: checks[name](who, name, value) for name, value in given.items()}
-    if options.pop("flat", False):
-        if "crease" in options:
-            raise InputError(f"{who}: crease: expected either crease or flat, which is a crease of 0, found both")
-        options["crease"] = 0.0
-    usual = {"up": form.up, "vertex_colors": form.vertex_colors, "two_sided": None if form.has_sides else True}
-    return Options(**usual | options)
+@contextlib.contextmanager
+def _opened(who: str, arguments: dict[str, Any]) -> Iterator[tuple[Format, Options]]:
+    """Yield the format of a file, and the options of `load` for it from the arguments that users give `who`.
 
-
-def _animation(who: str, name: str, value: Any) -> str | int:
-    """Return the name of an animation, or its number as an int."""
-    if isinstance(value, bool) or not isinstance(value, (str, Integral)):
-        raise value_error(who, name, "a name or a whole number", value)
-    return int(value) if isinstance(value, Integral) else value
-
-
-def _extension(path: Path) -> str:
-    return os.path.splitext(os.fspath(path))[1].lower()
-
-
-def _checked_file(who: str, path: Path) -> tuple[str, Format]:
-    """Return how a file is printed, and its format. Raises InputError for an unknown one."""
+    Raises InputError for those that are refused. Errors of the block become InputErrors of one line that names the file;
+    a slow block is announced.
+    """
+    path: Any = arguments["path"]
     checked_path(who, "path", path)
-    owner, extension = shown(path), _extension(path)
+    owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
     if extension not in BY_EXTENSION:
         raise _no_scene(path, owner, extension)
-    return owner, BY_EXTENSION[extension]
-
-
-@contextlib.contextmanager
-def _refusals(owner: str) -> Iterator[None]:
-    """Raise the errors of the block as InputErrors of one line that names the file."""
+    form = BY_EXTENSION[extension]
+    if who == "load_animation" and "animation" not in form.takes:
+        expected = f"one of {', '.join(extensions_with('animation'))}, which have animations"
+        raise file_error(owner, "extension", expected, quoted(extension))
     try:
-        yield
+        with console.told_when_slow(f"loading {owner} ..."):
+            yield form, _options(who, form, arguments)
     except InputError as error:
         # In one line, with the file in front where it names only a class of the scene model.
         text = " ".join(str(error).split()) if not str(error).isprintable() else str(error)
@@ -288,32 +200,52 @@ def _refusals(owner: str) -> Iterator[None]:
         raise file_error(owner, "file", "a scene that fits into memory", "too large a one") from None
 
 
+def _options(who: str, form: Format, arguments: dict[str, Any]) -> Options:
+    checks = {
+        **facts_of(Options, "check"),
+        "flat": flag,
+        "texture": lambda who, name, value: as_texture(value, srgb=form.lookup == "standard", lookup=form.lookup),
+    }
+    flat = flag(who, "flat", arguments["flat"])
+    values = {name: arguments[name] for name in checks if arguments.get(name) is not None and (name != "flat" or flat)}
+    for name, value in values.items():
+        if name not in (*form.takes, "resolution", "two_sided", "fit"):
+            *most, last = extensions_with(name)
+            others = f"{', '.join(most)} and {last}" if most else last
+            raise value_error(who, name, f"one only for {others} files", value)
+    options = {name: checks[name](who, name, value) for name, value in values.items()}
+    if options.pop("flat", False):
+        if "crease" in options:
+            raise InputError(f"{who}: crease: expected either crease or flat, which is a crease of 0, found both")
+        options["crease"] = 0.0
+    usual = {"up": form.up, "vertex_colors": form.vertex_colors, "two_sided": None if form.has_sides else True}
+    return Options(**usual | options)
+
+
 def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     """Build the error for a file with another extension: it is missing, or something else."""
-    known, found = ", ".join(EXTENSIONS), f"the extension {quoted(extension)}" if extension else "no extension"
+    extensions, found = ", ".join(EXTENSIONS), f"the extension {quoted(extension)}" if extension else "no extension"
     try:
         os.stat(path)
     except FileNotFoundError:
-        return file_error(owner, "file", f"an existing file, one of {known}", f"no such file, and {found}")
+        return file_error(owner, "file", f"an existing file, one of {extensions}", f"no such file, and {found}")
     except (OSError, ValueError):
         pass  # reported by the next line, as are folders and devices
     size_of(path)
-    image = ", an image: `clshade inspect` shows it, and -o names the output" if extension in IMAGES else ""
-    return file_error(owner, "extension", f"one of {known}", f"{quoted(extension)}{image}")
+    image = extension in (".exr", ".png")
+    hint = ", an image: `clshade inspect` shows it, and -o names the output" if image else ""
+    return file_error(owner, "extension", f"one of {extensions}", f"{quoted(extension)}{hint}")
 
 
-def _kept(scene: Scene, wanted: Any) -> tuple[Any, ...]:
+def _kept(scene: Scene, selection: Any) -> tuple[Any, ...]:
     """Return the lights with these indices. Raises InputError for one that does not exist or is repeated."""
     count = len(scene.lights)
-    expected = f"different indices of the {count} lights, from 0" if count else "none: the scene has no lights"
-    try:
-        kept = list(wanted)
-        good = all(isinstance(index, (int, np.integer)) and 0 <= index < count for index in kept)
-    except TypeError:
-        good = False
-    if not good or len(set(kept)) != len(kept):
-        raise value_error("load", "lights", expected, wanted)
-    return tuple(scene.lights[index] for index in kept)
+    indices = sequence(selection)
+    good = indices is not None and all(isinstance(index, (int, np.integer)) and 0 <= index < count for index in indices)
+    if indices is None or not good or len(set(indices)) != len(indices):
+        expected = f"different indices of the {count} lights, from 0" if count else "none: the scene has no lights"
+        raise value_error("load", "lights", expected, selection)
+    return tuple(scene.lights[index] for index in indices)
 
 
 # Classes that a scene consists of, whose errors do not name the file.

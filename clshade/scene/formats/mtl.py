@@ -39,6 +39,7 @@ _IGNORED = {
     **dict.fromkeys(("disp", "map_disp", "decal"), "displacement and decals"),
     "refl": "reflection maps",
 }
+_DEFAULTS_IGNORED = {"ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "aniso": 0.0}  # change nothing
 # Options of a map -> number of arguments; 0: one to three numbers.
 _OPTIONS = {
     **dict.fromkeys(("-s", "-o", "-t"), 0),
@@ -51,7 +52,7 @@ _WORD = re.compile(r"\S+")
 
 @dataclass(frozen=True)
 class _Map:
-    """An image that a library refers to. scale, offset: of u and v."""
+    """An image that a library names. scale, offset: of u and v."""
 
     path: str
     scale: tuple[float, float] = (1.0, 1.0)
@@ -60,9 +61,9 @@ class _Map:
 
 
 @dataclass
-class _Found:
-    """The statements of a library on one material. image, mask: its map_Kd and map_d. mapped: whether it has a map_Kd, be
-    the image there or not. transparency: its Tr."""
+class _Statements:
+    """The statements on one material. image, mask: its map_Kd and map_d. mapped: whether it has a map_Kd, be the image
+    there or not. transparency: its Tr."""
 
     values: dict[str, Any] = field(default_factory=lambda: dict(DEFAULTS))
     image: _Map | None = None
@@ -76,13 +77,13 @@ class _Found:
 class Library:
     """The materials of the libraries named by the mtllib lines of an OBJ file. Images are decoded on first use.
 
-    path: of the OBJ file. references: (line number, text after mtllib). own: a texture in place of the files'. Files are
-    found and left out as by `Images`. Raises InputError for malformed numbers.
+    path: of the OBJ file. references: (line number, text after mtllib). replacement: a texture in place of the files'.
+    Files are found and left out as by `Images`. Raises InputError for malformed numbers.
     """
 
-    def __init__(self, path: str, references: list[tuple[int, str]], own: Texture | None) -> None:
+    def __init__(self, path: str, references: list[tuple[int, str]], replacement: Texture | None) -> None:
         self.images, self.owner = Images(path), shown(path)
-        self.own, self.found = own, dict[str, _Found]()
+        self.replacement, self.materials = replacement, dict[str, _Statements]()
         self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture | None, bool]] = {}
         self.ignored: list[str] = []
         self.undefined: list[str] = []
@@ -116,27 +117,31 @@ class Library:
                 continue
             keyword, rest, where = words[0].lower(), words[1].strip(), f"line {number}: {words[0][:16]}"
             if keyword == "newmtl":
-                material = self.found.setdefault(rest, _Found())
+                material = self.materials.setdefault(rest, _Statements())
             elif material is not None:
                 self._statement(material, keyword, rest, library, where)
 
-    def _statement(self, material: _Found, keyword: str, rest: str, library: str, where: str) -> None:
+    def _statement(self, material: _Statements, keyword: str, rest: str, library: str, where: str) -> None:
         owner = shown(library)
-        if keyword in ("ka", "kd", "ks"):
-            material.values[keyword] = _color(rest, owner, where)
+        if keyword in ("ka", "kd", "ks"):  # spectral and xyz colors are not supported
+            values = _floats(rest, owner, where, "one or three finite numbers", (1, 3))
+            material.values[keyword] = values * 3 if len(values) == 1 else values
         elif keyword == "ns":
-            (value,) = _floats(rest, owner, where, (1,), "a number up to 1e9")
+            (value,) = _floats(rest, owner, where, "a number up to 1e9")
             if value > 1e9:
                 raise file_error(owner, where, "a number up to 1e9", f"{value:g}")
             if value < 0.0:  # Blender 2.7 wrote -1.960784
                 self._warn("Ns below 0 is read as 0")
             material.values["n"] = max(value, 0.0)
-        elif keyword == "d":
-            material.values["opacity"] = _opacity(rest, owner, where)
-        elif keyword == "tr":
-            material.transparency = _opacity(rest, owner, where)
+        elif keyword in ("d", "tr"):  # d's option -halo, opaque where seen from the front, is left out
+            (value,) = _floats(rest.removeprefix("-halo"), owner, where, "a number")
+            value = min(max(value, 0.0), 1.0)
+            if keyword == "d":
+                material.values["opacity"] = value
+            else:
+                material.transparency = value
         elif keyword == "illum":
-            (value,) = _floats(rest, owner, where, (1,), "a number")
+            (value,) = _floats(rest, owner, where, "a number")
             material.model = int(min(max(value, 0.0), 99.0))
             if material.model > 2:
                 material.ignored.append("reflection and refraction (illum)")
@@ -144,12 +149,15 @@ class Library:
             material.mapped, material.image = True, self._map(rest, library, where, material)
         elif keyword == "map_d":
             material.mask = self._map(rest, library, where, material)
-        elif keyword in _IGNORED and not _is_default(keyword, rest):
-            material.ignored.append(_IGNORED[keyword])
-        elif keyword.startswith("map_") and keyword not in _IGNORED:
+        elif keyword in _IGNORED:
+            words = rest.split("#", 1)[0].split()
+            default = _DEFAULTS_IGNORED.get(keyword)
+            if default is None or not all(_NUMBER.fullmatch(word) and float(word) == default for word in words):
+                material.ignored.append(_IGNORED[keyword])
+        elif keyword.startswith("map_"):
             material.ignored.append(keyword[:32])
 
-    def _map(self, text: str, library: str, where: str, material: _Found) -> _Map | None:
+    def _map(self, text: str, library: str, where: str, material: _Statements) -> _Map | None:
         """Return a map's image and those of its options that are rendered; None, with a warning, without an image."""
         name, options = _split_options(text, material.ignored, shown(library), where)
         path = self.images.find(name, shown(library), where, os.path.dirname(library))
@@ -158,44 +166,43 @@ class Library:
     def material(self, name: str | None, textured: bool) -> tuple[Material, Array | None]:
         """Return the material of that name, the default one if no library has it, and (2, 2) scale and offset of its texture
         coordinates or None. textured: whether faces have texture coordinates."""
-        found, own = self.found.get(name or ""), self.own if textured else None
-        if found is None:
+        statements, texture = self.materials.get(name or ""), self.replacement if textured else None
+        if statements is None:
             if name is not None and name not in self.undefined:
                 self.undefined.append(name)
-            return replace(DEFAULT_MATERIAL, texture=own), None
-        self.ignored += found.ignored
-        if found.mapped and not any(found.values["kd"]):  # exporters mean the map alone, by which others multiply it
-            found.values["kd"] = [1.0, 1.0, 1.0]
+            return replace(DEFAULT_MATERIAL, texture=texture), None
+        self.ignored += statements.ignored
+        if statements.mapped and not any(
+            statements.values["kd"]
+        ):  # exporters mean the map alone, by which others multiply it
+            statements.values["kd"] = [1.0, 1.0, 1.0]
             self._warn("materials with Kd 0 0 0 and a map_Kd are read with Kd 1 1 1")
-        values = {"ka": found.values["kd"], "opacity": self._opacity_of(found), **found.values}
+        opacity = 1.0 - (statements.transparency or 0.0)
+        if statements.transparency == 1.0:
+            # MeshLab and OpenMVS wrote and read it so; tinyobjloader, Assimp and three.js find the object invisible.
+            opacity = 1.0
+            if "opacity" not in statements.values:
+                self._warn("materials with Tr 1 and without d are read as opaque")
+        values = {"ka": statements.values["kd"], "opacity": opacity, **statements.values}
         values["blend"] = values["opacity"] < 1.0
         # (R.V)^0 is no highlight but a white half of the surface with a hard edge. Exporters that know none write Ks 1 and
         # Ns 0; Blender, Unity and Asset Forge draw these without (github.com/castle-engine/castle-engine/issues/178).
-        if found.model == 1 or values["n"] == 0.0:
+        if statements.model == 1 or values["n"] == 0.0:
             values["ks"] = 0.0
-        if found.model == 0:
+        if statements.model == 0:
             values.update(color=values["kd"], ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
-        source = found.image or found.mask
-        if source is None or not textured or own is not None:
-            if source is not None and not textured:
-                self.ignored.append("textures of faces without texture coordinates")
-            return Material(**values, texture=own, name=name or ""), None
-        key = (found.image, found.mask)
-        if key not in self.textures:
-            self.textures[key] = self._texture(found)
-        texture, masked = self.textures[key]
-        moved = np.array([source.scale, source.offset])
-        material = Material(**{**values, "blend": values["blend"] or masked}, texture=texture, name=name or "")
-        return material, None if (moved == [[1.0, 1.0], [0.0, 0.0]]).all() else moved
-
-    def _opacity_of(self, found: _Found) -> float:
-        """Return 1 - Tr for a material without d. Tr 1 alone counts as opaque, with a warning: MeshLab and OpenMVS wrote and
-        read it so, where tinyobjloader, Assimp and three.js find the object invisible."""
-        if found.transparency != 1.0:
-            return 1.0 - (found.transparency or 0.0)
-        if "opacity" not in found.values:
-            self._warn("materials with Tr 1 and without d are read as opaque")
-        return 1.0
+        source, transform = statements.image or statements.mask, None
+        if source is not None and not textured:
+            self.ignored.append("textures of faces without texture coordinates")
+        elif source is not None and texture is None:
+            key = (statements.image, statements.mask)
+            if key not in self.textures:
+                self.textures[key] = self._texture(source, *key)
+            texture, masked = self.textures[key]
+            values["blend"] = values["blend"] or masked
+            transform = np.array([source.scale, source.offset])
+        material = Material(**values, texture=texture, name=name or "")
+        return material, None if transform is None or (transform == [[1.0, 1.0], [0.0, 0.0]]).all() else transform
 
     def _warn(self, remark: str) -> None:
         """Warn of how materials are read, once."""
@@ -203,24 +210,22 @@ class Library:
             self.warned.add(remark)
             warnings.warn(f"{self.owner}: {remark}", stacklevel=2)
 
-    def _texture(self, found: _Found) -> tuple[Texture | None, bool]:
-        """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d; None if neither can be read."""
-        source = found.image or found.mask
-        wrap: Wrap = "clamp" if source is not None and source.clamp else "repeat"
-        image = None if found.image is None else self.images.at(found.image.path, srgb=True)
-        mask = None if found.mask is None else self._alpha(found.mask.path)
-        name = "" if source is None else os.path.basename(source.path)
+    def _texture(self, source: _Map, map_kd: _Map | None, map_d: _Map | None) -> tuple[Texture | None, bool]:
+        """Return the texture of map_Kd, with map_d as its alpha, and whether it has a map_d; None if neither can be read.
+
+        source: the one of them whose options count.
+        """
+        wrap: Wrap = "clamp" if source.clamp else "repeat"
+        image = None if map_kd is None else self.images.at(map_kd.path, srgb=True)
+        mask = None if map_d is None else self._alpha(map_d.path)
         if image is not None and mask is not None and image.shape[:2] != mask.shape:
             self.ignored.append("map_d of another size than map_Kd")
             mask = None
-        if mask is None and image is not None:
-            if image.shape[2] == 4 and found.image is not None:
-                warnings.warn(f"{shown(found.image.path)}: image: its alpha channel is left out", stacklevel=2)
-            return Texture(image[:, :, :3], wrap=wrap, name=name), False
-        if mask is None:
-            return None, False
-        colors = np.ones((*mask.shape, 3), np.float32) if image is None else image[:, :, :3]
-        return Texture(np.concatenate([colors, mask[:, :, None]], axis=2), wrap=wrap, name=name), True
+        if mask is not None:
+            name = os.path.basename(source.path)
+            colors = np.ones((*mask.shape, 3), np.float32) if image is None else image[:, :, :3]
+            return Texture(np.concatenate([colors, mask[:, :, None]], axis=2), wrap=wrap, name=name), True
+        return None if map_kd is None else self.images.texture(map_kd.path, wrap), False
 
     def _alpha(self, path: str) -> Array | None:
         """Return (h, w) of a map_d: its alpha channel, or its mean color if it has none."""
@@ -229,13 +234,6 @@ class Library:
             return None
         numbers = np.asarray(image)
         return numbers[:, :, 3] if image.shape[2] == 4 else numbers.mean(axis=2)
-
-
-def _is_default(keyword: str, rest: str) -> bool:
-    """Return whether a statement that is not rendered has its default value."""
-    value = {"ke": 0.0, "tf": 1.0, "pr": 1.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "aniso": 0.0}.get(keyword)
-    words = rest.split("#", 1)[0].split()
-    return value is not None and all(_NUMBER.fullmatch(word) is not None and float(word) == value for word in words)
 
 
 def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tuple[str, dict[str, Any]]:
@@ -250,11 +248,11 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
         count, numbers_only = _OPTIONS[name], _OPTIONS[name] == 0
         values: list[str] = []
         while len(values) < (3 if numbers_only else count):
-            found = re.compile(r"\s+(\S+)(?=\s)").match(text, place)
-            if found is None or (numbers_only and not _NUMBER.fullmatch(found.group(1))):
+            value = re.compile(r"\s+(\S+)(?=\s)").match(text, place)
+            if value is None or (numbers_only and not _NUMBER.fullmatch(value.group(1))):
                 break
-            values.append(found.group(1))
-            place = found.end()
+            values.append(value.group(1))
+            place = value.end()
             if _NUMBER.fullmatch(values[-1]) and math.isinf(float(values[-1])):
                 raise file_error(owner, f"{where}: {name}", "finite numbers", quoted(values[-1]))
         if name in ("-s", "-o") and values:
@@ -268,21 +266,10 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
     return text[place:], options
 
 
-def _floats(text: str, owner: str, where: str, allowed: tuple[int, ...], expected: str) -> list[float]:
+def _floats(text: str, owner: str, where: str, expected: str, allowed: tuple[int, ...] = (1,)) -> list[float]:
+    """Return the numbers before a comment, as many as are allowed."""
     text = text.split("#", 1)[0]
     values = numbers(text.encode(), float, len(text.split()))
     if values is None or len(values) not in allowed or not np.isfinite(values).all():
         raise file_error(owner, where, expected, quoted(text))
     return [float(value) for value in values]
-
-
-def _color(text: str, owner: str, where: str) -> list[float]:
-    """Return three channels from three numbers or one; spectral and xyz colors are not supported."""
-    values = _floats(text, owner, where, (1, 3), "one or three finite numbers")
-    return values * 3 if len(values) == 1 else values
-
-
-def _opacity(text: str, owner: str, where: str) -> float:
-    """Return the number of a d or Tr, clamped to [0, 1]; d's option -halo, opaque where seen from the front, is left out."""
-    (value,) = _floats(text.removeprefix("-halo"), owner, where, (1,), "a number")
-    return min(max(value, 0.0), 1.0)

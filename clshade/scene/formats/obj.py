@@ -18,7 +18,7 @@ from .. import framing, geometry
 from ..model import Material, Mesh, Scene, with_fields
 from ..normals import against_normals, crease_normals, seamless_normals
 from .mtl import Library
-from .obj_parser import FaceRun, ObjText, parse_obj
+from .obj_parser import FaceRun, ObjText
 from .options import Options, linear_colors, mended_normals, warn_ignored
 
 MAX_BYTES = 1 << 31  # of a mesh file
@@ -33,11 +33,11 @@ def read_obj(path: Path, options: Options) -> Scene:
     file, so that no seam shows between meshes; options.weld joins vertices at one position (`normals.seamless_normals`);
     edges above options.crease are sharp, and all are if the file's only smoothing group is `s off`. Faces that are clockwise
     as seen along the file's normals are reversed. A missing material or image is ignored with a warning. See
-    `obj_parser.parse_obj` and `mtl`.
+    `obj_parser.ObjText` and `mtl`.
     """
     owner = shown(path)
     name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
-    text = parse_obj(read_file(path, MAX_BYTES), owner)
+    text = ObjText(read_file(path, MAX_BYTES), owner)
     if options.texture is not None and text.indices[:, 0, 1].max() < 0:
         raise file_error(owner, "vt", "texture coordinates for the texture", "none")
     if options.crease is None and text.smoothing and text.indices[:, 0, 2].min() < 0:
@@ -48,7 +48,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     _turn_to_normals(text, owner)
     _decode_colors(text, options, owner)
     library = Library(os.fspath(path), text.libraries, options.texture)
-    meshes = _meshes(text, library, options, name, owner)
+    meshes = _meshes(text, library, options, name)
     if library.undefined:
         more = f" and {len(library.undefined) - 1} more" if library.undefined[1:] else ""
         line = f"{owner}: usemtl: no library defines the material {quoted(library.undefined[0])}{more}"
@@ -61,35 +61,36 @@ def read_obj(path: Path, options: Options) -> Scene:
 def _turn_to_normals(text: ObjText, owner: str) -> None:
     """Reverse the faces that are clockwise as seen along the file's normals, which define the front; compute normals that
     are 0 or not finite."""
-    given = np.flatnonzero(text.indices[:, 0, 2] >= 0)
-    faces, normal_faces = text.indices[given, :, 0], text.indices[given, :, 2]
-    against = given[against_normals(text.verts, faces, text.normals, normal_faces)]
+    with_normals = np.flatnonzero(text.indices[:, 0, 2] >= 0)
+    against = with_normals[
+        against_normals(text.verts, text.indices[with_normals, :, 0], text.normals, text.indices[with_normals, :, 2])
+    ]
     if len(against):
         text.indices[against] = text.indices[against][:, [0, 2, 1]]
-        faces, normal_faces = text.indices[given, :, 0], text.indices[given, :, 2]
+    faces, normal_faces = text.indices[with_normals, :, 0], text.indices[with_normals, :, 2]
     text.normals, mended = mended_normals(text.verts, faces, text.normals, normal_faces, f"{owner}: vn")
     if mended is not normal_faces:
-        text.indices[given, :, 2] = mended
+        text.indices[with_normals, :, 2] = mended
 
 
 def _decode_colors(text: ObjText, options: Options, owner: str) -> None:
     """Replace the colors by linear ones (V, 3), and set alphas (V,), of all vertices: 1 where there is none; None if no
     vertex has a color, or alpha below 1."""
+    if text.colors is None or not len(text.colored):
+        text.colors = None
+        return
     rgba = np.ones((len(text.verts), 4))
-    if text.colors is not None and len(text.colors):
-        rgba[text.colored] = linear_colors(text.colors, options, f"{owner}: v")
-    text.colors = np.ascontiguousarray(rgba[:, :3]) if len(text.colored) else None
+    rgba[text.colored] = linear_colors(text.colors, options, f"{owner}: v")
+    text.colors = np.ascontiguousarray(rgba[:, :3])
     text.alphas = rgba[:, 3].copy() if (rgba[:, 3] < 1.0).any() else None
 
 
-def _meshes(text: ObjText, library: Library, options: Options, name: str, owner: str) -> tuple[Mesh, ...]:
+def _meshes(text: ObjText, library: Library, options: Options, name: str) -> tuple[Mesh, ...]:
     """Return the file's faces as meshes, each of one object and one material, in the order of the file."""
     parts = _parts(text)
     counts = Counter(run.object for run, _ in parts)
     whole = len(parts) == 1
-    computed = _normals(text, options, whole)
-    tables = [*np.moveaxis(text.indices, 2, 0), *(computed or ())[1:]]
-    splits = [None if table is None else _Split.of(table, [run.first for run, _ in parts]) for table in tables]
+    tables = _Tables(text, _normals(text, options, whole), [run.first for run, _ in parts])
     plain = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
     materials: dict[tuple[str | None, bool, bool], tuple[Material, Array | None]] = {}
     flipped: dict[bytes, Array] = {}
@@ -99,16 +100,16 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str, owner:
         fades = text.alphas is not None and bool((text.alphas[indices[:, :, 0]] < 1.0).any())
         key = (run.material, bool(indices[0, 0, 1] >= 0), fades)
         if key not in materials:
-            material, moved = library.material(*key[:2])
+            material, transform = library.material(*key[:2])
             material = with_fields(material, blend=True) if fades else material
-            materials[key] = options.lit(material), moved
-        material, moved = materials[key]
-        moment = b"" if moved is None else moved.tobytes()
-        if moment not in flipped:
+            materials[key] = options.lit(material), transform
+        material, transform = materials[key]
+        transform_key = b"" if transform is None else transform.tobytes()
+        if transform_key not in flipped:
             with np.errstate(over="ignore", invalid="ignore"):  # overflowing coordinates mean texel 0
-                uvs = text.uvs if moved is None else text.uvs * moved[0] + moved[1]
-                flipped[moment] = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)  # v = 0 is the bottom in OBJ
-        fields = _arrays(text, flipped[moment], slice(run.first, end), number, computed, splits)
+                uvs = text.uvs if transform is None else text.uvs * transform[0] + transform[1]
+                flipped[transform_key] = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)  # v = 0 is the bottom in OBJ
+        fields = tables.of_part(number, slice(run.first, end), flipped[transform_key])
         fields.update(material=material, name=run.object or name)
         if counts[run.object] > 1:
             fields["part_of"] = f"{name}/{run.object or ''}"
@@ -148,7 +149,7 @@ def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:
 
 
 class _Split(NamedTuple):
-    """What the parts of a file use of a table's rows. rows: those of each part, ascending, one part's after the other's;
+    """The rows of a table that the parts of a file use. rows: those of each part, ascending, one part's after the other's;
     None for all rows, of a file in one part. starts: of each part. faces: (F, 3) indices into the rows of their part."""
 
     rows: Array | None
@@ -177,28 +178,31 @@ class _Split(NamedTuple):
         return taken
 
 
-def _arrays(
-    text: ObjText, uvs: Array, chosen: slice, number: int, computed: tuple[Array, Array | None] | None, splits: Any
-) -> dict[str, Any]:
-    """Return the arrays of a Mesh of the chosen faces, which are a part of the file.
+class _Tables:
+    """The tables of a file, split at the first faces of its parts. computed: see _normals."""
 
-    uvs: (T, 2), used in place of the file's. computed: see _normals. splits: of vertices, uvs, normals, computed normals.
-    """
-    at_verts = {"verts": text.verts, "colors": text.colors, "alphas": text.alphas}
-    sources = [("uv", uvs, splits[1]), ("normal", text.normals, splits[2])]
-    has = (text.indices[chosen.start, 0, 1:] >= 0).tolist()
-    if not has[1] and computed is not None:
-        if computed[1] is None:
-            at_verts["normals"] = computed[0]
-        else:
-            has[1], sources[1] = True, ("normal", computed[0], splits[3])
-    arrays: dict[str, Any] = {
-        name: splits[0].taken(values, number) for name, values in at_verts.items() if values is not None
-    }
-    if "alphas" in arrays and (arrays["alphas"] == 1.0).all():
-        del arrays["alphas"]
-    arrays["faces"] = splits[0].faces[chosen]
-    for (name, values, split), used in zip(sources, has, strict=True):
-        if used:
-            arrays.update({f"{name}s": split.taken(values, number), f"{name}_faces": split.faces[chosen]})
-    return arrays
+    def __init__(self, text: ObjText, computed: tuple[Array, Array | None] | None, firsts: Sequence[int]) -> None:
+        self.text = text
+        self.verts, self.uvs, self.normals = (_Split.of(text.indices[:, :, k], firsts) for k in range(3))
+        self.at_verts = {"verts": text.verts, "colors": text.colors, "alphas": text.alphas}
+        self.computed: tuple[Array, _Split] | None = None
+        if computed is not None and computed[1] is not None:
+            self.computed = computed[0], _Split.of(computed[1], firsts)
+        elif computed is not None:
+            self.at_verts["normals"] = computed[0]
+
+    def of_part(self, number: int, faces: slice, uvs: Array) -> dict[str, Any]:
+        """Return the arrays of the Mesh of a part. faces: of the file. uvs: (T, 2), in place of the file's."""
+        has_uvs, has_normals = (self.text.indices[faces.start, 0, 1:] >= 0).tolist()
+        arrays = {
+            name: self.verts.taken(values, number) for name, values in self.at_verts.items() if values is not None
+        }
+        if "alphas" in arrays and (arrays["alphas"] == 1.0).all():
+            del arrays["alphas"]
+        arrays["faces"] = self.verts.faces[faces]
+        if has_uvs:
+            arrays |= {"uvs": self.uvs.taken(uvs, number), "uv_faces": self.uvs.faces[faces]}
+        values, split = (self.text.normals, self.normals) if has_normals else self.computed or (None, None)
+        if values is not None and split is not None:
+            arrays |= {"normals": split.taken(values, number), "normal_faces": split.faces[faces]}
+        return arrays

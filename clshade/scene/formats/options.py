@@ -5,39 +5,51 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
+from numbers import Integral
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from ...base.arrays import Array
+from ...base.declare import checked
+from ...base.validation import choice, flag, number, value_error
 from ...images.decode import srgb_to_linear
 from ..adjust_camera import refitted
-from ..framing import Up
+from ..camera import checked_resolution
+from ..framing import UPS, Up
 from ..geometry import vertex_normals
 from ..model import Material, Scene, Texture, with_fields, with_materials
+from ..normals import crease_angle
 
 FPS = 30  # of animations that are played
 VertexColors: TypeAlias = Literal["srgb", "linear"]
-
 VERTEX_COLORS: tuple[VertexColors, ...] = get_args(VertexColors)
 DEFAULT_MATERIAL = Material(ka=1.0, kd=0.8, ks=0.3, n=32.0)  # for faces without a material in the file
 
 
+def _animation(who: str, name: str, value: Any) -> str | int:
+    """Return the name of an animation, or its number as an int."""
+    if isinstance(value, bool) or not isinstance(value, (str, Integral)):
+        raise value_error(who, name, "a name or a whole number", value)
+    return int(value) if isinstance(value, Integral) else value
+
+
 @dataclass(frozen=True)
 class Options:
-    """Options of `clshade.scene.formats.load.load`, as it checks them; None leaves two_sided to the file."""
+    """Options of `clshade.scene.formats.load.load`, with its checks; None leaves two_sided to the file."""
 
     texture: Texture | None = None
-    focal: float | None = None
-    resolution: tuple[int, int] | None = None
-    crease: float | None = None
-    weld: bool = False
-    up: Up = "y"
-    two_sided: bool | None = None
-    fit: bool = False
-    time: float | None = None
-    animation: str | int | None = None
-    vertex_colors: VertexColors = "srgb"
+    focal: float | None = checked(None, partial(number, above=0.0))
+    resolution: tuple[int, int] | None = checked(None, lambda who, name, value: checked_resolution(who, value))
+    crease: float | None = checked(None, crease_angle)
+    weld: bool = checked(False, flag)
+    up: Up = checked("y", partial(choice, allowed=UPS))
+    two_sided: bool | None = checked(None, flag)
+    fit: bool = checked(False, flag)
+    time: float | None = checked(None, partial(number, least=0.0))
+    animation: str | int | None = checked(None, _animation)
+    vertex_colors: VertexColors = checked("srgb", partial(choice, allowed=VERTEX_COLORS))
 
     def lit(self, material: Material) -> Material:
         """Return the material with the requested sides drawn and lit."""
@@ -61,11 +73,11 @@ def linear_colors(values: Array, options: Options, owner: str) -> Array:
     become 1.
     """
     values, remarks = values.astype(np.float64), []
-    known = np.isfinite(values[:, :3]).all(axis=1)
-    with_alpha = known & np.isfinite(values[:, 3])
-    if not known.all():
-        remarks.append(f"colors that are not finite became white: {(~known).sum()}")
-    for words, rows, columns in (("colors", known, slice(3)), ("alphas", with_alpha, slice(3, 4))):
+    finite = np.isfinite(values[:, :3]).all(axis=1)
+    with_alpha = finite & np.isfinite(values[:, 3])
+    if not finite.all():
+        remarks.append(f"colors that are not finite became white: {(~finite).sum()}")
+    for words, rows, columns in (("colors", finite, slice(3)), ("alphas", with_alpha, slice(3, 4))):
         part = values[rows, columns]
         if 1.0 < part.max(initial=0.0) <= 255.0 and (part == np.floor(part)).all():
             remarks.append(f"{words} up to {part.max():g} were divided by 255")
@@ -73,7 +85,7 @@ def linear_colors(values: Array, options: Options, owner: str) -> Array:
     if with_alpha.any() and not values[with_alpha, 3].any():
         remarks.append("alphas, which are all 0, became 1")
         with_alpha[:] = False
-    values[~known, :3] = 1.0
+    values[~finite, :3] = 1.0
     values[~with_alpha, 3] = 1.0
     np.clip(values[:, 3], 0.0, 1.0, out=values[:, 3])
     for remark in remarks:

@@ -18,7 +18,8 @@ import io
 import pickle
 import pickletools
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ MAX_ARGUMENTS = 8  # of a call and in a state; NumPy uses up to 8
 MAX_HEADER = 4096  # bytes; a course file's header has 118
 MAX_LISTED = 1 << 20  # numbers in all lists
 MAX_REPEATED = 1 << 18  # numbers in all lists beyond one per byte of the file, for values referred to repeatedly
+_NUMBERS = "a number or an array of numbers"
 _MAX_PART = 16  # numbers in an array inside a list
 _MAX_DEPTH = 3
 _DTYPES = ("b1", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8")
@@ -57,22 +59,19 @@ def paused_collection() -> Iterator[None]:
             gc.enable()
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class PickledArray:
     """An array. state: (shape, dtype, whether Fortran order, data), unchecked; None without one."""
 
-    __slots__ = ("state",)
-
-    def __init__(self) -> None:
-        self.state: Any = None
+    state: Any = None
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class PickledDtype:
     """A data type: its name, such as `f4`, and its byte order; unchecked."""
 
-    __slots__ = ("name", "order")
-
-    def __init__(self, name: Any) -> None:
-        self.name, self.order = name, "="
+    name: Any
+    order: Any = "="
 
 
 # What pickles may refer to, and what stands for it.
@@ -92,8 +91,7 @@ _ACCEPTED = (
 class _Steps:
     """The functions of the accepted opcodes, of which MAX_OPCODES may be looked up."""
 
-    def __init__(self) -> None:
-        self.left = MAX_OPCODES
+    left = MAX_OPCODES
 
     def __getitem__(self, code: int) -> Any:
         self.left -= 1
@@ -135,12 +133,11 @@ class _Unpickler(pickle._Unpickler):
             changed[key] = value
 
     def call(self) -> None:
-        arguments, called = self.stack.pop(), self.stack.pop()
-        if not isinstance(arguments, tuple) or len(arguments) > MAX_ARGUMENTS:
-            raise Refused("a call of something other than NumPy's functions")
-        if called is PickledArray:
+        arguments, function = self.stack.pop(), self.stack.pop()
+        good = isinstance(arguments, tuple) and len(arguments) <= MAX_ARGUMENTS
+        if good and function is PickledArray:
             self.stack.append(PickledArray())
-        elif called is PickledDtype and arguments:
+        elif good and function is PickledDtype and arguments:
             self.stack.append(PickledDtype(arguments[0]))
         else:
             raise Refused("a call of something other than NumPy's functions")
@@ -175,9 +172,9 @@ _STEPS: dict[int, Any] = {
 def unpickle(data: bytes, start: int = 0) -> Any:
     """Return the value of the pickle that begins at byte `start`.
 
-    None, bool, int, float, text, bytes, tuple, list, dict, PickledArray and PickledDtype, nested and shared in any way,
-    including cycles. Raises Refused for content that NumPy would not write, and exceptions of any type for damaged
-    data.
+    It consists of None, bool, int, float, text, bytes, tuple, list, dict, PickledArray and PickledDtype, nested and shared
+    in any way, including cycles. Raises Refused for content that NumPy would not write, and exceptions of any type for
+    damaged data.
     """
     file = io.BytesIO(data)
     file.seek(start)
@@ -199,34 +196,32 @@ class Content:
     def value(self, name: str) -> Any:
         """Return a field as an array, a number or None; lists become arrays.
 
-        Raises InputError for everything else: text, dicts, object arrays, ragged or very long lists.
+        Raises InputError for a missing key, text, dicts, object arrays, ragged or very long lists.
         """
+        if name not in self._fields:
+            raise file_error(self._owner, name, "this key", "none")
+        packed = self._fields[name]
         try:
-            return self._value(self._fields[name])
-        except Refused as refused:
-            raise file_error(self._owner, name, "a number or an array of numbers", str(refused)) from None
-
-    def _value(self, packed: Any) -> Any:
-        if not isinstance(packed, (list, tuple)):
-            return _single(packed)
-        plain = self._listed(packed, _MAX_DEPTH, {})
-        try:
-            array = np.array(plain)
+            if not isinstance(packed, (list, tuple)):
+                return _single(packed)
+            array = np.array(self._listed(packed, _MAX_DEPTH, {}))
+            if array.dtype.kind not in "fiub":
+                raise Refused("a list of something else")
+            return array
         except ValueError:
-            raise Refused("a list whose parts differ in shape") from None
-        if array.dtype.kind not in "fiub":
-            raise Refused("a list of something else")
-        return array
+            raise file_error(self._owner, name, _NUMBERS, "a list whose parts differ in shape") from None
+        except Refused as refused:
+            raise file_error(self._owner, name, _NUMBERS, str(refused)) from None
 
-    def _listed(self, packed: Any, depth: int, made: dict[int, Any]) -> Any:
+    def _listed(self, packed: Any, depth: int, cache: dict[int, Any]) -> Any:
         """Return a list of numbers, arrays of a few numbers and such lists, with arrays in place of their records.
 
-        made: converted parts by identity of their records: a file may refer to an array a million times.
+        cache: converted parts by identity of their records: a file may refer to an array a million times.
         """
         if not isinstance(packed, (list, tuple)):
-            part = made.get(id(packed))
+            part = cache.get(id(packed))
             if part is None:
-                part = made[id(packed)] = _single(packed)
+                part = cache[id(packed)] = _single(packed)
             size = part.size if isinstance(part, np.ndarray) else 1
             if size > _MAX_PART:
                 raise Refused(f"a list with an array of {size} numbers")
@@ -241,7 +236,7 @@ class Content:
         if len(packed) > self._left:
             raise Refused("a list that is too long")
         self._left -= 1
-        return [self._listed(part, depth - 1, made) for part in packed]
+        return [self._listed(part, depth - 1, cache) for part in packed]
 
 
 def unpack(data: bytes, owner: str) -> Content:
@@ -274,15 +269,13 @@ def _header_end(data: bytes, owner: str) -> int:
     end = start + int.from_bytes(data[8:start], "little")
     if data[6] not in (1, 2, 3) or end - start > MAX_HEADER or end > len(data):
         raise file_error(owner, "header", f"format 1, 2 or 3 and at most {MAX_HEADER} bytes", "something else")
-    try:
+    found = quoted(data[start:end])
+    with suppress(Exception):  # literal_eval raises exceptions of many types
         header = ast.literal_eval(data[start:end].decode("latin-1").strip())
         found = f"an array of shape {header['shape']!r} and type {header['descr']!r}"
-        good = header["shape"] == () and header["descr"] in ("|O", "O")
-    except Exception:  # literal_eval raises exceptions of many types
-        good, found = False, quoted(data[start:end])
-    if not good:
-        raise file_error(owner, "header", expected, found if len(found) < 120 else quoted(found))
-    return end
+        if header["shape"] == () and header["descr"] in ("|O", "O"):
+            return end
+    raise file_error(owner, "header", expected, found if len(found) < 120 else quoted(found))
 
 
 def _single(packed: Any) -> Any:

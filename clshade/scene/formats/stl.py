@@ -34,9 +34,9 @@ def read_stl(path: Path, options: Options) -> Scene:
     to that angle are smooth. The file's normals, which many programs write wrong, are ignored.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
-    ascii, if it is text; else it is binary. A count of 0 or 2^32 - 1, which stands for an unknown one, is that of the whole
-    facets in the file; bytes after the last facet are left out; both with a warning. Raises InputError, one line that names
-    the file and the facet, see clshade.scene.formats.load.load.
+    ascii, if it is text; else it is binary. A count of 0 or 2^32 - 1, which stands for an unknown one, is read as the
+    number of whole facets in the file; bytes after the last facet are left out; both with a warning. Raises InputError,
+    one line that names the file and the facet, see clshade.scene.formats.load.load.
     """
     owner = shown(path)
     if options.texture is not None:
@@ -54,45 +54,37 @@ def read_stl(path: Path, options: Options) -> Scene:
         if runs(data, _HEAD + 48, count, _RECORD, np.dtype("<u2"), 1).any() or b"COLOR=" in data[:80]:
             ignored.append("colors or attributes of facets")
         verts = runs(data, _HEAD + 12, count, _RECORD, np.dtype("<f4"), 9).reshape(-1, 3)
-    mesh = _mesh(verts, owner, options)
-    scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up)
-    return warn_ignored(scene, owner, ignored)
-
-
-def _counted(count: int, size: int, owner: str) -> int:
-    """Return the number of facets of a binary file. count: as it says. size: bytes after the head."""
-    held = size // _RECORD
-    if count in (0, 0xFFFFFFFF) and held:
-        warnings.warn(f"{owner}: facet count: {count} was read as {held}, the facets in the file", stacklevel=2)
-        count = held
-    if count > held:
-        expected = f"{_HEAD + _RECORD * count} bytes for its {count} facets, or ASCII text that begins with solid"
-        raise file_error(owner, "facet count", expected, f"{_HEAD + size} bytes")
-    if size > _RECORD * count:
-        rest = size - _RECORD * count
-        warnings.warn(
-            f"{owner}: facet count: bytes after the last of {count} facets are left out: {rest}", stacklevel=2
-        )
-    return count
-
-
-def _mesh(verts: Array, owner: str, options: Options) -> Mesh:
-    """Return the Mesh. verts: (3F, 3), corners of the facets."""
     count = len(verts) // 3
     if not 0 < count <= MAX_FACES:
         raise file_error(owner, "facet count", f"from 1 to {MAX_FACES}", str(count))
     if not np.isfinite(verts).all():
         row = int(np.flatnonzero(~np.isfinite(verts).all(axis=1))[0])
-        found = f"{verts[row].tolist()}"
-        raise file_error(owner, f"facet {row // 3}: vertex {row % 3}", "finite numbers", found)
+        raise file_error(owner, f"facet {row // 3}: vertex {row % 3}", "finite numbers", f"{verts[row].tolist()}")
     faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
     normals = normal_faces = None
     if options.crease:
-        kept, which = welded(verts)
-        verts, faces = verts[kept], which[faces]
+        vertices, index = welded(verts)
+        verts, faces = verts[vertices], index[faces]
         normals, normal_faces = crease_normals(verts, faces, options.crease)
     name = os.path.splitext(os.path.basename(owner))[0]
-    return Mesh(verts, faces, None, normals, normal_faces, material=options.lit(DEFAULT_MATERIAL), name=name)
+    mesh = Mesh(verts, faces, None, normals, normal_faces, material=options.lit(DEFAULT_MATERIAL), name=name)
+    return warn_ignored(framing.framed((mesh,), name, options.resolution, up=options.up), owner, ignored)
+
+
+def _counted(count: int, size: int, owner: str) -> int:
+    """Return the number of facets of a binary file. count: as it says. size: bytes after the head."""
+    available = size // _RECORD
+    if count in (0, 0xFFFFFFFF) and available:
+        warnings.warn(f"{owner}: facet count: {count} was read as {available}, the facets in the file", stacklevel=2)
+        count = available
+    if count > available:
+        expected = f"{_HEAD + _RECORD * count} bytes for its {count} facets, or ASCII text that begins with solid"
+        raise file_error(owner, "facet count", expected, f"{_HEAD + size} bytes")
+    rest = size - _RECORD * count
+    if rest:
+        line = f"{owner}: facet count: bytes after the last of {count} facets are left out: {rest}"
+        warnings.warn(line, stacklevel=2)
+    return count
 
 
 def _ascii(data: bytes, owner: str) -> Array:
@@ -100,11 +92,8 @@ def _ascii(data: bytes, owner: str) -> Array:
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     start, facets, parts = 0, 0, []
     while start < len(data):
-        end = start + _CHUNK
-        if end < len(data):
-            found = _FACET_END.search(data, end)
-            end = found.end() if found else len(data)
-        end = min(end, len(data))
+        last = _FACET_END.search(data, start + _CHUNK)
+        end = last.end() if last else len(data)
         part = _facets(data[start:end], owner, facets)
         parts.append(part)
         facets += len(part) // 3
@@ -119,28 +108,19 @@ def _facets(text: bytes, owner: str, before: int) -> Array:
     text = _NAMES.sub(b"", text.lower())
     words = (_ENDS.sub(b"end", text) if b"end " in text or b"end\t" in text else text).split()
     length = len(_FACET)
-    for place, word in enumerate(_FACET):
-        if word is not None and words[place::length].count(word) != -(-len(words) // length):
-            break
-    else:
-        if len(words) % length == 0:
-            columns = [place for place in range(7, 19) if _FACET[place] is None]
-            rows = np.empty((len(words) // length, 9), object)
-            for column, place in enumerate(columns):
-                rows[:, column] = words[place::length]
-            values = numbers(b" ".join(rows.reshape(-1).tolist()), float, rows.size)
-            if values is not None:
-                with np.errstate(over="ignore"):
-                    return values.reshape(-1, 3).astype(np.float32)
-    raise _first_fault(words, owner, before)
-
-
-def _first_fault(words: list[bytes], owner: str, before: int) -> Exception:
-    """Build the error for the first word that is out of place."""
-    for place, word in enumerate(words):
-        facet, expected = before + place // len(_FACET), _FACET[place % len(_FACET)]
-        if expected is None and place % len(_FACET) > 5 and numbers(word, float, 1) is None:
-            return file_error(owner, f"facet {facet}: vertex", "numbers", quoted(word))
+    keywords = ((place, word) for place, word in enumerate(_FACET) if word is not None)
+    if len(words) % length == 0 and all(words[k::length].count(word) == len(words) // length for k, word in keywords):
+        rows = np.empty((len(words) // length, 9), object)
+        for column, place in enumerate(place for place in range(7, length) if _FACET[place] is None):
+            rows[:, column] = words[place::length]
+        values = numbers(b" ".join(rows.reshape(-1).tolist()), float, rows.size)
+        if values is not None:
+            with np.errstate(over="ignore"):
+                return values.reshape(-1, 3).astype(np.float32)
+    for place, word in enumerate(words):  # the first that is out of place
+        facet, expected = before + place // length, _FACET[place % length]
+        if expected is None and place % length > 5 and numbers(word, float, 1) is None:
+            raise file_error(owner, f"facet {facet}: vertex", "numbers", quoted(word))
         if expected is not None and word != expected:
-            return file_error(owner, f"facet {facet}", expected.decode(), quoted(word))
-    return file_error(owner, f"facet {before + len(words) // len(_FACET)}", "endfacet", "the end of the file")
+            raise file_error(owner, f"facet {facet}", expected.decode(), quoted(word))
+    raise file_error(owner, f"facet {before + len(words) // length}", "endfacet", "the end of the file")

@@ -66,10 +66,10 @@ EXTENSIONS = tuple(BY_EXTENSION)
 
 def extensions_with(argument: str) -> tuple[str, ...]:
     """Return the extensions of the formats that take this argument of `load`."""
-    return tuple(extension for extension, each in BY_EXTENSION.items() if argument in each.takes)
+    return tuple(extension for extension, form in BY_EXTENSION.items() if argument in form.takes)
 
 
 def listed() -> str:
     """Return the extensions and what they are, in one line."""
-    kinds = dict.fromkeys(each.what for each in FORMATS)
-    return "; ".join(" ".join([*(e for e, each in BY_EXTENSION.items() if each.what == kind), kind]) for kind in kinds)
+    kinds = dict.fromkeys(form.what for form in FORMATS)
+    return "; ".join(" ".join([*(e for e, form in BY_EXTENSION.items() if form.what == kind), kind]) for kind in kinds)

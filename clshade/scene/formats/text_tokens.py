@@ -18,8 +18,6 @@ V, VT, VN, F = (ord(text[0]) + (ord(text[1]) << 8 if text[1:] else 0) for text i
 KEYWORDS = {V: "v", VT: "vt", VN: "vn", F: "f"}
 _COMMENT = re.compile(rb"(?<!\S)#")
 _NUMERIC = tuple(keyword.encode() for keyword in KEYWORDS.values())
-
-
 _BLANKS = b" \t\r\n\v\f"
 # Translation tables: 1 for each blank; a space for each blank, and 255 for other bytes that are not printable ASCII.
 _IS_BLANK = bytes(byte in _BLANKS for byte in range(256))
@@ -124,8 +122,8 @@ def arguments(lines: Lines, chosen: Array) -> bytes:
     steps = np.zeros(len(letters) + 1, np.int8)
     steps[lines.ends[first]] = 1
     steps[lines.ends[first + lines.count[chosen]] + 1] = -1
-    kept: bytes = letters[np.cumsum(steps[:-1], dtype=np.int8).view(bool)].tobytes()
-    return kept
+    selected: bytes = letters[np.cumsum(steps[:-1], dtype=np.int8).view(bool)].tobytes()
+    return selected
 
 
 def numbers(text: bytes, dtype: type, count: int) -> Array | None:

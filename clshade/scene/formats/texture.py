@@ -14,10 +14,10 @@ from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file
 from ...errors import InputError
 from ...images.decode import MAX_BYTES, CodedImage, decode_image, read_image
-from ..model import Lookup, Texture
+from ..model import Lookup, Texture, Wrap
 
 MAX_PIXELS = 1 << 28  # of all images of a scene: 3 GiB as linear float32 RGB
-MOST_MISSING = 256  # files for which the names of others are tried, as that takes time
+MAX_MISSING = 256  # files for which the names of others are tried, as that takes time
 _BYTES = 8  # of an image that is none, for which it counts as a pixel
 
 
@@ -31,7 +31,7 @@ class Images:
     def __init__(self, scene: Path) -> None:
         self.scene, self._left, self._missing = scene, MAX_PIXELS, 0
         self._images: dict[tuple[str, bool], CodedImage | None] = {}
-        self._found: dict[tuple[str, str | None], str | None] = {}
+        self._paths: dict[tuple[str, str | None], str | None] = {}
         self._names: dict[str, dict[str, str]] = {}
 
     def has(self, reference: str, owner: str, field: str) -> bool:
@@ -47,14 +47,14 @@ class Images:
         exporters write the paths of the machine they ran on, and Windows takes either case. None, with a warning unless
         it is optional, if there is neither. A reference is sought, and warned of, once."""
         key = reference, folder
-        if key not in self._found:
-            found = self._sought(reference, owner, field, folder, optional)
-            if found is None and optional:
+        if key not in self._paths:
+            path = self._search(reference, owner, field, folder, optional)
+            if path is None and optional:
                 return None
-            self._found[key] = found
-        return self._found[key]
+            self._paths[key] = path
+        return self._paths[key]
 
-    def _sought(self, reference: str, owner: str, field: str, folder: str | None, optional: bool) -> str | None:
+    def _search(self, reference: str, owner: str, field: str, folder: str | None, optional: bool) -> str | None:
         root = os.path.dirname(os.fspath(self.scene)) or "."
         name = re.split(r"[\\/:]", reference)[-1].strip("\"'")
         tried = [(reference, folder or root), (name, folder or root), (name, root)]
@@ -66,9 +66,9 @@ class Images:
         except InputError as error:
             problem, tried = str(error), tried[1:]
         self._missing += 1
-        if self._missing == MOST_MISSING:
+        if self._missing == MAX_MISSING:
             warnings.warn(f"{problem}: drawn without it, and without more of such files", stacklevel=2)
-        if self._missing >= MOST_MISSING:
+        if self._missing >= MAX_MISSING:
             return None
         for other, place in tried:
             with contextlib.suppress(InputError):
@@ -100,12 +100,12 @@ class Images:
             parts.append(spelled)
         return "/".join(parts)
 
-    def texture(self, path: str) -> Texture | None:
+    def texture(self, path: str, wrap: Wrap = "repeat") -> Texture | None:
         """Return the texture of the image in a file, without its alpha, see `decoded`."""
         image = self.at(path, srgb=True)
         if image is not None and image.shape[2] == 4:
             warnings.warn(f"{shown(path)}: image: its alpha channel is left out", stacklevel=2)
-        return None if image is None else Texture(image[:, :, :3], name=os.path.basename(path))
+        return None if image is None else Texture(image[:, :, :3], wrap=wrap, name=os.path.basename(path))
 
     def at(self, path: str, *, srgb: bool) -> CodedImage | None:
         """Return the image in a file, see `decoded`."""

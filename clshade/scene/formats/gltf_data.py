@@ -1,4 +1,10 @@
-"""The binary data of a glTF file: container, buffers and accessors, each checked against the bytes that are there."""
+"""The JSON and the binary data of a glTF file: container, buffers and accessors, each checked against the bytes that are
+there. Every value is checked where it is used.
+
+Own checks instead of msgspec's structs: exporters write indices as 3.0, byte order marks and halves of surrogate pairs,
+which msgspec refuses; glTF forbids duplicate keys, which it accepts; a message names the value; and what a scene does not
+use may be broken.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +12,13 @@ import base64
 import contextlib
 import hashlib
 import json
+import math
 import os
 import re
 import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
@@ -16,21 +26,141 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import beside, file_error, quoted, read_file
+from ...base.json_values import found_text, parse_text
 from ...errors import InputError
-from .gltf_json import Item, parse
 
 MAX_BYTES = 1 << 31  # of a file
 MAX_ROWS = 1 << 26  # of an accessor
 MAX_EMPTY = 1 << 24  # rows of an accessor without data, which means zeros
 
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
-_MOST_CHUNKS = 64  # that are looked at
+_MAX_CHUNKS = 64  # that are looked at
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
-def open_gltf(path: Path) -> tuple[Item, Buffers]:
-    """Open a glTF file and return its JSON and its buffers. Raises InputError for a broken container."""
+@dataclass(eq=False)  # frozen ones take three times as long to make, and large files have millions
+class Item:
+    """A JSON object and its place in the file: `where` is a path such as meshes[0].primitives[1]."""
+
+    value: dict[str, Any]
+    where: str
+    root: dict[str, Any]
+    owner: str
+
+    def path(self, key: str) -> str:
+        """Return the place of a field of this object in the file."""
+        return f"{self.where}.{key}" if self.where and key else self.where or key
+
+    def error(self, key: str, expected: str, found: str) -> InputError:
+        """Build the error for a field of this object."""
+        return file_error(self.owner, self.path(key), expected, found)
+
+    def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
+        """Return an integer. Raises InputError for anything else, and if it is missing without a default."""
+        value = self.value.get(key, default)
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 1 << 53:
+            raise self.error(key, f"a whole number of at least {least}", found_text(value))
+        return value
+
+    def number(self, key: str, default: float | None = None, least: float = -math.inf) -> float:
+        """Return a finite number. Raises InputError for anything else, and if it is missing without a default."""
+        value = self.value.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1e300:
+            expected = "a finite number" + (f" of at least {least:g}" if least > -math.inf else "")
+            raise self.error(key, expected, found_text(value))
+        return float(value)
+
+    def numbers(self, key: str, length: int, default: Any = None) -> Array:
+        """Return (length,) finite float64 numbers."""
+        value = self.value.get(key, default)
+        expected = f"{length} finite numbers"
+        if not isinstance(value, (list, tuple)) or len(value) != length:
+            raise self.error(key, expected, found_text(value))
+        for number in value:
+            if isinstance(number, bool) or not isinstance(number, (int, float)) or not abs(number) <= 1e300:
+                raise self.error(key, expected, found_text(number))
+        return np.array(value, np.float64)
+
+    def text(self, key: str, default: str = "") -> str:
+        value = self.value.get(key, default)
+        if not isinstance(value, str):
+            raise self.error(key, "text", found_text(value))
+        return value.encode("utf-8", "replace").decode("utf-8")
+
+    def item(self, key: str) -> Item | None:
+        """Return the object of that name, or None if there is none."""
+        return self._at(self.value[key], self.path(key)) if key in self.value else None
+
+    def part(self, key: str) -> Item:
+        """Return the object of that name, an empty one if there is none."""
+        return self._at(self.value.get(key, {}), self.path(key))
+
+    def items(self, key: str) -> Iterator[Item]:
+        """Yield the objects of a list, which may be missing."""
+        for index, value in enumerate(self._list(self.value, key, self.where)):
+            yield self._at(value, f"{self.path(key)}[{index}]")
+
+    def extension(self, name: str) -> Item | None:
+        extensions = self.item("extensions")
+        return None if extensions is None else extensions.item(name)
+
+    def refuse_extensions(self) -> None:
+        """Raise InputError if this object, whose data is not in the file, has extensions, which then hold it."""
+        extensions = self.item("extensions")
+        if extensions is not None and extensions.value:
+            expected = "geometry that needs no extension (export it without compression)"
+            raise self.error("extensions", expected, quoted(", ".join(extensions.value)))
+
+    def reference(self, key: str, kind: str) -> int | None:
+        """Return the index, in range, that a field holds into the file's list `kind`; None if the field is missing."""
+        if key not in self.value:
+            return None
+        index, count = self.integer(key), self.count(kind)
+        if index >= count:
+            raise self.error(key, f"an index of the {count} {kind}", str(index))
+        return index
+
+    def index(self, key: str, kind: str) -> int:
+        """Return an index as `reference` does. Raises InputError if the field is missing, too."""
+        index = self.reference(key, kind)
+        if index is None:
+            raise self.error(key, "an index", "none")
+        return index
+
+    def references(self, key: str, kind: str) -> list[int]:
+        """Return the indices, in range, of a field that holds a list of them."""
+        count = self.count(kind)
+        indices = self._list(self.value, key, self.where)
+        for index in indices:
+            if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < count:
+                raise self.error(key, f"indices of the {count} {kind}", found_text(index))
+        return indices
+
+    def entry(self, kind: str, index: int) -> Item:
+        """Return the object at an index that is in range of the file's list `kind`."""
+        return self._at(self.root[kind][index], f"{kind}[{index}]")
+
+    def count(self, kind: str) -> int:
+        """Return the length of one of the file's lists."""
+        return len(self._list(self.root, kind, ""))
+
+    def _at(self, value: Any, where: str) -> Item:
+        if not isinstance(value, dict):
+            raise file_error(self.owner, where, "an object", found_text(value))
+        return Item(value, where, self.root, self.owner)
+
+    def _list(self, value: dict[str, Any], key: str, where: str) -> list[Any]:
+        values = value.get(key, [])
+        if not isinstance(values, list):
+            raise file_error(self.owner, f"{where}.{key}" if where else key, "a list", found_text(values))
+        return values
+
+
+def open_gltf(path: Path) -> Buffers:
+    """Open a glTF file. Raises InputError for a broken container."""
     owner = shown(path)
     data = read_file(path, MAX_BYTES)
     binary = None
@@ -40,8 +170,11 @@ def open_gltf(path: Path) -> tuple[Item, Buffers]:
         raise file_error(owner, "magic", "b'glTF' at the start of a GLB file", repr(data[:4]))
     else:
         text = memoryview(data)
-    document = parse(bytes(text).rstrip(b"\0 "), owner)  # exporters pad with NULs too, not with blanks alone
-    return document, Buffers(document, path, binary)
+    # Exporters pad with NULs too, not with blanks alone. glTF forbids duplicate keys.
+    value = parse_text(bytes(text).rstrip(b"\0 "), owner, "a glTF document", unique=True)
+    if not isinstance(value, dict):
+        raise file_error(owner, "JSON", "an object", found_text(value))
+    return Buffers(Item(value, "", value, owner), path, binary)
 
 
 def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
@@ -54,19 +187,19 @@ def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
     if not 20 <= length <= len(data):
         raise file_error(owner, "GLB length", f"at most the {len(data)} bytes of the file", str(length))
     view, offset = memoryview(data), 12
-    found: list[tuple[int, memoryview]] = []
-    while offset + 8 <= length and len(found) < _MOST_CHUNKS and (not found or found[-1][0] != _BIN):
+    chunks: list[tuple[int, memoryview]] = []
+    while offset + 8 <= length and len(chunks) < _MAX_CHUNKS and (not chunks or chunks[-1][0] != _BIN):
         size, kind = struct.unpack_from("<II", data, offset)
         if size > length - offset - 8:
             expected = f"at most the {length - offset - 8} bytes left"
-            raise file_error(owner, f"GLB chunk {len(found)} length", expected, str(size))
-        found.append((kind, view[offset + 8 : offset + 8 + size]))
+            raise file_error(owner, f"GLB chunk {len(chunks)} length", expected, str(size))
+        chunks.append((kind, view[offset + 8 : offset + 8 + size]))
         offset += 8 + size
         if data[offset + 4 : offset + 8] != b"BIN\0":
             offset += -offset % 4  # exporters leave the padding out of the length
-    if not found or found[0][0] != _JSON:
-        raise file_error(owner, "GLB chunk 0 type", "JSON", "another" if found else "no chunk")
-    return found[0][1], found[-1][1] if found[-1][0] == _BIN else None
+    if not chunks or chunks[0][0] != _JSON:
+        raise file_error(owner, "GLB chunk 0 type", "JSON", "another" if chunks else "no chunk")
+    return chunks[0][1], chunks[-1][1] if chunks[-1][0] == _BIN else None
 
 
 def data_of(item: Item, uri: str) -> memoryview:
@@ -82,13 +215,15 @@ def data_of(item: Item, uri: str) -> memoryview:
 
 
 class Buffers:
-    """Buffers, buffer views and accessors of a glTF document by index; each is read on first use.
+    """Buffers, buffer views and accessors of a glTF file by index; each is read on first use.
 
-    document: its JSON. path: of the file. binary: the binary chunk of a GLB file.
+    document: its JSON. binary: the binary chunk of a GLB file. ignored: collects a few words for each feature of the file
+    that is not rendered.
     """
 
     def __init__(self, document: Item, path: Path, binary: memoryview | None) -> None:
         self.document, self.path, self.binary = document, path, binary
+        self.ignored: list[str] = []
         self._buffers: dict[int, memoryview] = {}
         self._files: dict[str, memoryview] = {}
         self._arrays: dict[tuple[int, bool], Array] = {}
@@ -111,11 +246,11 @@ class Buffers:
 
     def digest(self) -> str:
         """Return a digest of the document and of all buffers that can be read."""
-        found = hashlib.sha256(json.dumps(self.document.value).encode())
+        digest = hashlib.sha256(json.dumps(self.document.value).encode())
         for index in range(self.document.count("buffers")):
             with contextlib.suppress(InputError):  # then nothing can use it
-                found.update(b"%d " % index + hashlib.sha256(self.buffer(index)).digest())
-        return found.hexdigest()
+                digest.update(b"%d " % index + hashlib.sha256(self.buffer(index)).digest())
+        return digest.hexdigest()
 
     def _loaded(self, item: Item) -> memoryview:
         text = item.text("uri")
@@ -134,9 +269,7 @@ class Buffers:
     def view(self, index: int) -> tuple[memoryview, int]:
         """Return the bytes of a buffer view, and its stride or 0."""
         item = self.document.entry("bufferViews", index)
-        buffer = item.reference("buffer", "buffers")
-        if buffer is None:
-            raise item.error("buffer", "an index", "none")
+        buffer = item.index("buffer", "buffers")
         try:
             data = self.buffer(buffer)
         except InputError:  # the fallback of compressed data, which may be left out
@@ -213,10 +346,8 @@ class Buffers:
         if count > len(values):
             raise sparse.error("count", f"at most {len(values)}", str(count))
         for key, width in (("indices", 1), ("values", values.shape[1])):
-            part = sparse.item(key)
-            view = None if part is None else part.reference("bufferView", "bufferViews")
-            if part is None or view is None:
-                raise sparse.error(f"{key}.bufferView", "an index", "none")
+            part = sparse.part(key)
+            view = part.index("bufferView", "bufferViews")
             kind = self._component(part) if key == "indices" else dtype
             parts.append(self._strided(part, view, count, width, kind))
         where = parts[0][:, 0]
