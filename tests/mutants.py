@@ -128,8 +128,6 @@ TESTS = {
     "clshade/scene/ear_clipping.py": "triangulation",
     "clshade/scene/formats/load.py": "loading course_files",
     "clshade/images/decode.py": "images deep_images limits",
-    "clshade/images/pnm.py": "deep_images",
-    "clshade/images/tiff.py": "deep_images",
     "clshade/measure/grade/reading.py": "grade_files grade",
     "clshade/measure/verify/confidence.py": "confidence",
     "clshade/measure/verify/recorded_image.py": "verify",

@@ -61,6 +61,19 @@ def within(owner: str) -> Iterator[None]:
         raise error if text.startswith(f"{owner}: ") else InputError(f"{owner}: {text}") from None
 
 
+@contextlib.contextmanager
+def decoding(owner: str, field: str, expected: str) -> Iterator[None]:
+    """Turn the exceptions that decoders raise on damaged files, of many types, into InputErrors."""
+    try:
+        yield
+    except (InputError, ImportError):
+        raise
+    except MemoryError:
+        raise file_error(owner, field, "an image that fits into memory", "a larger one") from None
+    except Exception as error:
+        raise file_error(owner, field, expected, reason_of(error) or "damaged data") from None
+
+
 def size_of(path: Path) -> int:
     """Return the size in bytes of a regular, non-empty file, without opening it. Raises InputError for others."""
     owner = shown(path)

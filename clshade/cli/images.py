@@ -76,9 +76,7 @@ def run_inspect(arguments: Arguments) -> int:
 
     arguments.print_result(figures, lines)
     if arguments.output:
-        from ..images import statistics_figure
-
-        _save_figure(statistics_figure.draw(picture, atomic_files.shown(name)), arguments.output)
+        _save_figure(statistics.draw(picture, atomic_files.shown(name)), arguments.output)
     return DONE
 
 
@@ -156,9 +154,9 @@ def _comparison_figure(image: Picture, reference: Picture, difference: Compariso
     from ..images import compare, compare_figure
 
     layers = compare.chosen_layers(image, reference, names)
-    if len(layers) > compare_figure.MOST:
+    if len(layers) > compare_figure.MAX_LAYERS:
         different_first = sorted(layers, key=lambda name: not difference.layers[name].different)
-        layers = {name: layers[name] for name in different_first[: compare_figure.MOST]}
+        layers = {name: layers[name] for name in different_first[: compare_figure.MAX_LAYERS]}
     clusters = {name: difference.layers[name].clusters for name in layers}
     titles = (image.name, reference.name)
     return compare_figure.draw(layers, encoded=bool(image.bits), titles=titles, clusters=clusters)

@@ -29,32 +29,30 @@ def grouped(channels: Mapping[str, Array]) -> dict[str, Group]:
     N.Y and N.Z are `N`; without a prefix R, G and B are `RGB`. All other channels, including A, are layers of their
     own.
     """
-    found: dict[tuple[str, str], dict[str, str]] = {}
+    families: dict[tuple[str, str], dict[str, str]] = {}
     for name in channels:
         prefix, _, last = name.rpartition(".")
-        family = next((each for each in FAMILIES if last.upper() in each and len(last) == 1), "")
-        members = found.setdefault((prefix, family) if family else (name, ""), {})
-        members.setdefault(last.upper() if family and last.upper() not in members else name, name)
+        letter = last.upper()
+        family = next((family for family in FAMILIES if letter in family and len(letter) == 1), "")
+        members = families.setdefault((prefix, family) if family else (name, ""), {})
+        members.setdefault(letter if family and letter not in members else name, name)
     groups: dict[str, Group] = {}
-    for (prefix, family), members in found.items():
-        letters = [letter for letter in family if letter in members]
-        together = [members[letter] for letter in letters] if len(letters) > 1 else []
+
+    def add(title: str, family: str, names: tuple[str, ...]) -> None:
+        while title in groups:  # names in a file may collide in any way
+            title += "'"
+        groups[title] = Group(family, names, tuple(channels[name] for name in names))
+
+    for (prefix, family), members in families.items():
+        letters = "".join(letter for letter in family if letter in members)
+        together = tuple(members[letter] for letter in letters) if len(letters) > 1 else ()
         if together:
-            title = prefix or "".join(letters)
-            groups[_free(title if title not in channels else f"{title}.{''.join(letters)}", groups)] = Group(
-                family, tuple(together), tuple(channels[name] for name in together)
-            )
+            title = prefix or letters
+            add(title if title not in channels else f"{title}.{letters}", family, together)
         for name in members.values():
             if name not in together:
-                groups[_free(name, groups)] = Group("", (name,), (channels[name],))
+                add(name, "", (name,))
     return groups
-
-
-def _free(title: str, taken: Mapping[str, Group]) -> str:
-    """Return the title, with primes appended while another layer has it: names in a file may collide in any way."""
-    while title in taken:
-        title += "'"
-    return title
 
 
 def color_group(channels: Mapping[str, Array]) -> tuple[str, list[Array]] | None:
@@ -64,11 +62,9 @@ def color_group(channels: Mapping[str, Array]) -> tuple[str, list[Array]] | None
     """
     groups = grouped(channels)
     colors = {name: group for name, group in groups.items() if group.family == "RGB" and len(group.planes) == 3}
-    if "RGB" in colors:
-        return "RGB", list(colors["RGB"].planes)
-    for name in ("Y", "L"):
-        if name in groups and len(groups[name].planes) == 1:
-            return name, [groups[name].planes[0]] * 3
-    for name, group in colors.items():
-        return name, list(group.planes)
-    return None
+    if "RGB" not in colors:
+        for name in ("Y", "L"):
+            if name in groups and len(groups[name].planes) == 1:
+                return name, [groups[name].planes[0]] * 3
+    name = "RGB" if "RGB" in colors else next(iter(colors), "")
+    return (name, list(colors[name].planes)) if colors else None

@@ -25,24 +25,12 @@ LAYERS = ("instance_id", "object_id")
 
 
 def masks(instances: Array) -> dict[int, dict[str, Any]]:
-    """Return the mask of each instance in an image.
+    """Return the mask of each instance in an image, by its number, in ascending order.
 
-    Parameters
-    ----------
-    instances : ndarray, (M, N) of integers
-        Number of the instance that each pixel shows, row 0 at the top; 0 for none.
-
-    Returns
-    -------
-    dict of int to dict
-        For each number, in ascending order: `segmentation`, run lengths down the columns as COCO
-        codes them, `area` in pixels, and `bbox`, [x, y, width, height] with the origin at the top
-        left corner of the image.
-
-    Raises
-    ------
-    InputError
-        The array has another shape or type, or pycocotools is not installed.
+    instances: (M, N) whole numbers, the instance that each pixel shows, row 0 at the top; 0 for none.
+    A mask has `segmentation`, run lengths down the columns as COCO codes them, `area` in pixels, and `bbox`, [x, y, width,
+    height] with the origin at the top left corner of the image.
+    Raises InputError for another shape or type, or if pycocotools is not installed.
     """
     try:
         from pycocotools import mask
@@ -57,73 +45,62 @@ def masks(instances: Array) -> dict[int, dict[str, Any]]:
     ends = np.append(starts[1:], flat.size)
     order = np.argsort(flat[starts], kind="stable")
     numbers, first = np.unique(flat[starts][order], return_index=True)
-    found = {}
-    for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+    result = {}
+    for number, runs in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
         if not number:
             continue
-        edges = np.column_stack([starts[own], ends[own]]).ravel()
+        edges = np.column_stack([starts[runs], ends[runs]]).ravel()
         if edges[-1] < flat.size:
             edges = np.append(edges, flat.size)
-        lengths = np.diff(edges, prepend=0).tolist()  # of what is outside and inside in turn
+        lengths = np.diff(edges, prepend=0).tolist()  # outside and inside in turn
         coded = mask.frPyObjects({"size": [rows, columns], "counts": lengths}, rows, columns)
-        found[number] = {
+        result[number] = {
             "segmentation": {"size": [rows, columns], "counts": coded["counts"].decode("ascii")},
             "area": int(mask.area(coded)),
             "bbox": mask.toBbox(coded).tolist(),
         }
-    return found
+    return result
 
 
 def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[str] = ".") -> dict[str, Any]:
     """Return the data set of rendered images.
 
-    Parameters
-    ----------
-    files : sequence of paths
-        EXR files with the layers `instance_id` and `object_id`.
-    folder : path, default "."
-        Where the data set will lie: the files' names are relative to it.
+    files: EXR files with the layers `instance_id` and `object_id`. folder: where the data set will lie: the files' names
+    are relative to it.
 
-    Returns
-    -------
-    dict
-        `images`, with the PNG beside each EXR if there is one of the same size, `categories`, the
-        objects by name, or ``object 1`` and so on, and `annotations`, which also hold the number and
-        name of the instance, else its object's, `instance_id` and `name`. All ids count from 1.
-
-    Raises
-    ------
-    InputError
-        A file is no EXR or lacks a layer, or pycocotools is not installed.
+    It has `images`, with the PNG beside each EXR if there is one of the same size, `categories`, the objects by name, or
+    "object 1" and so on, and `annotations`, which also hold `instance_id` and `name`, the instance's, else its object's.
+    All ids count from 1.
+    Raises InputError for a file that is no EXR or lacks a layer, or if pycocotools is not installed.
     """
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     categories: dict[str, int] = {}
-    for number, file in enumerate(files, 1):
+    for image_id, file in enumerate(files, 1):
         instances, objects, header = _read(file)
         names, object_names = (_names(header, name, shown(file)) for name in ("instanceNames", "objectNames"))
         rows, columns = instances.shape
         picture = Path(file).with_suffix(".png")
-        seen = picture if png.resolution(picture) == (columns, rows) else file
-        name = Path(os.path.relpath(seen, folder)).as_posix()
-        images.append({"id": number, "file_name": name, "width": columns, "height": rows})
-        for each in object_names.values():
-            categories.setdefault(each, len(categories) + 1)
+        path = os.path.relpath(picture if png.resolution(picture) == (columns, rows) else file, folder)
+        images.append({"id": image_id, "file_name": Path(path).as_posix(), "width": columns, "height": rows})
+        for name in object_names.values():
+            categories.setdefault(name, len(categories) + 1)
         present, first = np.unique(instances, return_index=True)
         object_of = dict(zip(present.tolist(), objects.ravel()[first].tolist(), strict=True))
         for instance, mask in masks(instances).items():
-            category = object_names.get(object_of[instance]) or f"object {object_of[instance]}"
-            facts = {
-                "id": len(annotations) + 1,
-                "image_id": number,
-                "category_id": categories.setdefault(category, len(categories) + 1),
-            }
-            own = {
-                "iscrowd": 0,
-                "instance_id": instance,
-                "name": names.get(instance) or object_names.get(object_of[instance], ""),
-            }
-            annotations.append({**facts, **mask, **own})
+            object_name = object_names.get(object_of[instance], "")
+            category = object_name or f"object {object_of[instance]}"
+            annotations.append(
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": image_id,
+                    "category_id": categories.setdefault(category, len(categories) + 1),
+                    **mask,
+                    "iscrowd": 0,
+                    "instance_id": instance,
+                    "name": names.get(instance) or object_name,
+                }
+            )
     if not images:
         raise InputError("coco: files: expected at least one image, found none")
     listed = [{"id": number, "name": name, "supercategory": ""} for name, number in categories.items()]
@@ -138,22 +115,18 @@ def _read(file: str | os.PathLike[str]) -> tuple[Array, Array, dict[str, Any]]:
         expected = f"the layers {' and '.join(LAYERS)} (`--layers {','.join(LAYERS)}`)"
         raise file_error(shown(file), "layers", expected, f"no {missing[0]}")
     instances, objects = (channels[name] for name in LAYERS)
-    if not all(plane.dtype == np.uint32 for plane in (instances, objects)):
+    if not instances.dtype == objects.dtype == np.uint32:
         raise file_error(shown(file), "layers", "whole numbers", "others")
     return instances, objects, header
 
 
 def _names(header: Mapping[str, Any], attribute: str, owner: str) -> dict[int, str]:
     """Return the names of numbers in a header written by `Frame.save`."""
-    expected = "a JSON object of names by number"
-    written = header.get(attribute, "{}")
-    found = (
-        parse_text(written.encode("utf-8", "replace"), f"{owner}: {attribute}", expected)
-        if isinstance(written, str)
-        else written
-    )
-    if not isinstance(found, dict) or not all(re.fullmatch("[0-9]{1,10}", number) for number in found):
+    expected, names = "a JSON object of names by number", header.get(attribute, "{}")
+    if isinstance(names, str):
+        names = parse_text(names.encode("utf-8", "replace"), f"{owner}: {attribute}", expected)
+    if not isinstance(names, dict) or not all(re.fullmatch("[0-9]{1,10}", number) for number in names):
         raise file_error(owner, attribute, expected, "something else")
-    if not all(isinstance(name, str) for name in found.values()):
+    if not all(isinstance(name, str) for name in names.values()):
         raise file_error(owner, attribute, "names that are texts", "others")
-    return {int(number): name for number, name in found.items() if name}
+    return {int(number): name for number, name in names.items() if name}

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ..base.arrays import Bytes
-from .color_map import map_colors
-from .colors import Rgb
+from .colors import Rgb, map_colors
 
 _DPI = 100
 _LETTERS = 9.0  # width of the bar, its values and its title, in heights of letters
@@ -32,15 +30,13 @@ def with_colorbar(
 
     ends: values of the bar's lower and upper end. The image's own pixels stay as they are.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from .layer_plots import plain_text
+    from . import figures
 
     rows = len(image)
     letter, width = _letter(rows), bar_width(rows)
-    figure = Figure(figsize=(width / _DPI, rows / _DPI), dpi=_DPI, facecolor=tuple(ground / 255.0))
-    canvas: Any = FigureCanvasAgg(figure)
+    figure = figures.blank(width / _DPI, rows / _DPI, _DPI)
+    figure.set_layout_engine("none")
+    figure.set_facecolor(tuple(ground / 255.0))
     axes = figure.add_axes((letter / width, 0.06, 1.4 * letter / width, 0.88))
     colors = map_colors(colormap)[1:-1]
     axes.imshow(colors[:, None], aspect="auto", origin="lower", interpolation="nearest", extent=(0, 1, 0, 1))
@@ -51,11 +47,11 @@ def with_colorbar(
     axes.tick_params(colors=ink, labelsize=letter * 72 / _DPI, length=0.3 * letter)
     for spine in axes.spines.values():
         spine.set_color(ink)
-    title = plain_text(title)
+    title = figures.plain_text(title)
     size = letter * 72 / _DPI * min(1.0, 1.4 * rows / (letter * max(len(title), 1)))
     figure.text(1.0 - letter / width, 0.5, title, color=ink, rotation=90, ha="center", va="center", fontsize=size)
-    canvas.draw()
-    bar = np.asarray(canvas.buffer_rgba())[:rows, :width, : image.shape[2]]
+    figure.canvas.draw()
+    bar = np.asarray(figure.canvas.buffer_rgba())[:rows, :width, : image.shape[2]]  # type: ignore[attr-defined]
     return np.concatenate([image, bar], axis=1)
 
 
@@ -66,11 +62,8 @@ def _ticks(low: float, high: float, count: int) -> tuple[list[float], list[str]]
     half = 0.5 * high - 0.5 * low  # halves cannot overflow
     if not 1e-300 < half < 1e300:
         return ([0.0, 1.0], [f"{low:g}", f"{high:g}"]) if low < high else ([0.5], [f"{low:g}"])
-    values = [
-        value
-        for value in map(float, MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
-        if low <= value <= high
-    ]
+    ticks = map(float, MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    values = [value for value in ticks if low <= value <= high]
     values = values if len(values) > 1 else [low, high]
     digits = math.log10(max(abs(low), abs(high)) / abs(values[1] - values[0])) if values[1] != values[0] else 4.0
     labels = [f"{value:.{min(max(math.ceil(digits) + 1, 6), 12)}g}" for value in values]

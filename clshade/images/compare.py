@@ -1,28 +1,59 @@
-"""Comparison of an image with a reference, layer by layer."""
+"""Comparison of an image with a reference, layer by layer, and the regions of pixels with a large error."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, connected_components
 from ..base.input_files import file_error, quoted
 from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
 from .channels import Group, grouped
-from .clusters import Cluster, find_clusters, leading
-from .image_file import Picture, named_pixel
+from .image_file import Picture
 from .layers import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
 _STRIP = 1 << 20  # pixels compared at a time
 _LISTED = 3  # regions of large error per layer that the text names
 UNEQUAL = math.inf  # error of a value that is NaN or infinite and differs from the other
+
+MAX_CLUSTERS = 8  # that are listed
+CELLS = 512  # along the longer side of the grid in which regions are found
+_MIN_CELL = 4  # pixels: large errors that are nearer than that are of one region
+_DEVIATIONS = 10.0  # above the median, in standard deviations as estimated from the median absolute deviation
+_NORMAL = 1.4826  # standard deviation / median absolute deviation of a normal distribution: 1/Phi^-1(3/4)
+_SAMPLE = 1 << 20  # errors of which medians are taken
+
+
+class Cluster(NamedTuple):
+    """A region of pixels with a large error: its bounding box, column x and row y of the top left pixel.
+
+    pixels: how many have a large error. maximum: the largest of them, infinite for NaN or infinity in one image alone.
+    worst: its column and row.
+    """
+
+    x: int
+    y: int
+    width: int
+    height: int
+    pixels: int
+    maximum: float
+    worst: tuple[int, int]
+
+    def __str__(self) -> str:
+        count = f"{self.pixels:,} pixel" + "s" * (self.pixels != 1)
+        return f"{self.width} x {self.height} at {self.x},{self.y} ({count}, up to {self.maximum:.3g})"
+
+    def stats(self) -> dict[str, Any]:
+        """Return the figures for JSON, with the text inf for an infinite error."""
+        figures: dict[str, Any] = plain(self._asdict(), words=True)
+        return figures
 
 
 class Worst(NamedTuple):
@@ -44,7 +75,7 @@ class Difference:
         NaN equals NaN, infinity equals infinity of the same sign.
     maximum, mean, rmse, relmse: over the values that are finite in both, see `metrics.ImageError`; None if exact.
     psnr, ssim, flip: of display colors; None for other layers, and without the packages that they need.
-    clusters: the regions of large error, largest first, see `clusters.find_clusters`.
+    clusters: the regions of large error, largest first, see `find_clusters`.
     """
 
     exact: bool
@@ -64,10 +95,8 @@ class Difference:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON: null for the infinite PSNR of equal images."""
-        found = asdict(self)
         worst = None if self.worst is None else plain(self.worst._asdict(), words=True)
-        figures = {name: value for name, value in found.items() if name not in ("worst", "clusters")}
-        return {**plain(figures), "worst": worst, "clusters": [each.stats() for each in self.clusters]}
+        return {**plain(vars(self)), "worst": worst, "clusters": [cluster.stats() for cluster in self.clusters]}
 
 
 @dataclass(frozen=True)
@@ -86,60 +115,42 @@ class Comparison:
     @property
     def passed(self) -> bool:
         """Whether no pixel is over the threshold and no layer is in one image only; True without a threshold."""
-        return self.threshold is None or not (self._partial or any(each.over for each in self.layers.values()))
+        return self.threshold is None or not (self.lacking() or any(layer.over for layer in self.layers.values()))
 
     @property
     def identical(self) -> bool:
-        return not self._partial and not any(each.different for each in self.layers.values())
-
-    @property
-    def _partial(self) -> bool:
-        return bool(self.only_image or self.only_reference)
+        return not (self.lacking() or any(layer.different for layer in self.layers.values()))
 
     def stats(self) -> dict[str, Any]:
-        rows, columns = self.shape
-        layers = {name: each.stats() for name, each in self.layers.items()}
-        head = {"width": columns, "height": rows, "threshold": self.threshold}
-        lacking = {"only_image": list(self.only_image), "only_reference": list(self.only_reference)}
-        return {**head, "passed": self.passed, "identical": self.identical, **lacking, "layers": layers}
+        return {
+            "width": self.shape[1],
+            "height": self.shape[0],
+            "threshold": self.threshold,
+            "passed": self.passed,
+            "identical": self.identical,
+            "only_image": list(self.only_image),
+            "only_reference": list(self.only_reference),
+            "layers": {name: layer.stats() for name, layer in self.layers.items()},
+        }
 
     def lines(self) -> list[str]:
-        """Return a table, one line per layer, and the verdict."""
+        """Return a table with a line per layer, its worst pixel, where it differs most, and the verdict."""
         limit = f"> {self.threshold or 0.0:g}"
         header = ("layer", "unequal", limit, "max", "mean", "RMSE", "relMSE", "PSNR", "SSIM", "FLIP", "worst at")
-        rows = [
-            (
-                in_line(name),
-                str(each.different),
-                str(each.over),
-                *(digits(v) for v in (each.maximum, each.mean, each.rmse, each.relmse, each.psnr)),
-                *(digits(v, 5) for v in (each.ssim, each.flip)),
-                "-" if each.worst is None else f"{each.worst.x},{each.worst.y}",
-            )
-            for name, each in self.layers.items()
-        ]
+        rows, pixels, regions = [], [], []
+        for layer, d in self.layers.items():
+            name, place = in_line(layer), "-" if d.worst is None else f"{d.worst.x},{d.worst.y}"
+            figures = [digits(value) for value in (d.maximum, d.mean, d.rmse, d.relmse, d.psnr)]
+            figures += [digits(value, 5) for value in (d.ssim, d.flip)]
+            rows.append((name, str(d.different), str(d.over), *figures, place))
+            if d.worst is not None:
+                values, reference = named_values(d.worst.values), named_values(d.worst.reference)
+                pixels.append(f"{name} at {place} (column, row from the top): {values}; expected {reference}")
+            if d.different > 1 and d.clusters:
+                regions.append(f"{name} differs most in {'; '.join(map(str, leading(d.clusters, _LISTED)))}")
         height, width = self.shape
-        table = as_lines(header, rows)
-        return [f"{width} x {height} pixels", *table, *self._worst_lines(), *self._cluster_lines(), self._verdict()]
-
-    def _worst_lines(self) -> list[str]:
-        return [
-            wrapped(
-                f"{in_line(name)} at {each.worst.x},{each.worst.y} (column, row from the top): "
-                f"{named_values(each.worst.values)}; expected {named_values(each.worst.reference)}",
-                2,
-            )
-            for name, each in self.layers.items()
-            if each.worst is not None
-        ]
-
-    def _cluster_lines(self) -> list[str]:
-        """Return a line on where the large errors are, for each layer with more than one different pixel."""
-        return [
-            wrapped(f"{in_line(name)} differs most in {'; '.join(map(str, leading(each.clusters, _LISTED)))}", 2)
-            for name, each in self.layers.items()
-            if each.different > 1 and each.clusters
-        ]
+        details = [wrapped(line, 2) for line in pixels + regions]
+        return [f"{width} x {height} pixels", *as_lines(header, rows), *details, self._verdict()]
 
     def _verdict(self) -> str:
         if self.identical:
@@ -148,15 +159,14 @@ class Comparison:
             return "different"
         if self.passed:
             return f"passed: nothing is over {self.threshold:g}"
-        over = {name: each.over for name, each in self.layers.items() if each.over}
-        counts = ", ".join(f"{count} pixels of {in_line(name)}" for name, count in over.items())
-        found = [f"over {self.threshold:g}: {counts}"] if over else []
-        return f"FAILED: {'; '.join([*found, *self.lacking()])}"
+        over = [f"{layer.over} pixels of {in_line(name)}" for name, layer in self.layers.items() if layer.over]
+        reasons = [f"over {self.threshold:g}: {', '.join(over)}"] if over else []
+        return f"FAILED: {'; '.join([*reasons, *self.lacking()])}"
 
     def lacking(self) -> list[str]:
         """Return one text each for the image and the reference that has layers which were not compared."""
-        each = (("the image", self.only_image), ("the reference", self.only_reference))
-        return [f"{', '.join(map(in_line, names))} of {where} alone" for where, names in each if names]
+        sides = (("the image", self.only_image), ("the reference", self.only_reference))
+        return [f"{', '.join(map(in_line, names))} of {side} alone" for side, names in sides if names]
 
 
 def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = ()) -> dict[str, tuple[Group, Group]]:
@@ -167,38 +177,33 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
     """
     if picture.shape != reference.shape:
         (rows, columns), (height, width) = picture.shape, reference.shape
-        raise file_error(picture.name, "size", f"{width} x {height} as of {reference.name}", f"{columns} x {rows}")
-    if bool(picture.bits) != bool(reference.bits):
-        wanted, given = ("a PNG" if each.bits else "an EXR" for each in (reference, picture))
-        raise file_error(picture.name, "file", f"{wanted} as {reference.name} is", given)
-    if names:
-        groups, expected = _selected(picture, names), _selected(reference, names)
-    else:
-        groups, expected = (
-            grouped({name: each.channels[name] for name in _shared(picture, reference)})
-            for each in (picture, reference)
+        raise file_error(
+            picture.name, "size", f"{width} x {height}, the size of {reference.name}", f"{columns} x {rows}"
         )
-        if not expected:
-            listed = (_listed(grouped(each.channels)) for each in (reference, picture))
-            raise file_error(picture.name, "layers", f"some of {next(listed)} as of {reference.name}", next(listed))
+    if bool(picture.bits) != bool(reference.bits):
+        wanted, found = ("a PNG" if image.bits else "an EXR" for image in (reference, picture))
+        raise file_error(picture.name, "file", f"{wanted} as {reference.name} is", found)
+    if names:
+        groups, expected = (_selected(image, names) for image in (picture, reference))
+    else:
+        shared = [name for name in reference.channels if name in picture.channels]
+        groups, expected = (grouped({name: p.channels[name] for name in shared}) for p in (picture, reference))
+        if not shared:
+            wanted, found = (_listed(grouped(image.channels)) for image in (reference, picture))
+            raise file_error(picture.name, "layers", f"some of {wanted}, the layers of {reference.name}", found)
     for name, group in expected.items():
         if groups[name].names != group.names:
             raise file_error(picture.name, name, "+".join(group.names), "+".join(groups[name].names))
     return {name: (groups[name], group) for name, group in expected.items()}
 
 
-def _shared(picture: Picture, reference: Picture) -> list[str]:
-    """Return the channels of both images, in the reference's order."""
-    return [name for name in reference.channels if name in picture.channels]
-
-
-def alone(picture: Picture, other: Picture) -> tuple[str, ...]:
+def _alone(picture: Picture, other: Picture) -> tuple[str, ...]:
     """Return the layers that the other image lacks, or single channels of those that it has in part."""
-    found: list[str] = []
+    names: list[str] = []
     for name, group in grouped(picture.channels).items():
         lacking = [channel for channel in group.names if channel not in other.channels]
-        found += [name] if lacking == list(group.names) else lacking
-    return tuple(found)
+        names += [name] if lacking == list(group.names) else lacking
+    return tuple(names)
 
 
 def _listed(groups: dict[str, Group]) -> str:
@@ -225,7 +230,7 @@ def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Grou
     step = max(1, _STRIP // columns)
     for start in range(0, count, step):
         rows = slice(start, start + step)
-        part, other = (each._replace(planes=tuple(plane[rows] for plane in each.planes)) for each in (group, reference))
+        part, other = (layer._replace(planes=tuple(p[rows] for p in layer.planes)) for layer in (group, reference))
         yield rows, part, other
 
 
@@ -234,20 +239,18 @@ def errors_of(group: Group, reference: Group) -> Array:
     worst = np.zeros(group.planes[0].shape)
     for rows, part, other in _strips(group, reference):
         for plane, expected in zip(part.planes, other.planes, strict=True):
-            np.maximum(worst[rows], _errors(plane.astype(np.float64), expected.astype(np.float64)), out=worst[rows])
-    if is_exact(group, reference):
+            value, other_value = plane.astype(np.float64), expected.astype(np.float64)
+            with np.errstate(invalid="ignore"):
+                equal = (value == other_value) | (np.isnan(value) & np.isnan(other_value))
+                finite = np.isfinite(value) & np.isfinite(other_value)
+                errors = np.where(finite, np.abs(value - other_value), np.where(equal, 0.0, UNEQUAL))
+            np.maximum(worst[rows], errors, out=worst[rows])
+    if _is_exact(group, reference):
         np.sign(worst, out=worst)
     return worst
 
 
-def _errors(value: Array, expected: Array) -> Array:
-    finite = np.isfinite(value) & np.isfinite(expected)
-    with np.errstate(invalid="ignore"):
-        same = (value == expected) | (np.isnan(value) & np.isnan(expected))
-        return np.where(finite, np.abs(value - expected), np.where(same, 0.0, UNEQUAL))
-
-
-def is_exact(group: Group, reference: Group) -> bool:
+def _is_exact(group: Group, reference: Group) -> bool:
     """Return whether the values are integers, in either image."""
     return any(plane.dtype.kind in "iub" for plane in (*group.planes, *reference.planes))
 
@@ -263,33 +266,23 @@ def compared(
         name: _difference(picture, reference, pair, threshold)
         for name, pair in chosen_layers(picture, reference, names).items()
     }
-    lacking = () if names else (alone(picture, reference), alone(reference, picture))
+    lacking = () if names else (_alone(picture, reference), _alone(reference, picture))
     return Comparison(picture.shape, threshold, layers, *lacking)
 
 
 def _difference(picture: Picture, reference: Picture, pair: tuple[Group, Group], threshold: float | None) -> Difference:
-    errors, exact = errors_of(*pair), is_exact(*pair)
-    over = errors > (0.0 if exact or threshold is None else threshold)
-    counts: dict[str, Any] = {
-        "different": int(np.count_nonzero(errors)),
-        "over": int(np.count_nonzero(over)),
-        "nonfinite": int(np.count_nonzero(np.isinf(errors))),
-    }
+    errors, exact = errors_of(*pair), _is_exact(*pair)
+    limit = 0.0 if exact or threshold is None else threshold
+    different, over, nonfinite = (int(np.count_nonzero(p)) for p in (errors, errors > limit, np.isinf(errors)))
     measures: dict[str, Any] = {}
     if not exact:
-        measures = {**_measures(*pair), **_seen_measures(picture, *pair)}
-    found = find_clusters(errors, threshold) if counts["different"] else ()
-    worst = _worst(picture, reference, pair, errors)
-    return Difference(exact, errors.size, **counts, **measures, worst=worst, clusters=found)
-
-
-def _worst(picture: Picture, reference: Picture, pair: tuple[Group, Group], errors: Array) -> Worst | None:
-    y, x = (int(index) for index in np.unravel_index(np.argmax(errors), errors.shape))
-    if not errors[y, x]:
-        return None
-    both = (named_pixel(image, x, y) for image in (picture, reference))
-    values, expected = ({name: pixel[name] for name in pair[0].names} for pixel in both)
-    return Worst(x, y, values, expected)
+        measures = {**_measures(*pair), **_display_measures(picture, *pair)}
+    if different:
+        measures["clusters"] = find_clusters(errors, threshold)
+        y, x = (int(index) for index in np.unravel_index(np.argmax(errors), errors.shape))
+        pixels = (image.pixel(x, y) for image in (picture, reference))
+        measures["worst"] = Worst(x, y, *({name: pixel[name] for name in pair[0].names} for pixel in pixels))
+    return Difference(exact, errors.size, different, over, nonfinite, **measures)
 
 
 def _measures(group: Group, reference: Group) -> dict[str, float | None]:
@@ -311,21 +304,111 @@ def _measures(group: Group, reference: Group) -> dict[str, float | None]:
     return {"maximum": maximum, "mean": total / count, "rmse": math.sqrt(squared / count), "relmse": relative / count}
 
 
-def _seen_measures(picture: Picture, group: Group, reference: Group) -> dict[str, float | None]:
+def _display_measures(picture: Picture, group: Group, reference: Group) -> dict[str, float | None]:
     """Return the measures of display colors, for three channels R, G, B, or the gray of a PNG."""
     if (group.family, len(group.planes)) != ("RGB", 3) and not (picture.bits and group.names == ("Y",)):
         return {}
 
-    def shown(each: Group) -> Array:
-        stacked = np.stack(each.planes * (3 // len(each.planes)), axis=-1)
+    def shown(layer: Group) -> Array:
+        stacked = np.stack(layer.planes * (3 // len(layer.planes)), axis=-1)
         return stacked if picture.bits else seen(stacked)
 
-    squared = sum(
-        float(np.square(shown(part).astype(np.float64) - shown(other)).sum())
-        for _, part, other in _strips(group, reference)
-    )
-    found: dict[str, float | None] = {"psnr": decibels(squared / (3 * group.planes[0].size))}
+    strips = _strips(group, reference)
+    squared = sum(float(np.square(shown(part).astype(np.float64) - shown(other)).sum()) for _, part, other in strips)
+    measures: dict[str, float | None] = {"psnr": decibels(squared / (3 * group.planes[0].size))}
     if has_ssim() or has_flip():  # these need whole images
         images = (shown(group), shown(reference))
-        found = {**found, "ssim": ssim_of_seen(*images), "flip": flip_of_seen(*images)}
-    return found
+        measures |= {"ssim": ssim_of_seen(*images), "flip": flip_of_seen(*images)}
+    return measures
+
+
+def leading(clusters: Sequence[Cluster], count: int) -> list[Cluster]:
+    """Return the `count` largest clusters, the one with the largest error always among them."""
+    chosen = list(clusters[:count])
+    if chosen and (worst := max(clusters, key=lambda cluster: cluster.maximum)) not in chosen:
+        chosen[-1] = worst
+    return chosen
+
+
+def large_error(errors: Array, threshold: float | None = None) -> float:
+    """Return the error above which a pixel belongs to a cluster.
+
+    It is the median of all pixels plus 10 robust standard deviations, so that noise all over the image does not count,
+    but not more than half of the largest finite error, which always counts. threshold: at least this, if any error is
+    above it.
+    """
+    sample = errors.reshape(-1)[:: max(1, errors.size // _SAMPLE)]
+    sample = sample[np.isfinite(sample)]
+    median = float(np.median(sample)) if sample.size else 0.0
+    spread = _NORMAL * float(np.median(np.abs(sample - median))) if sample.size else 0.0
+    limit = min(median + _DEVIATIONS * spread, float(np.max(errors, initial=0.0, where=np.isfinite(errors))) / 2.0)
+    return threshold if threshold is not None and threshold > limit and (errors > threshold).any() else limit
+
+
+def find_clusters(errors: Array, threshold: float | None = None) -> tuple[Cluster, ...]:
+    """Return the largest regions of large errors (`large_error`), most pixels first, and the one with the largest error.
+
+    errors: (M, N) of at least 0, infinite where a value is NaN or infinite in one image alone. Pixels belong to one
+    region if they lie in the same or in neighboring cells of a grid: at least 4 x 4 pixels, more in images above 2048.
+    At most MAX_CLUSTERS regions.
+    """
+    limit = large_error(errors, threshold)
+    rows, columns = errors.shape
+    cell = max(_MIN_CELL, -(-max(errors.shape) // CELLS))
+    grid = np.zeros((-(-rows // cell), -(-columns // cell)), bool)
+    for y, x, _ in _over(errors, limit, cell):
+        grid[y // cell, x // cell] = True
+    cells = _labels(grid)
+    count = int(cells.max(initial=-1)) + 1
+    if not count:
+        return ()
+    low, high = np.full((2, count), max(errors.shape)), np.full((2, count), -1)
+    pixels, maxima, places = np.zeros(count, np.int64), np.full(count, -1.0), np.zeros((2, count), np.int64)
+    for y, x, error in _over(errors, limit, cell):
+        owner = cells[y // cell, x // cell]
+        for axis, positions in enumerate((x, y)):
+            np.minimum.at(low[axis], owner, positions)
+            np.maximum.at(high[axis], owner, positions)
+        pixels += np.bincount(owner, minlength=count)
+        before = maxima.copy()
+        np.maximum.at(maxima, owner, error)
+        first = np.flatnonzero((error == maxima[owner]) & (maxima[owner] > before[owner]))[::-1]
+        places[:, owner[first]] = x[first], y[first]
+    chosen = np.lexsort((-maxima, -pixels))[:MAX_CLUSTERS].tolist()
+    worst = int(np.argmax(maxima))
+    if worst not in chosen:
+        chosen[-1] = worst
+    sizes = high - low + 1
+    clusters = []
+    for k in chosen:
+        left, top, width, height, column, row = (int(table[k]) for table in (*low, *sizes, *places))
+        clusters.append(Cluster(left, top, width, height, int(pixels[k]), float(maxima[k]), (column, row)))
+    return tuple(clusters)
+
+
+def _over(errors: Array, limit: float, cell: int) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield rows, columns and values of the errors above the limit, some rows of cells at a time."""
+    step = cell * max(1, (1 << 20) // (errors.shape[1] * cell))
+    for start in range(0, len(errors), step):
+        part = errors[start : start + step]
+        y, x = np.nonzero(part > limit)
+        yield y + start, x, part[y, x]
+
+
+def _labels(grid: Array) -> Array:
+    """Return (M, N) the number of the region of each set cell, from 0, or -1; of eight neighbors all are connected."""
+    numbers = np.arange(grid.size).reshape(grid.shape)
+    first, second = [], []
+    for near, far in (
+        (np.s_[:, :-1], np.s_[:, 1:]),
+        (np.s_[:-1], np.s_[1:]),
+        (np.s_[:-1, :-1], np.s_[1:, 1:]),
+        (np.s_[:-1, 1:], np.s_[1:, :-1]),
+    ):
+        both = grid[near] & grid[far]
+        first.append(numbers[near][both])
+        second.append(numbers[far][both])
+    roots = connected_components(grid.size, np.concatenate(first), np.concatenate(second)).reshape(grid.shape)
+    labels = np.full(grid.shape, -1)
+    labels[grid] = np.unique(roots[grid], return_inverse=True)[1].reshape(-1)
+    return labels

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from ..base.arrays import Array
 from . import figures
 from .channels import Group
-from .clusters import Cluster
-from .compare import errors_of
-from .compare_windows import Window, cut, windows
-from .layer_plots import panel_size, plain_text, show_pixels
-from .thumbnails import largest, thinned, thumbnails
+from .compare import Cluster, errors_of, leading
+from .thumbnails import color_mapped, largest, thinned, thumbnails
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST = 40  # layers in the figure, which has at most 2^16 pixels a side
-SIDE = 512  # most pixels along the longer side of a panel
+MAX_LAYERS = 40  # in the figure, which has at most 2^16 pixels a side
+CROPS, MAX_CROPS = 3, 24  # windows per layer, and in the whole figure
+SIDE = 512  # pixels, at most, along the longer side of a panel
 UNEQUAL_COLOR = (0, 255, 255)
 
+Window: TypeAlias = tuple[int, int, int, int]  # column, row, width, height in pixels
+
+_WINDOW_SIDES = 24, 128  # pixels, the smallest and largest side of a window
 _EDGE = 0.08  # of an image's height: room for the number of a window
 _PANEL, _TITLE, _BAR, _CROP_PANEL = 3.6, 0.5, 0.9, 3.0  # inches
 
@@ -38,49 +39,85 @@ def draw(
     they differ most.
 
     layers: from `compare.chosen_layers`. titles: of image and reference. clusters: of each layer, largest first, of
-    which `compare_windows.windows` chooses. Of a large image every k-th pixel is shown, but the largest error of each
-    k x k.
+    which `windows` chooses. Of a large image every k-th pixel is shown, but the largest error of each k x k.
     """
     crops = windows(layers, clusters or {})
     shape = next(iter(layers.values()))[0].planes[0].shape
-    width, height = panel_size(shape, _PANEL)
-    heights = [
-        each for name in layers for each in (height + _TITLE, *[_CROP_PANEL + _TITLE] * len(crops.get(name, ())))
-    ]
+    width, height = figures.panel_size(shape, _PANEL)
+    heights = [size + _TITLE for name in layers for size in (height, *[_CROP_PANEL] * len(crops[name]))]
     figure = figures.blank(3 * width + _BAR, sum(heights), dpi=100)
     rows = iter(figure.subplots(len(heights), 3, squeeze=False, height_ratios=heights))
-    for name, (group, reference) in layers.items():
-        shown = crops.get(name, ())
-        whole = next(rows)
-        draw_row(
-            figure, whole, name, (group, reference), encoded, [f"{plain_text(name)} of {plain_text(t)}" for t in titles]
-        )
-        for number, (cluster, window) in enumerate(shown, 1):
+    for name, pair in layers.items():
+        whole, title = next(rows), figures.plain_text(name)
+        draw_row(figure, whole, pair, encoded, [f"{title} of {figures.plain_text(t)}" for t in titles])
+        for number, (cluster, (x, y, columns, lines)) in enumerate(crops[name], 1):
             for axes in whole:
-                _mark(axes, window, shape, str(number))
-            pair = (cut(group, window), cut(reference, window))
-            place = f"{number}: {plain_text(name)} at {cluster.x},{cluster.y}, {cluster.width} x {cluster.height}"
-            count = f"{cluster.pixels:,} pixel{'s' * (cluster.pixels != 1)} of large error"
-            captions = [
-                f"{place}\n{count}",
-                f"{number}: {plain_text(titles[1])}\n{window[2]} x {window[3]} pixels from {window[0]},{window[1]}",
+                _mark(axes, (x, y, columns, lines), shape, str(number))
+            cut = [
+                group._replace(planes=tuple(plane[y : y + lines, x : x + columns] for plane in group.planes))
+                for group in pair
             ]
-            draw_row(figure, next(rows), name, pair, encoded, captions, prefix=f"{number}: ")
+            place = f"{number}: {title} at {cluster.x},{cluster.y}, {cluster.width} x {cluster.height}"
+            count = f"{cluster.pixels:,} pixel{'s' * (cluster.pixels != 1)} of large error"
+            part = f"{number}: {figures.plain_text(titles[1])}\n{columns} x {lines} pixels from {x},{y}"
+            captions = [f"{place}\n{count}", part]
+            draw_row(figure, next(rows), (cut[0], cut[1]), encoded, captions, prefix=f"{number}: ")
     return figure
+
+
+def windows(
+    layers: Mapping[str, tuple[Group, Group]], clusters: Mapping[str, Sequence[Cluster]]
+) -> dict[str, list[tuple[Cluster, Window]]]:
+    """Return the clusters of each layer that a figure shows, each with its window.
+
+    Those are the CROPS leading ones of each layer, without any that an earlier window holds, and at most MAX_CROPS in
+    all.
+    """
+    left = MAX_CROPS
+    chosen: dict[str, list[tuple[Cluster, Window]]] = {}
+    for name, (group, _) in layers.items():
+        chosen[name] = []
+        for cluster in leading(clusters.get(name, ()), min(CROPS, left)):
+            if not any(
+                x <= cluster.x <= x + width - cluster.width and y <= cluster.y <= y + height - cluster.height
+                for _, (x, y, width, height) in chosen[name]
+            ):
+                chosen[name].append((cluster, _window(cluster, group.planes[0].shape)))
+        left -= len(chosen[name])
+    return chosen
+
+
+def _window(cluster: Cluster, shape: tuple[int, ...]) -> Window:
+    """Return a square around a cluster with some of its surroundings, moved and clipped to an image of (M, N); of a large
+    cluster the part around its worst pixel."""
+    longer = max(cluster.width, cluster.height)
+    side = min(max(longer + longer // 2, _WINDOW_SIDES[0]), _WINDOW_SIDES[1])
+    column, row = cluster.worst
+    if longer <= side:
+        column, row = cluster.x + cluster.width // 2, cluster.y + cluster.height // 2
+    width, height = min(side, shape[1]), min(side, shape[0])
+    x = min(max(column - width // 2, 0), shape[1] - width)
+    y = min(max(row - height // 2, 0), shape[0] - height)
+    return x, y, width, height
 
 
 def draw_row(
     figure: Any,
     row: Any,
-    name: str,
     pair: tuple[Group, Group],
     encoded: bool,
     captions: Sequence[str],
     prefix: str = "",
 ) -> None:
     """Draw image, reference and difference into three axes."""
-    for panel, pixels, caption in zip(row[:2], _side_by_side(name, *pair, encoded), captions, strict=True):
-        show_pixels(panel, pixels, caption)
+    # Computed together so that a color means the same in both.
+    joined = {
+        channel: np.concatenate([thinned(plane, SIDE) for plane in planes])
+        for channel, *planes in zip(pair[0].names, pair[0].planes, pair[1].planes, strict=True)
+    }
+    (both,) = thumbnails(joined, encoded=encoded, side=2 * SIDE).values()
+    for panel, pixels, caption in zip(row[:2], np.split(both.pixels, 2), captions, strict=True):
+        figures.show_pixels(panel, pixels, caption)
     _draw_errors(figure, row[2], errors_of(*pair), prefix)
 
 
@@ -103,30 +140,14 @@ def _mark(axes: Any, window: Window, shape: tuple[int, ...], number: str) -> Non
     axes.text(left, at, number, fontsize=7, color="black", bbox=plate, ha="left", va=side)
 
 
-def _side_by_side(name: str, group: Group, reference: Group, encoded: bool) -> tuple[Array, Array]:
-    """Return thumbnails of both, computed together so that a color means the same in both."""
-    planes = zip(group.planes, reference.planes, strict=True)
-    joined = {
-        channel: np.concatenate([thinned(a, SIDE), thinned(b, SIDE)])
-        for channel, (a, b) in zip(group.names, planes, strict=True)
-    }
-    (picture,) = thumbnails(joined, encoded=encoded, side=2 * SIDE).values()
-    middle = len(picture.pixels) // 2
-    return picture.pixels[:middle], picture.pixels[middle:]
-
-
 def _draw_errors(figure: Any, axes: Any, errors: Array, prefix: str = "") -> None:
-    from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    finite = errors[np.isfinite(errors)]
-    most = float(finite.max()) if finite.size else 0.0
+    maximum = float(np.max(errors, initial=0.0, where=np.isfinite(errors)))
     small = largest(errors, SIDE)
-    pixels = np.rint(255.0 * colormaps["inferno"](np.nan_to_num(small / (most or 1.0), posinf=1.0))[..., :3]).astype(
-        np.uint8
-    )
+    pixels = color_mapped(np.nan_to_num(small / (maximum or 1.0), posinf=1.0), "inferno")
     pixels[np.isinf(small)] = UNEQUAL_COLOR
     note = ("," + " \n"[bool(prefix)] + "cyan: NaN or infinite in one") if np.isinf(small).any() else ""
-    show_pixels(axes, pixels, f"{prefix}difference, up to {most:.4g}{note}")
-    figure.colorbar(ScalarMappable(Normalize(0.0, most or 1.0), "inferno"), ax=axes)
+    figures.show_pixels(axes, pixels, f"{prefix}difference, up to {maximum:.4g}{note}")
+    figure.colorbar(ScalarMappable(Normalize(0.0, maximum or 1.0), "inferno"), ax=axes)

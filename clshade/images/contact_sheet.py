@@ -9,9 +9,7 @@ import numpy as np
 
 from . import lettering
 
-ACROSS = 4  # panels per row
-PANEL, GAP, TITLE, CAPTION, HEAD = 272, 12, 22, 54, 26  # pixels: width of a panel, and the space around it
-
+PANEL = 272  # pixels, the width of a panel
 FRAME = 160  # gray
 
 
@@ -22,12 +20,12 @@ class Layout:
     All in pixels but title_size and text_size, the text sizes of titles and captions in points.
     """
 
-    across: int = ACROSS
+    across: int = 4
     panel: int = PANEL
-    gap: int = GAP
-    title: int = TITLE
-    caption: int = CAPTION
-    head: int = HEAD
+    gap: int = 12
+    title: int = 22
+    caption: int = 54
+    head: int = 26
     title_size: float = 8
     text_size: float = 6.5
 

@@ -13,7 +13,7 @@ from . import lettering
 from .lettering import Color
 
 SIDE = 512  # pixels that a crop's longer side is magnified to, if no factor is given
-MOST_FACTOR, MOST_PIXELS = 64, 1 << 26  # of a crop, magnified
+MAX_FACTOR, MAX_PIXELS = 64, 1 << 26  # of a crop, magnified
 COLORS: tuple[Color, ...] = ((255, 176, 0), (64, 196, 255), (255, 96, 160), (140, 230, 90), (200, 150, 255))
 
 
@@ -29,17 +29,17 @@ class Crop(NamedTuple):
 
     @property
     def scale(self) -> int:
-        return self.factor or min(max(SIDE // max(self.width, self.height), 1), MOST_FACTOR)
+        return self.factor or min(max(SIDE // max(self.width, self.height), 1), MAX_FACTOR)
 
     def check(self, who: str, columns: int, rows: int) -> None:
         """Raise InputError unless the rectangle lies in an image of this size and its magnification is not too large."""
         inside = self.x >= 0 and self.y >= 0 and self.x + self.width <= columns and self.y + self.height <= rows
-        given = ",".join(map(str, self if self.factor else self[:4]))
+        text = ",".join(map(str, self if self.factor else self[:4]))
         if not inside or min(self.width, self.height) < 1:
-            raise value_error("crop", who, f"X,Y,W,H within {columns} x {rows} pixels", given)
-        if not 0 <= self.factor <= MOST_FACTOR or self.width * self.height * self.scale**2 > MOST_PIXELS:
-            limit = f"a factor from 1 to {MOST_FACTOR} and at most {MOST_PIXELS} pixels magnified"
-            raise value_error("crop", who, limit, given)
+            raise value_error("crop", who, f"X,Y,W,H within {columns} x {rows} pixels", text)
+        if not 0 <= self.factor <= MAX_FACTOR or self.width * self.height * self.scale**2 > MAX_PIXELS:
+            limit = f"a factor from 1 to {MAX_FACTOR} and at most {MAX_PIXELS} pixels magnified"
+            raise value_error("crop", who, limit, text)
 
 
 def magnified(picture: Array, crop: Crop) -> Bytes:
@@ -51,28 +51,26 @@ def magnified(picture: Array, crop: Crop) -> Bytes:
 
 def marked(picture: Array, crops: Sequence[Crop]) -> Bytes:
     """Return the image (M, N, 3) uint8 with a numbered frame around each crop, just outside of it."""
-    found: Bytes = np.array(picture)
-    for number, crop in enumerate(crops, 1):
-        color = COLORS[(number - 1) % len(COLORS)]
-        _frame(found, crop, 2, (0, 0, 0))
-        _frame(found, crop, 1, color)
-    if len(crops) > 1:
-        for number, crop in enumerate(crops, 1):
-            _number(found, crop, str(number), COLORS[(number - 1) % len(COLORS)])
-    return found
+    result: Bytes = np.array(picture)
+    colors = [COLORS[k % len(COLORS)] for k in range(len(crops))]
+    for crop, color in zip(crops, colors, strict=True):
+        _frame(result, crop, 2, (0, 0, 0))
+        _frame(result, crop, 1, color)
+    for number, (crop, color) in enumerate(zip(crops, colors, strict=True), 1):
+        if len(crops) > 1:
+            _number(result, crop, str(number), color)
+    return result
 
 
 def _frame(picture: Array, crop: Crop, distance: int, color: Color) -> None:
     """Draw a frame one pixel wide, so many pixels outside of the crop; clipped at the image."""
+    rows, columns = picture.shape[:2]
     top, left = crop.y - distance, crop.x - distance
     bottom, right = crop.y + crop.height - 1 + distance, crop.x + crop.width - 1 + distance
-    rows, columns = slice(max(top, 0), bottom + 1), slice(max(left, 0), right + 1)
-    for row in (top, bottom):
-        if 0 <= row < len(picture):
-            picture[row, columns] = color
-    for column in (left, right):
-        if 0 <= column < picture.shape[1]:
-            picture[rows, column] = color
+    for row in (y for y in (top, bottom) if 0 <= y < rows):
+        picture[row, max(left, 0) : right + 1] = color
+    for column in (x for x in (left, right) if 0 <= x < columns):
+        picture[max(top, 0) : bottom + 1, column] = color
 
 
 def _number(picture: Array, crop: Crop, text: str, color: Color) -> None:

@@ -6,7 +6,7 @@ After Psyop's Cryptomatte specification, version 1.2.0. Needs mmh3 for the hashe
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -18,8 +18,8 @@ from ..base.validation import integer, text, value_error
 MatteKind: TypeAlias = Literal["object", "material", "instance"]
 MATTES: tuple[MatteKind, ...] = get_args(MatteKind)
 
-RANKS = 6  # things that a pixel lists, unless asked otherwise
-MOST_RANKS = 64
+RANKS = 6  # things that a pixel lists, by default
+MAX_RANKS = 64
 
 
 class Matte(NamedTuple):
@@ -31,88 +31,55 @@ class Matte(NamedTuple):
 
 def hashes(names: Iterable[str]) -> Array:
     """Return the ids of names, uint32: MurmurHash3 of their UTF-8, with the lowest bit of the exponent flipped where they
-    would be NaN, infinite or denormal as float32."""
-    hash_of = _hash()
-    found = np.array([hash_of(name.encode("utf-8", "replace")) for name in names], np.uint32)
-    exponent = found >> np.uint32(23) & np.uint32(255)
-    return np.where((exponent == 0) | (exponent == 255), found ^ np.uint32(1 << 23), found)
-
-
-def _hash() -> Callable[[bytes], int]:
+    would be NaN, infinite or denormal as float32. Raises InputError if mmh3 is not installed."""
     try:
         import mmh3
     except ImportError:
         raise file_error("cryptomatte", "names", "mmh3, for their hashes", "none: `pip install mmh3`") from None
-    return lambda name: int(mmh3.hash(name, signed=False))
+    ids = np.array([int(mmh3.hash(name.encode("utf-8", "replace"), signed=False)) for name in names], np.uint32)
+    exponent = ids >> np.uint32(23) & np.uint32(255)
+    return np.where((exponent == 0) | (exponent == 255), ids ^ np.uint32(1 << 23), ids)
 
 
 def ranked(numbers: Array, ranks: int = RANKS) -> tuple[Array, Array]:
-    """Return which numbers the samples of each pixel show, and how many samples show each.
+    """Return the numbers that the samples of each pixel show, and how many samples show each.
 
-    Parameters
-    ----------
-    numbers : ndarray, (S, M, N) uint32
-        What each sample of each pixel shows; 0 for nothing.
-    ranks : int, 1 to 64, default 6
-        Numbers that a pixel lists at most: those that most samples show, of equally many the
-        smaller ones.
-
-    Returns
-    -------
-    listed : ndarray, (R, M, N) uint32
-        Numbers, those that most samples show first, 0 where there are no more. R is the smaller of
-        `ranks` and S.
-    counts : ndarray, (R, M, N) uint16
-        The number of samples that show each.
+    numbers: (S, M, N) uint32, what each sample of each pixel shows; 0 for nothing. ranks: numbers that a pixel lists at
+    most, 1 to 64.
+    Returns (R, M, N) uint32 numbers and uint16 counts, R the smaller of `ranks` and S: the most frequent first, of equally
+    frequent ones the smaller first, 0 where there are no more.
     """
     samples, rows, columns = numbers.shape
-    ranks = min(integer("cryptomatte", "ranks", ranks, 1, MOST_RANKS), samples)
+    ranks = min(integer("cryptomatte", "ranks", ranks, 1, MAX_RANKS), samples)
     flat = numbers.reshape(samples, -1)
     listed, counts = np.zeros((ranks, rows * columns), np.uint32), np.zeros((ranks, rows * columns), np.uint16)
     listed[0], counts[0] = flat[0], np.where(flat[0], samples, 0)
     mixed = np.flatnonzero((flat != flat[0]).any(axis=0))
     ordered = np.sort(flat[:, mixed], axis=0)
-    group = np.zeros(ordered.shape, np.intp)  # of equal numbers, in each column
+    group = np.zeros(ordered.shape, np.intp)  # equal numbers, in each column
     np.cumsum(ordered[1:] != ordered[:-1], axis=0, out=group[1:])
-    found, shown = np.zeros_like(ordered), np.zeros(ordered.shape, np.int32)
+    unique, frequency = np.zeros_like(ordered), np.zeros(ordered.shape, np.int32)
     pixels = np.arange(len(mixed))
-    for numbers_of, groups in zip(ordered, group, strict=True):
-        found[groups, pixels] = numbers_of
-        shown[groups, pixels] += 1
-    shown[found == 0] = 0
-    best = np.argsort(-shown, axis=0, kind="stable")[:ranks]  # found is in ascending order
-    listed[:, mixed], counts[:, mixed] = (np.take_along_axis(each, best, axis=0) for each in (found, shown))
-    shape = len(listed), rows, columns
-    return listed.reshape(shape), counts.reshape(shape)
+    for sample, groups in zip(ordered, group, strict=True):
+        unique[groups, pixels] = sample
+        frequency[groups, pixels] += 1
+    frequency[unique == 0] = 0
+    best = np.argsort(-frequency, axis=0, kind="stable")[:ranks]  # unique is in ascending order
+    listed[:, mixed], counts[:, mixed] = (np.take_along_axis(table, best, axis=0) for table in (unique, frequency))
+    return listed.reshape(ranks, rows, columns), counts.reshape(ranks, rows, columns)
 
 
 def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RANKS) -> Matte:
     """Return one Cryptomatte layer.
 
-    Parameters
-    ----------
-    label : str
-        Name of the layer, such as ``"CryptoObject"``: its channels are ``CryptoObject00.R`` and so
-        on, with an id and its share in turn.
-    numbers : ndarray, (S, M, N) uint32
-        What each of the S samples of each pixel shows; 0 for nothing.
-    names : mapping of int to str
-        The name of each number. Things of one name have one id, hence one mask.
-    ranks : int, 1 to 64, default 6
-        Things that a pixel lists at most: those that most samples show.
+    label: name of the layer, such as "CryptoObject": its channels are CryptoObject00.R and so on, with an id, the bits of
+    float32, and its share in turn. numbers, ranks: as for `ranked`. names: the name of each number; things of one name
+    have one id, hence one mask.
 
-    Returns
-    -------
-    Matte
-        Shares are exact: the number of samples over S, rounded to float32. Ids are the bits of
-        float32. The manifest in the metadata holds all names, whether a pixel shows them or not.
-
-    Raises
-    ------
-    InputError
-        Another shape or type, a number without a name, a name of 0, two names with one hash that are
-        both shown (of 10,000 names that happens with a probability of 1 %, of 77,000 with 50 %), or
-        mmh3 is not installed.
+    Shares are exact: the number of samples over S, rounded to float32. The manifest in the metadata holds all names,
+    whether a pixel shows them or not.
+    Raises InputError for another shape or type, a number without a name, a name of 0, and two names with one hash that are
+    both shown (of 10,000 names that happens with a probability of 1 %, of 77,000 with 50 %), or if mmh3 is not installed.
     """
     if not text("cryptomatte", "label", label):
         raise value_error("cryptomatte", "label", "at least one letter", label)
@@ -122,14 +89,14 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     for number, name in names.items():
         integer("cryptomatte", "number of a name", number, 1, (1 << 32) - 1)
         text("cryptomatte", "names", name)
-    present = np.unique(numbers)
-    missing = [int(number) for number in present if number and int(number) not in names]
+    present = [number for number in np.unique(numbers).tolist() if number]
+    missing = [number for number in present if number not in names]
     if missing:
         raise file_error("cryptomatte", "names", f"a name for {missing[0]}", "none")
     once = dict.fromkeys(names.values())
     ids = dict(zip(once, hashes(once).tolist(), strict=True))
     by_id: dict[int, str] = {}
-    for name in dict.fromkeys(names[int(number)] for number in present if number):
+    for name in dict.fromkeys(names[number] for number in present):
         other = by_id.setdefault(ids[name], name)
         if other != name:
             raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {other!r}", name)
@@ -141,12 +108,9 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     listed, counts = ranked(alike[np.searchsorted(known[order], numbers)], ranks)
     bits = np.array([0, *ids.values()], np.uint32)[listed].view(np.float32)
     shares = counts.astype(np.float32) / np.float32(len(numbers))
-    channels: dict[str, Array] = {}
-    nothing = np.zeros(listed.shape[1:], np.float32)
-    for rank in range(len(listed) + len(listed) % 2):
-        letters = "BA" if rank % 2 else "RG"
-        pair = (bits[rank], shares[rank]) if rank < len(listed) else (nothing, nothing)
-        channels |= {f"{label}{rank // 2:02d}.{letter}": plane for letter, plane in zip(letters, pair, strict=True)}
+    planes = [plane for pair in zip(bits, shares, strict=True) for plane in pair]
+    planes += [np.zeros_like(bits[0])] * (2 * (len(listed) % 2))  # channels R, G, B, A are written together
+    channels = {f"{label}{k // 4:02d}.{'RGBA'[k % 4]}": plane for k, plane in enumerate(planes)}
     key = f"cryptomatte/{hashes([label])[0]:08x}"[: len("cryptomatte/") + 7]
     manifest = {name: f"{hashed:08x}" for name, hashed in ids.items()}
     metadata = {

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import sys
 import warnings
-from collections.abc import Callable
-from typing import Any
+import zlib
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
-from ..base.input_files import file_error, read_file, reason_of
-from ..errors import InputError
-from . import pnm, tiff
+from ..base.input_files import decoding, file_error, quoted, read_file
 
 MAX_BYTES = 1 << 29  # of an image file
 MAX_SIDE = 32768  # pixels
 MAX_PIXELS = 1 << 26  # 8192 x 8192: 768 MiB as linear float32 RGB
+_LIMITS = f"at most {MAX_SIDE} pixels a side and {MAX_PIXELS} in all"
+MAX_PNG_PIXELS = 1 << 28  # 16384 x 16384, as for EXR: of a PNG that is read as an image
 BAND = 16  # rows of codes at a time
 FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF", "PPM")
 
@@ -37,7 +39,32 @@ _LOW_BYTES = {
     },
 }
 _GRAY_16 = ("I;16", "I;16L", "I;16B", "I;16N")
-_TO_RGB = ("P", "PA", "RGBX", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
+_CONVERTED = {"1": "L", "La": "LA", "RGBa": "RGBA", "PA": "RGBA"}  # Pillow's modes -> gray or color of 8 bits
+_CONVERTED |= dict.fromkeys(("P", "RGBX", "CMYK", "YCbCr", "LAB", "HSV"), "RGB")
+
+# TIFF: the first bytes of files, the tags of an image, and their values.
+_TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES, _PLANAR, _EXTRA, _FORMAT = (
+    256,
+    257,
+    258,
+    262,
+    274,
+    277,
+    284,
+    338,
+    339,
+)
+_NONE, _DEFLATE = (1,), (8, 32946)  # compressions
+_MAX_PART = 1 << 28  # values in a strip or tile: the largest image that is read may be a single one
+_ASSOCIATED = 1  # associated (premultiplied) alpha
+
+_MAX_PNM_HEADER = 1 << 16  # bytes, mostly for comments
+_GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_NUMBER = rb"(\d{1,9})"
+# A comment may follow the last number directly; a single white space precedes the pixels.
+_PNM_HEADER = re.compile(rb"P([2356])" + (_GAP + _NUMBER) * 3 + rb"(?:#[^\r\n]*)?\s")
+_WORD = re.compile(rb"#[^\r\n]*|[^\s#]+")  # a comment, or a number
 
 
 def srgb_to_linear(values: Array) -> Array:
@@ -81,23 +108,15 @@ class CodedImage:
         """Fill texels (h, w, 3 or 4) float32 with the numbers, and a channel that the image lacks with 1."""
         band = np.full((BAND, *texels.shape[1:]), len(self.colors) - 1, self.codes.dtype)
         for start in range(0, len(texels), BAND):
-            codes, some = self.codes[start : start + BAND], texels[start : start + BAND]
+            codes, rows = self.codes[start : start + BAND], texels[start : start + BAND]
             band[: len(codes), :, : codes.shape[2]] = codes
-            np.take(self.colors, band[: len(codes)], out=some, mode="clip")
+            np.take(self.colors, band[: len(codes)], out=rows, mode="clip")
             if codes.shape[2] == 4 and self.alphas is not self.colors:
-                some[:, :, 3] = self.alphas[codes[:, :, 3]]
+                rows[:, :, 3] = self.alphas[codes[:, :, 3]]
 
 
 def read_image(path: Path, *, srgb: bool) -> CodedImage:
-    """Read an image file, (h, w, 3), row 0 at the top.
-
-    srgb: whether to decode the values from sRGB to linear; otherwise they are value/255, value/65535 for 16 bits, and
-    for PPM and PGM images value/most, where most is the file's largest value.
-    Gray images get three equal channels, palettes are resolved, of animations the first frame is used. Alpha is
-    dropped, with a warning unless it is opaque everywhere. Formats: see FORMATS.
-
-    Raises InputError naming the file if it cannot be read or decoded, or is larger than MAX_SIDE or MAX_PIXELS.
-    """
+    """Read an image file, (h, w, 3), as `decode_image` decodes it; warn if an alpha channel is left out."""
     owner = shown(path)
     image = decode_image(read_file(path, MAX_BYTES), owner, srgb=srgb)
     if image.shape[2] == 4:
@@ -108,91 +127,76 @@ def read_image(path: Path, *, srgb: bool) -> CodedImage:
 def decode_image(
     data: bytes | memoryview, owner: str, *, srgb: bool, count: Callable[[int], None] = lambda pixels: None
 ) -> CodedImage:
-    """Decode an image file, (h, w, 3), or (h, w, 4) if it has alpha that is not 1 everywhere.
+    """Decode an image file of one of FORMATS, (h, w, 3), or (h, w, 4) if it has alpha that is not 1 everywhere.
 
-    Row 0 is the top. srgb: see read_image; alpha is never decoded. owner: the name for messages. count: is told the number
-    of pixels before they are decoded, and may raise an InputError.
+    Row 0 is the top. Values are code/255, code/65535 for 16 bits, and code/maximum for PPM and PGM. Gray images get three
+    equal channels, palettes are resolved, of animations the first frame is used.
+    srgb: whether to decode colors from sRGB to linear; alpha is never decoded. owner: the name for messages. count: called
+    with the number of pixels before they are decoded; may raise an InputError.
     Raises InputError if it cannot be decoded, or is larger than MAX_SIDE or MAX_PIXELS.
     """
-    try:
-        pixels, most = _decoded(data, owner, count)
-    except (InputError, ImportError):
-        raise
-    except Exception as error:  # decoders raise exceptions of many types on damaged files
-        reason = reason_of(error) or type(error).__name__
-        raise file_error(owner, "image", "an image of type " + ", ".join(FORMATS), reason) from None
-    levels = np.arange(most + 1) / most
+    with decoding(owner, "image", "an image of type " + ", ".join(FORMATS)):
+        pixels, white = _decoded(data, owner, count)
+    levels = np.arange(white + 1) / white
     alphas = levels.astype(np.float32)
     colors = srgb_to_linear(levels).astype(np.float32) if srgb else alphas
     channels = pixels.shape[2]
-    if channels in (2, 4) and pixels[:, :, -1].min() == most:
+    if channels in (2, 4) and pixels[:, :, -1].min() == white:
         pixels = pixels[:, :, : channels - 1]
     if channels < 3:
         pixels = np.concatenate([np.repeat(pixels[:, :, :1], 3, axis=2), pixels[:, :, 1:]], axis=2)
     return CodedImage(pixels, colors, alphas)
 
 
-def decode_png(data: bytes | memoryview, owner: str, *, most_pixels: int) -> tuple[Array, dict[str, Any]]:
-    """Decode a PNG to (h, w, C) uint8 or uint16 codes, gray, gray and alpha, RGB or RGBA; and its header.
+def read_png(path: Path) -> tuple[Array, dict[str, Any]]:
+    """Read a PNG as (h, w, C) uint8 or uint16 codes, gray, gray and alpha, RGB or RGBA; and its header.
 
-    Raises InputError if it cannot be decoded, or is larger than MAX_SIDE or `most_pixels`.
+    Raises InputError, one line naming the file, if it is missing, not a PNG, truncated, damaged or too large.
     """
-    try:
-        image = _opened(data, owner, most_pixels, formats=("PNG",))
+    from PIL.PngImagePlugin import PngImageFile  # Image.open refuses more than 1.8e8 pixels in any format
+
+    owner, data = shown(path), read_file(path, 1 << 31)
+    with decoding(owner, "file", "a PNG image"):
+        image = PngImageFile(io.BytesIO(data))
+        if image.width * image.height > MAX_PNG_PIXELS:
+            raise file_error(owner, "file", f"at most {MAX_PNG_PIXELS} pixels", f"{image.width} x {image.height}")
         codes, _ = _codes(image, data, owner)
-    except (InputError, ImportError):
-        raise
-    except Exception as error:  # decoders raise exceptions of many types on damaged files
-        raise file_error(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
-    return codes, {name: value for name, value in image.info.items() if isinstance(value, (str, int, float, tuple))}
+    kept = (str, int, float, tuple)
+    return codes, {str(name): value for name, value in image.info.items() if isinstance(value, kept)}
 
 
 def _decoded(data: bytes | memoryview, owner: str, count: Callable[[int], None]) -> tuple[Array, int]:
     """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
+
+    def admit(width: int, height: int) -> None:
+        if max(width, height) > MAX_SIDE or width * height > MAX_PIXELS:
+            raise file_error(owner, "image", _LIMITS, f"{width} x {height}")
+        count(width * height)
+
     if bytes(data[:1]) == b"P":
         data = bytes(data)
-        head = pnm.header(data, owner)
-        if head is not None:
-            _check_size(head.width, head.height, owner, MAX_PIXELS)
-            count(head.width * head.height)
-            return pnm.codes(data, head, owner), head.most
-    layout = tiff.layout(data)
-    if layout is not None and layout.is_foreign:
-        _check_size(layout.width, layout.height, owner, MAX_PIXELS)
-        count(layout.width * layout.height)
-        return tiff.codes(data, layout, owner), 65535
-    image = _opened(data, owner, MAX_PIXELS)
-    count(image.width * image.height)
-    codes, most = _codes(image, data, owner)
-    if layout is not None and layout.photometric == 0 and layout.bits > 8:  # 0 is white
-        codes = most - codes
-    return codes, most
+        if (header := _pnm_header(data, owner)) is not None:
+            admit(header.shape[1], header.shape[0])
+            return _pnm_codes(data, header, owner), header.maximum
+    if (layout := _foreign_tiff(data)) is not None:
+        admit(layout.width, layout.height)
+        return _tiff_codes(data, layout, owner), 65535
+    image = _opened(data, owner)
+    admit(image.width, image.height)
+    return _codes(image, data, owner)
 
 
-def _check_size(width: int, height: int, owner: str, most_pixels: int, found: str = "") -> None:
-    if max(width, height) > MAX_SIDE or width * height > most_pixels:
-        expected = f"at most {MAX_SIDE} pixels a side and {most_pixels} in all"
-        raise file_error(owner, "image", expected, found or f"{width} x {height}")
-
-
-def _opened(data: bytes | memoryview, owner: str, most_pixels: int, formats: tuple[str, ...] = FORMATS) -> Any:
+def _opened(data: bytes | memoryview, owner: str) -> Any:
     """Return Pillow's image, not yet decoded."""
-    from PIL import Image, PngImagePlugin
+    from PIL import Image
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
-            if formats == ("PNG",):  # Image.open refuses more than 1.8e8 pixels in any format
-                image: Any = PngImagePlugin.PngImageFile(io.BytesIO(data))
-            else:
-                image = Image.open(io.BytesIO(data), formats=formats)
-            (width, height), found = image.size, ""
-        except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-            width = height = MAX_SIDE + 1
+            return Image.open(io.BytesIO(data), formats=FORMATS)
+        except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:  # of more than MAX_PIXELS
             size = re.search(r"\d+ pixels", str(error))
-            found = size.group() if size else str(error)
-    _check_size(width, height, owner, most_pixels, found)
-    return image
+            raise file_error(owner, "image", _LIMITS, size.group() if size else str(error)) from None
 
 
 def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int]:
@@ -200,24 +204,26 @@ def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int
     raw = image.tile[0][3] if image.format in ("PNG", "TIFF") and image.tile else ""
     raw = raw if isinstance(raw, str) else raw[0]
     image.load()
+    tags = image.tag_v2 if image.format == "TIFF" else {}
     if (image.format, raw) in _LOW_BYTES:
         return _keyed(_sixteen_bits(image, data, raw), image), 65535
     if image.mode in _GRAY_16 or (image.mode == "I" and raw.startswith("I;16") and not raw.endswith("S")):
         codes = np.asarray(image).astype(np.uint16)[:, :, None]
-        return _keyed(codes, image), 4095 if raw == "I;12" else 65535
-    if image.format == "TIFF" and max(image.tag_v2.get(258, (1,))) > 8:
-        found = f"a TIFF image with channels of {max(image.tag_v2[258])} bits and pixels of type {image.mode}"
+        white = 4095 if raw == "I;12" else 65535
+        return _keyed(white - codes if tags.get(_PHOTOMETRIC) == 0 else codes, image), white
+    if max(tags.get(_BITS, (1,))) > 8:
+        found = f"a TIFF image with channels of {max(tags[_BITS])} bits and pixels of type {image.mode}"
         raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", found)
     return _eight_bits(image, owner), 255
 
 
 def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
     """Return the 16-bit codes, (h, w, C), of an image for which Pillow gives the high bytes."""
-    from PIL import Image
-
     low_mode, channels = _LOW_BYTES[image.format, raw]
-    low: Any = Image.open(io.BytesIO(data), formats=(image.format,)) if image.format != "PNG" else _png(data)
-    low.tile = [_decoded_as(tile, low_mode) for tile in low.tile]
+    low = type(image)(io.BytesIO(data))
+    for number, tile in enumerate(low.tile):
+        arguments = low_mode if isinstance(tile[3], str) else (low_mode, *tile[3][1:])
+        low.tile[number] = tile._replace(args=arguments) if hasattr(tile, "_replace") else (*tile[:3], arguments)
     low.load()
     low_bytes = np.asarray(low)[:, :, channels]
     codes: Array = np.asarray(image)[:, :, : low_bytes.shape[2]].astype(np.uint16) << 8 | low_bytes
@@ -226,18 +232,6 @@ def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
     ink = 65535 - codes.astype(np.uint32)
     paint: Array = ((ink[:, :, :3] * ink[:, :, 3:] + 32767) // 65535).astype(np.uint16)
     return paint
-
-
-def _decoded_as(tile: Any, raw: str) -> Any:
-    """Return a tile of one of Pillow's images with another raw mode and otherwise the same arguments of its decoder."""
-    arguments = raw if isinstance(tile[3], str) else (raw, *tile[3][1:])
-    return tile._replace(args=arguments) if hasattr(tile, "_replace") else (*tile[:3], arguments)
-
-
-def _png(data: bytes | memoryview) -> Any:
-    from PIL import PngImagePlugin
-
-    return PngImagePlugin.PngImageFile(io.BytesIO(data))
 
 
 def _keyed(codes: Array, image: Any) -> Array:
@@ -250,14 +244,183 @@ def _keyed(codes: Array, image: Any) -> Array:
 
 
 def _eight_bits(image: Any, owner: str) -> Array:
-    mode = image.mode
-    if mode in ("1", "La"):
-        image = image.convert("L" if mode == "1" else "LA")
-    elif "transparency" in image.info and mode in ("P", "L", "RGB"):
-        image = image.convert("RGBA")
-    elif mode in _TO_RGB:
-        image = image.convert("RGBA" if mode in ("RGBa", "PA") else "RGB")
-    elif mode not in ("L", "LA", "RGB", "RGBA"):
+    keyed = "transparency" in image.info and image.mode in ("P", "L", "RGB")
+    mode = "RGBA" if keyed else _CONVERTED.get(image.mode, image.mode)
+    if mode not in ("L", "LA", "RGB", "RGBA"):
         raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
-    pixels = np.asarray(image)
+    pixels = np.asarray(image if mode == image.mode else image.convert(mode))
     return pixels[:, :, None] if pixels.ndim == 2 else pixels
+
+
+# TIFF with 16 bits per channel in layouts that Pillow lacks, or truncates to 8 bits, through tifffile.
+
+
+class _Tiff(NamedTuple):
+    """The layout of the first image of a file. associated: whether colors are premultiplied by alpha."""
+
+    width: int
+    height: int
+    samples: int
+    planar: bool
+    orientation: int
+    white_is_zero: bool
+    associated: bool
+
+
+def _foreign_tiff(data: bytes | memoryview) -> _Tiff | None:
+    """Return the layout of a TIFF file with 16 bits per channel that Pillow gives truncated, wrong or not at all.
+
+    None for other files and for ones too damaged to tell.
+    """
+    head = bytes(data[:16])
+    if head[:4] not in _TIFF_SIGNATURES:
+        return None
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    try:
+        tags: Any = ImageFileDirectory_v2(head if head[2] == 43 or head[3] == 43 else head[:8])
+        file = io.BytesIO(data)
+        file.seek(tags.next)
+        tags.load(file)
+        samples, photometric = int(tags.get(_SAMPLES, 1)), int(tags.get(_PHOTOMETRIC, 1))
+        planar, associated = tags.get(_PLANAR, 1) == 2, _ASSOCIATED in tags.get(_EXTRA, ())
+        gray = photometric in (0, 1) and (samples == 2 or (planar and samples == 1))
+        color = photometric == 2 and samples in (3, 4) and (planar or associated)
+        if not (gray or color) or set(tags.get(_BITS, (1,))) != {16} or set(tags.get(_FORMAT, (1,))) != {1}:
+            return None
+        width, height, orientation = int(tags[_WIDTH]), int(tags[_HEIGHT]), int(tags.get(_ORIENTATION, 1))
+        return _Tiff(width, height, samples, planar, orientation, photometric == 0, associated)
+    except Exception:  # a damaged file raises exceptions of many types; Pillow then reports the fault
+        return None
+
+
+def _tiff_codes(data: bytes | memoryview, layout: _Tiff, owner: str) -> Array:
+    """Return (h, w, C) uint16 gray, gray and alpha, RGB or RGBA of a file with a foreign layout and a checked size.
+
+    Raises InputError if tifffile is not installed, and for a compression other than deflate.
+    """
+    import logging
+
+    try:
+        import tifffile
+    except ImportError:
+        expected = "tifffile, for 16 bits a channel in planes, with gray and alpha, or with associated alpha"
+        raise file_error(owner, "image", expected, "none: `pip install tifffile`") from None
+    rows, columns, samples = layout.height, layout.width, layout.samples
+    shape = (samples, rows, columns) if layout.planar else (rows, columns, samples)
+    logger = logging.getLogger("tifffile")  # it reports damaged files on standard error
+    before, logger.disabled = logger.disabled, True
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            page: Any = file.pages[0]
+            _check_tiff(page, shape, data, owner)
+            pixels = np.asarray(page.asarray(maxworkers=1)).reshape(shape)
+    finally:
+        logger.disabled = before
+    pixels = np.moveaxis(pixels, 0, -1) if layout.planar else pixels
+    if layout.white_is_zero:
+        pixels = np.concatenate([65535 - pixels[:, :, :1], pixels[:, :, 1:]], axis=2)
+    if layout.associated:  # colors are divided by alpha; 0 where that is
+        alpha = pixels[:, :, -1:].astype(np.uint32)
+        straight = (pixels[:, :, :-1].astype(np.uint32) * 65535 + alpha // 2) // np.maximum(alpha, 1)
+        straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
+        pixels = np.concatenate([straight, pixels[:, :, -1:]], axis=2)
+    # Row 0 becomes the top and column 0 the left, by the orientation of the TIFF standard.
+    if layout.orientation in (5, 6, 7, 8):
+        pixels = pixels.transpose(1, 0, 2)
+    return pixels[
+        :: -1 if layout.orientation in (3, 4, 7, 8) else 1, :: -1 if layout.orientation in (2, 3, 6, 7) else 1
+    ]
+
+
+def _check_tiff(page: Any, shape: tuple[int, ...], data: bytes | memoryview, owner: str) -> None:
+    """Raise InputError for an unsupported compression, and if the file claims or holds more data than its pixels take.
+
+    A file of a few bytes may claim more pixels, in depth, or more or larger strips or tiles: tifffile would allocate
+    all.
+    """
+
+    def require(condition: bool, expected: str, found: object) -> None:
+        if not condition:
+            raise file_error(owner, "image", expected, str(found))
+
+    fits = page.size == math.prod(shape) and page.dtype == np.uint16
+    require(fits, f"16-bit pixels of shape {shape}", f"{page.dtype} of shape {page.shape}")
+    parts, listed, values = math.prod(page.chunked), len(page.dataoffsets), math.prod(page.chunks)
+    require(parts == listed, f"{parts} strips or tiles", listed)
+    require(values <= _MAX_PART, f"strips or tiles of at most {_MAX_PART} values", values)
+    compression = int(page.compression)
+    supported = "no compression or deflate, for 16 bits in planes, with associated alpha, or gray with alpha"
+    require(compression in _NONE + _DEFLATE, supported, page.compression.name)
+    if compression in _DEFLATE:
+        size = values * 2
+        for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+            part = zlib.decompressobj().decompress(data[start : start + count], size + 1)
+            require(len(part) <= size, f"at most {size} bytes in a strip or tile", "more")
+
+
+# Gray and RGB images of the PNM family, text and binary: Pillow keeps only 8 bits of color.
+
+
+class _Pnm(NamedTuple):
+    """The header of a PNM image. shape: (h, w, 1 or 3). maximum: the code of white. start: byte offset of the pixels."""
+
+    shape: tuple[int, int, int]
+    maximum: int
+    is_text: bool
+    start: int
+
+
+def _pnm_header(data: bytes, owner: str) -> _Pnm | None:
+    """Parse the header of a PGM or PPM file (P2, P3, P5, P6); None for anything else.
+
+    Raises InputError if it is malformed, and if the file has fewer bytes than its pixels take.
+    """
+    if data[:2] not in (b"P2", b"P3", b"P5", b"P6"):
+        return None
+    match = _PNM_HEADER.match(data, 0, _MAX_PNM_HEADER)
+    if match is None:
+        raise file_error(owner, "image", "width, height and largest value of a PNM image", quoted(data[:32]))
+    kind, width, height, maximum = (int(number) for number in match.groups())
+    if not (width and height and 0 < maximum < 1 << 16):
+        expected = "a PNM image with pixels and a largest value from 1 to 65535"
+        raise file_error(owner, "image", expected, f"{width} x {height} with {maximum}")
+    channels = 3 if kind in (3, 6) else 1
+    count = width * height * channels
+    size = 2 * count - 1 if kind < 4 else count * (1 if maximum < 256 else 2)
+    if size > len(data) - match.end():
+        expected = f"at least {size} bytes for {width} x {height} pixels"
+        raise file_error(owner, "image", expected, f"{len(data) - match.end()} bytes")
+    return _Pnm((height, width, channels), maximum, kind < 4, match.end())
+
+
+def _pnm_codes(data: bytes, header: _Pnm, owner: str) -> Array:
+    """Return (h, w, 1 or 3) uint8 or uint16 values from 0 to header.maximum. Data after the first image is ignored.
+
+    Raises InputError for text in place of a number, and for values above header.maximum.
+    """
+    count = math.prod(header.shape)
+    kind = np.dtype(np.uint8 if header.maximum < 256 else ">u2")
+    if header.is_text:
+        values = np.fromiter(_numbers(data, header.start, count, owner), np.uint32)
+        if len(values) < count:
+            raise file_error(owner, "image", f"{count} values", str(len(values)))
+    else:
+        values = np.frombuffer(data, kind, count, header.start)
+    if values.max() > header.maximum:
+        raise file_error(owner, "image", f"values up to {header.maximum}", str(values.max()))
+    return values.astype(kind.newbyteorder("="), copy=False).reshape(header.shape)
+
+
+def _numbers(data: bytes, start: int, count: int, owner: str) -> Iterator[int]:
+    """Yield the first `count` whole numbers of a text."""
+    for match in _WORD.finditer(data, start):
+        word = match[0]
+        if word.startswith(b"#"):
+            continue
+        if not (word.isdigit() and len(word) < 10):
+            raise file_error(owner, "image", "whole numbers", quoted(word))
+        yield int(word)
+        count -= 1
+        if not count:
+            return

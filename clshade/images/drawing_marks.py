@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 AXES: dict[str, Color] = {"x": (200, 40, 40), "y": (30, 135, 50), "z": (40, 85, 215)}
 INK: Color = (40, 40, 40)
-_FADED = 0.5  # how far the color of an axis that points away is from its own to white
+_FADED = 0.5  # how far colors of axes that point away are from full color to white
 _FINE = 4  # subpixels per pixel and side
 _LENGTH, _HEAD, _STROKE, _DOT, _LETTER = 0.36, 0.095, 0.03, 0.06, 0.12  # of the triad's side
 _LABEL = 1.32  # of an axis's length: how far its label is from the origin
@@ -46,23 +46,18 @@ def triad(axes: Array, side: int) -> Bytes:
     low, high = places.min(axis=0), places.max(axis=0)
     length = min(_LENGTH, (1.0 - 1.7 * _LETTER) / max(*(high - low), 1e-9)) * side
     origin = 0.5 * side - (low + high) / 2.0 * length
+    colors = [faded(color) if axes[2, axis] > 1e-9 else color for axis, color in enumerate(AXES.values())]
     for axis in sorted(range(3), key=lambda axis: -axes[2, axis]):  # the farthest first
-        _draw_axis(
-            draw, origin * _FINE, flat[axis] * length * _FINE, axes[2, axis] > 0.0, _color(axis, axes), side * _FINE
-        )
+        arrow = flat[axis] * length * _FINE
+        _draw_axis(draw, origin * _FINE, arrow, axes[2, axis] > 0.0, colors[axis], side * _FINE)
     pixels = np.array(picture.resize((side, side), Image.Resampling.BOX))
     size = side * _LETTER
     for axis, name in enumerate(AXES):
         x, y = origin + labels[axis] * length
         width = lettering.width_of(name, size)
         # The height of letters without ascenders is about 3/4 of the size in points at 100 dots per inch.
-        lettering.put(pixels, x - width / 2, y + 0.375 * size, size, name, _color(axis, axes))
+        lettering.put(pixels, x - width / 2, y + 0.375 * size, size, name, colors[axis])
     return pixels
-
-
-def _color(axis: int, axes: Array) -> Color:
-    color = tuple(AXES.values())[axis]
-    return faded(color) if axes[2, axis] > 1e-9 else color
 
 
 def _label_places(flat: Array) -> Array:
@@ -71,11 +66,11 @@ def _label_places(flat: Array) -> Array:
     flat: (3, 2) directions of the axes in the image, y down. The label of an axis seen end-on is opposite to the others.
     """
     lengths = np.hypot(*flat.T)
-    found, end_on = np.empty((3, 2)), lengths < _SEEN_END_ON
-    found[~end_on] = flat[~end_on] * (1.0 + (_LABEL - 1.0) / lengths[~end_on, None])
+    places, end_on = np.empty((3, 2)), lengths < _SEEN_END_ON
+    places[~end_on] = flat[~end_on] * (1.0 + (_LABEL - 1.0) / lengths[~end_on, None])
     others = flat[~end_on].sum(axis=0)
-    found[end_on] = -0.55 * others / np.hypot(*others)
-    return found
+    places[end_on] = -0.55 * others / np.hypot(*others)
+    return places
 
 
 def _draw_axis(draw: ImageDraw, origin: Array, arrow: Array, away: bool, color: Color, side: float) -> None:
@@ -93,10 +88,10 @@ def _draw_axis(draw: ImageDraw, origin: Array, arrow: Array, away: bool, color: 
     draw.polygon([tuple(tip), tuple(back + wide), tuple(back - wide)], fill=color)
 
 
-def round_length(most: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is at most `most`, above 0 and finite."""
-    power = 10.0 ** math.floor(math.log10(most))
-    factor = max(f for f in (1.0, 2.0, 5.0, 10.0) if f * power <= most * (1.0 + 1e-12) or f == 1.0)
+def round_length(limit: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most `limit`, which is above 0 and finite."""
+    power = 10.0 ** math.floor(math.log10(limit))
+    factor = max(f for f in (1.0, 2.0, 5.0, 10.0) if f * power <= limit * (1.0 + 1e-12) or f == 1.0)
     # 3 * 0.1 is not 0.3: the nearest float to the decimal number.
     return float(f"{factor * power:.0e}")
 

@@ -9,6 +9,7 @@ import contextlib
 import io
 import math
 import os
+import struct
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike
 from ..base import atomic_files
 from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
-from ..base.input_files import file_error, quoted, read_file, reason_of
+from ..base.input_files import decoding, file_error, quoted, read_file
 from ..base.validation import choice
 from ..base.validation import path as checked_path
 from ..errors import InputError
@@ -50,7 +51,6 @@ FULL_PRECISION = (*(name for name, row in LAYER_TABLE.items() if row.keeps_digit
 # What some layers hold where there is nothing.
 FAR: dict[str, float] = {name: row.background for name, row in LAYER_TABLE.items() if row.background != 0.0}
 
-_MAX_HEADER = 1 << 16  # bytes that are searched for the display window
 # Names of the first of several parts, and of the part of the other channels where the compression is lossy.
 FIRST, LAYERS = "rgba", "layers"
 
@@ -71,11 +71,6 @@ def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
         `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
         .U .V .W, any other into .R .G .B .A. Row 0 is the top.
 
-    Returns
-    -------
-    dict of str to ndarray
-        One (M, N) array per channel.
-
     Raises
     ------
     InputError
@@ -84,8 +79,8 @@ def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
     if not isinstance(layers, Mapping):
         layers = {"RGB": layers}
     flat: dict[str, Array] = {}
-    for name, given in layers.items():
-        array = np.asarray(given)
+    for name, layer in layers.items():
+        array = np.asarray(layer)
         if not isinstance(name, str) or not name or "\0" in name:
             raise InputError(f"exr: channels: expected names of at least one letter, found {name!r}")
         components = {name: array}
@@ -113,7 +108,6 @@ def drawn_window(channels: Mapping[str, Array]) -> Window:
     Parameters
     ----------
     channels : mapping of str to ndarray of shape (M, N)
-        Channels of one image.
 
     Returns
     -------
@@ -121,32 +115,30 @@ def drawn_window(channels: Mapping[str, Array]) -> Window:
         (x0, y0, x1, y1), inclusive, y down from the top; the first pixel if everything is 0. -0.0
         counts as drawn, because readers give +0 outside the data window.
     """
-    drawn_rows, drawn_columns = np.zeros(1, bool), np.zeros(1, bool)
+    rows, columns = np.zeros(1, bool), np.zeros(1, bool)
     for plane in channels.values():
         drawn = plane != 0
         if plane.dtype.kind == "f":
             drawn |= np.signbit(plane)
-        drawn_rows, drawn_columns = drawn_rows | drawn.any(axis=1), drawn_columns | drawn.any(axis=0)
-    if not drawn_rows.any():
+        rows, columns = rows | drawn.any(axis=1), columns | drawn.any(axis=0)
+    if not rows.any():
         return 0, 0, 0, 0
-    ys, xs = np.flatnonzero(drawn_rows), np.flatnonzero(drawn_columns)
+    ys, xs = np.flatnonzero(rows), np.flatnonzero(columns)
     return int(xs[0]), int(ys[0]), int(xs[-1]), int(ys[-1])
 
 
 def _data_window(planes: dict[str, Array], window: Window | str | None) -> Window:
     rows, columns = next(iter(planes.values())).shape
-    if window is None:
-        return 0, 0, columns - 1, rows - 1
     if isinstance(window, str):
         if window not in ("drawn", "covered"):
             raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn, covered or None, found {window!r}")
-        far = {
-            name: np.where(np.isnan(planes[name]) if math.isnan(value) else planes[name] == value, 0, planes[name])
-            for name, value in FAR.items()
-            if window == "covered" and name in planes
-        }
-        return drawn_window({**planes, **far})
-    x0, y0, x1, y1 = (int(edge) for edge in window)
+        seen = dict(planes)
+        for name in FAR if window == "covered" else ():
+            if name in planes:
+                far = np.isnan(planes[name]) if math.isnan(FAR[name]) else planes[name] == FAR[name]
+                seen[name] = np.where(far, 0, planes[name])
+        return drawn_window(seen)
+    x0, y0, x1, y1 = (0, 0, columns - 1, rows - 1) if window is None else (int(edge) for edge in window)
     if not (0 <= x0 <= x1 < columns and 0 <= y0 <= y1 < rows):
         raise InputError(f"exr: window: expected one inside {columns} x {rows} pixels, found {window!r}")
     return x0, y0, x1, y1
@@ -195,11 +187,9 @@ def _stored(name: str, plane: Array, half: bool, warnings: list[str]) -> Array:
         stored = np.ascontiguousarray(plane, dtype=np.float16 if to_half else np.float32)
     if stored.dtype.itemsize < size:
         label, limit = ("half", "65520") if to_half else ("float32", "3.4e38")
-        lost = np.count_nonzero(np.isinf(stored)) - np.count_nonzero(np.isinf(plane))
-        if lost:
+        if lost := np.count_nonzero(np.isinf(stored)) - np.count_nonzero(np.isinf(plane)):
             warnings.append(f"{name}: {lost} finite values of {limit} or more became infinity in {label}")
-        unknown = np.count_nonzero(np.isnan(stored)) if to_half else 0
-        if unknown:
+        if to_half and (unknown := np.count_nonzero(np.isnan(stored))):
             warnings.append(f"{name}: {unknown} NaN values lost their payload in {label}")
     return stored
 
@@ -207,9 +197,10 @@ def _stored(name: str, plane: Array, half: bool, warnings: list[str]) -> Array:
 class _Sink:
     """The stream that OpenEXR writes to; keeps the first error, which a destructor of OpenEXR could swallow."""
 
+    error: BaseException | None = None
+
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
-        self.error: BaseException | None = None
 
     def __getattr__(self, name: str) -> Any:
         operation = getattr(self.file, name)
@@ -234,8 +225,7 @@ def _compress(
     form: dict[str, Any] = {"type": OpenEXR.scanlineimage}
     if tiled:
         form = {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
-        rows, columns = next(iter(parts[0][3].values())).shape
-        form["tiles"].xSize, form["tiles"].ySize = columns, rows
+        form["tiles"].ySize, form["tiles"].xSize = next(iter(parts[0][3].values())).shape
     sink = _Sink(file)
     with _LOCK:
         # OpenEXR's threads exist only here: a child forked later would wait for them forever.
@@ -245,15 +235,14 @@ def _compress(
             made = []
             for name, compression, header, channels in parts:
                 method = getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION")
-                own = {**header, **form, "compression": method}
-                made.append(OpenEXR.Part(own, channels, name if len(parts) > 1 else ""))
+                attributes = {**header, **form, "compression": method}
+                made.append(OpenEXR.Part(attributes, channels, name if len(parts) > 1 else ""))
             with OpenEXR.File(made) as exr:
                 exr.write(sink)
-        except MemoryError:
-            raise
         except Exception as error:
-            if sink.error is None:
+            if sink.error is None and not isinstance(error, MemoryError):
                 raise OSError(f"OpenEXR: {error}") from None
+            raise sink.error or error from None
         finally:
             OpenEXR.set_global_thread_count(before)
     if sink.error is not None:
@@ -305,10 +294,8 @@ def write(
 
     Raises
     ------
-    InputError
-        Channels, metadata, compression or window are not allowed.
-    OutputError
-        The file cannot be written.
+    InputError, OutputError
+        An argument is not allowed; the file cannot be written.
     """
     with atomic_files.replacing(checked_path("exr.write", "path", path)) as file:
         return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
@@ -343,7 +330,7 @@ def encode(
     Returns
     -------
     list of str
-        Warnings, as for `write`, which also says what is refused.
+        Warnings, as for `write`.
     """
     choice("exr", "compression", compression, COMPRESSIONS)
     planes = flatten(channels)
@@ -355,27 +342,27 @@ def encode(
         header |= {exr_limits.OUTSIDE[name]: value for name, value in FAR.items() if name in planes}
     warnings: list[str] = []
     stored = {n: _stored(n, p[y0 : y1 + 1, x0 : x1 + 1], half, warnings) for n, p in planes.items()}
-    lossless, written = compression, [(FIRST, compression, header, stored)]
+    written = [(FIRST, compression, header, stored)]
+    lossless = "zip" if compression in LOSSY else compression
     if compression in LOSSY:
-        lossless = "zip"
-        kind, changed, what = LOSSY[compression]
-        rounded = [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and n in changed]
-        warnings += [f"{', '.join(rounded)}: {compression} {what}"] if rounded else []
-        layers = {name: stored.pop(name) for name in [*stored] if name not in IMAGE}
-        written += [(LAYERS, lossless, header, layers)] if layers else []
+        kind, changed, loss = LOSSY[compression]
+        if rounded := [n for n, p in stored.items() if np.issubdtype(p.dtype, kind) and n in changed]:
+            warnings.append(f"{', '.join(rounded)}: {compression} {loss}")
+        if layers := {name: stored.pop(name) for name in [*stored] if name not in IMAGE}:
+            written.append((LAYERS, lossless, header, layers))
         if not stored or (tiled and layers):
             where = "in tiles" if tiled else "without R, G, B or A"
             raise InputError(f"exr: compression: expected a lossless one for layers {where}, found {compression}")
-    for name, (own, own_metadata) in (parts or {}).items():
+    for name, (part, part_metadata) in (parts or {}).items():
         if not isinstance(name, str) or not name.isprintable() or name in ("", FIRST, LAYERS):
             expected = f"names of at least one letter, other than {FIRST} and {LAYERS}"
             raise InputError(f"exr: parts: expected {expected}, found {name!r}")
-        own_planes = flatten(own)
-        if next(iter(own_planes.values())).shape != (rows, columns):
+        planes = flatten(part)
+        if next(iter(planes.values())).shape != (rows, columns):
             raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
-        found = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in own_planes.items()}
+        stored = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in planes.items()}
         shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
-        written.append((name, lossless, _header({**own_metadata, **shared}, whole, whole), found))
+        written.append((name, lossless, _header({**part_metadata, **shared}, whole, whole), stored))
     _compress(file, written, tiled)
     return warnings
 
@@ -413,7 +400,7 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
         headers = [
             {name: _plain(name, value) for name, value in exr.header(part).items()} for part in range(len(exr.parts))
         ]
-    exr_limits.check(headers, exr_limits.channel_bytes(data, len(headers)), data, owner)
+    exr_limits.check(headers, data, owner)
     for header in headers:
         del header["channels"]
     parts = []
@@ -440,25 +427,24 @@ def _merged(parts: list[tuple[dict[str, Array], dict[str, Any]]]) -> dict[str, A
         for name in list(channels):
             plane = channels.pop(name)  # free the pixels as soon as they are copied
             unique = name if name not in merged else f"{header.get('name', '')}.{name}"
+            unique = unique if unique not in merged else f"{number}.{unique}"
             outside = header.get(exr_limits.OUTSIDE.get(name, ""))
-            known = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
-            merged[unique if unique not in merged else f"{number}.{unique}"] = _displayed(
-                plane, header["dataWindow"], header["displayWindow"], known
-            )
+            fill = outside if isinstance(outside, float) and plane.dtype.kind == "f" else 0.0
+            merged[unique] = _displayed(plane, header["dataWindow"], header["displayWindow"], fill)
     return merged
 
 
-def _displayed(plane: Array, data: Window, display: Window, outside: float) -> Array:
-    """Return the pixels of the display window, `outside` where the data window has none."""
+def _displayed(plane: Array, data: Window, display: Window, fill: float) -> Array:
+    """Return the pixels of the display window, `fill` where the data window has none."""
     if data == display:
         return plane
-    shape = display[3] - display[1] + 1, display[2] - display[0] + 1
-    whole = np.full(shape, outside, plane.dtype) if outside else np.zeros(shape, plane.dtype)  # takes no memory yet
-    x0, y0 = max(data[0], display[0]), max(data[1], display[1])
-    x1, y1 = min(data[2], display[2]) + 1, min(data[3], display[3]) + 1
+    left, top, right, bottom = display
+    shape = bottom - top + 1, right - left + 1
+    whole = np.full(shape, fill, plane.dtype) if fill else np.zeros(shape, plane.dtype)  # takes no memory yet
+    x0, y0, x1, y1 = max(data[0], left), max(data[1], top), min(data[2], right) + 1, min(data[3], bottom) + 1
     if x0 < x1 and y0 < y1:
-        source = plane[y0 - data[1] : y1 - data[1], x0 - data[0] : x1 - data[0]]
-        whole[y0 - display[1] : y1 - display[1], x0 - display[0] : x1 - display[0]] = source
+        part = plane[y0 - data[1] : y1 - data[1], x0 - data[0] : x1 - data[0]]
+        whole[y0 - top : y1 - top, x0 - left : x1 - left] = part
     return whole
 
 
@@ -466,9 +452,13 @@ def resolution(path: Path) -> tuple[int, int] | None:
     """Return columns and rows of the display window from the header of a file; None if there is no readable EXR."""
     try:
         with open(path, "rb") as file:
-            return exr_limits.display_size(file.read(_MAX_HEADER))
-    except OSError:
+            for name, _, value in exr_limits.attributes(file) if file.read(8).startswith(exr_limits.MAGIC) else ():
+                if name == b"displayWindow":
+                    x0, y0, x1, y1 = struct.unpack("<4i", value)
+                    return x1 - x0 + 1, y1 - y0 + 1
+    except (OSError, ValueError, struct.error):  # or shorter than its header says
         return None
+    return None
 
 
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -477,7 +467,6 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     Parameters
     ----------
     path : str or path-like
-        File.
 
     Returns
     -------
@@ -501,15 +490,9 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     data = read_file(path, _MAX_BYTES)
     if not data.startswith(exr_limits.MAGIC):
         raise file_error(owner, "file", "an OpenEXR image", "something else")
-    try:
+    with decoding(owner, "file", "an OpenEXR image"):
         with _quiet():
             parts = _decode(data, owner)
         planes = _merged(parts)
-    except MemoryError:
-        raise file_error(owner, "file", "an image that fits into memory", "a larger one") from None
-    except (InputError, ImportError):
-        raise
-    except Exception as error:  # the decoder raises exceptions of many types
-        raise file_error(owner, "file", "an OpenEXR image", reason_of(error) or "damaged data") from None
     names = [name for name in "RGBA" if name in planes] + [name for name in planes if name not in "RGBA"]
     return {name: planes[name] for name in names}, parts[0][1]

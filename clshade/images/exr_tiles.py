@@ -9,8 +9,9 @@ from __future__ import annotations
 import io
 import shutil
 import struct
-from collections.abc import Iterable, Mapping
-from typing import Any, BinaryIO, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
@@ -18,51 +19,31 @@ from ..base.atomic_files import shown
 from ..base.input_files import file_error, reason_of
 from . import exr, exr_limits
 
-_READ = 1 << 16  # bytes of a file that are read at first; names of many instances make headers longer
 _CHUNK = struct.Struct("<5i")  # column and row of a tile, its levels, bytes of its pixels
 _SHARED = (b"channels", b"compression")  # attributes that a tile has in common with the whole
 
-
-class _Header(NamedTuple):
-    """version: the file's second word. values, raw: of each attribute, its value, and all that is stored of it. end: where
-    the header ends, with its null byte."""
-
-    version: int
-    values: dict[bytes, bytes]
-    raw: dict[bytes, bytes]
-    end: int
+Attributes: TypeAlias = dict[bytes, tuple[bytes, bytes]]  # name -> type and value
 
 
-def _parsed(data: bytes) -> _Header:
-    """Return the header at the beginning of a file. Raises IndexError or ValueError if it is not whole."""
-    begin, values, raw = exr_limits.START, {}, {}
-    for name, value, after in exr_limits.attributes(data, begin):
-        values[name], raw[name] = value, data[begin:after]
-        begin = after
-    return _Header(int.from_bytes(data[4:8], "little"), values, raw, begin + 1)
-
-
-def _read(file: BinaryIO, name: str) -> _Header:
-    """Return the header of an open file. Raises InputError, naming it, if it has none."""
-    size = _READ
-    while True:
-        file.seek(0)
-        data = file.read(size)
-        if not data.startswith(exr_limits.MAGIC):
-            raise file_error(shown(name), "file", "a tile of this image", "something else")
-        try:
-            return _parsed(data)
-        except (IndexError, ValueError):
-            if len(data) < size:
-                raise file_error(shown(name), "file", "a tile of this image", "a damaged one") from None
-        size *= 4
-
-
-def _opened(name: str) -> BinaryIO:
+def _header(file: BinaryIO, name: str) -> tuple[int, Attributes]:
+    """Read the version, the file's second word, and the header. Raises InputError, naming the file, if it has none."""
+    if file.read(4) != exr_limits.MAGIC:
+        raise file_error(shown(name), "file", "a tile of this image", "something else")
+    version = int.from_bytes(file.read(4), "little")
     try:
-        return open(name, "rb")
+        return version, {key: (kind, value) for key, kind, value in exr_limits.attributes(file)}
+    except ValueError:
+        raise file_error(shown(name), "file", "a tile of this image", "a damaged one") from None
+
+
+@contextmanager
+def _opened(name: str) -> Iterator[BinaryIO]:
+    try:
+        file = open(name, "rb")  # noqa: SIM115  (errors of the block are not those of opening)
     except OSError as error:
         raise file_error(shown(name), "file", "a tile of this image", reason_of(error)) from None
+    with file:
+        yield file
 
 
 def header(tile_name: str, resolution: tuple[int, int], tile: int, metadata: Mapping[str, Any]) -> bytes:
@@ -72,26 +53,30 @@ def header(tile_name: str, resolution: tuple[int, int], tile: int, metadata: Map
     pixels a side. metadata: as for `exr.write`. Raises InputError if the file cannot be read.
     """
     with _opened(tile_name) as one:
-        shared = _read(one, tile_name)
+        tile_version, shared = _header(one, tile_name)
     file = io.BytesIO()
     exr.encode(file, np.zeros((1, 1, 3), np.float32), metadata=metadata, tiled=True)
-    own = _parsed(file.getvalue())
-    raw = {**own.raw, **{name: shared.raw[name] for name in _SHARED}}
+    file.seek(0)
+    version, attributes = _header(file, "")
+    attributes |= {name: shared[name] for name in _SHARED}
     window = struct.pack("<4i", 0, 0, resolution[0] - 1, resolution[1] - 1)
-    size = struct.pack("<2I", tile, tile) + own.values[b"tiles"][8:]
+    size = struct.pack("<2I", tile, tile) + attributes[b"tiles"][1][8:]
     for name, value in ((b"dataWindow", window), (b"displayWindow", window), (b"tiles", size)):
-        raw[name] = raw[name][: -len(value)] + value
-    # A bit of the version tells of long names.
-    return exr_limits.MAGIC + (own.version | shared.version).to_bytes(4, "little") + b"".join(raw.values()) + b"\0"
+        attributes[name] = attributes[name][0], value
+    start = exr_limits.MAGIC + (version | tile_version).to_bytes(4, "little")  # a bit of it tells of long names
+    stored = (
+        b"\0".join([name, kind, len(value).to_bytes(4, "little") + value]) for name, (kind, value) in attributes.items()
+    )
+    return start + b"".join(stored) + b"\0"
 
 
 def join(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, down: int) -> None:
     """Write a tiled EXR to an open file.
 
-    start: of `header`. tiles: names of `across` times `down` files of one tile each, row by row from the top, each with
+    start: from `header`. tiles: names of `across` times `down` files of one tile each, row by row from the top, each with
     the channels and the compression of the header. Raises InputError for a file that is not one of them.
     """
-    shared = _parsed(start).values
+    _, shared = _header(io.BytesIO(start), "")
     file.write(start)
     file.write(bytes(8 * across * down))
     offsets = np.zeros(across * down, np.uint64)
@@ -107,21 +92,18 @@ def join(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, down: 
     file.seek(end)
 
 
-def _seek_pixels(one: BinaryIO, shared: dict[bytes, bytes], name: str) -> int:
+def _seek_pixels(file: BinaryIO, shared: Attributes, name: str) -> int:
     """Go to the pixels of a file's only tile, which end with the file; return their bytes. Raises InputError for another
     file."""
-    found = _read(one, name)
+    _, own = _header(file, name)
     for key in _SHARED:
-        if found.values.get(key) != shared[key]:
+        if own.get(key) != shared[key]:
             raise file_error(shown(name), "file", "a tile of this image", f"one with other {key.decode()}")
-    one.seek(found.end)
-    table = one.read(8)
-    offset = int.from_bytes(table, "little")
-    one.seek(0, io.SEEK_END)
-    rest = one.tell() - offset - _CHUNK.size
-    if len(table) == 8 and rest >= 0:
-        one.seek(offset)
-        size: int = _CHUNK.unpack(one.read(_CHUNK.size))[4]
+    offset = int.from_bytes(file.read(8), "little")
+    rest = file.seek(0, io.SEEK_END) - offset - _CHUNK.size
+    if offset and rest >= 0:
+        file.seek(offset)
+        size: int = _CHUNK.unpack(file.read(_CHUNK.size))[4]
         if size == rest:
             return size
     raise file_error(shown(name), "file", "a tile of this image", "one that does not end with its pixels")

@@ -22,9 +22,9 @@ Layer: TypeAlias = Literal[NumberLayer, PointLayer, RealLayer]
 
 @dataclass(frozen=True)
 class LayerRow:
-    """What is known of a layer.
+    """A layer of frames.
 
-    what: it holds.
+    what: what it holds.
     kind: `real` is that of the image, `float64` is completed by the host; uint32 counts what the triangle belongs to.
     components: the last parts of its channels' names; none for a single number.
     background: where there is no surface; of a number that kernels/surface_layers.cl writes 0, another finite one, or NaN.

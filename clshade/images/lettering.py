@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,49 +31,39 @@ def _font() -> Any:
     return FT2Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"))
 
 
-@cache
-def _unhinted() -> Any:
-    """Return the flag for unhinted glyph spacing, whose name depends on the version of matplotlib."""
-    from matplotlib import ft2font
-
-    names: Any = ft2font
-    return names.LoadFlags.NO_HINTING if hasattr(names, "LoadFlags") else names.LOAD_NO_HINTING
-
-
 @lru_cache(maxsize=256)
 def line(text: str, size: float) -> tuple[Bytes, int]:
-    """Render a line of text as (height, width) uint8, 255 for ink; and return its rows below the baseline.
+    """Render a line of text, of `size` points, as (height, width) uint8, 255 for ink; and return its rows below the
+    baseline."""
+    from matplotlib import ft2font
 
-    size: points.
-    """
-    font = _font()
+    font, module = _font(), vars(ft2font)
     font.set_size(size, DPI)
-    font.set_text(text, 0.0, flags=_unhinted())
+    unhinted = module["LoadFlags"].NO_HINTING if "LoadFlags" in module else module["LOAD_NO_HINTING"]  # by version
+    font.set_text(text, 0.0, flags=unhinted)
     font.draw_glyphs_to_bitmap(antialiased=True)
     return np.array(font.get_image()), font.get_descent() // 64  # from 1/64 pixel
 
 
+def width_of(text: str, size: float) -> int:
+    """Return the width of a line of text in pixels."""
+    return int(line(text, size)[0].shape[1])
+
+
 def drawable(text: str) -> str:
     """Return the text with `?` for characters that the font lacks or that are not printable."""
-    known = _font().get_char_index
-    return "".join(each if each.isprintable() and known(ord(each)) else "?" for each in text)
+    glyph = _font().get_char_index
+    return "".join(letter if letter.isprintable() and glyph(ord(letter)) else "?" for letter in text)
 
 
 def fitted(text: str, size: float, width: float) -> str:
     """Return the text, drawable, its end replaced by dots if it is wider than `width` pixels; "" if nothing fits."""
     text = drawable(text)
-    if not text or line(text, size)[0].shape[1] <= width:
+    if not text or width_of(text, size) <= width:
         return text
-    low, high = 0, len(text)  # of characters kept: so many fit, so many do not
-    if line("...", size)[0].shape[1] > width:
-        return ""
-    while high - low > 1:
-        middle = (low + high) // 2
-        if line(text[:middle].rstrip() + "...", size)[0].shape[1] <= width:
-            low = middle
-        else:
-            high = middle
-    return text[:low].rstrip() + "..."
+    shortened = [text[:kept].rstrip() + "..." for kept in range(len(text))]
+    count = bisect_right(shortened, width, key=lambda short: width_of(short, size))  # how many fit
+    return shortened[count - 1] if count else ""
 
 
 def put(picture: Array, x: float, y: float, size: float, text: str, color: Color = (0, 0, 0)) -> None:
@@ -86,8 +77,3 @@ def put(picture: Array, x: float, y: float, size: float, text: str, color: Color
     place = picture[max(top, 0) :, max(left, 0) :][: len(ink), : ink.shape[1]]
     share = ink[:, :, None] / 255.0
     place[:] = np.rint(place * (1.0 - share) + np.array(color) * share)
-
-
-def width_of(text: str, size: float) -> int:
-    """Return the width of a line of text in pixels."""
-    return int(line(text, size)[0].shape[1])

@@ -40,15 +40,18 @@ class ImageError:
         return figures
 
 
+def image_error(image: Array, reference: Array) -> ImageError:
+    """Return all measures. Raises InputError for images of different sizes."""
+    if image.shape != reference.shape:
+        raise value_error("image_error", "image", f"the reference's shape {reference.shape}", image)
+    shown = seen(image), seen(reference)
+    psnr = decibels(float(np.mean(_squared(*shown))))
+    return ImageError(rmse(image, reference), relmse(image, reference), psnr, flip_of_seen(*shown))
+
+
 def rms(difference: Array) -> float:
     """Return the root mean square."""
     return math.sqrt(float(np.mean(np.square(difference, dtype=np.float64))))
-
-
-def scale_end(difference: Array) -> float:
-    """Return where a scale of colors for differences, 0 or more, ends: 98 % of those above 0 are within; 1 without any."""
-    some = difference[difference > 0.0]
-    return float(np.quantile(some, 0.98)) if some.size else 1.0
 
 
 def rmse(image: Array, reference: Array) -> float:
@@ -60,17 +63,29 @@ def relmse(image: Array, reference: Array) -> float:
     return float(np.mean(_squared(image, reference) / scale))
 
 
-def psnr(image: Array, reference: Array) -> float:
-    return decibels(float(np.mean(_squared(seen(image), seen(reference)))))
+def _squared(image: Array, reference: Any) -> Array:
+    return np.square(np.asarray(image, np.float64) - np.asarray(reference, np.float64))
 
 
-def flip(image: Array, reference: Array) -> float | None:
-    return flip_of_seen(seen(image), seen(reference))
+def scale_end(difference: Array) -> float:
+    """Return where a scale of colors for differences, 0 or more, ends: 98 % of those above 0 are within; 1 without any."""
+    positive = difference[difference > 0.0]
+    return float(np.quantile(positive, 0.98)) if positive.size else 1.0
+
+
+def seen(image: Array) -> Array:
+    """Return a linear image as a display shows it: clamped to [0, 1], NaN 0, and sRGB-encoded."""
+    return srgb_curve(np.clip(np.nan_to_num(np.asarray(image, np.float64)), 0.0, 1.0))
 
 
 def decibels(squared: float) -> float:
     """Return the PSNR for a mean squared error of values from 0 to 1; infinite for 0."""
     return -10.0 * math.log10(squared) if squared else math.inf
+
+
+def has_flip() -> bool:
+    """Return whether `flip-evaluator` is installed (clshade's extras `report` and `compare`)."""
+    return importlib.util.find_spec("flip_evaluator") is not None
 
 
 def flip_of_seen(image: Array, reference: Array) -> float | None:
@@ -84,8 +99,13 @@ def flip_of_seen(image: Array, reference: Array) -> float | None:
         return 0.0
     import flip_evaluator
 
-    both = (np.ascontiguousarray(each, dtype=np.float32) for each in (reference, image))
+    both = (np.ascontiguousarray(pixels, dtype=np.float32) for pixels in (reference, image))
     return float(flip_evaluator.evaluate(*both, "LDR", applyMagma=False)[1])
+
+
+def has_ssim() -> bool:
+    """Return whether `scikit-image` is installed (clshade's extra `compare`)."""
+    return importlib.util.find_spec("skimage") is not None
 
 
 def ssim_of_seen(image: Array, reference: Array) -> float | None:
@@ -102,29 +122,3 @@ def ssim_of_seen(image: Array, reference: Array) -> float | None:
 
     options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}  # as in the paper
     return float(structural_similarity(image, reference, data_range=1.0, channel_axis=2, **options))
-
-
-def has_flip() -> bool:
-    """Return whether `flip-evaluator` is installed (clshade's extras `report` and `compare`)."""
-    return importlib.util.find_spec("flip_evaluator") is not None
-
-
-def has_ssim() -> bool:
-    """Return whether `scikit-image` is installed (clshade's extra `compare`)."""
-    return importlib.util.find_spec("skimage") is not None
-
-
-def image_error(image: Array, reference: Array) -> ImageError:
-    """Return all measures. Raises InputError for images of different sizes."""
-    if image.shape != reference.shape:
-        raise value_error("image_error", "image", f"the reference's shape {reference.shape}", image)
-    return ImageError(rmse(image, reference), relmse(image, reference), psnr(image, reference), flip(image, reference))
-
-
-def _squared(image: Array, reference: Any) -> Array:
-    return np.square(np.asarray(image, np.float64) - np.asarray(reference, np.float64))
-
-
-def seen(image: Array) -> Array:
-    """Return a linear image as a display shows it: clamped to [0, 1], NaN 0, and sRGB-encoded."""
-    return srgb_curve(np.clip(np.nan_to_num(np.asarray(image, np.float64)), 0.0, 1.0))

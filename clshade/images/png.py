@@ -11,15 +11,13 @@ from typing import BinaryIO
 import numpy as np
 
 from ..base import atomic_files
-from ..base.atomic_files import Path, shown
-from ..base.input_files import file_error, read_file, reason_of
+from ..base.atomic_files import Path
 from ..errors import InputError
+from .decode import read_png
 
 _LEVEL = 1  # of zlib: the filters take most of the time, and higher levels gain little on renders
 _PAGE_LEVEL = 6  # of pictures in a page, which may be enlarged pixels, zlib's own default
-_MAX_BYTES = 1 << 31  # size of the largest file that is read
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_MAX_PIXELS = 1 << 28  # 16384 x 16384, as for EXR
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def write(path: Path, rgb8: np.ndarray) -> None:
@@ -60,7 +58,7 @@ def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.nda
     for band in bands:
         if above is None:
             above = np.zeros((columns, band.shape[2]), np.uint8)
-            file.write(_SIGNATURE)
+            file.write(SIGNATURE)
             chunk(b"IHDR", struct.pack(">2I5B", columns, rows, 8, {3: 2, 4: 6}[band.shape[2]], 0, 0, 0))
         for row in band:
             data = packed.compress(_filtered(row, above))
@@ -79,10 +77,10 @@ def _filtered(row: np.ndarray, above: np.ndarray) -> bytes:
     specification recommends. above: the row before it."""
     left = row.copy()
     left[1:] -= row[:-1]
-    choices = (left, row - above)  # filter types 1 and 2
-    sums = [int(np.abs(each.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for each in choices]
-    best = int(sums[1] < sums[0])
-    return b"".join((bytes([best + 1]), choices[best].tobytes()))
+    choices = {b"\1": left, b"\2": row - above}  # by filter type
+    sums = {k: int(np.abs(v.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for k, v in choices.items()}
+    best = min(sums, key=sums.__getitem__)
+    return b"".join((best, choices[best].tobytes()))
 
 
 def as_uri(rgb8: np.ndarray) -> str:
@@ -98,35 +96,24 @@ def resolution(path: Path) -> tuple[int, int] | None:
     """Return columns and rows from the header of a PNG, without reading more; None if there is no readable PNG."""
     try:
         with open(path, "rb") as file:
-            head = file.read(24)  # signature, the first chunk's length and name, columns, rows
-    except OSError:
+            signature, columns, rows = struct.unpack(
+                ">8s8x2I", file.read(24)
+            )  # skips the first chunk's length and name
+    except (OSError, struct.error):
         return None
-    if not head.startswith(_SIGNATURE) or len(head) < 24:
-        return None
-    return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:], "big")
+    return (columns, rows) if signature == SIGNATURE else None
 
 
 def read(path: Path, *, alpha: bool = False) -> np.ndarray:
     """Read a PNG as uint8 (M, N, 3), row 0 at the top.
 
-    Gray and palette images are expanded, alpha is dropped, 16-bit gray is rounded to 8 bits.
-    alpha: keep that of an RGBA image, (M, N, 4).
-    Raises InputError, one line naming the file, if it is missing, not a PNG, truncated, damaged or too large.
+    Gray and palette images are expanded, alpha is dropped, 16 bits are rounded to 8.
+    alpha: keep that of an image that has one, (M, N, 4).
+    Raises InputError as `decode.read_png`.
     """
-    from PIL import PngImagePlugin
-
-    owner = shown(path)
-    data = read_file(path, _MAX_BYTES)
-    try:
-        # Not Image.open, which refuses more than 1.8e8 pixels: clshade writes larger images.
-        with PngImagePlugin.PngImageFile(io.BytesIO(data)) as image:
-            if image.width * image.height > _MAX_PIXELS:
-                raise file_error(owner, "file", f"at most {_MAX_PIXELS} pixels", f"{image.width} x {image.height}")
-            if image.mode.startswith("I"):
-                gray = (np.asarray(image).astype(np.uint32) + 128) // 257
-                return np.repeat(gray.astype(np.uint8)[:, :, None], 3, axis=2)
-            return np.array(image if image.mode == "RGB" or (alpha and image.mode == "RGBA") else image.convert("RGB"))
-    except InputError:
-        raise
-    except Exception as error:  # decoders raise exceptions of many types on damaged files
-        raise file_error(owner, "file", "a PNG image", reason_of(error) or "damaged data") from None
+    codes, _ = read_png(path)
+    if codes.dtype == np.uint16:
+        codes = ((codes.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    if codes.shape[2] < 3:
+        codes = np.concatenate([np.repeat(codes[:, :, :1], 3, axis=2), codes[:, :, 1:]], axis=2)
+    return np.array(codes if alpha else codes[:, :, :3])

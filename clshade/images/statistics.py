@@ -1,11 +1,12 @@
-"""Contents of an image file: statistics per channel, dynamic range, header, single pixels."""
+"""Contents of an image file: statistics per channel, dynamic range, header, single pixels, as text and as a figure."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +14,13 @@ from ..base.arrays import Array
 from ..base.atomic_files import Path
 from ..base.json_values import in_line, named_values, plain
 from ..base.text_tables import as_lines
-from .image_file import Picture, named_pixel, picture_of
+from . import exr, figures
+from .image_file import Picture, read_picture
+from .thumbnails import Thumbnail, color_mapped, thinned, thumbnails
+from .tonemap import tonemap
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PERCENTILES = (1, 5, 50, 95, 99)
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709, second row of RGB to XYZ
@@ -21,13 +28,24 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709 R, G, B: ITU-R BT.709,
 _BLOCK = 1 << 18  # pixels whose temporary float64 arrays are small compared with an image
 _TYPES = {"float16": "half", "float32": "float", "uint32": "uint"}  # as EXR calls them
 
+# Of the figure.
+STOPS = tuple(range(-4, 5))
+NAN, INFINITE, BLACK = (255, 0, 255), (255, 255, 255), (0, 0, 0)  # false colors of values without stops
+
+_SIDE = 480  # pixels of the image, at most, along the longer side of a panel
+_PANEL = 2.1  # inches along the longer side of an exposure; false color is twice as long
+_TITLE = 0.3
+_WIDTH = 13.0  # inches of the figure
+_BINS = 120  # of the histogram, at most
+_MIDDLE = (0.1, 99.9)  # percentiles of the lit pixels that false colors span
+
 
 @dataclass(frozen=True)
 class ChannelStatistics:
     """Statistics of one channel. minimum, maximum, mean and percentiles: of its finite values, NaN if there are none.
 
     type: half, float or uint, as EXR calls them; for PNG 8-bit or 16-bit, with values code / largest code.
-    percentiles: the values at 1, 5, 50, 95 and 99 percent, each the value of a pixel (nearest rank).
+    percentiles: by PERCENTILES, values of pixels (nearest rank).
     nan, inf, negative: numbers of pixels; inf counts both signs, negative counts finite values below 0.
     """
 
@@ -48,55 +66,39 @@ class Statistics:
     color: the layer whose luminance is used: `RGB`, else `Y`, else the first color layer; None if there is none.
     stops: dynamic range, log2(highest / lowest luminance) over the pixels of finite luminance above 0. None without
         color or without such a pixel.
-    stops_most: the same between the 0.1 and 99.9 percent of those pixels, which is robust against single pixels.
+    robust_stops: dynamic range between the 0.1 and 99.9 percent of those pixels, robust against single pixels.
     """
 
     shape: tuple[int, int]
     channels: dict[str, ChannelStatistics]
     color: str | None
     stops: float | None
-    stops_most: float | None
+    robust_stops: float | None
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON: null for missing ones."""
-        rows, columns = self.shape
         channels = {
-            name: {**asdict(c), "percentiles": dict(zip(map(str, PERCENTILES), c.percentiles, strict=True))}
+            name: {**vars(c), "percentiles": dict(zip(map(str, PERCENTILES), c.percentiles, strict=True))}
             for name, c in self.channels.items()
         }
-        ranges = {"layer": self.color, "all": self.stops, "without_0.1_percent": self.stops_most}
-        found = {"width": columns, "height": rows, "channels": channels, "dynamic_range_stops": ranges}
-        figures: dict[str, Any] = plain(found)
-        return figures
+        ranges = {"layer": self.color, "all": self.stops, "without_0.1_percent": self.robust_stops}
+        figures = {"width": self.shape[1], "height": self.shape[0], "channels": channels, "dynamic_range_stops": ranges}
+        result: dict[str, Any] = plain(figures)
+        return result
 
 
-def _nearest(values: Array, percents: tuple[float, ...], *, overwrite: bool = False) -> list[float]:
-    """Return percentiles by nearest rank. overwrite: whether the values may be reordered, which saves a copy."""
-    found = np.percentile(values, percents, method="nearest", overwrite_input=overwrite)
-    return [float(value) for value in found]
-
-
-def _of_channel(plane: Array, kind: str) -> ChannelStatistics:
-    nan = inf = 0
+def _channel_statistics(plane: Array, kind: str) -> ChannelStatistics:
     values = plane.reshape(-1)
-    if plane.dtype.kind == "f":
-        finite = np.isfinite(values)
-        nan = int(np.count_nonzero(np.isnan(values)))
-        inf = values.size - int(np.count_nonzero(finite)) - nan
-        values = values[finite] if nan or inf else values
-    if not values.size:
-        none = math.nan
-        return ChannelStatistics(kind, none, none, none, (none,) * len(PERCENTILES), nan, inf, 0)
-    return ChannelStatistics(
-        kind,
-        float(values.min()),
-        float(values.max()),
-        float(values.mean(dtype=np.float64)),
-        tuple(_nearest(values, PERCENTILES)),
-        nan,
-        inf,
-        int(np.count_nonzero(values < 0)),
-    )
+    finite = np.isfinite(values)
+    nan = int(np.count_nonzero(np.isnan(values)))
+    inf = values.size - int(np.count_nonzero(finite)) - nan
+    values = values[finite] if nan or inf else values
+    minimum, maximum, mean, percentiles = math.nan, math.nan, math.nan, [math.nan] * len(PERCENTILES)
+    if values.size:
+        minimum, maximum, mean = float(values.min()), float(values.max()), float(values.mean(dtype=np.float64))
+        percentiles = [float(value) for value in np.percentile(values, PERCENTILES, method="nearest")]
+    negative = int(np.count_nonzero(values < 0))
+    return ChannelStatistics(kind, minimum, maximum, mean, tuple(percentiles), nan, inf, negative)
 
 
 def luminance(color: Array) -> Array:
@@ -124,44 +126,46 @@ def stops_of(color: Array) -> Array:
 def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> Statistics:
     """Return statistics of every channel of an image.
 
-    source: path of an EXR or PNG file, a Picture, or input of `exr.flatten`: a dict of (M, N) arrays, or an array
+    source: path of an EXR or PNG file, a Picture, or linear input of `exr.flatten`: a dict of (M, N) arrays, or an array
         (M, N, 3|4). For EXR the display window counts, with 0 where the data window has no pixels.
     Raises InputError for a file that cannot be read or for arrays of other shapes.
     """
-    picture = picture_of(source)
+    if isinstance(source, Picture):
+        picture = source
+    else:
+        picture = read_picture(source) if isinstance(source, (str, os.PathLike)) else Picture(exr.flatten(source))
     color = picture.color()
     ranges: tuple[float | None, float | None] = (None, None)
     stops = np.zeros(0) if color is None else stops_of(color[1])
     if stops.size:
         whole = float(stops.max() - stops.min())
-        low, high = _nearest(stops, (0.1, 99.9), overwrite=True)
-        ranges = whole, high - low
+        low, high = np.percentile(stops, (0.1, 99.9), method="nearest", overwrite_input=True)  # saves a copy
+        ranges = whole, float(high - low)
     del stops
     channels = {
-        name: _of_channel(
-            plane, f"{picture.bits}-bit" if picture.bits else _TYPES.get(plane.dtype.name, plane.dtype.name)
+        name: _channel_statistics(
+            plane, f"{picture.bits}-bit" if picture.bits else _TYPES.get(str(plane.dtype), str(plane.dtype))
         )
         for name, plane in picture.channels.items()
     }
     return Statistics(picture.shape, channels, None if color is None else color[0], *ranges)
 
 
-def format_statistics(found: Statistics) -> str:
+def format_statistics(statistics: Statistics) -> str:
     """Format the statistics as a table, one line per channel, with the size above and the dynamic range below."""
     head = ["channel", "type", "min", "1 %", "5 %", "median", "mean", "95 %", "99 %", "max", "NaN", "Inf", "negative"]
     rows = []
-    for name, c in found.channels.items():
-        first, low, middle, high, last = c.percentiles
+    for name, c in statistics.channels.items():
         form = ".0f" if c.type == "uint" else ".6g"  # identifiers are not rounded
-        ranks = [f"{v:{form}}" for v in (c.minimum, first, low, middle, high, last, c.maximum)]
-        ranks.insert(4, f"{c.mean:.6g}")
-        rows.append([in_line(name), c.type, *ranks, str(c.nan), str(c.inf), str(c.negative)])
-    height, width = found.shape
-    if found.stops is None or found.stops_most is None:
-        closing = "dynamic range: none (no pixel of positive luminance)"
-    else:
-        of = "" if found.color == "RGB" else f" ({in_line(found.color)})"
-        closing = f"dynamic range{of}: {found.stops:.1f} stops, {found.stops_most:.1f} without 0.1 % at either end"
+        values = [f"{value:{form}}" for value in (c.minimum, *c.percentiles, c.maximum)]
+        values.insert(4, f"{c.mean:.6g}")
+        rows.append([in_line(name), c.type, *values, str(c.nan), str(c.inf), str(c.negative)])
+    height, width = statistics.shape
+    stops, robust, color = statistics.stops, statistics.robust_stops, statistics.color
+    closing = "dynamic range: none (no pixel of positive luminance)"
+    if stops is not None:
+        layer = "" if color == "RGB" else f" ({in_line(color)})"
+        closing = f"dynamic range{layer}: {stops:.1f} stops, {robust:.1f} without 0.1 % at either end"
     return "\n".join([f"{width} x {height} pixels", *as_lines(head, rows), closing])
 
 
@@ -174,9 +178,83 @@ def format_header(header: Mapping[str, Any]) -> str:
 def format_pixels(picture: Picture, places: Sequence[tuple[int, int]]) -> str:
     """Format all channels at columns x and rows y, one line per pixel. Raises InputError outside the image."""
     where = "(column, row from the top)"
-    return "\n".join(f"pixel {x},{y} {where}: {named_values(named_pixel(picture, x, y))}" for x, y in places)
+    return "\n".join(f"pixel {x},{y} {where}: {named_values(picture.pixel(x, y))}" for x, y in places)
 
 
 def pixel_stats(picture: Picture, places: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
-    """Return the same for JSON, with the strings nan, inf and -inf for nonfinite values."""
-    return [{"x": x, "y": y, "values": plain(named_pixel(picture, x, y), words=True)} for x, y in places]
+    """Return the values of all channels at columns x and rows y for JSON, nonfinite ones as nan, inf and -inf."""
+    return [{"x": x, "y": y, "values": plain(picture.pixel(x, y), words=True)} for x, y in places]
+
+
+def draw(picture: Picture, title: str) -> Figure:
+    """Draw exposures from -4 to +4 stops, false colors, a luminance histogram, and all layers; without a color layer, the
+    layers alone.
+
+    Of a large image every k-th pixel is shown, so that none is averaged away; the histogram counts all of them.
+    """
+    pictures = figures.first_few(thumbnails(picture.channels, encoded=bool(picture.bits)))
+    columns = min(len(pictures), 6)
+    panel = figures.panel_size(picture.shape, _WIDTH / max(columns, 4))
+    lower = math.ceil(len(pictures) / columns) * (panel[1] + 2 * _TITLE)
+    color = picture.color()
+    upper = 3 * (figures.panel_size(picture.shape, _PANEL)[1] + _TITLE) if color is not None else 0.0
+    figure = figures.blank(_WIDTH, upper + lower + _TITLE, dpi=100)
+    figure.suptitle(figures.plain_text(title), fontsize=10)
+    bottom: Any = figure
+    if color is not None:
+        top, bottom = bottom.subfigures(2, 1, height_ratios=[upper, lower])
+        left, right = top.subfigures(1, 2, width_ratios=[3, 2.6])
+        small = thinned(color[1], _SIDE)
+        for axes, stops in zip(left.subplots(3, 3).reshape(-1), STOPS, strict=True):
+            caption = f"{stops:+d} stop{'' if abs(stops) == 1 else 's'}" if stops else "as it is"
+            figures.show_pixels(axes, tonemap(small, "srgb", stops), caption)
+        _draw_luminance(right, color[1])
+    figures.draw_thumbnails(bottom, pictures, columns)
+    return figure
+
+
+def _draw_luminance(figure: Any, color: Array) -> None:
+    """Draw false colors and a histogram of linear (M, N, 3), on one scale of stops."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    above, below = figure.subplots(2, 1, height_ratios=[2, 1])
+    stops = stops_of(color)
+    low, high = -1.0, 1.0  # in whole stops
+    if stops.size:
+        percentiles = np.percentile(stops, _MIDDLE)
+        low = math.floor(percentiles[0])
+        high = max(math.ceil(percentiles[1]), low + 1.0)
+    colored = false_colors(luminance(thinned(color, _SIDE)), low, high)
+    figures.show_pixels(above, colored.pixels, f"luminance, {colored.note}")
+    figure.colorbar(ScalarMappable(Normalize(low, high), "turbo"), ax=above, label="stops, 0 is 1.0")
+    _draw_histogram(below, stops, color.shape[0] * color.shape[1])
+
+
+def false_colors(values: Array, low: float, high: float) -> Thumbnail:
+    """Map luminances (M, N) by stops from blue at `low` to red at `high`; those without stops get their own colors."""
+    lit = np.isfinite(values) & (values > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.where(lit, (np.log2(np.where(lit, values, 1.0)) - low) / (high - low), 0.0)
+    pixels = color_mapped(np.clip(place, 0.0, 1.0), "turbo")
+    pixels[values <= 0.0] = BLACK
+    pixels[np.isinf(values)] = INFINITE
+    pixels[np.isnan(values)] = NAN
+    return Thumbnail(pixels, "black: 0 or less, magenta: NaN, white: infinite")
+
+
+def _draw_histogram(axes: Any, stops: Array, pixels: int) -> None:
+    """Draw a luminance histogram: bins of a power of two of a stop, the smallest that give at most _BINS."""
+    axes.set_xlabel("luminance in stops, 0 is 1.0", fontsize=8)
+    axes.set_ylabel("% of pixels", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.set_title(f"{len(stops) / pixels:.1%} of the pixels are above 0 and finite", fontsize=8)
+    if not stops.size:
+        return
+    width = 0.125
+    while (stops.max() - stops.min()) / width > _BINS:
+        width *= 2.0
+    first = math.floor(stops.min() / width)
+    counts = np.bincount((np.floor(stops / width) - first).astype(np.int64))
+    axes.bar((first + np.arange(len(counts))) * width, 100.0 * counts / pixels, width, align="edge", color="#1f5fa8")
+    axes.set_yscale("log")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Array
-from .channels import Group, grouped
+from .channels import grouped
 from .decode import srgb_to_linear
 from .tonemap import tonemap
 
-SIDE = 320  # most pixels along the longer side of a thumbnail; others are skipped, so that none is averaged away
+SIDE = 320  # pixels, at most, along the longer side of a thumbnail; others are skipped, so that none is averaged away
 UNIT_OFF = 1e-2  # tolerance for the length of a direction: half floats are off by 1e-3
 COLORS = ("red", "green", "blue")
 NOTHING = (96, 96, 96)  # gray for NaN and infinity where colors stand for numbers
@@ -41,8 +41,8 @@ def largest(errors: Array, side: int = SIDE) -> Array:
     rows, columns = thinned(errors, side).shape
     down, across = -(-errors.shape[0] // rows), -(-errors.shape[1] // columns)
     padded = np.pad(errors, ((0, rows * down - errors.shape[0]), (0, columns * across - errors.shape[1])))
-    found: Array = padded.reshape(rows, down, columns, across).max(axis=(1, 3))
-    return found
+    maxima: Array = padded.reshape(rows, down, columns, across).max(axis=(1, 3))
+    return maxima
 
 
 def thumbnails(channels: Mapping[str, Array], *, encoded: bool = False, side: int = SIDE) -> dict[str, Thumbnail]:
@@ -52,49 +52,47 @@ def thumbnails(channels: Mapping[str, Array], *, encoded: bool = False, side: in
     1, shown as (n + 1)/2, else as a position; R, G, B as a color; single floats as a quantity.
     """
     return {
-        name: _of_group(group._replace(planes=tuple(thinned(plane, side) for plane in group.planes)), encoded)
+        name: _thumbnail(group.family, group.names, [thinned(plane, side) for plane in group.planes], encoded)
         for name, group in grouped(channels).items()
     }
 
 
-def _of_group(group: Group, encoded: bool) -> Thumbnail:
-    planes = group.planes
+def _thumbnail(family: str, names: Sequence[str], planes: Sequence[Array], encoded: bool) -> Thumbnail:
     if any(plane.dtype.kind in "iub" for plane in planes):
         return Thumbnail(_categories(planes), "each number a color")
     if len(planes) == 1:
         return _quantity(planes[0].astype(np.float64))
     stacked = np.stack(planes, axis=-1).astype(np.float64)
-    if group.family == "RGB" and len(planes) == 3:
+    if family == "RGB" and len(planes) == 3:
         return Thumbnail(tonemap(srgb_to_linear(stacked) if encoded else stacked, "srgb"), "as it is, sRGB")
-    if group.family == "XYZ" and len(planes) == 3 and _directions(stacked):
-        return Thumbnail(_codes(np.where(stacked.any(axis=-1, keepdims=True), (stacked + 1.0) / 2.0, 0.0)), "(n + 1)/2")
-    if group.family == "UVW":
-        colors = ", ".join(f"{color} {name[-1].lower()}" for color, name in zip(COLORS, group.names, strict=False))
+    if family == "UVW":
+        colors = ", ".join(f"{color} {name[-1].lower()}" for color, name in zip(COLORS, names, strict=False))
         with np.errstate(invalid="ignore"):
-            return Thumbnail(_codes(_three(stacked % 1.0)), f"{colors}, from 0 to 1, repeated")
-    return Thumbnail(
-        _codes(_three(np.stack([_spread(plane)[0] for plane in planes], axis=-1))), "each component's range"
-    )
+            return Thumbnail(_codes(stacked % 1.0), f"{colors}, from 0 to 1, repeated")
+    if family == "XYZ" and len(planes) == 3:
+        with np.errstate(over="ignore", invalid="ignore"):
+            lengths = np.sqrt(np.square(stacked).sum(axis=-1, keepdims=True))
+        nonzero = lengths[lengths != 0.0]
+        if nonzero.size and (np.abs(nonzero - 1.0) <= UNIT_OFF).all():
+            return Thumbnail(
+                _codes(np.where(stacked.any(axis=-1, keepdims=True), (stacked + 1.0) / 2.0, 0.0)), "(n + 1)/2"
+            )
+    return Thumbnail(_codes(np.stack([_spread(plane)[0] for plane in planes], axis=-1)), "each component's range")
 
 
-def _directions(vectors: Array) -> bool:
-    """Return whether (M, N, 3) floats are unit vectors, except for any number of zeros, but not only zeros."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        lengths = np.sqrt(np.square(vectors).sum(axis=-1))
-    lengths = lengths[lengths != 0.0]
-    return bool(len(lengths) and (np.abs(lengths - 1.0) <= UNIT_OFF).all())
+def color_mapped(values: Array, name: str) -> Array:
+    """Return the colors of one of Matplotlib's maps for (M, N) values from 0 to 1, uint8 (M, N, 3)."""
+    from matplotlib import colormaps
 
-
-def _three(components: Array) -> Array:
-    """Pad (M, N, 2|3) to (M, N, 3) with 0."""
-    missing = 3 - components.shape[-1]
-    return np.pad(components, ((0, 0), (0, 0), (0, missing)))
+    pixels: Array = np.rint(255.0 * colormaps[name](values)[..., :3]).astype(np.uint8)
+    return pixels
 
 
 def _codes(values: Array) -> Array:
-    """Convert floats from 0 to 1 to uint8; gray where a component is not finite."""
+    """Convert (M, N, 2|3) floats from 0 to 1 to (M, N, 3) uint8, a missing component to 0; gray where one is not finite."""
     finite = np.asarray(np.isfinite(values).all(axis=-1))
-    codes = np.rint(255.0 * np.clip(np.where(finite[..., None], values, 0.0), 0.0, 1.0)).astype(np.uint8)
+    codes = np.zeros((*values.shape[:2], 3), np.uint8)
+    codes[..., : values.shape[2]] = np.rint(255.0 * np.clip(np.where(finite[..., None], values, 0.0), 0.0, 1.0))
     codes[~finite] = NOTHING
     return codes
 
@@ -111,17 +109,17 @@ def _spread(plane: Array) -> tuple[Array, float, float]:
 
 
 def _quantity(plane: Array) -> Thumbnail:
-    from matplotlib import colormaps
-
     spread, low, high = _spread(plane)
-    pixels = _codes(colormaps["viridis"](np.nan_to_num(spread))[..., :3])
+    pixels = color_mapped(np.nan_to_num(spread), "viridis")
     pixels[np.isnan(spread)] = NOTHING
-    note = "none is finite" if np.isnan(low) else f"dark {low:.4g} to light {high:.4g}"
-    return Thumbnail(pixels, note + ("" if np.isfinite(plane).all() or np.isnan(low) else ", gray infinite or NaN"))
+    if np.isnan(low):
+        return Thumbnail(pixels, "none is finite")
+    gray = "" if np.isfinite(plane).all() else ", gray infinite or NaN"
+    return Thumbnail(pixels, f"dark {low:.4g} to light {high:.4g}{gray}")
 
 
-def _categories(planes: tuple[Array, ...]) -> Array:
-    """Return a color for each different (tuple of) number, the same in every image; 0 is black."""
+def _categories(planes: Sequence[Array]) -> Array:
+    """Return a color for each number, or tuple of them, that does not depend on the image; 0 is black."""
     state = np.zeros(planes[0].shape, np.uint32)
     nothing = np.ones(planes[0].shape, bool)
     for plane in planes:

@@ -1,9 +1,9 @@
 """Tone mapping: linear HDR radiance to the 8-bit codes of a display image, exactly rounded and fast.
 
 Most operators act on each channel independently and are nondecreasing, so the 8-bit code is a step function of the
-input, described by 255 thresholds. They are found once per (operator, exposure) by bisection over the bit patterns of
+input, described by 255 thresholds. They are computed once per (operator, exposure) by bisection over the bit patterns of
 floats with the float64 formula; each pixel then needs one table lookup and gets exactly the formula's code. Operators
-that mix channels (`joint_tonemaps`) are evaluated in float64; only what follows, channel by channel, is a table.
+that mix channels (JOINT) are evaluated in float64; only what follows, channel by channel, is a table.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from ..base.arrays import Array, Bytes, Floats
 from ..base.validation import choice
 from ..errors import InputError
-from .joint_tonemaps import JOINT
 
 Operator: TypeAlias = Literal["none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"]
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
@@ -30,6 +29,21 @@ _SATURATED = 1e30  # every operator reaches its last code far below; keeps squar
 _LOW_BITS = 15  # a table entry covers the float32 values that differ only in their last 15 bits
 _BLOCK = 1 << 15  # values per pass, so that the buffers stay in the cache
 
+# Khronos PBR Neutral: Fresnel reflection at normal incidence, where compression starts, speed of desaturation.
+_F90, _START, _DESATURATION = 0.04, 0.8 - 0.04, 0.15
+
+# AgX: stops below and above middle grey, slope of the curve there, its powers towards black and white.
+_GREY, _BELOW, _ABOVE = 0.18, 10.0, 6.5
+_SLOPE, _TOE, _SHOULDER = 2.0, 3.0, 3.25
+_PIVOT = _BELOW / (_BELOW + _ABOVE)
+_PRIMARIES = np.array([[0.64, 0.30, 0.15], [0.33, 0.60, 0.06], [0.03, 0.10, 0.79]])  # Rec. 709: columns x, y, z
+_WHITE = np.array([0.3127, 0.3290, 0.3583])  # D65
+_RANGE = 0.8  # of the inset primaries' distances from white, those of Rec. 709 being 1
+
+# The inset primaries' colors in Rec. 709: each row of the second term is the primaries' shares of white's X + Y + Z.
+_INSET = _RANGE * np.eye(3) + (1.0 - _RANGE) * np.linalg.solve(_PRIMARIES, _WHITE)
+_OUTSET = np.linalg.inv(_INSET)
+
 
 def srgb_curve(linear: Array) -> Array:
     """Encode linear values in [0, 1] with the exact sRGB transfer curve of IEC 61966-2-1, float64."""
@@ -37,31 +51,85 @@ def srgb_curve(linear: Array) -> Array:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055)
 
 
-def _reinhard(x: Array) -> Array:
-    return x / (1.0 + x)
+def neutral(x: Array) -> Floats:
+    """Map linear colors, (..., 3), non-negative, to [0, 1] by Khronos PBR Neutral."""
+    # The channels' maximum is faster than one along an axis of three.
+    red, green, blue = channels = np.moveaxis(x, -1, 0)
+    low = np.minimum(np.minimum(red, green), blue)
+    colors: Floats = channels - np.where(low <= 2.0 * _F90, low - low**2 / (4.0 * _F90), _F90)
+    peak = np.maximum(np.maximum(colors[0], colors[1]), colors[2])
+    bright = peak > _START
+    high = peak[bright]
+    mapped = 1.0 - (1.0 - _START) ** 2 / (high + 1.0 - 2.0 * _START)
+    kept = 1.0 / (_DESATURATION * (high - mapped) + 1.0)
+    colors[:, bright] = colors[:, bright] * (mapped / high * kept) + mapped * (1.0 - kept)
+    return np.moveaxis(colors, 0, -1)
 
 
-def _hable_partial(x: Array) -> Array:
-    # A..F: shoulder strength, linear strength, linear angle, toe strength, toe numerator, toe denominator.
-    a, b, c, d, e, f = 0.15, 0.50, 0.10, 0.20, 0.02, 0.30
-    return (x * (a * x + c * b) + d * e) / (x * (a * x + b) + d * f) - e / f
+def neutral_inverse(y: Array) -> Floats:
+    """Return the linear colors that `neutral` maps to `y`, (..., 3), in [0, 1): exact but for rounding."""
+    mapped = y.max(axis=-1, keepdims=True)
+    high = np.maximum(mapped, _START)
+    peak = (1.0 - _START) ** 2 / (1.0 - high) - 1.0 + 2.0 * _START
+    kept = 1.0 / (_DESATURATION * (peak - high) + 1.0)
+    colors = np.where(mapped <= _START, y, (y - high * (1.0 - kept)) * (peak / (high * kept)))
+    low = np.maximum(colors.min(axis=-1, keepdims=True), 0.0)
+    x: Floats = colors + np.where(low <= _F90, np.sqrt(4.0 * _F90 * low) - low, _F90)
+    return x
+
+
+def _toe_and_shoulder(away: Array, scale: float, sign: float) -> Floats:
+    """Return away * scale * (1 + sign * bend * |away|^p)^(-1/p), p and bend those of the toe where away < 0, else of the
+    shoulder. With scale _SLOPE and sign 1 it is the curve of AgX, about its pivot, and with 1/_SLOPE and -1 its inverse.
+    """
+    curve = np.empty(away.shape)
+    for branch, length, power in ((away < 0.0, _PIVOT, _TOE), (away >= 0.0, 1.0 - _PIVOT, _SHOULDER)):
+        bend = ((2.0 * _SLOPE * length) ** power - 1.0) / length**power  # so that the curve reaches 0 or 1 at its end
+        if sign < 0.0:
+            bend /= _SLOPE**power
+        part = away[branch]
+        curve[branch] = part * scale * (1.0 + sign * bend * np.abs(part) ** power) ** (-1.0 / power)
+    return curve
+
+
+def agx(x: Array) -> Floats:
+    """Map linear colors, (..., 3), non-negative, by AgX without a look, to about [0, 1], encoded for a display of
+    exponent 2.2.
+    """
+    inset = np.maximum(x @ _INSET.T, _GREY * 2.0**-_BELOW)
+    stops = np.minimum(np.log2(inset / _GREY), _ABOVE)
+    y: Floats = (_toe_and_shoulder(stops / (_BELOW + _ABOVE), _SLOPE, 1.0) + 0.5) @ _OUTSET.T
+    return y
+
+
+def agx_inverse(y: Array) -> Floats:
+    """Return non-negative linear colors that `agx` maps to `y`, (..., 3), or near it where there are none."""
+    curved = np.clip(y @ _INSET.T, 0.0, 1.0)
+    stops = _toe_and_shoulder(curved - 0.5, 1.0 / _SLOPE, -1.0) * (_BELOW + _ABOVE)
+    x: Floats = np.maximum((_GREY * 2.0**stops) @ _OUTSET.T, 0.0)
+    return x
+
+
+# Operator: the curve, and its inverse. What remains for each channel is in _CURVES.
+JOINT: dict[str, tuple[Callable[[Array], Floats], Callable[[Array], Floats]]] = {
+    "neutral": (neutral, neutral_inverse),
+    "agx": (agx, agx_inverse),
+}
 
 
 def _hable(x: Array) -> Array:
-    return _hable_partial(2.0 * x) / _hable_partial(np.float64(11.2))
-
-
-def _aces(x: Array) -> Array:
-    return (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
+    # Shoulder strength, linear strength, linear angle, toe strength, toe numerator, toe denominator.
+    a, b, c, d, e, f = 0.15, 0.50, 0.10, 0.20, 0.02, 0.30
+    return (x * (a * x + c * b) + d * e) / (x * (a * x + b) + d * f) - e / f
 
 
 _CURVES: dict[str, Callable[[Array], Array]] = {
     "none": lambda x: x,
     "srgb": lambda x: x,
-    "reinhard": _reinhard,
-    "hable": _hable,
-    "aces": _aces,
-    "neutral": lambda x: x,  # after the joint curve, as the next
+    "reinhard": lambda x: x / (1.0 + x),
+    "hable": lambda x: _hable(2.0 * x) / _hable(np.float64(11.2)),
+    "aces": lambda x: (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14),
+    "neutral": lambda x: x,
     "agx": lambda x: np.minimum(x, 1.0) ** 2.2,
 }
 
@@ -74,27 +142,21 @@ def _exposed(values: Array, exposure: float) -> Floats:
 
 
 def _encoded(x: Array, operator: str) -> Array:
-    """Evaluate what is left to do for each channel: 0 to 1."""
+    """Evaluate the curve of a single channel: 0 to 1."""
     y = np.clip(_CURVES[operator](x), 0.0, 1.0)
     return y if operator == "none" else srgb_curve(y)
-
-
-def _codes(values: Array, operator: str, exposure: float) -> Array:
-    """Evaluate the formula: codes 0..255 (int64) of non-negative float64 values, +infinity included."""
-    return np.floor(255.0 * _encoded(_exposed(values, exposure), operator) + 0.5).astype(np.int64)
 
 
 def _thresholds(operator: str, exposure: float, dtype: type) -> Array:
     """Return bit patterns, int64 (255,), of the smallest `dtype` values whose codes are at least 1, 2, ... 255."""
     integer: type = np.int32 if dtype is np.float32 else np.int64
-    wanted = np.arange(1, 256)
     # Bit patterns of non-negative floats are ordered like the floats. Zero has code 0, infinity 255: they bracket all.
     low = np.zeros(255, np.int64)
     high = np.full(255, np.array(np.inf, dtype).view(integer), np.int64)
     while (high - low > 1).any():
         middle = low + (high - low) // 2
         values = middle.astype(integer).view(dtype).astype(np.float64)
-        reached = _codes(values, operator, exposure) >= wanted
+        reached = np.floor(255.0 * _encoded(_exposed(values, exposure), operator) + 0.5) >= np.arange(1, 256)
         high = np.where(reached, middle, high)
         low = np.where(reached, low, middle)
     return high
@@ -134,16 +196,16 @@ def _thresholds64(operator: str, exposure: float) -> Array:
 def _map32(values: Array, codes: Array, table: Array) -> None:
     bits = values.view(np.uint32)
     entry = np.empty(_BLOCK, np.intp)
-    found, low = np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32)
+    sums, low = np.empty(_BLOCK, np.uint32), np.empty(_BLOCK, np.uint32)
     for start in range(0, len(bits), _BLOCK):
         block = bits[start : start + _BLOCK]
         n = len(block)
         np.right_shift(block, np.uint32(_LOW_BITS), out=entry[:n], casting="unsafe")
-        np.take(table, entry[:n], out=found[:n], mode="clip")
+        np.take(table, entry[:n], out=sums[:n], mode="clip")
         np.bitwise_and(block, np.uint32((1 << _LOW_BITS) - 1), out=low[:n])
-        np.add(found[:n], low[:n], out=found[:n])
-        np.right_shift(found[:n], np.uint32(_LOW_BITS), out=found[:n])
-        codes[start : start + n] = found[:n]  # keeps the low eight bits
+        np.add(sums[:n], low[:n], out=sums[:n])
+        np.right_shift(sums[:n], np.uint32(_LOW_BITS), out=sums[:n])
+        codes[start : start + n] = sums[:n]  # keeps the low eight bits
 
 
 @functools.lru_cache(maxsize=32)
@@ -160,23 +222,12 @@ def _buckets(operator: str) -> tuple[Array, Array]:
 def _map_joint(rgb: Array, codes: Array, operator: str, stops: float) -> None:
     forward, (starts, thresholds) = JOINT[operator][0], _buckets(operator)
     for start in range(0, len(rgb), _BLOCK):
-        block = np.array(
-            rgb[start : start + _BLOCK].T, np.float64, order="C"
-        ).T  # curves take a channel after the other
+        # Curves take one channel after the other.
+        block = np.array(rgb[start : start + _BLOCK].T, np.float64, order="C").T
         x = _exposed(np.where(block > 0.0, block, 0.0), stops)  # NaN is not above 0
         y = np.clip(forward(x), 0.0, 1.0)
         bucket = (y * 4096.0).astype(np.intp)
-        found = starts[bucket] + (y >= thresholds[bucket])
-        found[np.isnan(block)] = 0
-        codes[start : start + _BLOCK] = found
-
-
-def _map64(values: Array, codes: Array, thresholds: Array) -> None:
-    for start in range(0, len(values), _BLOCK):
-        block = values[start : start + _BLOCK]
-        found = np.searchsorted(thresholds, block, side="right")
-        found[np.isnan(block)] = 0
-        codes[start : start + _BLOCK] = found
+        codes[start : start + _BLOCK] = np.where(np.isnan(block), 0, starts[bucket] + (y >= thresholds[bucket]))
 
 
 def checked(operator: str, exposure: float) -> float:
@@ -227,7 +278,7 @@ def tonemap(rgb: ArrayLike, operator: Operator = "srgb", exposure: float = 0.0) 
 
 
 def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
-    """Return `tonemap` of floats, (..., 3) if the operator is of JOINT, else of any shape; arguments are checked already."""
+    """Return `tonemap` of floats, (..., 3) if the operator is in JOINT, else of any shape; arguments are checked already."""
     codes = np.empty(values.shape, np.uint8)
     if operator in JOINT:
         _map_joint(values.reshape(-1, 3), codes.reshape(-1, 3), operator, exposure)
@@ -235,10 +286,13 @@ def mapped(values: Array, operator: Operator, exposure: float) -> Bytes:
     exact = values.dtype == np.float64 or abs(exposure) > _TABLE_EXPOSURE
     with np.errstate(invalid="ignore"):  # a signaling NaN
         flat = np.ascontiguousarray(values, dtype=np.float64 if exact else np.float32).reshape(-1)
-    if exact:
-        _map64(flat, codes.reshape(-1), _thresholds64(operator, exposure))
-    else:
+    if not exact:
         _map32(flat, codes.reshape(-1), _table(operator, exposure))
+        return codes
+    for start in range(0, len(flat), _BLOCK):
+        block = flat[start : start + _BLOCK]
+        steps = np.searchsorted(_thresholds64(operator, exposure), block, side="right")
+        codes.reshape(-1)[start : start + _BLOCK] = np.where(np.isnan(block), 0, steps)
     return codes
 
 
@@ -250,14 +304,14 @@ def display_values(rgb: ArrayLike, operator: Operator = "srgb", exposure: float 
     stops = checked(operator, exposure)
     values = np.asarray(rgb, np.float64)
     x = _exposed(np.where(values > 0.0, values, 0.0), stops)
-    found: Floats = _encoded(JOINT[operator][0](x) if operator in JOINT else x, operator)
-    return np.where(np.isnan(values), 0.0, found)
+    encoded = _encoded(JOINT[operator][0](x) if operator in JOINT else x, operator)
+    return np.where(np.isnan(values), 0.0, encoded)
 
 
 def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -> Floats:
     """Invert `tonemap`: codes uint8 (..., 3) to float64 of that shape.
 
-    The middle of the values that have the code; for 255 the least of them, as everything brighter has it too.
+    The middle of the values that have the code; for 255 the smallest, as everything brighter has it too.
     """
     stops = checked(operator, exposure)
     edges = np.concatenate([[0.0], _thresholds64(operator, 0.0 if operator in JOINT else stops), [0.0]])

@@ -15,8 +15,8 @@ _SQUARE = 8  # pixels
 def straight(rgba: Reals) -> Reals:
     """Return the colors (M, N, 3) of premultiplied (M, N, 4): divided by alpha, 0 where that is 0."""
     alpha = rgba[..., 3:]
-    found: Reals = np.divide(rgba[..., :3], alpha, out=np.zeros_like(rgba[..., :3]), where=alpha > 0.0)
-    return found
+    colors: Reals = np.divide(rgba[..., :3], alpha, out=np.zeros_like(rgba[..., :3]), where=alpha > 0.0)
+    return colors
 
 
 def tonemap_rgba(rgba: Reals, operator: Operator, exposure: float = 0.0) -> Bytes:

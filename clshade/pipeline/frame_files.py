@@ -15,10 +15,10 @@ import numpy as np
 from ..base import atomic_files
 from ..base.arrays import Bytes
 from ..base.atomic_files import Path as AnyPath
-from ..base.validation import choice, flag, sequence, value_error
+from ..base.validation import choice, flag, number, sequence, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
-from ..images.depth_png import SCALE, checked_scale
+from ..images.depth_png import SCALE
 from ..images.layers import LAYER_TABLE
 from ..scene.formats.table import EXTENSIONS
 from ..scene.model import Scene, Settings, default_tonemap
@@ -139,7 +139,7 @@ def check_output(
         raise InputError("Frame.save: colorbar: needs scalars, whose color map it shows")
     checked("srgb" if chosen["tonemap"] is None else chosen["tonemap"], chosen["exposure"])
     choice("exr", "compression", chosen["compression"], exr.COMPRESSIONS)
-    checked_scale("Frame.save", "depth_scale", chosen["depth_scale"])
+    number("Frame.save", "depth_scale", chosen["depth_scale"], above=0.0)
     _stem(path, asked)
     for file in chosen_paths(path, chosen["files"]).values():
         atomic_files.check(file)

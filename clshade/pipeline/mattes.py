@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..base.validation import arguments, choice, integer, sequence, value_error
-from ..images.cryptomatte import MATTES, MOST_RANKS, RANKS, Matte, MatteKind, hashes, matte
+from ..images.cryptomatte import MATTES, MAX_RANKS, RANKS, Matte, MatteKind, hashes, matte
 from ..scene.settings import Layer
 from . import sample_pattern
 from .effective_settings import numbers_alone
@@ -46,7 +46,7 @@ def cryptomatte(
         As for `Renderer`. The masks are the same on every device.
     """
     asked = check_mattes(kinds)
-    integer("cryptomatte", "ranks", ranks, 1, MOST_RANKS)
+    integer("cryptomatte", "ranks", ranks, 1, MAX_RANKS)
     scene, settings = frame.scene, frame.settings
     layers: dict[MatteKind, Layer] = {kind: cast("Layer", f"{kind}_id") for kind in MATTES if kind in asked}
     numbers: dict[MatteKind, list[Array]] = {kind: [] for kind in layers}

@@ -9,7 +9,7 @@ import numpy as np
 from ..base.arrays import Floats, Floats32, Reals
 from ..base.spelling import hint
 from ..errors import InputError
-from ..images.color_map import map_colors
+from ..images.colors import map_colors
 from ..images.decode import srgb_to_linear
 from .model import Material, Mesh, Scene
 from .scalars import Scalars

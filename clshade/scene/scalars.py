@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arrays import Converted, Reals, kept
 from ..base.validation import floats, number, sequence, set_fields, value_error
-from ..images.color_map import checked_colormap, rgb_of
+from ..images.colors import checked_colormap, encoded_rgb
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Scalars:
         set_fields(
             self,
             colormap=checked_colormap("Scalars", "colormap", self.colormap),
-            nan_color=rgb_of("Scalars", "nan_color", self.nan_color),
+            nan_color=encoded_rgb("Scalars", "nan_color", self.nan_color),
         )
         if self.clim is not None:
             ends = sequence(self.clim)

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bytes
 from ..images import exr
-from ..images.joint_tonemaps import JOINT
-from ..images.tonemap import Operator, mapped
+from ..images.tonemap import JOINT, Operator, mapped
 from ..pipeline.frame import Frame
 
 _ALIGNED = 8  # bytes: typed arrays of a browser begin at multiples of their elements' size

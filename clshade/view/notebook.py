@@ -86,7 +86,7 @@ def view_frame(frame: Frame, path: Path | None, tonemap: Operator | None, exposu
 def plot_layers(frame: Frame) -> Any:
     """Return a matplotlib figure of a frame's image, coverage and layers."""
     from ..images.exr import flatten
-    from ..images.layer_plots import plot_thumbnails
+    from ..images.figures import plot_thumbnails
     from ..images.thumbnails import Thumbnail, thinned, thumbnails
     from ..images.transparency import over_checkers
 

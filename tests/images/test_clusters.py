@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clshade.cli.main import main
-from clshade.images import compare, compare_figure, compare_windows, exr, png
-from clshade.images.clusters import Cluster, find_clusters, large_error, leading
+from clshade.images import compare, compare_figure, exr, png
+from clshade.images.compare import Cluster, find_clusters, large_error, leading
 from clshade.images.image_file import Picture
 
 
@@ -81,12 +81,10 @@ def test_odd_sizes(shape):
 
 
 def test_strips_of_rows_make_no_difference(monkeypatch):
-    from clshade.images import clusters
-
     tall = np.concatenate([planted()] * 3)
-    whole, over = find_clusters(tall), clusters._over
+    whole, over = find_clusters(tall), compare._over
     monkeypatch.setattr(
-        clusters,
+        compare,
         "_over",
         lambda e, limit, cell: (
             (y + k, x, v) for k in range(0, len(e), cell) for y, x, v in over(e[k : k + cell], limit, cell)
@@ -136,7 +134,7 @@ def test_the_figure_shows_them_magnified(files):
     shown = np.asarray(panels[11].images[0].get_array())
     assert shown.shape == (24, 24, 3)
     differs = np.argwhere((shown != shown[0, 0]).any(axis=-1))
-    x, y, _, _ = compare_windows.windows(layers, clusters)["Z"][0][1]
+    x, y, _, _ = compare_figure.windows(layers, clusters)["Z"][0][1]
     assert (differs.min(axis=0) + (y, x)).tolist() == [30, 50]
     assert (differs.max(axis=0) + (y, x)).tolist() == [34, 55]
     frames = [patch.get_bbox().bounds for patch in panels[6].patches]
@@ -151,7 +149,7 @@ def test_windows_lie_in_the_image_and_hold_the_worst_pixel():
         Cluster(400, 200, 3, 3, 9, 0.5, (400, 200)),  # within the first window
         Cluster(0, 299, 1, 1, 1, 2.0, (0, 299)),
     )
-    found = compare_windows.windows({"Z": (group, group)}, {"Z": clusters})["Z"]
+    found = compare_figure.windows({"Z": (group, group)}, {"Z": clusters})["Z"]
     assert [window for _, window in found] == [(372, 172, 128, 128), (0, 276, 24, 24)]
 
 
@@ -159,8 +157,8 @@ def test_a_figure_of_many_layers_has_few_crops():
     group = compare.grouped({"Z": np.zeros((30, 30))})["Z"]
     names = [f"L{k}" for k in range(40)]
     clusters = {name: (Cluster(3, 3, 1, 1, 1, 1.0, (3, 3)),) for name in names}
-    found = compare_windows.windows(dict.fromkeys(names, (group, group)), clusters)
-    assert sum(map(len, found.values())) == compare_windows.MOST_CROPS
+    found = compare_figure.windows(dict.fromkeys(names, (group, group)), clusters)
+    assert sum(map(len, found.values())) == compare_figure.MAX_CROPS
 
 
 @pytest.mark.long

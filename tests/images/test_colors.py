@@ -7,7 +7,6 @@ import pytest
 
 from clshade import Edges, Scalars, Settings
 from clshade.errors import InputError
-from clshade.images.color_map import rgb_of
 from clshade.images.colors import encoded_rgb, linear_rgb
 from clshade.images.decode import srgb_to_linear
 
@@ -36,7 +35,7 @@ def test_encoded():
     assert encoded_rgb("", "", "#ff8000") == (1.0, 128 / 255, 0.0)
     assert encoded_rgb("", "", f"1,{GRAY},0") == pytest.approx((1.0, 128 / 255, 0.0), abs=1e-12)
     assert Scalars("a", nan_color=f"0,0,{GRAY}").nan_color == pytest.approx((0.0, 0.0, 128 / 255), abs=1e-12)
-    assert rgb_of("", "", (0.5, 0.25, 1)) == (0.5, 0.25, 1.0)  # as Matplotlib takes it
+    assert encoded_rgb("", "", (0.5, 0.25, 1)) == (0.5, 0.25, 1.0)  # as Matplotlib takes it
     with pytest.raises(InputError, match="from 0 to 1"):
         encoded_rgb("", "", "0,0,1.5")
 

@@ -63,7 +63,7 @@ def test_one_channel_of_one_pixel():
     assert layer.worst.values["G"] == changed["G"][3, 4]
     assert layer.worst.reference == {name: reference[name][3, 4] for name in "RGB"}
     images = [np.stack([each[name] for name in "RGB"], axis=-1) for each in (changed, reference)]
-    assert layer.psnr == pytest.approx(metrics.psnr(*images))
+    assert layer.psnr == pytest.approx(metrics.image_error(*images).psnr)
 
 
 def test_over_counts_pixels_strictly_above_the_threshold():
@@ -231,7 +231,7 @@ def test_refused(files, capsys):
     before = sorted(os.listdir())
     for arguments, parts in (
         (("small.exr", "a.exr"), ("small.exr", "size", "32 x 24", "5 x 4")),
-        (("other.exr", "a.exr"), ("other.exr", "layers", "some of RGB, A, N (", "as of a.exr, found Y, depth")),
+        (("other.exr", "a.exr"), ("other.exr", "layers", "some of RGB, A, N (", "the layers of a.exr, found Y, depth")),
         (("fewer.exr", "a.exr", "--layer", "Z"), ("fewer.exr", "--layer", "RGB, A", "'Z'")),
         (("a.exr", "b.exr", "--layer", "depth"), ("a.exr", "--layer", "'depth': did you mean 'Z'?")),
         (("a.exr", "fewer.exr", "--layer", "N"), ("N.X+N.Z", "N.X+N.Y+N.Z")),
@@ -348,7 +348,7 @@ def test_a_color_means_the_same_in_both_images():
 
 @pytest.mark.long
 def test_of_many_layers_those_that_differ_are_shown(folder, monkeypatch, capsys):
-    planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(compare_figure.MOST + 10)}
+    planes = {f"L{k:03}": np.zeros((4, 6), np.float32) for k in range(compare_figure.MAX_LAYERS + 10)}
     exr.write("a.exr", planes)
     planes["L049"] += 1
     exr.write("b.exr", planes)
@@ -357,4 +357,4 @@ def test_of_many_layers_those_that_differ_are_shown(folder, monkeypatch, capsys)
         compare_figure, "draw", lambda layers, **given: drawn.append(list(layers)) or draw(layers, **given)
     )
     assert run(capsys, "b.exr", "a.exr", "-o", "d.png")[0] == 0
-    assert drawn == [["L049", *(f"L{k:03}" for k in range(compare_figure.MOST - 1))]]
+    assert drawn == [["L049", *(f"L{k:03}" for k in range(compare_figure.MAX_LAYERS - 1))]]

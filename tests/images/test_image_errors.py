@@ -10,7 +10,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.images import metrics
-from clshade.images.metrics import flip, image_error, psnr, relmse, rmse
+from clshade.images.metrics import image_error, relmse, rmse
 from clshade.images.tonemap import OPERATORS, radiance, tonemap
 
 RNG = np.random.default_rng(5)
@@ -39,11 +39,11 @@ def test_relative_error_does_not_depend_on_brightness():
 
 
 def test_decibels_are_of_what_is_seen():
-    assert psnr(flat(0.3), flat(0.3)) == math.inf
-    assert psnr(flat(1.0), flat(0.0)) == pytest.approx(0.0)
-    assert psnr(flat(7.0), flat(2.0)) == math.inf  # both are white
+    assert image_error(flat(0.3), flat(0.3)).psnr == math.inf
+    assert image_error(flat(1.0), flat(0.0)).psnr == pytest.approx(0.0)
+    assert image_error(flat(7.0), flat(2.0)).psnr == math.inf  # both are white
     # The sRGB curve is a straight line of slope 12.92 near black.
-    assert psnr(flat(0.002), flat(0.001)) == pytest.approx(-20.0 * math.log10(0.001 * 12.92))
+    assert image_error(flat(0.002), flat(0.001)).psnr == pytest.approx(-20.0 * math.log10(0.001 * 12.92))
 
 
 def test_without_flip_evaluator(monkeypatch):
@@ -54,10 +54,10 @@ def test_without_flip_evaluator(monkeypatch):
 
 @pytest.mark.skipif(not metrics.has_flip(), reason="flip-evaluator is not installed")
 def test_flip():
-    assert flip(flat(0.5), flat(0.5)) == 0.0
-    assert flip(flat(0.5), flat(0.5) + 1e-9) == pytest.approx(0.0, abs=1e-6)
-    assert flip(flat(1.0), flat(0.0)) > 0.9
-    near, far = (flip(flat(0.5 + d), flat(0.5)) for d in (0.01, 0.2))
+    assert image_error(flat(0.5), flat(0.5)).flip == 0.0
+    assert image_error(flat(0.5), flat(0.5) + 1e-9).flip == pytest.approx(0.0, abs=1e-6)
+    assert image_error(flat(1.0), flat(0.0)).flip > 0.9
+    near, far = (image_error(flat(0.5 + d), flat(0.5)).flip for d in (0.01, 0.2))
     assert 0.0 < near < far < 1.0
 
 

@@ -16,7 +16,7 @@ from processes import ROOT
 
 from clshade.cli.main import main
 from clshade.errors import ClshadeError, InputError
-from clshade.images import exr, png, statistics, statistics_figure
+from clshade.images import exr, png, statistics
 from clshade.images.image_file import Picture
 from clshade.images.tonemap import tonemap
 from clshade.scene.formats.load import load
@@ -70,11 +70,11 @@ def test_dynamic_range():
     gray[2, :5] = 0, -1, np.nan, np.inf, -np.inf
     found = statistics.image_statistics(np.dstack([gray] * 3))
     assert found.stops == pytest.approx(8, abs=1e-12)
-    assert found.stops_most == pytest.approx(8, abs=1e-12)
+    assert found.robust_stops == pytest.approx(8, abs=1e-12)
     gray[2, 5] = 1e30
     found = statistics.image_statistics(np.dstack([gray] * 3))
     assert found.stops == pytest.approx(math.log2(1e30) + 3, abs=1e-6)
-    assert found.stops_most == pytest.approx(8, abs=1e-12)
+    assert found.robust_stops == pytest.approx(8, abs=1e-12)
     assert statistics.image_statistics({"Y": gray}).stops == pytest.approx(found.stops)
     assert statistics.image_statistics(np.zeros((2, 2, 3))).stops is None
 
@@ -227,7 +227,7 @@ def panels_of(figure):
 @pytest.mark.parametrize("shape", [(1200, 1600), (300, 2), (1, 1)])
 def test_exposures(shape):
     color = np.float32([0.4, 0.1, 0.02])
-    shown = panels_of(statistics_figure.draw(Picture(exr.flatten(np.broadcast_to(color, (*shape, 3)))), "a"))
+    shown = panels_of(statistics.draw(Picture(exr.flatten(np.broadcast_to(color, (*shape, 3)))), "a"))
     for stops in range(-4, 5):
         name = {0: "as it is", 1: "+1 stop", -1: "-1 stop"}.get(stops, f"{stops:+d} stops")
         assert (shown[name] == tonemap(color.reshape(1, 1, 3), "srgb", stops)).all(), name
@@ -241,7 +241,7 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
         "Z": np.full((40, 60), np.inf, np.float32),
         "id": np.eye(40, 60, dtype=np.uint32),
     }
-    figure = statistics_figure.draw(Picture(channels), "a $name_ of\nothers")
+    figure = statistics.draw(Picture(channels), "a $name_ of\nothers")
     shown = panels_of(figure)
     assert {"RGB", "Z", "id"} <= set(shown)
     red = (shown["as it is"] == [255, 0, 0]).all(axis=-1)
@@ -259,7 +259,7 @@ def test_the_figure_is_upright_and_has_every_layer(tmp_path):
 def test_a_thousand_layers(tmp_path):
     """No more than fit into the figure; the number of omitted ones is reported."""
     channels = {f"L{k:04}": np.zeros((2, 200), np.float32) for k in range(1000)}
-    figure = statistics_figure.draw(Picture(channels), "a")
+    figure = statistics.draw(Picture(channels), "a")
     titles = [axes.get_title() for axes in figure.axes if axes.images]
     assert len(titles) == 60
     assert titles[-1].replace("\n", " ").endswith("; 940 more layers")
@@ -268,7 +268,7 @@ def test_a_thousand_layers(tmp_path):
 
 def test_false_colors():
     values = np.array([[0.0, -1.0, np.nan, np.inf], [0.25, 1.0, 4.0, 1e30]])
-    pixels = statistics_figure.false_colors(values, -2.0, 2.0).pixels
+    pixels = statistics.false_colors(values, -2.0, 2.0).pixels
     assert pixels[0].tolist() == [[0, 0, 0], [0, 0, 0], [255, 0, 255], [255, 255, 255]]
     assert len({tuple(pixel) for pixel in pixels[1].tolist()}) == 3
     assert (pixels[1, 2] == pixels[1, 3]).all()  # clamped to the highest

@@ -9,7 +9,7 @@ from clshade.errors import InputError
 from clshade.images import radiance
 
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
-LIMITS = {"most_side": 32768, "most_pixels": 1 << 20}
+LIMITS = {"max_side": 32768, "max_pixels": 1 << 20}
 
 
 def decoded(data: bytes, **limits) -> np.ndarray:

@@ -7,10 +7,8 @@ import pytest
 from tonemap_reference import tonemap as oracle
 
 from clshade.errors import InputError
-from clshade.images import joint_tonemaps
 from clshade.images import tonemap as tm
-from clshade.images.joint_tonemaps import JOINT, agx, neutral
-from clshade.images.tonemap import OPERATORS, display_values, radiance, tonemap
+from clshade.images.tonemap import JOINT, OPERATORS, agx, display_values, neutral, radiance, tonemap
 
 SEPARATE = [operator for operator in OPERATORS if operator not in JOINT]
 EXPOSURES = (0.0, 1.0, 0.5, -3.7, 21.3)
@@ -231,8 +229,8 @@ def test_agx_is_the_published_curve(entry, value):
 def test_agx_insets_primaries_as_published():
     """Within 1.4e-4 of the matrix of B. Wrensch's "Minimal AgX Implementation", whose rows do not sum to 1."""
     published = [[0.84248, 0.07843, 0.07922], [0.04233, 0.87847, 0.07917], [0.04238, 0.07843, 0.87914]]
-    assert pytest.approx(np.array(published), abs=1.4e-4) == joint_tonemaps._INSET
-    assert joint_tonemaps._INSET.sum(axis=1) == pytest.approx(1.0, abs=1e-15)
+    assert pytest.approx(np.array(published), abs=1.4e-4) == tm._INSET
+    assert tm._INSET.sum(axis=1) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("operator", JOINT)

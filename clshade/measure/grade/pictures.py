@@ -11,7 +11,6 @@ import numpy as np
 from ...base.arrays import Floats
 from ...images import compare_figure, figures
 from ...images.channels import Group
-from ...images.layer_plots import panel_size
 from .grade import Grade, Right, explained_codes
 
 if TYPE_CHECKING:
@@ -30,13 +29,13 @@ def draw(found: Grade, right: Right) -> Figure:
         mistake = best.label if best.claimed else f"not explained; nearest: {best.label}"
         these = "this mistake" if len(best.changes) == 1 else "these mistakes"
         rows.append((mistake, f"the right image with {these}", _group(explained_codes(right, found.image, best))))
-    width, height = panel_size(found.image.shape, _PANEL)
+    width, height = figures.panel_size(found.image.shape, _PANEL)
     figure = figures.blank(3 * width + _BAR, len(rows) * (height + _TITLE), dpi=100)
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
     for part, (title, caption, expected) in zip(parts, rows, strict=True):
         part.suptitle(textwrap.fill(title, _LETTERS), fontsize=10, fontweight="bold")
         panels = part.subplots(1, 3)
-        compare_figure.draw_row(part, panels, "image", (image, expected), True, ("your image", caption))
+        compare_figure.draw_row(part, panels, (image, expected), True, ("your image", caption))
     return figure
 
 

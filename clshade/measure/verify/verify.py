@@ -17,8 +17,8 @@ from ...base.validation import count_or_all, integer, value_error
 from ...base.version import VERSION
 from ...errors import InputError
 from ...images import png
-from ...images.joint_tonemaps import JOINT
 from ...images.layers import LAYER_TABLE
+from ...images.tonemap import JOINT
 from ...oracle import OracleFrame, OracleLayers
 from ...pipeline import frame_files
 from ...pipeline.effective_settings import effective_settings

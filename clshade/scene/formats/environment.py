@@ -65,7 +65,7 @@ def _image(path: Path, owner: str) -> Array:
     """Return (h, w, 3) linear floats, float32 or float64."""
     begin = first_bytes(path, max(map(len, SIGNATURES)))
     if begin.startswith(radiance.SIGNATURE):
-        return radiance.decode(read_file(path, MAX_BYTES), owner, most_side=MAX_SIDE, most_pixels=MAX_PIXELS)
+        return radiance.decode(read_file(path, MAX_BYTES), owner, max_side=MAX_SIDE, max_pixels=MAX_PIXELS)
     if not begin.startswith(SIGNATURES):
         raise file_error(owner, "file", "an EXR, Radiance HDR or PNG image", "something else")
     picture = read_picture(path)
