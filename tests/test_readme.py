@@ -17,7 +17,7 @@ import pytest
 from processes import ROOT
 
 from clshade.cli.main import COMMANDS
-from clshade.view.regression import options
+from clshade.view.regression import plugin
 
 FILES = [ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md", ROOT / "kernels" / "README.md"]
 FILES += sorted((ROOT / "clshade").rglob("*.md"))
@@ -49,8 +49,8 @@ EARLIER_OPTIONS = {  # of commit 1e1eb0f, by which figures were measured
     "--functions",
 }
 OTHERS_OPTIONS = {
-    options.UPDATE,
-    options.OUT,
+    plugin.UPDATE,
+    plugin.OUT,
     "--dist",
     "--info",
     "--port",

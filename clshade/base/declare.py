@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
@@ -137,3 +138,8 @@ def as_option(name: str, value: Any) -> str:
         return f"--{option}" if value else f"--no-{option}"
     values = value if isinstance(value, tuple) else ("none" if value is None else value,)
     return f"--{option}=" + ",".join(repr(each) if isinstance(each, float) else str(each) for each in values)
+
+
+def as_argument(path: str) -> str:
+    """Return a path as an argument that no program takes for an option."""
+    return os.path.join(os.curdir, path) if path.startswith("-") else path

@@ -151,9 +151,8 @@ def run_report(arguments: Arguments) -> int:
 
 def _command(arguments: Arguments, read: Scene, scene: Scene, look: Look, settings: Settings) -> str:
     """Return the command that draws the scene with these settings. read: the scene without its look."""
-    from ..base.declare import as_option
+    from ..base.declare import as_argument, as_option
     from ..measure.report.tables import render_fields, render_options
-    from ..view.live_command import as_argument
 
     presets = PRESETS if look == "plain" else (scene.preset,)
     light = {name: getattr(arguments, name) for name in LIGHT_FIELDS}

@@ -150,7 +150,7 @@ def _render_each(stems: list[str], arguments: Arguments, warming: Thread) -> tup
 
 def _render(name: str, stem: str, arguments: Arguments, warming: Thread) -> tuple[int, dict[str, Any]]:
     """Load, render and save one scene; return the exit code and all figures."""
-    from ..view.live_command import as_argument
+    from ..base.declare import as_argument
 
     scene = load_scene(arguments, name)
     options = render_options(arguments, scene)

@@ -129,8 +129,8 @@ def _pictures(files: Sequence[str]) -> dict[str, Picture]:
 def _serve(arguments: Arguments, name: str) -> None:
     """Serve the scene of this name until Ctrl-C, which raises KeyboardInterrupt. Raises InputError if aiohttp is missing."""
     from ..view import live_server
-    from ..view.live_page import live_page
     from ..view.live_scene import LiveScene
+    from ..view.page import live_page
 
     source = source_of(arguments, name)
     with live_server.listen(arguments.port) as listening:
@@ -158,8 +158,7 @@ def _announce(url: str, in_browser: bool) -> None:
 def source_of(arguments: Arguments, name: str) -> Source:
     """Return the source of the scene of this name, with the command line's options. Raises InputError for a refused
     value."""
-    from ..view.live_command import REPEATED
-    from ..view.live_scene import Source
+    from ..view.live_scene import REPEATED, Source
 
     if arguments.resolution is not None:
         checked_resolution("--resolution", arguments.resolution)

@@ -33,8 +33,8 @@ from ..scene.camera import Camera
 from ..scene.model import Scene, default_tonemap
 from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
-from . import animation, video
-from .film_format import checked_depth, checked_rate, format_of
+from . import video
+from .film_format import FilmFormat, checked_rate, format_of
 from .frame_folder import FrameFolder, digest_of
 
 if TYPE_CHECKING:
@@ -88,15 +88,10 @@ class Film:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as a dict for JSON."""
-        film = {name: getattr(self, name) for name in ("path", "count", "resolution", "codec", "pixels", "seconds")}
-        film |= {
-            "fps": float(self.fps),
-            "size": self.size,
-            "encode_seconds": self.encode_seconds,
-            "frames": self.frames,
-        }
-        lost = () if self.frames else ("first", "last")  # names of files that are gone
-        return {**{name: value for name, value in self.run.stats().items() if name not in lost}, "film": film}
+        film = {name: value for name, value in vars(self).items() if name != "run"}
+        film |= {"fps": float(self.fps), "seconds": self.seconds}
+        removed = () if self.frames else ("first", "last")  # names of files
+        return {**{name: value for name, value in self.run.stats().items() if name not in removed}, "film": film}
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
@@ -142,26 +137,26 @@ def draw_film(
     scene : Scene
         The scene to draw.
     cameras : mapping of int to Camera
-        Camera of each frame, by frame number; all of one resolution.
+        Camera of each frame, by frame number; all with one resolution.
     path : str or path-like
         The film's file, which ends in .mp4, .webm, .gif, .apng or .webp.
     poses : mapping of int to Pose, optional
-        See `clshade.farm.draw_frames`. If the mapping has an attribute `source`, as that of
-        `load_animation` has, that is compared in place of the poses to tell whether frames of an
-        earlier run are of this film.
+        See `clshade.farm.draw_frames`. An attribute `source` of the mapping, which that of
+        `load_animation` has, is compared in place of the poses to tell whether frames of an earlier
+        run belong to this film.
     fps : number or str, default 30
         Frames per second, also as a fraction such as ``"30000/1001"``; at most 50 in a GIF, 90 in
         APNG and WebP.
     bits : {8, 10}, default 8
         Bits per channel; 10 in MP4 alone. They are rounded from the frames' floats.
     keep_frames : bool, default False
-        Keep the frames, EXR and PNG, in the folder ``<path>.frames``. Otherwise it is removed when
-        the film is whole, and holds what the film needs alone. Frames that were kept once stay
+        Keep the frames, EXR and PNG, in the folder ``<path>.frames``. Otherwise it holds only what
+        the film needs, and is removed when the film is complete. Frames that were kept once stay
         beside their film.
     saving : dict, optional
-        Keywords of `Frame.save`: tone map and exposure of the film, the rest of kept frames.
+        Keywords of `Frame.save`: tone map and exposure apply to the film, the others to kept frames.
     overwrite : bool, default False
-        Draw frames that an earlier run left, as well.
+        Also draw frames that an earlier run left.
     workers, scheduler, timeout, frame_timeout, progress, device
         See `clshade.farm.draw_frames`.
     **settings
@@ -172,29 +167,27 @@ def draw_film(
     InputError
         If an argument is refused, or PyAV is missing, which MP4 and WebM need.
     DeviceError, OutputError, WorkerError
-        See `clshade.farm.draw_frames`. The film that was there stays, and so do frames that were
-        drawn: the next call with the same arguments goes on from them.
+        See `clshade.farm.draw_frames`. An earlier film stays, and so do frames that were drawn: the
+        next call with the same arguments continues from them.
     """
     name = os.fspath(path)
     check_numbered(cameras, poses)
-    kind = format_of(name)
+    kind = format_of(name, bits)
     rate = checked_rate(kind, fps)
-    bits = checked_depth(kind, bits)
-    codec = video.codec_of(kind, bits) if kind.video else None
-    needed: FileKind = "png" if bits == 8 else "exr"
+    file_kind: FileKind = "png" if bits == 8 else "exr"
     folder = FrameFolder(name)
     keep_frames = keep_frames or folder.kept
     options: SavingOptions = {**saving} if saving else {}
     bar = options.get("colorbar", False)
-    if bar and needed == "exr":
+    if bar and file_kind == "exr":
         raise InputError("--colorbar: cannot go with --bit-depth 10, for a film of the EXR files")
-    columns, rows = _resolution(cameras, codec.least if codec else 1, kind.side, colorbar=bar)
+    columns, rows = _resolution(cameras, kind, colorbar=bar)
     if not keep_frames:
-        options["files"] = (needed,)
+        options["files"] = (file_kind,)
         settings["layers"] = ()
     scene_drawn, settings_drawn = effective_settings(scene, **settings)
-    frames: Any = cameras if poses is None else (list(cameras.items()), _source(poses, cameras))
-    with folder.of(digest_of(scene_drawn, settings_drawn, frames, {**options, "files": None}), keep_frames):
+    views: Any = cameras if poses is None else (list(cameras.items()), _source(poses, cameras))
+    with folder.of(digest_of(scene_drawn, settings_drawn, views, {**options, "files": None}), keep_frames):
         check(name)
         run = draw_frames(
             scene,
@@ -214,23 +207,26 @@ def draw_film(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: encoding {len(cameras)} frames")
-        tonemap = options.get("tonemap") or default_tonemap(scene_drawn)
-        exposure = options.get("exposure", 0.0)
-        images = _images(folder.pattern, sorted(cameras), needed, tonemap, exposure, alpha=kind.alpha)
+        load: Callable[[str], Array] = partial(_display_image, alpha=kind.alpha)
+        if file_kind == "exr":
+            tonemap = options.get("tonemap") or default_tonemap(scene_drawn)
+            load = partial(_tone_mapped, tonemap=tonemap, exposure=options.get("exposure", 0.0))
+        names = parse_pattern(folder.pattern, len(cameras))
+        images = [partial(load, names.names(number, (file_kind,))[0]) for number in sorted(cameras)]
         with replacing(name) as file:
-            if codec:
-                video.encode(file, _loaded(images, name if progress else ""), len(images), rate, codec)
+            if kind.encoder:
+                video.encode_video(file, _loaded(images, name if progress else ""), len(images), rate, kind)
             else:
-                animation.encode(file, images, rate, kind)
+                video.encode_animation(file, images, rate, kind)
         seconds = time.perf_counter() - start
     return Film(
         path=name,
         run=run,
         count=len(images),
         fps=rate,
-        resolution=(columns + columns % 2, rows + rows % 2) if codec else (columns, rows),
-        codec=codec.name if codec else animation.NAMES[kind.ending],
-        pixels=f"{codec.pixel_format}, BT.709" if codec else animation.PIXELS[kind.ending],
+        resolution=(columns + columns % 2, rows + rows % 2) if kind.encoder else (columns, rows),
+        codec=kind.codec,
+        pixels=f"{kind.pixels}, BT.709" if kind.encoder else kind.pixels,
         size=os.path.getsize(name),
         encode_seconds=seconds,
         frames=folder.path if keep_frames else None,
@@ -238,65 +234,56 @@ def draw_film(
 
 
 def _source(poses: Mapping[int, Pose], cameras: Mapping[int, Camera]) -> Any:
-    """Return what poses are computed from, if they have a `source`, else a digest of each."""
+    """Return the `source` of poses, or a digest of each pose if there is none."""
     if "source" in dir(poses):  # getattr's default would hide an AttributeError of the property
         return poses.source  # type: ignore[attr-defined]
     return [digest_of(poses[number]) for number in cameras]
 
 
-def _resolution(cameras: Mapping[int, Camera], least: int, most: int, *, colorbar: bool) -> tuple[int, int]:
-    """Return the resolution of the film, whose frames may have a color bar. Raises InputError if the cameras' resolutions
-    differ, or if a film cannot have it.
+def _resolution(cameras: Mapping[int, Camera], kind: FilmFormat, *, colorbar: bool) -> tuple[int, int]:
+    """Return the resolution of the film, with the color bar of its frames. Raises InputError if the cameras' resolutions
+    differ, or if the format cannot have it.
 
-    What is no camera is left to `draw_frames`, which refuses it.
+    Anything but cameras is left to `draw_frames`, which refuses it.
     """
-    found: tuple[int, int] | None = None
+    first: tuple[int, int] | None = None
     for number, camera in cameras.items():
         resolution = getattr(camera, "resolution", (0, 0))
-        if found is not None and resolution != found:
-            sizes = "{}x{}, found {}x{}".format(*found, *resolution)
+        first = first or resolution
+        if resolution != first:
+            sizes = "{}x{}, found {}x{}".format(*first, *resolution)
             raise InputError(
                 f"film: frame {number}: expected all frames of one size, {sizes}: --resolution gives them one"
             )
-        found = resolution
-    if found is not None and colorbar:
-        found = found[0] + bar_width(found[1]), found[1]
-    if found is not None and not least <= min(found) <= max(found) <= most:
-        size = "{}x{}".format(*found)
-        raise InputError(f"film: resolution: expected {least} to {most} pixels a side for this format, found {size}")
-    return found or (0, 0)
+    columns, rows = first or (0, 0)
+    columns += bar_width(rows) if first and colorbar else 0
+    if first and not kind.min_side <= min(columns, rows) <= max(columns, rows) <= kind.max_side:
+        expected = f"{kind.min_side} to {kind.max_side} pixels a side for this format"
+        raise InputError(f"film: resolution: expected {expected}, found {columns}x{rows}")
+    return columns, rows
 
 
-def _images(
-    pattern: str, numbers: Sequence[int], file: FileKind, tonemap: Operator, exposure: float, *, alpha: bool
-) -> list[Callable[[], Array]]:
-    """Return what loads each frame's display image: the codes of its PNG, or the tone-mapped floats of its EXR.
+def _display_image(name: str, *, alpha: bool) -> Bytes:
+    """Read the codes of a PNG: with its alpha, or over black."""
+    picture = png.read(name, alpha=True)
+    return picture if alpha else over(picture, BLACK)
 
-    alpha: keep that of frames over nothing; else they are over black.
-    """
 
-    def from_exr(name: str) -> Floats:
-        channels, _ = exr.read(name)
-        return display_values(np.stack([channels[each] for each in "RGB"], axis=-1), tonemap, exposure)
-
-    def from_png(name: str) -> Bytes:
-        picture = png.read(name, alpha=True)
-        return picture if alpha else over(picture, BLACK)
-
-    names = parse_pattern(pattern, len(numbers))
-    read: Callable[[str], Array] = from_png if file == "png" else from_exr
-    return [partial(read, names.names(number, (file,))[0]) for number in numbers]
+def _tone_mapped(name: str, *, tonemap: Operator, exposure: float) -> Floats:
+    """Read the colors of an EXR as display values."""
+    channels, _ = exr.read(name)
+    return display_values(np.stack([channels[channel] for channel in "RGB"], axis=-1), tonemap, exposure)
 
 
 def _loaded(images: Sequence[Callable[[], Array]], name: str) -> Iterator[Array]:
-    """Yield the images, some of them loaded ahead, which releases the GIL. name: of the film, to report progress on; "":
-    do not."""
+    """Yield the images, some of them loaded ahead, which releases the GIL. name: the film's, for reports of progress;
+    "": report none."""
     reported = time.monotonic()
-    with ThreadPoolExecutor(_AHEAD) as beside:
-        waiting = deque(beside.submit(load) for load in images[:_AHEAD])
+    with ThreadPoolExecutor(_AHEAD) as threads:
+        loading = deque(threads.submit(load) for load in images[:_AHEAD])
         for number in range(len(images)):
-            waiting.extend(beside.submit(load) for load in images[number + _AHEAD : number + _AHEAD + 1])
-            yield waiting.popleft().result()
+            loading.extend(threads.submit(load) for load in images[number + _AHEAD : number + _AHEAD + 1])
+            yield loading.popleft().result()
             if name and time.monotonic() - reported >= LINES:
                 reported = time.monotonic()
                 console.progress(f"{shown(name)}: {number + 1}/{len(images)} frames encoded")

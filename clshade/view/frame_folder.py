@@ -10,6 +10,7 @@ import os
 import pickle
 import re
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,20 +27,12 @@ _TEMPORARY = re.compile(r"\.clshade-[0-9a-f]{16}\.tmp")
 def digest_of(*values: Any) -> str:
     """Return a digest of what frames depend on. Equal values have equal digests in every process, whichever of them are one
     object; two that differ for another reason only cost a second drawing."""
-    sink = _Digest()
-    pickler = _Pickler(sink, protocol=5)
+    digest = hashlib.sha256()
+    file: Any = SimpleNamespace(write=digest.update)
+    pickler = _Pickler(file, protocol=5)
     pickler.fast = True  # no references to what came before
     pickler.dump(values)
-    return sink.hash.hexdigest()
-
-
-class _Digest:
-    def __init__(self) -> None:
-        self.hash = hashlib.sha256()
-
-    def write(self, data: Any) -> int:
-        self.hash.update(data)
-        return memoryview(data).nbytes
+    return digest.hexdigest()
 
 
 class _Pickler(pickle.Pickler):
@@ -47,45 +40,52 @@ class _Pickler(pickle.Pickler):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._known: dict[int, tuple[Any, bytes]] = {}
+        self._digests: dict[int, tuple[Any, bytes]] = {}  # by identity, with the array, which keeps it
 
     def persistent_id(self, value: Any) -> Any:
         if not isinstance(value, np.ndarray) or value.dtype.hasobject:
             return None
-        if id(value) not in self._known:
-            self._known[id(value)] = value, hashlib.sha256(np.ascontiguousarray(value).data).digest()
-        return value.dtype.str, value.shape, self._known[id(value)][1]
+        if id(value) not in self._digests:
+            self._digests[id(value)] = value, hashlib.sha256(np.ascontiguousarray(value).data).digest()
+        return value.dtype.str, value.shape, self._digests[id(value)][1]
 
 
 class FrameFolder:
     """The folder beside a film or a poster, named after it. One process at a time uses it.
 
-    whole, parts: what the file is, and what it is made of, which ends the folder's name.
+    result, parts: what the file is called in messages, and what it is made of, which ends the folder's name.
     """
 
-    def __init__(self, name: str, whole: str = "film", parts: str = "frames") -> None:
+    def __init__(self, name: str, result: str = "film", parts: str = "frames") -> None:
         self.path = f"{name}.{parts}"
-        self._whole, self._parts = whole, parts
+        self._result, self._parts = result, parts
+        self._record = os.path.join(self.path, f"{result}.json")  # what the frames show
         self.pattern = os.path.join(self.path, "####.exr")
         self._lock: int | None = None
 
     @property
     def kept(self) -> bool:
-        """Whether an earlier run was told to keep the frames."""
+        """Whether an earlier run kept the frames."""
         return (self._read() or {}).get("kept") is True
 
     @contextlib.contextmanager
     def of(self, digest: str, kept: bool) -> Iterator[None]:
-        """Make the folder for frames of this digest; those of another one are removed.
+        """Make the folder for the frames with this digest; frames with another one are removed.
 
-        When the block ends without an error the frames are removed unless they are `kept`; the folder is removed in any
-        case if it has no frames. Raises InputError if the folder has other files, OutputError if it cannot be written or
-        another process draws the same file.
+        When the block ends without an error, the frames are removed unless they are `kept`; a folder without frames is
+        always removed. Raises InputError if the folder has other files, OutputError if it cannot be written or another
+        process draws the same file.
         """
         if os.path.exists(self.path) and not os.path.isdir(self.path):
             raise write_error(self.path, "it is not a folder")
         with folder_made(self.path):
-            self._take()
+            try:
+                self._lock = lock_file(os.path.join(self.path, _LOCK))
+            except OSError:
+                pass  # the file system has no locks
+            else:
+                if self._lock is None:
+                    raise write_error(self.path, f"another process draws this {self._result}")
             try:
                 with naming(self.path):
                     self._prepare({"digest": digest, "kept": kept})
@@ -98,15 +98,6 @@ class FrameFolder:
                 self._release()
                 _in_use.discard(self)
 
-    def _take(self) -> None:
-        """Lock the folder. Raises OutputError if another process has it; without locks of its file system, do nothing."""
-        try:
-            self._lock = lock_file(os.path.join(self.path, _LOCK))
-        except OSError:
-            return
-        if self._lock is None:
-            raise write_error(self.path, f"another process draws this {self._whole}")
-
     def _release(self) -> None:
         lock, self._lock = self._lock, None
         if lock is not None:
@@ -116,31 +107,27 @@ class FrameFolder:
 
     def _prepare(self, record: dict[str, Any]) -> None:
         names = [name for name in os.listdir(self.path) if name != _LOCK and not _TEMPORARY.fullmatch(name)]
-        found = self._read()
-        if names and found is None:
-            expected = f"a folder with {self._parts} of this {self._whole}, or none"
+        earlier = self._read()
+        if names and earlier is None:
+            expected = f"a folder with {self._parts} of this {self._result}, or none"
             raise InputError(f"{shown(self.path)}: expected {expected}, found other files")
-        if found is None or found.get("digest") != record["digest"]:
+        if earlier is None or earlier.get("digest") != record["digest"]:
             if any(map(_FRAME.fullmatch, names)):
                 console.progress(f"{shown(self.path)}: {self._parts} of another scene or other settings: drawn again")
             self._remove_frames()
-        if found != record:
+        if earlier != record:
             write_bytes(self._record, json.dumps(record).encode() + b"\n")
 
-    @property
-    def _record(self) -> str:
-        return os.path.join(self.path, f"{self._whole}.json")  # what the frames are of
-
     def _read(self) -> dict[str, Any] | None:
-        """Return what the record says, nothing if it is damaged, None if there is none."""
+        """Return the record, an empty one if it is damaged, None if there is none."""
         try:
             with open(self._record, "rb") as file:
-                found = json.loads(file.read(1 << 12))
+                record = json.loads(file.read(1 << 12))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except (OSError, ValueError):
             return {}
-        return found if isinstance(found, dict) else {}
+        return record if isinstance(record, dict) else {}
 
     def _remove_frames(self) -> None:
         """Remove the frames, and half-written ones, which a killed process left."""

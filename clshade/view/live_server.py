@@ -10,17 +10,20 @@ import signal
 import socket
 import time
 import traceback
-from collections.abc import Awaitable, Callable, Iterator
+from collections import defaultdict, deque
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
-from ..base import console
+import numpy as np
+
+from ..base import console, text_tables
 from ..base.extras import how_to_install
 from ..errors import ClshadeError, InputError
+from .live_input import ANSWERED
 from .live_scene import LiveScene
 from .live_session import Drawing, Session, Task
-from .live_stats import LiveStats
 
 try:
     from aiohttp import WSCloseCode, WSMsgType, web
@@ -28,13 +31,14 @@ except ImportError:
     raise InputError(f"view: needs aiohttp to serve the scene: `{how_to_install('view')}`") from None
 
 HOST = "127.0.0.1"
-AHEAD = 2  # pictures on their way to a client: one is drawn while the one before is shown
-WATCH_SECONDS = 0.5
+MAX_IN_FLIGHT = 2  # pictures on their way to a client: one is drawn while the one before is shown
+WATCH_SECONDS = 0.5  # between looks at the scene's files
 QUIET_SECONDS = 0.3  # of loading before the address is printed: a mistyped name opens no page
 STATE_SECONDS = 0.1  # between looks at what the view waits for
 MAX_MESSAGE = 1 << 16  # bytes, from a client
 CLOSE_SECONDS = 0.2  # for clients to say goodbye
 SEND_SECONDS = 30.0  # for a client to take a message; one that reads nothing is cut off
+KEPT_TIMES = 10_000  # of pictures, of each kind
 
 State: TypeAlias = Literal["loading", "compiling", "drawing", "idle"]  # what a client waits for
 
@@ -57,10 +61,42 @@ def listen(port: int | None) -> socket.socket:
         raise InputError(f"--port: expected a free port from 1 to 65535, found {port}: {reason}") from None
 
 
-class LiveServer:
-    """Serves a scene to any number of clients, each with a camera of its own; one thread draws for all.
+class LiveStats:
+    """Times of the pictures of all clients, by samples and scale, and how fast they followed each other in motion."""
 
-    open_scene: loads it; clients can connect before. page: makes the page, given the host and port that it may connect to.
+    def __init__(self) -> None:
+        self._times: dict[tuple[int, int], deque[dict[str, float]]] = defaultdict(lambda: deque(maxlen=KEPT_TIMES))
+        self._intervals: deque[float] = deque(maxlen=KEPT_TIMES)
+
+    def add(self, drawing: Drawing, interval: float | None) -> None:
+        """Note a picture. interval: since the one before, s, if both were in motion: the pace at which a client shows
+        pictures."""
+        step = drawing.task.step
+        self._times[step.samples, step.scale].append(drawing.times_ms)
+        if interval is not None:
+            self._intervals.append(interval)
+
+    def lines(self) -> list[str]:
+        """Return a table of medians in ms, and the frames per second in motion; empty if nothing was drawn."""
+        if not self._times:
+            return []
+        names = list(dict.fromkeys(name for kind in self._times.values() for times in kind for name in times))
+        rows = []
+        for (samples, scale), kind in sorted(self._times.items()):
+            values = ([times[name] for times in kind if name in times] for name in names)
+            medians = [f"{np.median(each):.2f}" if each else "-" for each in values]
+            rows.append([f"{samples}", f"1/{scale**2}" if scale > 1 else "all", f"{len(kind):,}", *medians])
+        lines = text_tables.as_lines(["samples", "pixels", "pictures", *(f"{name} ms" for name in names)], rows)
+        if self._intervals:
+            rate = 1.0 / float(np.median(self._intervals))
+            lines.append(f"in motion {rate:.1f} frames/s, median of {len(self._intervals):,} intervals")
+        return lines
+
+
+class LiveServer:
+    """Serves a scene to any number of clients, each with its camera; one thread draws for all.
+
+    open_scene: loads it; clients can connect before. page: makes the page for the host and port that it may connect to.
     """
 
     scene: LiveScene  # once `loaded` is set
@@ -69,49 +105,48 @@ class LiveServer:
         self, open_scene: Callable[[], LiveScene], listening: socket.socket, page: Callable[[str], str]
     ) -> None:
         self.stats, self.loaded = LiveStats(), asyncio.Event()
-        self._open_scene = open_scene
-        self._works = 0  # functions that wait for the thread that draws, or run in it
+        self._open_scene, self._socket, self._page = open_scene, listening, page
+        self._pending = 0  # functions that wait for the thread that draws, or run in it
         self._state: State = "loading"
-        self._since = time.monotonic()  # the state's begin
+        self._since = time.monotonic()  # when the state began
         self.clients: set[_Client] = set()
         self.token = secrets.token_urlsafe(24)
-        self._socket, self._page = listening, page
         self.port: int = listening.getsockname()[1]
         self.drawing = ThreadPoolExecutor(1, "clshade-view")
-        self.is_outdated = False  # whether a file of the scene is another than was read
+        self.is_outdated = False  # whether a file of the scene has changed since it was read
 
     @property
     def url(self) -> str:
         return f"http://{HOST}:{self.port}/{self.token}/"
 
-    def application(self) -> web.Application:
+    async def serve(self, ready: Callable[[], None] | None = None) -> None:
+        """Serve until Ctrl-C, or until cancelled. ready: called once clients can connect. Raises what loading raises."""
         app = web.Application(middlewares=[self._guard], client_max_size=1)
         app.router.add_get("/{token}/", self._serve_page)
         app.router.add_get("/{token}/live", self._serve_client)
-        return app
-
-    async def serve(self, ready: Callable[[], None] | None = None) -> None:
-        """Serve until Ctrl-C, or until cancelled. ready: called once clients can connect. Raises what loading raises."""
-        runner = web.AppRunner(
-            self.application(), access_log=None, handle_signals=False, shutdown_timeout=CLOSE_SECONDS
-        )
+        runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=CLOSE_SECONDS)
         await runner.setup()
+        loop, stopped = asyncio.get_running_loop(), asyncio.Event()
         tasks: list[asyncio.Task[Any]] = []
         try:
             await web.SockSite(runner, self._socket).start()
-            with _interrupted() as stopped:
-                works = (self._show(), self._tell_state(), stopped.wait())
-                tasks += map(asyncio.create_task, (self.loaded.wait(), *works))
-                await asyncio.wait(tasks, timeout=QUIET_SECONDS, return_when=asyncio.FIRST_COMPLETED)
-                if ready is not None and not any(task.done() for task in tasks[1:]):
-                    ready()
-                done, _ = await asyncio.wait(tasks[1:], return_when=asyncio.FIRST_COMPLETED)
-                for task in done:
-                    task.result()
+            # Where the system and the thread allow it: the loop would sleep through the signal.
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+                loop.add_signal_handler(signal.SIGINT, stopped.set)
+            works = (self.loaded.wait(), self._show(), self._tell_state(), stopped.wait())
+            tasks += map(asyncio.create_task, works)
+            await asyncio.wait(tasks, timeout=QUIET_SECONDS, return_when=asyncio.FIRST_COMPLETED)
+            if ready is not None and not any(task.done() for task in tasks[1:]):
+                ready()
+            done, _ = await asyncio.wait(tasks[1:], return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
         finally:
+            with contextlib.suppress(NotImplementedError):
+                loop.remove_signal_handler(signal.SIGINT)
             for task in tasks:
                 task.cancel()
-            goodbyes = [each.socket.close(code=WSCloseCode.GOING_AWAY) for each in self.clients]
+            goodbyes = [client.socket.close(code=WSCloseCode.GOING_AWAY) for client in self.clients]
             with contextlib.suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(asyncio.gather(*goodbyes, return_exceptions=True), CLOSE_SECONDS)
             await runner.cleanup()
@@ -126,10 +161,9 @@ class LiveServer:
         """Refuse other hosts (DNS rebinding), other origins (pages of other sites) and other tokens."""
         host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
         port = "" if self.port == 80 else f":{self.port}"  # as browsers write it
-        own = host in (f"{HOST}{port}", f"localhost{port}") and origin in (None, f"http://{host}")
+        is_own = host in (f"{HOST}{port}", f"localhost{port}") and origin in (None, f"http://{host}")
         token = request.path.split("/")[1] if request.path.startswith("/") else ""
-        right = secrets.compare_digest(token.encode("utf-8", "replace"), self.token.encode())
-        if not own or not right:
+        if not secrets.compare_digest(token.encode("utf-8", "replace"), self.token.encode()) or not is_own:
             return web.Response(status=403, text="403: the address printed by `clshade view` is needed\n")
         response = await handler(request)
         if not response.prepared:
@@ -146,7 +180,7 @@ class LiveServer:
         ws = web.WebSocketResponse(compress=False, max_msg_size=MAX_MESSAGE, heartbeat=30.0)
         await ws.prepare(request)
         size = {name: int(value) for name, value in request.query.items() if value.isdecimal() and len(value) < 6}
-        client = _Client(self, ws, request.transport, size)
+        client = _Client(self, ws, request.transport, {**size, "type": "size"})
         self.clients.add(client)
         try:
             await client.run()
@@ -159,16 +193,16 @@ class LiveServer:
 
     async def in_drawing(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a function in the thread that draws."""
-        self._works += 1
+        self._pending += 1
         try:
             return await asyncio.get_running_loop().run_in_executor(self.drawing, function, *arguments)
         finally:
-            self._works -= 1
+            self._pending -= 1
 
     # What clients wait for
 
     async def _show(self) -> None:
-        """Load the scene, compile while nobody is there whose pictures do, then watch the scene's files."""
+        """Load the scene, compile while nobody is there whose pictures do, then tell clients when its files change."""
         try:
             self.scene = await self.in_drawing(self._open_scene)
             self.loaded.set()
@@ -178,7 +212,12 @@ class LiveServer:
         except Exception as error:
             await self.tell_all({"type": "failed", "text": " ".join(str(error).split())})
             raise
-        await self._watch()
+        while True:
+            await asyncio.sleep(WATCH_SECONDS)
+            outdated = self.scene.source.stamps() != self.scene.stamps
+            if outdated != self.is_outdated:
+                self.is_outdated = outdated
+                await self.tell_all({"type": "changed", "changed": outdated})
 
     async def _tell_state(self) -> None:
         """Tell clients when they wait for something else."""
@@ -187,7 +226,7 @@ class LiveServer:
             state: State = "idle"
             if not self.loaded.is_set():
                 state = "loading"
-            elif self._works:
+            elif self._pending:
                 # Between two kernels the compiler is not at work.
                 state = "compiling" if console.is_compiling() or self._state == "compiling" else "drawing"
             if state != self._state:
@@ -197,17 +236,6 @@ class LiveServer:
     def state(self) -> dict[str, Any]:
         """Return the message on what clients wait for, and for how many seconds they have."""
         return {"type": "state", "state": self._state, "seconds": round(time.monotonic() - self._since, 1)}
-
-    # The scene's files
-
-    async def _watch(self) -> None:
-        """Tell clients when a file of the scene is no longer the one that was read."""
-        while True:
-            await asyncio.sleep(WATCH_SECONDS)
-            outdated = self.scene.source.stamps() != self.scene.stamps
-            if outdated != self.is_outdated:
-                self.is_outdated = outdated
-                await self.tell_all({"type": "changed", "changed": outdated})
 
     async def reload(self) -> None:
         """Read the scene again, for all clients."""
@@ -230,7 +258,7 @@ class LiveServer:
 class _Client:
     """A connected page: its session, None until the scene is loaded, and the pictures on their way to it.
 
-    size: of its window, columns and rows, pixels; empty: the pictures' own.
+    size: a message with the size of its window; without columns and rows: the pictures' own.
     """
 
     def __init__(
@@ -244,7 +272,8 @@ class _Client:
         self.session: Session | None = None
         self._size = size
         self.changed = asyncio.Event()  # something may be due
-        self._on_the_way = 0
+        self._in_flight = 0  # pictures
+        self._moved_at: float | None = None  # when the latest picture was drawn, if it was in motion
 
     async def tell(self, message: dict[str, Any]) -> None:
         with contextlib.suppress(ConnectionError, RuntimeError):  # it is closing
@@ -256,21 +285,22 @@ class _Client:
 
     async def _sent(self, sending: Awaitable[None]) -> None:
         """Send, or cut the client off if it does not take the message: it must hold up nobody else."""
-        # Not `wait_for`: aiohttp lets all who send to a client wait for one future, and each who is cancelled cancels it.
-        cutting = asyncio.get_running_loop().call_later(SEND_SECONDS, self._cut_off)
+
+        def cut_off() -> None:
+            if isinstance(self._transport, asyncio.WriteTransport):
+                self._transport.abort()
+
+        # Not `wait_for`: aiohttp lets all who send to a client wait for one future, which any cancelled one cancels.
+        timer = asyncio.get_running_loop().call_later(SEND_SECONDS, cut_off)
         try:
             await sending
         finally:
-            cutting.cancel()
-
-    def _cut_off(self) -> None:
-        if isinstance(self._transport, asyncio.WriteTransport):
-            self._transport.abort()
+            timer.cancel()
 
     async def run(self) -> None:
         """Handle input and send pictures until the connection ends."""
         await self.tell(self.server.state())
-        tasks = [asyncio.create_task(each) for each in (self._receive(), self._send_pictures())]
+        tasks = [asyncio.create_task(self._receive()), asyncio.create_task(self._send_pictures())]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -296,52 +326,38 @@ class _Client:
                 self._size = message if kind == "size" else self._size
                 return  # nothing else to change yet
             if kind == "shown":
-                self._on_the_way = max(0, self._on_the_way - 1)
-            elif kind == "probe":
-                place = message.get("column"), message.get("row")
-                await self.tell({"type": "probe", **await self.server.in_drawing(session.probe, *place)})
-            elif kind == "snapshot":
-                await self.tell({"type": "snapshot", **await self.server.in_drawing(session.snapshot)})
+                self._in_flight = max(0, self._in_flight - 1)
             elif kind == "reload":
                 await self.server.reload()
-            elif kind == "command":
-                await self.tell({"type": "command", "command": await self.server.in_drawing(session.command)})
-            elif kind == "set":
-                await self._set(session, message)
             else:
-                session.handle(message)
+                if kind == "set" and "environment" in message:
+                    await self.server.in_drawing(session.checked_environment, message["environment"])
+                in_drawing = kind in ANSWERED
+                reply = await self.server.in_drawing(session.handle, message) if in_drawing else session.handle(message)
+                if reply is not None:
+                    await self.tell(reply)
         except Exception as error:
             await self.tell({"type": "error", "text": _line(error)})
         self.changed.set()
 
-    async def _set(self, session: Session, message: dict[str, Any]) -> None:
-        """Change settings; tell the client if they are not those that it knows, or allow others."""
-        before = session.options()
-        if "environment" in message:
-            await self.server.in_drawing(session.checked_environment, message["environment"])
-        session.handle(message)
-        if session.options() != before:
-            await self.tell({"type": "options", **session.options()})
-
     async def _send_pictures(self) -> None:
         await self.server.loaded.wait()
         session = self.session = Session(self.server.scene)
-        if self._size:
-            with contextlib.suppress(InputError):
-                session.handle({**self._size, "type": "size"})
+        with contextlib.suppress(InputError):
+            session.handle(self._size)
         await self.describe()
         if self.server.is_outdated:
             await self.tell({"type": "changed", "changed": True})
         while True:
             self.changed.clear()
-            due = session.due() if self._on_the_way < AHEAD else None
+            due = session.due() if self._in_flight < MAX_IN_FLIGHT else None
             if not isinstance(due, Task):
                 with contextlib.suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(self.changed.wait(), due)
                 continue
             drawing = await self._drawn(session, due)
             if drawing is not None:
-                self._on_the_way += 1
+                self._in_flight += 1
                 await self._sent(self.socket.send_bytes(drawing.message))
 
     async def _drawn(self, session: Session, task: Task) -> Drawing | None:
@@ -355,7 +371,9 @@ class _Client:
             await self.tell({"type": "error", "text": _line(error)})
         session.drawn(task, drawing.ms if drawing else (loop.time() - start) * 1e3)
         if drawing is not None:
-            self.server.stats.add(session, drawing, loop.time())
+            now, before = loop.time(), self._moved_at
+            self.server.stats.add(drawing, now - before if task.is_first and before is not None else None)
+            self._moved_at = now if task.is_first else None
         return drawing
 
 
@@ -368,18 +386,3 @@ def _line(error: Exception) -> str:
         return f"out of memory: {text}"
     traceback.print_exception(error)
     return f"internal error: {type(error).__name__}: {text}"
-
-
-@contextlib.contextmanager
-def _interrupted() -> Iterator[asyncio.Event]:
-    """Yield an event that SIGINT sets, where the system and the thread allow it: the loop would sleep through it."""
-    loop, stopped = asyncio.get_running_loop(), asyncio.Event()
-    caught = False
-    with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
-        loop.add_signal_handler(signal.SIGINT, stopped.set)
-        caught = True
-    try:
-        yield stopped
-    finally:
-        if caught:
-            loop.remove_signal_handler(signal.SIGINT)

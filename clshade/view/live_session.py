@@ -1,27 +1,39 @@
-"""A client of a live view: its camera and settings, what to draw next, probe and snapshot. No network, no thread."""
+"""A client of a live view: its camera and settings, what to draw next, probe and snapshot. No network, no thread.
+
+A picture is a binary message: the length of the header with its padding as uint64, little-endian; the header, JSON,
+padded to whole 8 bytes; the arrays, each padded to 8 bytes.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count
 from typing import Any
 
-from ..base.validation import flag, integer, known, number, sequence, value_error
-from ..images.tonemap import Operator
+import numpy as np
+
+from ..base.arrays import Array, Bytes
+from ..base.declare import as_argument
+from ..base.validation import integer, value_error
+from ..images import exr
+from ..images.tonemap import JOINT, Operator, mapped
 from ..images.tonemap import checked as checked_exposure
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import KINDS, chosen_paths
-from ..scene.camera import MAX_RESOLUTION
+from ..scene.camera import Camera
 from ..scene.model import default_tonemap
 from ..scene.settings import SHADERS, Settings
-from . import orbit_controls
-from .live_command import REPEATED, as_argument, render_command
-from .live_message import enlarged, packed, pixel, planes, rgba8
+from .live_input import ANSWERED, checked, dolly, fly, orbit, pan
 from .live_scene import LiveScene, View, in_motion
 from .refinement import Refinement, Step
+
+_ALIGNMENT = 8  # bytes: typed arrays of a browser begin at multiples of their elements' size
 
 
 @dataclass(frozen=True)
@@ -65,8 +77,8 @@ class Drawing:
 class Session:
     """What one client sees.
 
-    `handle`, `due` and `drawn` belong to one thread; `draw`, `probe` and `snapshot` to the one that draws, at the same
-    time or not.
+    `due`, `drawn` and `handle` belong to one thread; `draw`, and `handle` of `live_input.ANSWERED`, to the one that
+    draws, at the same time or not.
     """
 
     def __init__(self, scene: LiveScene, clock: Callable[[], float] = time.monotonic) -> None:
@@ -77,46 +89,40 @@ class Session:
         self._first, self._scene_version, self.version = self.view, scene.version, 0
         self._window: tuple[int, int] | None = None
         self._final: tuple[View, int, Frame] | None = None  # the latest, with every sample
-        self._probed: tuple[View, int, Frame] | None = None  # the same with all layers
+        self._probed: tuple[View, int, Frame] | None = None  # with all layers
         self._refinement = Refinement()
         self._change(self.view)
 
     # Input
 
-    def handle(self, message: Mapping[str, Any]) -> None:
-        """Apply an input: what the page sends, see `clshade/view/README.md`. Raises InputError; nothing changes then."""
-        kind = str(message.get("type"))
-        inputs = {"orbit": self._orbit, "pan": self._pan, "dolly": self._dolly, "fly": self._fly}
-        if kind in inputs:
-            fields = {name: value for name, value in message.items() if name != "type"}
-            camera = self._scene.placed(inputs[kind](fields), self.view.view_angle)
+    def handle(self, message: Mapping[str, Any]) -> dict[str, Any] | None:
+        """Apply an input or answer it, see `live_input.MESSAGES`; return the message for the client, if there is one.
+
+        Raises InputError, and OutputError from a snapshot; nothing changes then.
+        """
+        kind, fields = checked(message)
+        if kind in ANSWERED:
+            answers: dict[str, Callable[..., dict[str, Any]]] = {"probe": self.probe, "snapshot": self.snapshot}
+            answer = answers[kind](**fields) if kind in answers else {"command": self.command()}
+            return {"type": kind, **answer}
+        moves: dict[str, Callable[..., Camera]] = {"orbit": orbit, "pan": pan, "fly": fly}
+        moves["dolly"] = partial(dolly, first=self._first.camera)
+        if kind in moves:
+            camera = self._scene.placed(moves[kind](self.view.camera, **fields), self.view.view_angle)
             self._change(replace(self.view, camera=camera))
         elif kind == "reset":
             self._change(replace(self.view, camera=self._first.camera))
         elif kind == "size":
-            self._resize(message)
+            self._resize(**fields)
         elif kind == "set":
-            self._set({name: value for name, value in message.items() if name != "type"})
-        else:
-            raise value_error("view", "type", "orbit, pan, dolly, fly, reset, size or set", kind)
+            before = self.options()
+            self._set(fields)
+            if self.options() != before:  # not those that the client knows, or others are allowed
+                return {"type": "options", **self.options()}
+        return None
 
-    def _orbit(self, fields: dict[str, Any]) -> Any:
-        right, up = _numbers("orbit", fields, "right", "up")
-        return orbit_controls.orbit(self.view.camera, right, up)
-
-    def _pan(self, fields: dict[str, Any]) -> Any:
-        return orbit_controls.pan(self.view.camera, *_numbers("pan", fields, "right", "up"))
-
-    def _dolly(self, fields: dict[str, Any]) -> Any:
-        factor = number("dolly", "factor", fields.get("factor"), above=0.0)
-        return orbit_controls.dolly(self.view.camera, factor, self._first.camera)
-
-    def _fly(self, fields: dict[str, Any]) -> Any:
-        return orbit_controls.fly(self.view.camera, *_numbers("fly", fields, "right", "up", "forward"))
-
-    def _resize(self, fields: Mapping[str, Any]) -> None:
-        """Take over the size of the client's window, pixels: that of pictures, unless the source says another."""
-        columns, rows = (integer("size", name, fields.get(name), 1, MAX_RESOLUTION) for name in ("columns", "rows"))
+    def _resize(self, columns: int, rows: int) -> None:
+        """Take over the size of the client's window, pixels: that of pictures, unless the source has another."""
         self._window = columns, rows
         self._first = self._scene.first_view(self._window)
         view = self._placed(self.view)
@@ -129,61 +135,45 @@ class Session:
         camera = replace(camera, eye=view.camera.eye, lookat=view.camera.lookat, up=view.camera.up)
         return replace(view, camera=self._scene.placed(camera, angle), view_angle=angle)
 
-    def _set(self, fields: dict[str, Any]) -> None:
-        """Change settings (fields of Settings), lights, and what the display shows."""
-        display, view = self.display, self.view
-        if "tonemap" in fields or "exposure" in fields:
-            operator = fields.pop("tonemap", display.tonemap)
-            exposure = fields.pop("exposure", display.exposure)
-            display = replace(
-                display, tonemap=operator, exposure=checked_exposure("srgb" if operator is None else operator, exposure)
-            )
-        if "as_floats" in fields:
-            display = replace(display, as_floats=fields.pop("as_floats") is True)
-        if "lights" in fields:
-            factors = sequence(fields.pop("lights"))
-            if factors is None or len(factors) != len(view.lights):
-                raise value_error("view", "lights", f"{len(view.lights)} factors", factors)
-            scales = tuple(number("view", "lights", factor, least=0.0) for factor in factors)
-            view = replace(view, lights=scales)
-        if "ground" in fields:
-            ground = flag("view", "ground", fields.pop("ground"))
-            if ground and view.settings.edges is not None:
-                raise value_error("view", "ground", "none with edges, which would draw its edges too", ground)
-            view = replace(view, ground=ground)
+    def _set(self, fields: Mapping[str, Any]) -> None:
+        """Change settings (fields of Settings), lights, surroundings, and what the display shows."""
+
+        def given(kind: type[Display | View | Settings]) -> dict[str, Any]:
+            return {name: value for name, value in fields.items() if name in kind.__dataclass_fields__}
+
+        display = replace(self.display, **given(Display))
+        stops = checked_exposure("srgb" if display.tonemap is None else display.tonemap, display.exposure)
+        view = replace(self.view, **given(View))
+        if len(view.lights) != len(self.view.lights):
+            raise value_error("set", "lights", f"{len(self.view.lights)} factors", view.lights)
+        if fields.get("ground") and view.settings.edges is not None:
+            raise value_error("set", "ground", "none with edges, which would draw its edges too", True)
         if "environment" in fields:
-            view = replace(view, environment=self.checked_environment(fields.pop("environment")))
-        if "environment_intensity" in fields:
-            intensity = number("view", "environment_intensity", fields.pop("environment_intensity"), least=0.0)
-            view = replace(view, environment_intensity=intensity)
-        asked = "background" in fields
-        if fields:
-            known("view", fields, Settings.__dataclass_fields__.keys() - REPEATED)
-            view = replace(view, settings=replace(view.settings, **fields))
+            self.checked_environment(view.environment)
+        view = replace(view, settings=replace(view.settings, **given(Settings)))
         if view.settings.background == "environment" and self._scene.surroundings(view) is None:
-            if asked:
-                raise value_error("view", "background", "another one, or an environment", "environment, and none")
+            if "background" in fields:
+                raise value_error("set", "background", "another one, or an environment", "environment, and none")
             view = replace(view, settings=replace(view.settings, background="scene"))
-        other = display.as_floats != self.display.as_floats
+        display, before = replace(display, exposure=stops), self.display
         self.display = display
-        if view != self.view or other:
+        if view != self.view or display.as_floats != before.as_floats:
             self._change(view)
 
     def _environments(self) -> dict[str | None, str]:
-        """Return what the scene may be lit by from all around, the source's first, and how it is called."""
-        scene, own = self._scene.scene, self._scene.source.environment
+        """Return the names of environments that may light the scene, the source's first, with what people read."""
+        scene, name = self._scene.scene, self._scene.source.environment
         first = "none" if scene.own_lights else "studio"
         if scene.environment is not None:
-            first = os.path.basename(own or "") or scene.environment.name or "the scene’s"
-        return {own: first} | {name: name for name in ("studio", "none") if name != first}
+            first = os.path.basename(name or "") or scene.environment.name or "the scene’s"
+        return {name: first} | {other: other for other in ("studio", "none") if other != first}
 
-    def checked_environment(self, name: Any) -> str | None:
-        """Return the name of an environment once it is there, which may take the time to read a file."""
-        allowed = self._environments()
-        if name not in list(allowed):
-            raise value_error("view", "environment", f"one of {', '.join(allowed.values())}", name)
+    def checked_environment(self, name: Any) -> None:
+        """Load an environment, which may take the time to read a file. Raises InputError for another name."""
+        environments = self._environments()
+        if name not in list(environments):
+            raise value_error("set", "environment", f"one of {', '.join(environments.values())}", name)
         self._scene.lit(name)
-        return name  # type: ignore[no-any-return]
 
     def _change(self, view: View) -> None:
         self.view = view
@@ -213,12 +203,14 @@ class Session:
         """Draw a picture and encode it for the client."""
         start = time.perf_counter()
         step, view, settings = task.step, task.view, task.view.settings
-        last, floats = step.last, step.last or task.display.as_floats
-        if not last:
+        floats = step.last or task.display.as_floats
+        if not step.last:
             settings = in_motion(settings, layers=settings.layers if floats else (), samples=step.samples)
         columns, rows = full = view.camera.resolution
         coarse = (max(columns // step.scale, 1), max(rows // step.scale, 1))
-        frame = self._scene.render(replace(view, camera=_at(view.camera, coarse), settings=settings), self)
+        frame = self._scene.render(
+            replace(view, camera=replace(view.camera, resolution=coarse), settings=settings), self
+        )
         drawn = time.perf_counter()
         if floats:
             size, arrays = full, {name: enlarged(plane, (rows, columns)) for name, plane in planes(frame).items()}
@@ -227,7 +219,7 @@ class Session:
         stages = {name: ms for name, ms in frame.stats["times_ms"].items() if name not in ("pack", "open", "upload")}
         now = time.perf_counter()
         times = {**stages, "convert": (now - drawn) * 1e3, "total": (now - start) * 1e3}
-        if last:
+        if step.last:
             self._final = view, self._scene_version, frame
         header = {
             "type": "image" if floats else "picture",
@@ -236,7 +228,7 @@ class Session:
             "full": full,
             "drawn": coarse,
             "samples": step.samples,
-            "last": last,
+            "last": step.last,
             "moving": task.is_first,
             "version": task.version,
             "times_ms": {name: round(ms, 3) for name, ms in times.items()},
@@ -245,25 +237,35 @@ class Session:
         return Drawing(task, frame, packed(header, arrays), times)
 
     def _tonemap(self, view: View, display: Display) -> Operator:
-        return display.tonemap or default_tonemap(self._scene.lit(view.environment))
+        return display.tonemap or default_tonemap(self._scene.lit(view.environment)[0])
 
     def drawn(self, task: Task, ms: float) -> None:
-        """Take note of a task that was drawn, or that failed, and of its time."""
+        """Note that a task was drawn, or failed, and its time."""
         self._refinement.drawn(task.step, ms, current=task.version == self.version)
 
-    # Looking closer
+    # Answers
 
     def probe(self, column: Any, row: Any) -> dict[str, Any]:
-        """Return the values of a pixel of the final picture, all layers. Row 0 is at the top. Raises InputError."""
+        """Return the values of a pixel of the final picture, all layers, by channel, as an EXR holds them.
+
+        Row 0 is at the top. JSON lacks infinity and NaN: they are text. Raises InputError.
+        """
         view, version = self.view, self.version
         columns, rows = view.camera.resolution
         column = integer("probe", "column", column, 0, columns - 1)
         row = integer("probe", "row", row, 0, rows - 1)
-        probed = self._probed
-        if probed is None or probed[:2] != (view, self._scene_version):
+        if self._probed is None or self._probed[:2] != (view, self._scene_version):
             frame = self._scene.render(replace(view, settings=_with_all_layers(view.settings)), self)
-            self._probed = probed = view, self._scene_version, frame
-        return {"version": version, "column": column, "row": row, "values": pixel(probed[2], column, row)}
+            self._probed = view, self._scene_version, frame
+        values: dict[str, int | float | str] = {}
+        for name, plane in exr.flatten(self._probed[2].channels()).items():
+            if plane.dtype.kind in "iu":
+                values[name] = int(plane[row, column])
+                continue
+            with np.errstate(over="ignore", invalid="ignore"):
+                value = float(np.float32(plane[row, column]))
+            values[name] = value if np.isfinite(value) else str(value)
+        return {"version": version, "column": column, "row": row, "values": values}
 
     def snapshot(self) -> dict[str, Any]:
         """Write the EXR and PNG that `render` writes for this view; return their names, the command and warnings.
@@ -273,7 +275,8 @@ class Session:
         view, display, source = self.view, self.display, self._scene.source
         final = self._final
         frame = final[2] if final and final[:2] == (view, self._scene_version) else self._scene.render(view, self)
-        output = _free_name(source.output)
+        names = (f"{source.output}-{number}" for number in count(1))
+        output = next(name for name in names if not any(path.exists() for path in chosen_paths(name, KINDS).values()))
         saving = {**source.saving, "tonemap": display.tonemap, "exposure": display.exposure}
         warnings = frame.write(output, **saving)  # type: ignore[arg-type]
         files = [str(path) for path in chosen_paths(output, source.saving.get("files")).values()]
@@ -281,7 +284,7 @@ class Session:
 
     def command(self, output: str | None = None) -> str:
         """Return the command line of `render` that draws this view."""
-        arguments = render_command(self._scene, self.view, self.display.tonemap, self.display.exposure)
+        arguments = self._scene.command(self.view, self.display.tonemap, self.display.exposure)
         return shlex.join([*arguments, *([] if output is None else ["-o", as_argument(output)])])
 
     def close(self) -> None:
@@ -289,8 +292,10 @@ class Session:
         self._final = self._probed = None
         self._scene.release(self)
 
+    # What the client knows
+
     def description(self) -> dict[str, Any]:
-        """Return what a client has to know at first."""
+        """Return what a client needs at first."""
         scene, view = self._scene.scene, self.view
         return {
             "name": os.path.basename(self._scene.source.name),
@@ -306,18 +311,15 @@ class Session:
         }
 
     def options(self) -> dict[str, Any]:
-        """Return what a client may set, besides lights and display, and what is allowed now."""
+        """Return the settings that a client may change, besides lights and display, and which values are allowed now."""
         view, settings = self.view, self.view.settings
-        lit = settings.shader != "nolight"
-        has_lights = (
-            lit and bool(view.lights) and (settings.shader != "pbr" or self._scene.lit(view.environment).own_lights)
-        )
+        is_lit, is_pbr = settings.shader != "nolight", settings.shader == "pbr"
+        has_lights = is_lit and bool(view.lights) and (not is_pbr or self._scene.lit(view.environment)[0].own_lights)
         surroundings = self._scene.surroundings(view)
-        backgrounds = ["scene", *(["environment"] if surroundings else []), None, "color"]
+        names = ("shader", "samples", "layers", "shadows", "ambient_occlusion", "background")
         return {
             "settings": {
-                **{name: getattr(settings, name) for name in ("shader", "samples", "layers", "shadows")},
-                **{name: getattr(settings, name) for name in ("ambient_occlusion", "background")},
+                **{name: getattr(settings, name) for name in names},
                 "ground": view.ground,
                 "environment": view.environment,
                 "environment_intensity": surroundings.intensity if surroundings else None,
@@ -325,19 +327,15 @@ class Session:
             "choices": {
                 "shader": SHADERS,
                 "layers": _with_all_layers(settings).layers,
-                "background": backgrounds,
-                "environment": list(self._environments().items()) if settings.shader == "pbr" else [],
+                "background": ["scene", *(["environment"] if surroundings else []), None, "color"],
+                "environment": list(self._environments().items()) if is_pbr else [],
                 "lights": has_lights,
-                "environment_intensity": settings.shader == "pbr" and surroundings is not None,
+                "environment_intensity": is_pbr and surroundings is not None,
                 "shadows": has_lights,
-                "ambient_occlusion": lit,
+                "ambient_occlusion": is_lit,
                 "ground": settings.edges is None,
             },
         }
-
-
-def _numbers(kind: str, fields: Mapping[str, Any], *names: str) -> list[float]:
-    return [number(kind, name, fields.get(name, 0.0)) for name in names]
 
 
 def _with_all_layers(settings: Settings) -> Settings:
@@ -345,18 +343,51 @@ def _with_all_layers(settings: Settings) -> Settings:
     return replace(settings, layers=all_)
 
 
-def _at(camera: Any, resolution: tuple[int, int]) -> Any:
-    """Return the camera with another number of pixels in the same image plane."""
-    return camera if camera.resolution == resolution else replace(camera, resolution=resolution)
-
-
-def _pose(camera: Any) -> dict[str, list[float]]:
+def _pose(camera: Camera) -> dict[str, list[float]]:
     return {name: getattr(camera, name).tolist() for name in ("eye", "lookat", "up")}
 
 
-def _free_name(output: str) -> str:
-    """Return the first of output-1, output-2, ... of which no file exists."""
-    number_ = 1
-    while any(path.exists() for path in chosen_paths(f"{output}-{number_}", KINDS).values()):
-        number_ += 1
-    return f"{output}-{number_}"
+# Pictures as messages
+
+
+def rgba8(frame: Frame, operator: Operator, exposure: float) -> Bytes:
+    """Return the tone-mapped image, (M, N, 4) uint8 with alpha 255, as a canvas takes it; its colors are the PNG's."""
+    if operator in JOINT:
+        return np.dstack([mapped(frame.rgb, operator, exposure), np.full(frame.alpha.shape, 255, np.uint8)])
+    codes = mapped(frame.rgba, operator, exposure)  # alpha too: that is faster than leaving it out
+    codes[..., 3] = 255
+    return codes
+
+
+def planes(frame: Frame) -> dict[str, Array]:
+    """Return the channels by their names in an EXR, (M, N) each: float32, numbers uint32."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return {
+            name: np.ascontiguousarray(plane, np.uint32 if plane.dtype.kind in "iu" else np.float32)
+            for name, plane in exr.flatten(frame.channels()).items()
+        }
+
+
+def enlarged(plane: Array, shape: tuple[int, int]) -> Array:
+    """Return a coarse channel at the full number of rows and columns, each pixel repeated."""
+    if plane.shape == shape:
+        return plane
+    rows, columns = (np.arange(full) * coarse // full for full, coarse in zip(shape, plane.shape, strict=True))
+    repeated: Array = plane[rows[:, None], columns]
+    return repeated
+
+
+def packed(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+    """Return a picture's message. Its header lists the arrays: name, type, and offset behind the header."""
+    listed, end = [], 0
+    for name, array in arrays.items():
+        listed.append({"name": name, "type": array.dtype.name, "offset": end})
+        end += -(-array.nbytes // _ALIGNMENT) * _ALIGNMENT
+    text = json.dumps({**header, "arrays": listed}).encode()
+    text += b" " * (-len(text) % _ALIGNMENT)
+    start = _ALIGNMENT + len(text)
+    message = bytearray(start + end)
+    message[:start] = len(text).to_bytes(_ALIGNMENT, "little") + text
+    for row, array in zip(listed, arrays.values(), strict=True):
+        np.frombuffer(message, array.dtype, array.size, start + row["offset"])[:] = array.reshape(-1)
+    return bytes(message)

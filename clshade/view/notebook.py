@@ -13,14 +13,16 @@ from ..base.arrays import Array
 from ..base.atomic_files import Path
 from ..base.validation import path as checked_path
 from ..errors import OutputError
-from ..images import png
+from ..images import exr, png
 from ..images.image_file import Picture
 from ..images.tonemap import Operator
 from ..pipeline.frame import Frame
 from ..scene.model import Scene, default_tonemap
 from .page import Page, view
 
-FRAME_SIDE = 1024  # most pixels on a frame's longer side in a notebook: its file holds every picture that it shows
+FRAME_SIDE = (
+    1024  # the maximum of pixels on a frame's longer side in a notebook: its file holds every picture that it shows
+)
 SCENE_SIDE = 256  # of a scene, which is drawn in order to show it
 
 
@@ -65,7 +67,7 @@ def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
     from PIL import Image, ImageShow
 
     # Pillow's last resort, if IPython is installed, is to print the object, which shows nothing.
-    viewers = [each for each in ImageShow._viewers if not isinstance(each, ImageShow.IPythonViewer)]
+    viewers = [viewer for viewer in ImageShow._viewers if not isinstance(viewer, ImageShow.IPythonViewer)]
     image, title = Image.fromarray(pixels), frame.scene.name or "clshade"
     if not any(viewer.show(image, title=title) for viewer in viewers):
         raise OutputError("Frame.show: found no program that shows images; Frame.save writes files")
@@ -73,10 +75,8 @@ def show_frame(frame: Frame, tonemap: Operator | None, exposure: float) -> None:
 
 def view_frame(frame: Frame, path: Path | None, tonemap: Operator | None, exposure: float) -> Page:
     """Return the page of a frame, and write it if there is a path."""
-    from ..images.exr import flatten
-
     name = frame.scene.name or "frame"
-    picture = Picture(flatten(frame.channels()), frame.metadata(), name=name)
+    picture = Picture(exr.flatten(frame.channels()), frame.metadata(), name=name)
     page = view({name: picture}, name, tonemap=tonemap or default_tonemap(frame.scene), exposure=exposure)
     if path is not None:
         page.save(checked_path("Frame.view", "path", path))
@@ -85,11 +85,10 @@ def view_frame(frame: Frame, path: Path | None, tonemap: Operator | None, exposu
 
 def plot_layers(frame: Frame) -> Any:
     """Return a matplotlib figure of a frame's image, coverage and layers."""
-    from ..images.exr import flatten
     from ..images.figures import plot_thumbnails
     from ..images.thumbnails import Thumbnail, thinned, thumbnails
     from ..images.transparency import over_checkers
 
-    pictures = thumbnails(flatten(frame.channels()))
+    pictures = thumbnails(exr.flatten(frame.channels()))
     pictures["RGB"] = Thumbnail(over_checkers(thinned(frame.to_png8())), f"tone map {default_tonemap(frame.scene)}")
     return plot_thumbnails(pictures)

@@ -8,9 +8,8 @@ import html as markup
 import json
 import os
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -29,15 +28,12 @@ from ..images.layers import LAYER_TABLE
 from ..images.tonemap import Operator, checked
 
 SCRIPTS = (
-    *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "textures.js", "display_webgl.js"),
-    *("display_canvas.js", "overlay.js", "histogram.js", "navigation.js", "viewport.js", "viewer.js"),
-    *("controls.js", "panels.js", "layer_table.js", "keys.js", "main.js"),
+    *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "display_webgl.js", "overlay.js"),
+    *("histogram.js", "viewport.js", "viewer.js", "panels.js", "layer_table.js", "keys.js", "main.js"),
 )  # in this order: each may use what those before it declare
+LIVE_SCRIPTS = ("live_camera.js", "live_panel.js", "live.js")
 SHADERS = ("tonemap.glsl", "display.glsl")
-MOST_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
-# layer -> attribute of an EXR's header
-NAME_ATTRIBUTES: dict[str, str] = {name: row.names for name, row in LAYER_TABLE.items() if row.names}
-
+MAX_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
 _CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
 _LEVEL = 5  # of deflate
 _COLORMAPS = {"quantity": "viridis", "stops": "turbo"}  # matplotlib's
@@ -45,7 +41,7 @@ _COLORMAPS = {"quantity": "viridis", "stops": "turbo"}  # matplotlib's
 
 @dataclass(frozen=True)
 class Page:
-    """A page as text. Notebooks show it in a frame of its own, which a static export keeps."""
+    """A page as text. Notebooks show it in an iframe, which a static export keeps."""
 
     html: str
     title: str = "clshade"
@@ -80,23 +76,29 @@ def html(
 
     images: name -> image; may be empty for a page whose images come from an extra script.
     extra_scripts: JavaScript that runs last, and finds the `Viewer` as `viewer`. extra_styles: CSS after the page's own.
-    tonemap, exposure: as chosen at first and by a reset.
+    tonemap, exposure: the first ones, to which a reset returns.
     connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
     """
     settings = checked_settings(tonemap, exposure)
     scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
     style = "\n".join([_part("style.css"), *extra_styles])
-    blocks: list[Future[str]] = []
-    with _threads() as threads:
-        described = [_described(name, picture, threads, blocks) for name, picture in images.items()]
-        chunks = [_block("text/plain", f"chunk-{number}", text.result()) for number, text in enumerate(blocks)]
-    first = _first_drawn(images, described)
+    texts: list[Future[str]] = []
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # deflate releases the GIL
+        try:
+            described = [_described(name, picture, threads, texts) for name, picture in images.items()]
+            chunks = [_block("text/plain", f"chunk-{number}", text.result()) for number, text in enumerate(texts)]
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)  # after an error or Ctrl-C it starts nothing more
+            raise
+    first = _first_chunks(images, described)
     manifest = {"title": title, "settings": settings, "images": described, "colormaps": _colormaps()}
+    # No markup can begin in the JSON: in an HTML script only `<` can begin it.
+    manifest_text = json.dumps(manifest, allow_nan=False).replace("<", "\\u003c")
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src "
         f"{' '.join(map(_hash, scripts))}; connect-src {connect}; base-uri 'none'; form-action 'none'"
     )
-    data = [_block("application/json", "manifest", _json(manifest))]
+    data = [_block("application/json", "manifest", manifest_text)]
     data += [_block("x-shader/x-fragment", name, _part(name)) for name in SHADERS]
     data += [chunk for number, chunk in enumerate(chunks) if number in first]
     values = {
@@ -118,10 +120,19 @@ def view(
     return Page(html(images, title=title, tonemap=tonemap, exposure=exposure), title)
 
 
+def live_page(name: str, host: str) -> str:
+    """Return the page of a live view: the viewer of images, and scripts that connect it to the server.
+
+    name: the scene's. host: that it may connect to, such as 127.0.0.1:8000.
+    """
+    scripts = [_part(script) for script in LIVE_SCRIPTS]
+    return html({}, extra_scripts=scripts, extra_styles=[_part("live.css")], title=name, connect=f"ws://{host}")
+
+
 def checked_settings(tonemap: Operator, exposure: float) -> dict[str, Any]:
     """Return the page's settings. Raises InputError for others than `clshade.images.tonemap` takes."""
     stops = checked(tonemap, exposure)
-    return {"operator": tonemap, "exposure": max(-MOST_EXPOSURE, min(MOST_EXPOSURE, stops))}
+    return {"operator": tonemap, "exposure": max(-MAX_EXPOSURE, min(MAX_EXPOSURE, stops))}
 
 
 @cache
@@ -139,69 +150,49 @@ def _block(kind: str, name: str, text: str) -> str:
     return f'<script type="{kind}" id="{name}">{text}</script>'
 
 
-def _json(value: Any) -> str:
-    """Return JSON in which no markup can begin: in an HTML script only `<` can."""
-    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
-
-
-@contextmanager
-def _threads() -> Iterator[ThreadPoolExecutor]:
-    """Yield a pool of threads, for deflate releases the GIL; after an error or Ctrl-C it starts nothing more."""
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        try:
-            yield threads
-        except BaseException:
-            threads.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, blocks: list[Future[str]]) -> dict[str, Any]:
-    """Return an image's description, and append the chunks of its channels to `blocks`."""
+def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, texts: list[Future[str]]) -> dict[str, Any]:
+    """Return an image's description, and append the chunks of its channels to `texts`."""
     rows, columns = picture.shape
     channels = []
     for channel, plane in picture.channels.items():
         kind, bits = stored(plane, picture.bits)
-        start = len(blocks)
+        start = len(texts)
         values = bits.reshape(-1)
-        blocks += [threads.submit(_encoded, values[k : k + _CHUNK]) for k in range(0, values.size, _CHUNK)]
-        channels.append({"name": channel, "type": kind, "chunks": list(range(start, len(blocks)))})
+        texts += [threads.submit(_encoded, values[k : k + _CHUNK]) for k in range(0, values.size, _CHUNK)]
+        channels.append({"name": channel, "type": kind, "chunks": list(range(start, len(texts)))})
     return {"name": name, "width": columns, "height": rows, "channels": channels, "info": info(picture)}
 
 
-def _first_drawn(images: Mapping[str, Picture], described: Sequence[dict[str, Any]]) -> set[int]:
+def _first_chunks(images: Mapping[str, Picture], described: Sequence[dict[str, Any]]) -> set[int]:
     """Return the numbers of the chunks that the page draws first: they stand before its scripts, the others behind."""
     if not images:
         return set()
     picture = next(iter(images.values()))
     color = color_group(picture.channels)
     names = grouped(picture.channels)[color[0]].names if color else tuple(picture.channels)[:1]
-    return {number for each in described[0]["channels"] if each["name"] in names for number in each["chunks"]}
+    return {number for row in described[0]["channels"] if row["name"] in names for number in row["chunks"]}
 
 
 def info(picture: Picture) -> dict[str, Any]:
     """Return what the page knows about an image besides its pixels, for JSON.
 
-    encoded: whether its colors are sRGB-encoded. header: attribute -> text. names: layer -> number -> name.
+    encoded: whether its colors are sRGB-encoded. header: attribute -> text. names: layer -> number -> name, without
+    attributes in which another program keeps something else.
     """
     header = {in_line(name): in_line(value) for name, value in picture.header.items()}
-    return {"encoded": bool(picture.bits), "header": header, "names": _names(picture.header)}
-
-
-def _names(header: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the names of numbers by layer. Attributes of another form, of other programs, are left out."""
-    found = {}
-    for layer, attribute in NAME_ATTRIBUTES.items():
+    names = {}
+    for layer, row in LAYER_TABLE.items():
         try:
-            names = json.loads(header[attribute])
+            named = json.loads(picture.header[row.names]) if row.names else None
         except (KeyError, TypeError, ValueError, RecursionError):
             continue
-        if isinstance(names, dict):
-            found[layer] = {number: str(name) for number, name in names.items()}
-    return found
+        if isinstance(named, dict):
+            names[layer] = {number: str(name) for number, name in named.items()}
+    return {"encoded": bool(picture.bits), "header": header, "names": names}
 
 
 def stored(plane: Array, bits: int = 0) -> tuple[str, Array]:
-    """Return the type in which the page keeps a channel, and its values as unsigned integers of the same bits.
+    """Return the type in which the page keeps a channel, and its bits as unsigned integers.
 
     plane: (M, N). bits: of the codes of a PNG, whose values are code/(2^bits - 1); 0 for others.
     Types: half, float, uint; u8 and u16 for codes. float64 is rounded to float, as in an EXR.
@@ -222,8 +213,8 @@ def stored(plane: Array, bits: int = 0) -> tuple[str, Array]:
 def _encoded(values: Array) -> str:
     """Encode unsigned integers: differences of consecutive ones, modulo 2^bits, one byte plane after another.
 
-    Neighbors have similar bits, so that the high bytes of the differences are nearly constant: of a rendered image with
-    all layers, deflate leaves three quarters of what it leaves of the byte planes alone.
+    Neighbors have similar bits, so that the high bytes of the differences are nearly constant: a rendered image with all
+    layers takes three quarters of the space that deflated byte planes of its values take.
     """
     differences = np.diff(values, prepend=values.dtype.type(0))
     planes = differences.astype(f"<u{values.itemsize}").view(np.uint8).reshape(-1, values.itemsize).T
@@ -235,8 +226,5 @@ def _colormaps() -> dict[str, str]:
     """Return colormaps of 256 colors by purpose, R, G, B bytes in base64."""
     from matplotlib import colormaps
 
-    found = {}
-    for purpose, name in _COLORMAPS.items():
-        colors = colormaps[name](np.arange(256), bytes=True)[:, :3]
-        found[purpose] = base64.b64encode(np.ascontiguousarray(colors).tobytes()).decode()
-    return found
+    colors = {purpose: colormaps[name](np.arange(256), bytes=True)[:, :3] for purpose, name in _COLORMAPS.items()}
+    return {purpose: base64.b64encode(rgb.tobytes()).decode() for purpose, rgb in colors.items()}

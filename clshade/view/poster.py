@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
 from ..pipeline.drawing_record import record_of, sealed
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
+from ..pipeline.frame_files import SAVING, SavingOptions
 from ..scene.camera import Camera
 from ..scene.image_part import PartCamera, part_of, whole_camera
-from ..scene.model import Scene, Settings
+from ..scene.model import Scene
 from ..scene.settings import FrameOptions
 from .frame_folder import FrameFolder, digest_of
 
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 TILE = 2048  # pixels a side
-LEAST_TILE, MOST_TILE = 16, 8192  # 8192: PoCL has a buffer for its pixels in float64, too
-_KINDS: tuple[FileKind, ...] = ("exr", "png")
+MIN_TILE, MAX_TILE = 16, 8192  # 8192: PoCL has a buffer for its pixels in float64, too
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class Poster:
 
 
 class _Tiles(Mapping[int, Camera]):
-    """The cameras of a poster's tiles, numbered from 0 row by row from the top; made when they are asked for."""
+    """The cameras of a poster's tiles, numbered from 0 row by row from the top; each is made when it is looked up."""
 
     def __init__(self, whole: Camera, tile: int) -> None:
         columns, rows = whole.resolution
@@ -131,8 +130,8 @@ def draw_poster(
     """Draw an image of any size in tiles, and join them to one tiled EXR and one PNG.
 
     Every pixel has the bits that it has in an image drawn at once, whatever the tiles. An image of
-    more than 16384 pixels a side, which cannot be drawn at once, has those of its regions of 16384 pixels
-    a side from the top left.
+    more than 16384 pixels a side, which cannot be drawn at once, has those of its regions of 16384
+    pixels a side from the top left.
 
     Parameters
     ----------
@@ -144,13 +143,13 @@ def draw_poster(
         Pixels a side of a tile, a power of two from 16 to 8192.
     keep_tiles : bool, default False
         Keep the tiles, EXR and PNG, in the folder ``<path>.tiles``. Otherwise it is removed when the
-        poster is whole, unless an earlier run was told to keep it.
+        poster is complete, unless an earlier run kept it.
     saving : dict, optional
         Keywords of `Frame.save`; `files` may be ``("exr",)`` or ``("png",)`` alone.
     overwrite : bool, default False
-        Draw tiles that an earlier run left, as well.
+        Also draw tiles that an earlier run left.
     workers, scheduler, timeout, frame_timeout, progress, device
-        See `clshade.farm.draw_frames`. Workers elsewhere have to see the folder of the tiles.
+        See `clshade.farm.draw_frames`. Workers elsewhere need access to the folder of the tiles.
     **settings
         Keywords of `clshade.render`; ``resolution=(N, M)``, columns and rows, may be up to 131072 each.
 
@@ -159,13 +158,13 @@ def draw_poster(
     InputError
         If an argument is refused.
     DeviceError, OutputError, WorkerError
-        See `clshade.farm.draw_frames`. Files that were there stay, and so do tiles that were drawn: the
-        next call with the same arguments goes on from them.
+        See `clshade.farm.draw_frames`. Earlier files stay, and so do tiles that were drawn: the next
+        call with the same arguments continues from them.
 
     Notes
     -----
-    A process that draws needs, besides the scene, the memory of a frame of the size of a tile; joining
-    needs ``4 * N * tile`` bytes for the PNG, and none to speak of for the EXR, whose tiles are not decoded.
+    A process that draws needs memory for the scene and for a frame of the size of a tile; joining needs
+    ``4 * N * tile`` bytes for the PNG, and hardly any for the EXR, whose tiles are not decoded.
     `clshade.exr.read` refuses images of more than 2^28 pixels; OpenImageIO reads them tile by tile.
     The disk holds tiles and poster at once.
 
@@ -181,19 +180,19 @@ def draw_poster(
     options: SavingOptions = {**saving} if saving else {}
     paths = frame_files.chosen_paths(name, options.get("files"))
     files = tuple(paths)
-    others = [kind for kind in files if kind not in _KINDS]
-    if others:
-        raise value_error("draw_poster", "files", "exr, png or both", ",".join(others))
-    for refused in ("crop", "colorbar"):
-        if options.get(refused):
-            raise InputError(f"draw_poster: {refused}: cannot go with tiles, which are joined as they are")
-    tile = integer("draw_poster", "tile", tile, LEAST_TILE, MOST_TILE)
+    refused = ",".join(kind for kind in files if kind not in ("exr", "png"))
+    if refused:
+        raise value_error("draw_poster", "files", "exr, png or both", refused)
+    for name_of_option in ("crop", "colorbar"):
+        if options.get(name_of_option):
+            raise InputError(f"draw_poster: {name_of_option}: cannot go with tiles, which are joined as they are")
+    tile = integer("draw_poster", "tile", tile, MIN_TILE, MAX_TILE)
     if tile & (tile - 1):
         raise value_error("draw_poster", "tile", "a power of two", tile)
-    resolution = settings.pop("resolution", None)
+    requested = settings.pop("resolution", None)
     scene, settled = effective_settings(scene, **settings)
-    tiles = _Tiles(whole_camera(scene.camera, scene.camera.resolution if resolution is None else resolution), tile)
-    whole = replace(scene, camera=tiles.whole)
+    tiles = _Tiles(whole_camera(scene.camera, scene.camera.resolution if requested is None else requested), tile)
+    whole, resolution = replace(scene, camera=tiles.whole), tiles.whole.resolution
     # All that is refused is refused before tiles of an earlier run are removed.
     chosen = frame_files.check_output(name, settled, **options)
     if settled.layers and options.get("compression") in exr.LOSSY:
@@ -222,17 +221,23 @@ def draw_poster(
         start = time.perf_counter()
         if progress:
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
-        joining = _Joining(tiles, folder.pattern, whole, settled, chosen)
-        write = {"exr": joining.write_exr, "png": joining.write_png}
+        pattern = parse_pattern(folder.pattern, len(tiles))
         with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
             for (kind, file_path), file in zip(paths.items(), opened, strict=True):
+                names = [pattern.names(number, (kind,))[0] for number in tiles]
                 with naming(file_path):
-                    write[kind](file)
+                    if kind == "exr":
+                        metadata = frame_files.header(whole, settled, settled.layers)
+                        metadata = sealed(metadata, record_of(whole, settled, chosen))
+                        header = exr_tiles.header(names[0], resolution, tile, metadata)
+                        exr_tiles.join(file, header, names, tiles.across, tiles.down)
+                    else:
+                        png.encode_bands(file, *resolution, _bands(tiles, names))
         seconds = time.perf_counter() - start
     return Poster(
         paths=tuple(map(os.fspath, paths.values())),
         run=run,
-        resolution=tiles.whole.resolution,
+        resolution=resolution,
         tile=tile,
         size=sum(os.path.getsize(each) for each in paths.values()),
         join_seconds=seconds,
@@ -240,37 +245,13 @@ def draw_poster(
     )
 
 
-class _Joining:
-    """What joins the files of tiles. scene: with the camera of the whole."""
-
-    def __init__(self, tiles: _Tiles, pattern: str, scene: Scene, settings: Settings, saving: SavingOptions) -> None:
-        self._tiles, self._scene, self._settings, self._saving = tiles, scene, settings, saving
-        self._pattern = parse_pattern(pattern, len(tiles))
-
-    def _name(self, number: int, kind: FileKind) -> str:
-        return self._pattern.names(number, (kind,))[0]
-
-    def write_exr(self, file: BinaryIO) -> None:
-        tiles = self._tiles
-        metadata = frame_files.header(self._scene, self._settings, self._settings.layers)
-        metadata = sealed(metadata, record_of(self._scene, self._settings, self._saving))
-        start = exr_tiles.header(self._name(0, "exr"), tiles.whole.resolution, tiles.tile, metadata)
-        names = (self._name(number, "exr") for number in tiles)
-        exr_tiles.join(file, start, names, tiles.across, tiles.down)
-
-    def write_png(self, file: BinaryIO) -> None:
-        columns, rows = self._tiles.whole.resolution
-        png.encode_bands(file, columns, rows, map(self._band, range(self._tiles.down)))
-
-    def _band(self, row: int) -> Bytes:
-        across = self._tiles.across
-        band: Bytes | None = None
-        left = 0
-        for number in range(row * across, (row + 1) * across):
-            tile = png.read(self._name(number, "png"), alpha=True)
-            if band is None:
-                band = np.empty((len(tile), self._tiles.whole.resolution[0], tile.shape[2]), np.uint8)
-            band[:, left : left + tile.shape[1]] = tile
-            left += tile.shape[1]
-        assert band is not None
-        return band
+def _bands(tiles: _Tiles, names: Sequence[str]) -> Iterator[Bytes]:
+    """Yield the rows of tiles as images of the poster's width. names: the PNG of each tile."""
+    for row in range(tiles.down):
+        for column in range(tiles.across):
+            picture = png.read(names[row * tiles.across + column], alpha=True)
+            if not column:
+                band = np.empty((len(picture), tiles.whole.resolution[0], picture.shape[2]), np.uint8)
+            left = column * tiles.tile
+            band[:, left : left + picture.shape[1]] = picture
+        yield band

@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 
 SAMPLES = (1, 4, 16, 64)
-SCALES = (1, 2, 4)  # pixels of a full picture per pixel of a coarse one, each way
+SCALES = (1, 2, 4)  # pixels of a full picture per pixel of a coarse one, across and down
 FRAME_MS = 33.0  # of a picture while the view moves: 30 frames/s
-LARGE = 1_000_000  # triangles: of larger scenes no renderers with numbers of samples in between are made
+LARGE = 1_000_000  # triangles: larger scenes get no renderers for the steps in between
 
 
 @dataclass(frozen=True)
 class Step:
-    """A picture: its samples per pixel, and how much coarser it is each way. last: nothing comes after it."""
+    """A picture: its samples per pixel, and how much coarser it is in both directions. last: nothing follows it."""
 
     samples: int
     scale: int = 1
@@ -21,7 +21,7 @@ class Step:
 
 
 class Refinement:
-    """The steps of a view, from the latest change on, and what each kind of picture took.
+    """The steps of a view, from the latest change on, and the time that a kind of picture took.
 
     A step begins only when the view has been still for as long as the step is expected to take: an input never waits
     much longer than it already did.
@@ -51,7 +51,7 @@ class Refinement:
         return step if wait <= 0.0 else wait
 
     def drawn(self, step: Step, ms: float, *, current: bool) -> None:
-        """Take note of a step's time; `current`: of this view, not of one before."""
+        """Note a step's time. current: whether it shows this view, not an earlier one."""
         key = step.samples, step.scale
         self._ms[key] = ms if key not in self._ms else 0.5 * (self._ms[key] + ms)
         if current and self._steps and self._steps[0] == step:
@@ -59,11 +59,9 @@ class Refinement:
             self.is_first = False
 
     def _expected_ms(self, step: Step) -> float:
-        """Return a step's expected time: of earlier such pictures, or from those with fewer samples."""
-        known = [(count, ms) for (count, scale), ms in self._ms.items() if scale == 1 and count <= step.samples]
-        if not known:
-            return 0.0
-        count, ms = max(known)
+        """Return a step's expected time: that of earlier such pictures, or one from pictures with fewer samples."""
+        measured = [(count, ms) for (count, scale), ms in self._ms.items() if scale == 1 and count <= step.samples]
+        count, ms = max(measured, default=(1, 0.0))
         return ms * math.sqrt(step.samples / count)  # as a rule: edges alone have samples to light
 
     def _coarse_scale(self) -> int:
@@ -74,9 +72,10 @@ class Refinement:
             # At most in proportion to the pixels: what a scale took once, on a busy machine, does not hold forever.
             by_pixels = 4.0 * expected[2 * scale] if expected[2 * scale] else math.inf
             expected[scale] = min(self._ms.get((1, scale), math.inf), by_pixels)
-        known = {scale: ms for scale, ms in expected.items() if 0.0 < ms < math.inf}
-        fast = [scale for scale in SCALES if known.get(scale, math.inf) <= FRAME_MS]
-        if fast or not known:
+        expected = {scale: ms for scale, ms in expected.items() if 0.0 < ms < math.inf}
+        fast = [scale for scale in SCALES if expected.get(scale, math.inf) <= FRAME_MS]
+        if fast or not expected:
             return min(fast, default=1)
-        slowest = SCALES[min(SCALES.index(max(known)) + 1, len(SCALES) - 1)]  # the next, of which nothing is known yet
-        return slowest if slowest not in known else min(s for s in known if known[s] <= 1.5 * min(known.values()))
+        coarser = SCALES[min(SCALES.index(max(expected)) + 1, len(SCALES) - 1)]  # the first without a time
+        fastest = min(expected.values())
+        return coarser if coarser not in expected else min(s for s, ms in expected.items() if ms <= 1.5 * fastest)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from ..scene.camera import Camera
 
 DEFAULT_VIEWS = ("front", "right", "top", "iso")
-MOST_PIXELS = 1 << 28  # of a sheet, as of a PNG that is read
+MAX_PIXELS = 1 << 28  # of a sheet, as of a PNG that is read
 
-_LEAST_WIDTH = 240  # pixels of a panel: a smaller image stands in its middle
-_BAR_SHARE = 0.3  # of the image's width, at most
+_MIN_WIDTH = 240  # pixels of a panel: a smaller image stands in its middle
+_MAX_BAR = 0.3  # of the image's width
 _GAP, _PAD = 16, 8  # pixels
 
 
@@ -70,7 +70,7 @@ class Sheet:
         Returns
         -------
         tuple of Path
-            Of the picture and of the facts.
+            The picture's path and that of the facts.
 
         Raises
         ------
@@ -112,16 +112,17 @@ def draw_sheet(
     scene : Scene
         What to draw.
     views : sequence of str
-        Names of `clshade.scene.views.VIEWS`; each once. All but ``"camera"`` are parallel projections of one scale.
+        Names of `clshade.scene.views.VIEWS`; each is drawn once. All but ``"camera"`` are parallel projections of one
+        scale.
     device : Device or str, optional
         See `clshade.render`.
     fixed_lights : bool, default False
-        Leave the lights where they are in the scene. Otherwise they turn with the view, so that each is lit as the
-        scene's own.
+        Leave the lights where they are in the scene. Otherwise they turn with the view, so that each view is lit like
+        the scene's own.
     tonemap, exposure
         See `Frame.to_png8`.
     **options
-        Those of `clshade.render`; the resolution is that of each view.
+        Keywords of `clshade.render`; every view has the resolution.
 
     Returns
     -------
@@ -139,46 +140,41 @@ def draw_sheet(
         raise value_error("draw_sheet", "views", "a sequence of names", views)
     options = {**options}
     cameras = named_cameras(scene, names, options.pop("resolution", None))
-    asked = options.pop("layers", ())
-    options["layers"] = (*((asked,) if isinstance(asked, str) else asked), "id")
+    layers = options.pop("layers", ())
+    options["layers"] = (*((layers,) if isinstance(layers, str) else layers), "id")
     layout, strip = _layout(next(iter(cameras.values())).resolution, len(cameras))
-    about = scene_facts(objects_of(scene))
-    heading = _heading(about, layout)
+    facts = scene_facts(objects_of(scene))
+    heading = _heading(facts, layout)
     layout = replace(layout, head=round((1.2 + lettering.LINE * len(heading)) * layout.title_size))
-    panels, facts = [], []
+    panels, views_facts = [], []
     for number, (name, camera) in enumerate(cameras.items()):
         frame = render(seen_by(scene, camera, fixed_lights=fixed_lights), device=device, **options)
         pixels = over(frame.to_png8(tonemap, exposure), WHITE)
-        found = view_facts(name, frame)
-        panels.append(_panel(pixels, found, camera, layout, strip))
+        seen = view_facts(name, frame)
+        panels.append(_panel(pixels, seen, camera, layout, strip))
         x, y = layout.corner(number, pixels.shape[0] + strip)
         rows, columns = pixels.shape[:2]
-        found["panel"] = [x + (layout.panel - columns) // 2, y, columns, rows]
-        facts.append(found)
+        seen["panel"] = [x + (layout.panel - columns) // 2, y, columns, rows]
+        views_facts.append(seen)
     picture = contact_sheet.compose(panels, "\n".join(heading), layout)
-    return Sheet(picture, {**about, "views": facts, "size": [picture.shape[1], picture.shape[0]]})
+    return Sheet(picture, {**facts, "views": views_facts, "size": [picture.shape[1], picture.shape[0]]})
 
 
 def scene_facts(scene: Scene) -> dict[str, Any]:
     """Return name, bounding box, counts and area of a scene, for JSON."""
     low, high = geometry.bounding_box(scene)
     surface = surface_facts(scene)
-    materials = {id(mesh.material) for mesh in scene.meshes}
-    found: dict[str, Any] = plain(
+    counted = ("triangles", "vertices", "positions", "shapes", "boundary_edges", "non_manifold_edges")
+    facts: dict[str, Any] = plain(
         {
             "name": scene.name,
             "bounding_box": {"low": low, "high": high, "center": low / 2 + high / 2, "size": high - low},
             "counts": {
-                "triangles": surface.triangles,
-                "vertices": surface.vertices,
-                "positions": surface.positions,
-                "shapes": surface.shapes,
-                "boundary_edges": surface.boundary_edges,
-                "non_manifold_edges": surface.non_manifold_edges,
+                **{name: getattr(surface, name) for name in counted},
                 "objects": max(object_numbers(scene), default=0),
                 "meshes": len(scene.meshes),
                 "instances": len(instance_names(scene)),
-                "materials": len(materials),
+                "materials": len({id(mesh.material) for mesh in scene.meshes}),
                 "lights": len(scene.lights),
                 "dropped_triangles": scene.nonfinite,
             },
@@ -187,120 +183,99 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
             "not_rendered": list(scene.ignored),
         }
     )
-    return found
+    return facts
 
 
 def view_facts(name: str, frame: Frame) -> dict[str, Any]:
     """Return what a view shows, for JSON. The frame has the layer id."""
     camera, ids = frame.scene.camera, frame["id"]
-    faces = objects_of(frame.scene).face_count
-    seen = np.zeros(frame.scene.face_count + 1, bool)
-    seen[ids] = True
-    alpha = np.where(ids > faces, 0.0, frame.alpha)  # a ground is the last mesh
-    covered = alpha > 0.0
-    rows, columns = (np.flatnonzero(covered.any(axis=axis)) for axis in (1, 0))
+    face_count = objects_of(frame.scene).face_count
+    visible = np.zeros(frame.scene.face_count + 1, bool)
+    visible[ids] = True
+    alpha = np.where(ids > face_count, 0.0, frame.alpha)  # a ground is the last mesh
+    rows, columns = (np.flatnonzero((alpha > 0.0).any(axis=axis)) for axis in (1, 0))
     box = None
     if len(rows):
         box = [int(v) for v in (columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1)]
-    scale, pixels = units_per_pixel(camera), camera.resolution[0]
-    most = _BAR_SHARE * scale * pixels
-    length = drawing_marks.round_length(most) if 0.0 < most < math.inf else 0.0
-    height, width = camera.plane
-    found: dict[str, Any] = plain(
+    if name != CAMERA:
+        title = f"{name}, seen from {towards_eye(camera)}"
+    elif camera.orthographic:
+        title = f"{name}, parallel projection"
+    else:
+        angle = math.degrees(2.0 * math.atan(camera.plane[0] / camera.focal / 2.0))
+        title = f"{name}, perspective, {angle:.3g} degrees"
+    scale = units_per_pixel(camera)
+    max_length = _MAX_BAR * scale * camera.resolution[0]
+    length = drawing_marks.round_length(max_length) if 0.0 < max_length < math.inf else 0.0
+    facts: dict[str, Any] = plain(
         {
             "name": name,
-            "title": _title(name, camera),
-            "camera": {
-                "eye": camera.eye,
-                "lookat": camera.lookat,
-                "up": camera.up,
-                "focal": camera.focal,
-                "plane": [height, width],
-                "resolution": list(camera.resolution),
-                "principal": list(camera.principal),
-                "orthographic": camera.orthographic,
-            },
+            "title": title,
+            "camera": {field.name: getattr(camera, field.name) for field in fields(camera)},
             "units_per_pixel": scale,
             "scale_holds": "everywhere" if camera.orthographic else "at the distance of the focal point",
             "scale_bar": {"length": length, "pixels": length / scale},
             "coverage": float(alpha.mean(dtype=np.float64)),
             "covered_box": box,
-            "visible_faces": int(np.count_nonzero(seen[1 : faces + 1])),
+            "visible_faces": int(np.count_nonzero(visible[1 : face_count + 1])),
             "triangles_in_view": frame.stats["visible"],
             "statistics": image_statistics(frame.rgb).stats(),
         }
     )
-    return found
-
-
-def _title(name: str, camera: Camera) -> str:
-    if name != CAMERA:
-        return f"{name}, seen from {towards_eye(camera)}"
-    if camera.orthographic:
-        return f"{name}, parallel projection"
-    angle = math.degrees(2.0 * math.atan(camera.plane[0] / camera.focal / 2.0))
-    return f"{name}, perspective, {angle:.3g} degrees"
-
-
-def _text_size(width: int) -> float:
-    """Return the text size, points, for a panel of this width."""
-    return min(max(width / 62.0, 8.0), 14.0)
+    return facts
 
 
 def _layout(resolution: tuple[int, int], count: int) -> tuple[contact_sheet.Layout, int]:
     """Return the layout of a sheet, about 4:3, without room for its heading, and the height of the strip below each
-    image.
-
-    Raises InputError for a sheet of more than MOST_PIXELS.
-    """
+    image. Raises InputError for a sheet of more than MAX_PIXELS."""
     columns, rows = resolution
-    width = max(columns, _LEAST_WIDTH)
+    width = max(columns, _MIN_WIDTH)
     strip = min(max(round(0.13 * width), 44), 100)
-    across = min(range(1, count + 1), key=lambda n: (_unevenness(n, count, width, rows + strip), n))
-    size = _text_size(width)
+
+    def cost(across: int) -> float:
+        """How far a grid is from 4:3, and how much of it is empty."""
+        down = -(-count // across)
+        ratio = across * width / (down * (rows + strip))
+        return abs(math.log(ratio * 3.0 / 4.0)) + 0.25 * (across * down - count)
+
+    across = min(range(1, count + 1), key=cost)
+    size = min(max(width / 62.0, 8.0), 14.0)  # points
     layout = contact_sheet.Layout(across, width, _GAP, round(3.0 * size), 8, 0, size, size)
     height = layout.corner(-(-count // across) * across, rows + strip)[1]
-    if height * across * (width + _GAP) > MOST_PIXELS:
-        limit = f"a resolution with which {count} views have at most {MOST_PIXELS} pixels in all"
+    if height * across * (width + _GAP) > MAX_PIXELS:
+        limit = f"a resolution with which {count} views have at most {MAX_PIXELS} pixels in all"
         raise value_error("sheet", "resolution", limit, f"{columns} x {rows}")
     return layout, strip
 
 
-def _unevenness(across: int, count: int, width: int, height: int) -> float:
-    """Return how far a grid is from 4:3, and how much of it is empty: the smaller the better."""
-    down = -(-count // across)
-    empty = across * down - count
-    return abs(math.log(across * width / (down * height) * 3.0 / 4.0)) + 0.25 * empty
-
-
 def _panel(
-    pixels: Bytes, found: dict[str, Any], camera: Camera, layout: contact_sheet.Layout, strip: int
+    pixels: Bytes, facts: dict[str, Any], camera: Camera, layout: contact_sheet.Layout, strip: int
 ) -> contact_sheet.Panel:
     """Return the image with its title, and below it axes, scale bar and what it shows."""
     rows, columns = pixels.shape[:2]
-    whole = np.full((rows + strip, layout.panel, 3), 255, np.uint8)
+    picture = np.full((rows + strip, layout.panel, 3), 255, np.uint8)
     left = (layout.panel - columns) // 2
-    whole[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
-    whole[: rows + 1, max(left - 1, 0) : left + columns + 1] = contact_sheet.FRAME
-    whole[:rows, left : left + columns] = pixels
+    picture[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
+    picture[: rows + 1, max(left - 1, 0) : left + columns + 1] = contact_sheet.FRAME
+    picture[:rows, left : left + columns] = pixels
     size, x = 0.9 * layout.text_size, 2 * _PAD + strip
-    bar = found["scale_bar"]
-    unit = f"{bar['length']:g} unit" + ("" if bar["length"] == 1.0 else "s")
-    label = unit if camera.orthographic else f"{unit} at the focal point"
-    first, second = rows + round(0.36 * strip), rows + round(0.80 * strip)
+    bar = facts["scale_bar"]
     if bar["pixels"] >= 4.0:
-        drawing_marks.scale_bar(whole, x, first, bar["pixels"])
+        y = rows + round(0.36 * strip)
+        drawing_marks.scale_bar(picture, x, y, bar["pixels"])
         after = x + bar["pixels"] + _PAD
+        label = f"{bar['length']:g} unit{'s' * (bar['length'] != 1.0)}"
+        label += "" if camera.orthographic else " at the focal point"
         text = lettering.fitted(label, size, layout.panel - after - _PAD)
-        lettering.put(whole, after, first + 0.5 * size, size, text, drawing_marks.INK)
+        lettering.put(picture, after, y + 0.5 * size, size, text, drawing_marks.INK)
     lines = (
-        f"{found['coverage']:.1%} covered, {found['visible_faces']:,} faces visible",
-        f"{found['coverage']:.0%} covered",
+        f"{facts['coverage']:.1%} covered, {facts['visible_faces']:,} faces visible",
+        f"{facts['coverage']:.0%} covered",
     )
-    text = next((each for each in lines if lettering.width_of(each, size) <= layout.panel - x - _PAD), "")
-    lettering.put(whole, x, second, size, text, drawing_marks.INK)
-    title = lettering.fitted(found["title"], layout.title_size, layout.panel)
-    return contact_sheet.Panel(whole, title, "")
+    text = next((line for line in lines if lettering.width_of(line, size) <= layout.panel - x - _PAD), "")
+    lettering.put(picture, x, rows + round(0.80 * strip), size, text, drawing_marks.INK)
+    title = lettering.fitted(facts["title"], layout.title_size, layout.panel)
+    return contact_sheet.Panel(picture, title, "")
 
 
 def _heading(facts: dict[str, Any], layout: contact_sheet.Layout) -> list[str]:
@@ -311,7 +286,7 @@ def _heading(facts: dict[str, Any], layout: contact_sheet.Layout) -> list[str]:
     if shapes is not None:
         edges = f"{counts['boundary_edges']:,} boundary and {counts['non_manifold_edges']:,} non-manifold edges"
         parts += [f"{shapes:,} connected shape{'s' * (shapes != 1)}", "closed" if facts["closed"] else edges]
-    parts.append("size " + " x ".join(f"{each:.4g}" for each in facts["bounding_box"]["size"]) + " units")
+    parts.append("size " + " x ".join(f"{side:.4g}" for side in facts["bounding_box"]["size"]) + " units")
     parts += [] if area is None else [f"surface {area:.4g} square units"]
     lines: list[str] = []
     for part in parts:

@@ -1,62 +1,33 @@
-"""Videos by PyAV, FFmpeg's libraries: H.264 or HEVC in MP4, VP9 in WebM. BT.709 throughout, and tagged so."""
+"""Encoders of films: videos by PyAV, FFmpeg's libraries, in BT.709 and tagged so; animated images by Pillow."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+import struct
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from ..base.arrays import Array
+from ..base.arrays import Array, Bytes
+from ..errors import InputError
 from ..images.ycbcr import even, planes_420
-from .film_format import FilmFormat
+from .film_format import FilmFormat, durations
 
 if TYPE_CHECKING:
     from av import VideoFrame
+    from PIL import Image
 
 # ISO/IEC 23091-2 (ITU-T H.273): 1 is BT.709 as primaries, transfer and matrix. FFmpeg's color range 1 is the limited one.
 TAGS = {"color_primaries": 1, "color_trc": 1, "colorspace": 1, "color_range": 1}
+_HEADER, _FRAME_HEADER = 8192, 32  # bytes kept for MP4's index: more than x265's headers and five tables take
+_SAMPLED_FRAMES, _SAMPLED_PIXELS = 16, 1 << 16  # that the colors of a GIF are chosen from
+_MAX_DURATION = (1 << 16) - 1  # ticks
+_COLORS = 255  # Pillow needs one to say that a pixel stays
 
 
-@dataclass(frozen=True)
-class Codec:
-    """name: as people know it. container, encoder, options: FFmpeg's. least: fewest pixels a side."""
-
-    name: str
-    container: str
-    encoder: str
-    pixel_format: str
-    options: dict[str, str]
-    least: int = 2
-
-
-# Constant quality: FFmpeg's guide to H.264 calls 17 or 18 visually lossless.
-CODECS = {
-    (".mp4", 8): Codec("H.264", "mp4", "libx264", "yuv420p", {"crf": "16"}),
-    # Apple's players take HEVC that is called hvc1, and hardly any plays H.264 of 10 bits. Between 33 and 63 pixels a side
-    # x265 4.2 writes past its buffers.
-    (".mp4", 10): Codec(
-        "HEVC", "mp4", "libx265", "yuv420p10le", {"crf": "16", "preset": "fast", "x265-params": "log-level=none"}, 64
-    ),
-    (".webm", 8): Codec(
-        "VP9",
-        "webm",
-        "libvpx-vp9",
-        "yuv420p",
-        {"crf": "20", "b": "0", "deadline": "good", "cpu-used": "4", "row-mt": "1"},
-    ),
-}
-_HEADER, _HEADER_OF_A_FRAME = 8192, 32  # bytes kept for MP4's index: more than x265's headers and five tables take
-
-
-def codec_of(kind: FilmFormat, bits: int) -> Codec:
-    return CODECS[kind.ending, bits]
-
-
-def encode(file: BinaryIO, images: Iterable[Array], count: int, rate: Fraction, codec: Codec) -> None:
+def encode_video(file: BinaryIO, images: Iterable[Array], count: int, rate: Fraction, kind: FilmFormat) -> None:
     """Encode `count` images (M, N, 3), uint8 or floats in 0 to 1, as a video into an open file.
 
     Odd sides are made even by repeating the last row or column, as 4:2:0 asks for. An MP4's index stands before its
@@ -64,33 +35,36 @@ def encode(file: BinaryIO, images: Iterable[Array], count: int, rate: Fraction, 
     """
     import av
 
+    container = kind.ending[1:]
     # Reserved, for FFmpeg would move it there afterwards by reading a file of its own.
-    options = {"moov_size": str(_HEADER + _HEADER_OF_A_FRAME * count)} if codec.container == "mp4" else {}
-    with _as_oserror(), av.open(file, "w", format=codec.container, options=options) as opened:
-        stream: Any = None
-        for number, image in enumerate(images):
-            planes = planes_420(even(image), 10 if codec.pixel_format.endswith("10le") else 8)
-            if stream is None:
-                stream = opened.add_stream(codec.encoder, rate=rate)
-                stream.height, stream.width = planes[0].shape
-                stream.pix_fmt, stream.options = codec.pixel_format, _options(codec, count)
-                stream.codec_context.time_base = 1 / rate
-                if codec.encoder == "libx265":
-                    stream.codec_context.codec_tag = "hvc1"
-                for name, value in TAGS.items():
-                    setattr(stream.codec_context, name, value)
-            opened.mux(stream.encode(_frame(planes, codec.pixel_format, number)))
-        opened.mux(stream.encode())
+    reserved = {"moov_size": str(_HEADER + _FRAME_HEADER * count)} if container == "mp4" else {}
+    options = kind.options
+    if kind.encoder == "libx265" and count <= 2:
+        # In films of one or two frames x265 4.2 leaves decoding times unset if it reorders.
+        options = {**options, "x265-params": options["x265-params"] + ":bframes=0"}
+    try:
+        with av.open(file, "w", format=container, options=reserved) as opened:
+            stream: Any = None
+            for number, image in enumerate(images):
+                planes = planes_420(even(image), kind.bits)
+                if stream is None:
+                    stream = opened.add_stream(kind.encoder, rate=rate)
+                    stream.height, stream.width = planes[0].shape
+                    stream.pix_fmt, stream.options = kind.pixels, options
+                    stream.codec_context.time_base = 1 / rate
+                    if kind.encoder == "libx265":
+                        stream.codec_context.codec_tag = "hvc1"
+                    for name, value in TAGS.items():
+                        setattr(stream.codec_context, name, value)
+                opened.mux(stream.encode(_video_frame(planes, kind.pixels, number)))
+            opened.mux(stream.encode())
+    except av.FFmpegError as error:
+        if isinstance(error, OSError):  # some are
+            raise
+        raise OSError(str(error)) from error
 
 
-def _options(codec: Codec, count: int) -> dict[str, str]:
-    """Return the encoder's options. In films of one or two frames x265 4.2 leaves decoding times unset if it reorders."""
-    if codec.encoder == "libx265" and count <= 2:
-        return {**codec.options, "x265-params": codec.options["x265-params"] + ":bframes=0"}
-    return codec.options
-
-
-def _frame(planes: tuple[Array, ...], pixel_format: str, number: int) -> VideoFrame:
+def _video_frame(planes: tuple[Array, ...], pixel_format: str, number: int) -> VideoFrame:
     from av import VideoFrame
 
     rows, columns = planes[0].shape
@@ -104,14 +78,50 @@ def _frame(planes: tuple[Array, ...], pixel_format: str, number: int) -> VideoFr
     return frame  # type: ignore[no-any-return]
 
 
-@contextmanager
-def _as_oserror() -> Iterator[None]:
-    """Turn FFmpeg's errors, some of which are OSErrors already, into OSErrors."""
-    from av import FFmpegError
+class _LazyImage:
+    """An image of a sequence, loaded when Pillow uses it: all of them at once may not fit in memory."""
 
+    def __init__(self, load: Callable[[int], Image.Image], index: int) -> None:
+        self._load, self._index = load, index
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._load(self._index), name)
+
+
+def encode_animation(file: BinaryIO, images: Sequence[Callable[[], Bytes]], rate: Fraction, kind: FilmFormat) -> None:
+    """Encode an animated image, which loops forever, into an open file. images: load each image, uint8 (M, N, 3).
+
+    Equal neighbors may become one frame that is shown for longer. A GIF has one palette for all frames, so that areas
+    that stay do not flicker, and error diffusion (Floyd and Steinberg), without which gradients have bands. Raises
+    InputError for equal frames that are shown for too long as one.
+    """
+    from PIL import Image
+
+    palette = _palette(images) if kind.ending == ".gif" else None
+
+    @lru_cache(maxsize=1)
+    def load(index: int) -> Image.Image:
+        image = Image.fromarray(images[index]())
+        return image if palette is None else image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+
+    milliseconds: Any = [ticks * 1000 // kind.ticks for ticks in durations(len(images), rate, kind.ticks)]
+    others: Any = [_LazyImage(load, index) for index in range(1, len(images))]
     try:
-        yield
-    except FFmpegError as error:
-        if isinstance(error, OSError):
-            raise
-        raise OSError(str(error)) from error
+        load(0).save(file, save_all=True, append_images=others, duration=milliseconds, loop=0, **kind.options)
+    except (OverflowError, struct.error):  # of the 16 bits that hold a duration
+        expected = f"an image that stays for at most {_MAX_DURATION / kind.ticks:g} s for {kind.ending}"
+        raise InputError(f"film: frames: expected {expected}, found equal frames for longer") from None
+
+
+def _palette(images: Sequence[Callable[[], Bytes]]) -> Image.Image:
+    """Return an image that has the colors of a GIF: by median cut and k-means, from pixels on a grid in some frames."""
+    from PIL import Image
+
+    chosen = images[:: -(-len(images) // _SAMPLED_FRAMES)]
+    pixels = []
+    for load in chosen:
+        image = load()
+        step = max(1, round((image.shape[0] * image.shape[1] / (_SAMPLED_PIXELS // len(chosen))) ** 0.5))
+        pixels.append(image[::step, ::step].reshape(-1, 3))
+    colors = Image.fromarray(np.concatenate(pixels)[None])
+    return colors.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1, dither=Image.Dither.NONE)

@@ -22,7 +22,7 @@ from clshade.farm.job import FrameWriter
 from clshade.images import png
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.model import Settings
-from clshade.view import animation, video
+from clshade.view import video
 from clshade.view.frame_folder import FrameFolder, digest_of
 
 PLANE = """ply
@@ -145,17 +145,17 @@ def test_frames_of_other_settings_are_drawn_again(folder, capsys, monkeypatch):
 def test_a_full_disk_and_ctrl_c_leave_the_earlier_film(folder, capsys, monkeypatch, ending):
     """The frames stay. The limit is shorter than the index of an MP4, and than this WebP."""
     resource = pytest.importorskip("resource")
-    name, module = f"film.{ending}", {"mp4": video, "webp": animation}[ending]
+    name, encoder = f"film.{ending}", {"mp4": "encode_video", "webp": "encode_animation"}[ending]
     (folder / name).write_bytes(b"earlier")
     left = [name, f"{name}.frames", *(f"{name}.frames/{each}" for each in ("0001.png", "0002.png", "0003.png"))]
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    encode = module.encode
+    encode = getattr(video, encoder)
 
     def limited(*arguments):
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
         encode(*arguments)
 
-    monkeypatch.setattr(module, "encode", limited)
+    monkeypatch.setattr(video, encoder, limited)
     try:
         code, _, err = run(capsys, *TURN, "-o", name)
     finally:
@@ -167,12 +167,12 @@ def test_a_full_disk_and_ctrl_c_leave_the_earlier_film(folder, capsys, monkeypat
         file.write(b"half a film")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "encode", interrupted)
+    monkeypatch.setattr(video, encoder, interrupted)
     assert run(capsys, *TURN, "-o", name, "--quiet")[0] == 130
     assert listing(folder) == [*left, f"{name}.frames/film.json"]
     assert (folder / name).read_bytes() == b"earlier"
 
-    monkeypatch.setattr(module, "encode", encode)
+    monkeypatch.setattr(video, encoder, encode)
     code, out, _ = run(capsys, *TURN, "-o", name, "--json")
     assert (code, json.loads(out)["skipped"]) == (0, 3)
     assert listing(folder) == [name]

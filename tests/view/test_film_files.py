@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from clshade.errors import InputError
-from clshade.view import animation, video
-from clshade.view.film_format import FORMATS, checked_depth, checked_rate, durations, format_of, is_film
+from clshade.view import video
+from clshade.view.film_format import FORMATS, checked_rate, durations, format_of, is_film
 
 needs_av = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="PyAV is not installed")
 
@@ -39,11 +39,11 @@ def images(bits: int = 8) -> list[np.ndarray]:
 
 
 def encoded(ending: str, frames: list[np.ndarray], bits: int = 8, rate: Fraction | int = 25) -> bytes:
-    file = io.BytesIO()
-    if FORMATS[ending].video:
-        video.encode(file, frames, len(frames), Fraction(rate), video.codec_of(FORMATS[ending], bits))
+    file, kind = io.BytesIO(), FORMATS[ending, bits]
+    if kind.encoder:
+        video.encode_video(file, frames, len(frames), Fraction(rate), kind)
     else:
-        animation.encode(file, [partial(lambda frame: frame, each) for each in frames], Fraction(rate), FORMATS[ending])
+        video.encode_animation(file, [partial(lambda frame: frame, each) for each in frames], Fraction(rate), kind)
     return file.getvalue()
 
 
@@ -167,7 +167,7 @@ def test_what_ffmpeg_reports_is_an_oserror():
             raise OSError(28, "No space left on device")
 
     with pytest.raises(OSError, match="No space left"):
-        video.encode(Full(), images(), COUNT, Fraction(25), video.codec_of(FORMATS[".mp4"], 8))
+        video.encode_video(Full(), images(), COUNT, Fraction(25), FORMATS[".mp4", 8])
     with pytest.raises(OSError, match="Invalid argument"):
         encoded(".mp4", [np.zeros((8, 8, 3))], 10)  # smaller than x265 takes; `draw_film` refuses it before
 
@@ -224,7 +224,7 @@ def test_a_gif_of_one_image_for_too_long_is_refused():
     with pytest.raises(
         InputError, match=r"^film: frames: expected .* 655\.35 s for \.gif, found equal frames for longer"
     ):
-        animation.encode(io.BytesIO(), images, Fraction(1, 10), FORMATS[".gif"])
+        video.encode_animation(io.BytesIO(), images, Fraction(1, 10), FORMATS[".gif", 8])
 
 
 def test_one_frame_is_a_film_too():
@@ -266,7 +266,7 @@ def test_durations_add_up(rate, ticks, expected):
     ],
 )
 def test_rates(text, rate):
-    assert checked_rate(FORMATS[".mp4"], text) == rate
+    assert checked_rate(FORMATS[".mp4", 8], text) == rate
 
 
 @pytest.mark.parametrize(
@@ -293,18 +293,18 @@ def test_rates(text, rate):
 )
 def test_refused_rates(fps):
     with pytest.raises(InputError, match=r"^--fps: expected frames per second, 0\.1 to 240 for \.mp4, such as 24"):
-        checked_rate(FORMATS[".mp4"], fps)
+        checked_rate(FORMATS[".mp4", 8], fps)
 
 
 def test_rates_and_depths_of_a_format():
-    assert checked_rate(FORMATS[".gif"], 50) == 50
+    assert checked_rate(FORMATS[".gif", 8], 50) == 50
     with pytest.raises(InputError, match=r"0\.1 to 50 for \.gif"):
-        checked_rate(FORMATS[".gif"], 60)
-    assert checked_depth(FORMATS[".mp4"], 10) == 10
+        checked_rate(FORMATS[".gif", 8], 60)
+    assert FORMATS[".mp4", 10].codec == "HEVC"
     with pytest.raises(InputError, match=r"^--bit-depth: expected 8 for \.webm, found 10: \.mp4 can have 10$"):
-        checked_depth(FORMATS[".webm"], 10)
+        format_of("a.webm", 10)
     with pytest.raises(InputError, match=r"^--bit-depth: expected 8 or 10 for \.mp4, found 12$"):
-        checked_depth(FORMATS[".mp4"], 12)
+        format_of("a.mp4", 12)
 
 
 def test_names_of_films_and_of_frames():
@@ -329,7 +329,7 @@ def test_a_missing_encoder_is_named(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     for name in ("a.mp4", "a.webm"):
         with pytest.raises(InputError, match=rf"^{name}: needs PyAV: `pip install .*\[film\]'`"):
-            format_of(name)
-    assert format_of("a.gif").ending == ".gif"
+            format_of(name, 8)
+    assert format_of("a.gif", 8).ending == ".gif"
     with pytest.raises(InputError, match=r"found a\.mpg: did you mean '\.mp4'\?"):
-        format_of("a.mpg")
+        format_of("a.mpg", 8)

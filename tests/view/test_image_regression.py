@@ -22,7 +22,7 @@ from clshade.images import compare_figure, png  # noqa: F401  (imported once: ru
 from clshade.images.image_file import read_picture
 from clshade.pipeline.frame import Frame
 from clshade.view import page  # noqa: F401
-from clshade.view.regression import image_regression, library, options, plugin
+from clshade.view.regression import image_regression, library, plugin
 
 pytest_plugins = ["pytester"]
 PLUGIN = "clshade.view.regression.plugin"
@@ -251,7 +251,7 @@ def test_other_layers_and_sizes_fail(fixture):
 
 def test_differences_below_float32(fixture):
     fixture(update=True)(flat(1.0))
-    with pytest.raises(pytest.fail.Exception, match=r"\n  rgba: other bits, the same values in float32\n"):
+    with pytest.raises(pytest.fail.Exception, match=r"\n  rgba: other bits, equal values in float32\n"):
         fixture()(flat(1.0 + 1e-12))
 
 
@@ -412,7 +412,7 @@ def test_the_fixtures_are_listed_with_what_they_do(pytester, run):
     assert re.search(
         r"^clshade_image_regression -- .*\n    Draw a scene and compare image and layers, bit for bit", out, re.M
     )
-    assert {options.UPDATE, options.OUT} <= set(re.findall(r"--clshade-\w+", usage))
+    assert {plugin.UPDATE, plugin.OUT} <= set(re.findall(r"--clshade-\w+", usage))
 
 
 @pytest.mark.long

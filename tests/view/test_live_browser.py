@@ -25,9 +25,9 @@ pytest.importorskip("aiohttp", reason="aiohttp, the extra `view`, is not install
 import clshade
 from clshade import exr
 from clshade.cli.main import main
-from clshade.view.live_page import live_page
 from clshade.view.live_scene import LiveScene
 from clshade.view.live_server import LiveServer, listen
+from clshade.view.page import live_page
 
 pytestmark = [needs_device, pytest.mark.long]
 

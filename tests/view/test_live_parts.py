@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from command_line import run
 from live_views import source_of, unpacked
+from processes import ROOT
 
 import clshade
 from clshade.cli.options import is_scene
 from clshade.errors import InputError
 from clshade.scene.adjust_lights import scaled_lights
-from clshade.view import orbit_controls
-from clshade.view.live_message import enlarged, packed
-from clshade.view.live_page import live_page
+from clshade.view import live_input
+from clshade.view.live_input import ANSWERED, MESSAGES, checked
+from clshade.view.live_session import enlarged, packed
+from clshade.view.page import live_page
 
 CAMERA = clshade.Camera.from_fov((3.0, 4.0, 12.0), (0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 40.0)
 
@@ -52,17 +55,17 @@ def distance(camera):
 
 
 def test_orbiting_keeps_distance_target_and_up():
-    moved = orbit_controls.orbit(CAMERA, 90.0, 0.0)
+    moved = live_input.orbit(CAMERA, 90.0, 0.0)
     np.testing.assert_allclose(moved.eye, (12.0, 4.0, -3.0), atol=1e-12)
     np.testing.assert_array_equal(moved.lookat, CAMERA.lookat)
-    high = orbit_controls.orbit(CAMERA, 0.0, 1000.0)
-    assert orbit_controls.elevation(high) == pytest.approx(89.5)
-    assert orbit_controls.elevation(orbit_controls.orbit(high, 0.0, -1000.0)) == pytest.approx(-89.5)
+    high = live_input.orbit(CAMERA, 0.0, 1000.0)
+    assert live_input.elevation(high) == pytest.approx(89.5)
+    assert live_input.elevation(live_input.orbit(high, 0.0, -1000.0)) == pytest.approx(-89.5)
     assert distance(high) == pytest.approx(13.0)
 
 
 def test_panning_by_the_image_s_height_moves_what_is_seen_out_of_it():
-    moved = orbit_controls.pan(CAMERA, 0.0, 1.0)
+    moved = live_input.pan(CAMERA, 0.0, 1.0)
     assert distance(moved) == pytest.approx(13.0)
     shift = moved.lookat - CAMERA.lookat
     assert np.linalg.norm(shift) == pytest.approx(2.0 * 13.0 * math.tan(math.radians(20.0)))
@@ -70,13 +73,13 @@ def test_panning_by_the_image_s_height_moves_what_is_seen_out_of_it():
 
 
 def test_the_distance_has_ends():
-    near = orbit_controls.dolly(CAMERA, 1e-30, CAMERA)
-    assert distance(near) == pytest.approx(13.0 * orbit_controls.NEAREST)
-    assert distance(orbit_controls.dolly(near, 1e30, CAMERA)) == pytest.approx(13.0 * orbit_controls.FARTHEST)
+    near = live_input.dolly(CAMERA, 1e-30, CAMERA)
+    assert distance(near) == pytest.approx(13.0 * live_input.NEAREST)
+    assert distance(live_input.dolly(near, 1e30, CAMERA)) == pytest.approx(13.0 * live_input.FARTHEST)
 
 
 def test_flying_moves_eye_and_target():
-    moved = orbit_controls.fly(CAMERA, 0.0, 0.0, 0.5)
+    moved = live_input.fly(CAMERA, 0.0, 0.0, 0.5)
     np.testing.assert_allclose(moved.eye, CAMERA.eye / 2.0)
     np.testing.assert_allclose(moved.lookat, -CAMERA.eye / 2.0)
 
@@ -92,6 +95,25 @@ def test_lights_are_multiplied():
         with pytest.raises(InputError, match="light intensity"):
             scaled_lights(scene, factors)
     assert scaled_lights(replace(scene, lights=()), (2.0,)).lights == ()
+
+
+def test_the_page_and_the_server_send_what_the_other_knows():
+    """By the types in their sources; a picture's message has none in text."""
+    view = ROOT / "clshade" / "view"
+    scripts = "\n".join(path.read_text() for path in (view / "page").glob("live*.js"))
+    assert set(re.findall(r'send\(\{ type: "(\w+)"', scripts)) == MESSAGES.keys()
+    sources = "\n".join((view / name).read_text() for name in ("live_server.py", "live_session.py"))
+    sent = {*re.findall(r'"type": "(\w+)"[,}]', sources), *ANSWERED} - {"size"}
+    (handlers,) = re.findall(r"handlers\(\) {\n    return {\n(.*?)\n    };", scripts, re.DOTALL)
+    assert set(re.findall(r"^      (\w+): ", handlers, re.MULTILINE)) == sent
+
+
+def test_a_misspelt_setting_is_answered_with_the_nearest():
+    with pytest.raises(InputError, match=r"view: sample: expected one of .*: did you mean 'samples'\?$"):
+        checked({"type": "set", "sample": 4})
+    with pytest.raises(InputError, match=r"^dolly: factor: expected a finite number above 0, found None$"):
+        checked({"type": "dolly"})
+    assert checked({"type": "orbit", "up": 2}) == ("orbit", {"right": 0.0, "up": 2.0})
 
 
 def test_names_of_scenes(folder):

@@ -29,10 +29,10 @@ from clshade.base.extras import how_to_install  # noqa: E402
 from clshade.cli import view as live_view  # noqa: E402
 from clshade.errors import InputError  # noqa: E402
 from clshade.view import live_server  # noqa: E402
-from clshade.view.live_page import live_page  # noqa: E402
 from clshade.view.live_scene import LiveScene  # noqa: E402
 from clshade.view.live_server import HOST, LiveServer, listen  # noqa: E402
 from clshade.view.live_session import Session  # noqa: E402
+from clshade.view.page import live_page  # noqa: E402
 
 pytestmark = needs_device
 SECONDS = 60.0  # for anything that is waited for: the first picture may compile kernels
@@ -231,17 +231,17 @@ def test_two_clients_have_cameras_of_their_own_and_a_lost_one_leaves_nothing():
                 _, other = await second.next("image")
                 assert not np.array_equal(before["R"], other["R"])
                 assert len(server.clients) == 2
-                renderers = server.scene.open_renderers
+                renderers = len(server.scene.renderers)
                 second.ws._response.connection.transport.abort()  # as a browser that is killed
                 await _until(lambda: len(server.clients) == 1)
                 await server.in_drawing(lambda: None)
-                assert server.scene.open_renderers < renderers
+                assert len(server.scene.renderers) < renderers
                 await first.send(type="reset")
                 _, again = await first.next("image")
                 np.testing.assert_array_equal(before["R"], again["R"])
             await _until(lambda: not server.clients)
             await server.in_drawing(lambda: None)
-            assert server.scene.open_renderers == 0
+            assert not server.scene.renderers
 
     in_loop(check)()
 
@@ -259,7 +259,7 @@ def test_pictures_wait_for_a_client_that_does_not_show_them():
         async with serving() as server, client(server) as slow:
             await slow.next("scene")
             drawn = []
-            server.stats.add = lambda session, drawing, now: drawn.append(drawing)  # type: ignore[method-assign]
+            server.stats.add = lambda drawing, interval: drawn.append(drawing)  # type: ignore[method-assign]
             for _ in range(50):
                 await slow.send(type="orbit", right=1.0)
                 await asyncio.sleep(0.005)
@@ -362,7 +362,7 @@ def test_an_unforeseen_error_is_said_and_ends_nothing(monkeypatch, capsys):
 def test_the_view_ends_quietly_while_it_draws_for_clients_that_have_gone(monkeypatch, caplog, capsys):
     begun, ended = threading.Event(), threading.Event()
 
-    def probe(*_: object) -> dict[str, Any]:
+    def probe(*_: object, **__: object) -> dict[str, Any]:
         begun.set()
         ended.wait(SECONDS)
         return {}

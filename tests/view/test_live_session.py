@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import math
 import shlex
 from dataclasses import replace
@@ -19,10 +18,8 @@ from clshade import exr
 from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.pipeline.frame import same_bits
-from clshade.view.live_command import render_command
-from clshade.view.live_scene import MOST_PIXELS, LiveScene
+from clshade.view.live_scene import MAX_PIXELS, LiveScene
 from clshade.view.live_session import Session, Task
-from clshade.view.live_stats import LiveStats
 
 pytestmark = needs_device
 
@@ -141,7 +138,7 @@ def test_a_picture_has_the_size_of_its_window():
     assert height / session.view.camera.focal > own_height / focal
     session.handle({"type": "size", "columns": 8000, "rows": 4000})
     columns, rows = session.view.camera.resolution
-    assert columns * rows <= MOST_PIXELS < 1.01 * columns * rows
+    assert columns * rows <= MAX_PIXELS < 1.01 * columns * rows
     assert columns / rows == pytest.approx(2.0, rel=1e-3)
     for size in ({}, {"columns": 0, "rows": 1}, {"columns": 1, "rows": 1e9}):
         with pytest.raises(InputError, match="size"):
@@ -327,7 +324,7 @@ OPTIONS = [
 @pytest.mark.parametrize("preset", ["standard", "pbr"])
 def test_a_command_says_of_shadows_what_its_preset_does_not(preset, given):
     live = LiveScene(source_of("icosphere", "--preset", preset, given))
-    named = {"--shadows", "--no-shadows"} & set(render_command(live, live.first_view(), None, 0.0))
+    named = {"--shadows", "--no-shadows"} & set(live.command(live.first_view(), None, 0.0))
     assert named == (set() if (preset == "pbr") == (given == "--shadows") else {given})
 
 
@@ -408,25 +405,14 @@ def test_two_sessions_share_a_scene_and_keep_their_own_cameras():
     first, second = Session(scene), Session(scene)
     first.handle({"type": "orbit", "right": 40.0})
     assert not same_bits(next_drawing(first).frame, next_drawing(second).frame)
-    assert scene.open_renderers == 1
+    assert len(scene.renderers) == 1
     second.handle({"type": "set", "lights": [0.5, 1.0]})
     next_drawing(second)
-    assert scene.open_renderers == 2
+    assert len(scene.renderers) == 2
     second.close()
-    assert scene.open_renderers == 1
+    assert len(scene.renderers) == 1
     first.close()
-    assert scene.open_renderers == 0
-
-
-def test_statistics_keep_no_session():
-    session, _ = session_of(*SMALL)
-    stats = LiveStats()
-    stats.add(session, next_drawing(session), 0.0)
-    assert len(stats._latest) == 1
-    session.close()
-    del session
-    gc.collect()
-    assert not stats._latest
+    assert len(scene.renderers) == 0
 
 
 @pytest.mark.long
@@ -435,7 +421,7 @@ def test_renderers_stay_few():
     for k in range(10):
         session.handle({"type": "set", "lights": [k / 10.0] * len(session.view.lights)})
         next_drawing(session)
-    assert session._scene.open_renderers <= 8
+    assert len(session._scene.renderers) <= 8
 
 
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 0 -1\nv 0 1 0\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

@@ -18,7 +18,7 @@ from processes import ROOT
 from clshade.errors import InputError, OutputError
 from clshade.images import exr
 from clshade.images.image_file import Picture, read_picture
-from clshade.view import live_page, page
+from clshade.view import page
 
 HOSTILE = """</script><script>hacked=1</script>"><img src=x onerror='hacked=1'>&amp;%%data%%\u2028"""
 BITS = {"half": np.uint16, "float": np.uint32, "uint": np.uint32, "u8": np.uint8, "u16": np.uint16}
@@ -137,7 +137,7 @@ def test_names_of_another_form_are_left_out(names):
 
 def test_every_part_is_used_and_installed():
     parts = {path.name for path in (ROOT / "clshade" / "view" / "page").iterdir()}
-    assert parts == {*page.SCRIPTS, *page.SHADERS, *live_page.SCRIPTS, "page.html", "style.css", "live.css"}
+    assert parts == {*page.SCRIPTS, *page.SHADERS, *page.LIVE_SCRIPTS, "page.html", "style.css", "live.css"}
     (patterns,) = re.findall(r'^"clshade.view" = \[(.*)\]$', (ROOT / "pyproject.toml").read_text(), re.M)
     assert {f'"page/*.{name.rpartition(".")[2]}"' for name in parts} == set(patterns.split(", "))
 

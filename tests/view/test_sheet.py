@@ -67,7 +67,7 @@ def test_the_bar_in_the_picture_has_the_length_that_the_box_has_there(sheet):
         bar, (x, y, columns, rows) = view["scale_bar"], view["panel"]
         assert bar["pixels"] == pytest.approx(bar["length"] / view["units_per_pixel"], rel=1e-12)
         assert 0.1 * columns < bar["pixels"] <= 0.3 * columns
-        left = x - (module._LEAST_WIDTH - columns) // 2
+        left = x - (module._MIN_WIDTH - columns) // 2
         ink = (sheet.picture[y + rows + 2 :, left:][:40, :240] == drawing_marks.INK).all(axis=-1)
         longest = max(len(run) for line in ink for run in "".join(".#"[int(each)] for each in line).split("."))
         assert abs(longest - bar["pixels"]) <= 1
@@ -120,7 +120,7 @@ def test_titles_do_not_overlap(sheet):
     """Between a title and the image below, and between panels, there are white pixels; titles are within their panels."""
     for view in sheet.facts["views"]:
         x, y, columns, _ = view["panel"]
-        left = x - (module._LEAST_WIDTH - columns) // 2
+        left = x - (module._MIN_WIDTH - columns) // 2
         assert (sheet.picture[: y - 2, max(left - 8, 0) : left - 2][-18:] == 255).all()
         assert (sheet.picture[y - 4 : y - 1, left:][:, :240] == 255).all()
         assert sheet.picture[y - 24 : y - 4, left:][:, :240].min() < 100

@@ -60,20 +60,13 @@ async function decodeBlocks(type, numbers, count) {
   return data;
 }
 
-let halfTable = null;
-
-/** Return the 65536 values of half floats by their bits. */
-function halves() {
-  if (halfTable) return halfTable;
-  halfTable = new Float32Array(65536);
-  for (let bits = 0; bits < 65536; bits++) {
-    const exponent = (bits >> 10) & 31;
-    const mantissa = bits & 1023;
-    let value = exponent ? (1 + mantissa / 1024) * 2 ** (exponent - 15) : mantissa * 2 ** -24;
-    if (exponent === 31) value = mantissa ? NaN : Infinity;
-    halfTable[bits] = bits >> 15 ? -value : value;
-  }
-  return halfTable;
+/** Return the value of a half float's bits. */
+function halfValue(bits) {
+  const exponent = (bits >> 10) & 31;
+  const mantissa = bits & 1023;
+  let value = exponent ? (1 + mantissa / 1024) * 2 ** (exponent - 15) : mantissa * 2 ** -24;
+  if (exponent === 31) value = mantissa ? NaN : Infinity;
+  return bits >> 15 ? -value : value;
 }
 
 /** Decode sRGB in [0, 1] to linear light, as IEC 61966-2-1 says. */
@@ -81,16 +74,19 @@ function srgbToLinear(value) {
   return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
 }
 
-const codeTables = new Map();
+const tables = new Map();
 
-/** Return the values of codes from 0 to `most`; linear: of sRGB-encoded colors. */
-function codeValues(most, linear) {
-  const key = `${most} ${linear}`;
-  if (!codeTables.has(key)) {
-    const value = (code) => (linear ? srgbToLinear(code / most) : code / most);
-    codeTables.set(key, Float32Array.from({ length: most + 1 }, (_, code) => value(code)));
+/** Return the values of stored half floats or codes; null for types that store values. linear: of sRGB-encoded colors. */
+function valueTable(type, linear) {
+  const largest = { half: 65535, u8: 255, u16: 65535 }[type];
+  if (!largest) return null;
+  const key = `${type} ${linear}`;
+  if (!tables.has(key)) {
+    const decoded = (code) => (linear ? srgbToLinear(code / largest) : code / largest);
+    const value = type === "half" ? halfValue : decoded;
+    tables.set(key, Float32Array.from({ length: largest + 1 }, (_, code) => value(code)));
   }
-  return codeTables.get(key);
+  return tables.get(key);
 }
 
 /**
@@ -123,12 +119,7 @@ class Channel {
   /** Return a function from a pixel's index to its value; `linear`: of codes of colors the linear light. */
   reader(linear = false) {
     const data = this.data;
-    const table = this.tableOf(linear);
+    const table = valueTable(this.type, linear && this.type !== "half");
     return table ? (index) => table[data[index]] : (index) => data[index];
-  }
-
-  tableOf(linear) {
-    if (this.type === "half") return halves();
-    return this.type === "u8" || this.type === "u16" ? codeValues(this.type === "u8" ? 255 : 65535, linear) : null;
   }
 }

@@ -50,23 +50,19 @@ bool isInside(ivec2 p, ivec2 size) {
   return p.x >= 0 && p.y >= 0 && p.x < size.x && p.y < size.y;
 }
 
-vec3 texelA(ivec2 p) {
-  return vec3(texelFetch(planesA[0], p, 0).r, texelFetch(planesA[1], p, 0).r, texelFetch(planesA[2], p, 0).r);
+// Values at a pixel in three planes; an index of samplers has to be constant.
+#define FETCHED(type, planes, p) \
+  type(texelFetch(planes[0], p, 0).r, texelFetch(planes[1], p, 0).r, texelFetch(planes[2], p, 0).r)
+
+vec3 texel(ivec2 p, bool second) {
+  return second ? FETCHED(vec3, planesB, p) : FETCHED(vec3, planesA, p);
 }
 
-vec3 texelB(ivec2 p) {
-  return vec3(texelFetch(planesB[0], p, 0).r, texelFetch(planesB[1], p, 0).r, texelFetch(planesB[2], p, 0).r);
+uvec3 number(ivec2 p, bool second) {
+  return second ? FETCHED(uvec3, numbersB, p) : FETCHED(uvec3, numbersA, p);
 }
 
-uvec3 numberA(ivec2 p) {
-  return uvec3(texelFetch(numbersA[0], p, 0).r, texelFetch(numbersA[1], p, 0).r, texelFetch(numbersA[2], p, 0).r);
-}
-
-uvec3 numberB(ivec2 p) {
-  return uvec3(texelFetch(numbersB[0], p, 0).r, texelFetch(numbersB[1], p, 0).r, texelFetch(numbersB[2], p, 0).r);
-}
-
-/** Return a color for each different tuple of numbers, black for zeros: clshade.images.thumbnails has the same. */
+/** Return a color for each different tuple of numbers, black for zeros, as clshade.images.thumbnails does. */
 vec3 numberColor(uvec3 numbers, int count) {
   uint state = 0u;
   bool nothing = true;
@@ -82,11 +78,11 @@ vec3 numberColor(uvec3 numbers, int count) {
 
 vec3 difference(vec3 a, vec3 b) {
   bvec3 nanA = notANumber(a), nanB = notANumber(b);
-  vec3 found = abs(a - b);
-  if (metric == 2) found *= found;
-  if (metric == 3) found /= abs(b) + 0.01;
-  for (int k = 0; k < 3; k++) if ((nanA[k] && nanB[k]) || a[k] == b[k]) found[k] = 0.0;
-  return found;
+  vec3 error = abs(a - b);
+  if (metric == 2) error *= error;
+  if (metric == 3) error /= abs(b) + 0.01;
+  for (int k = 0; k < 3; k++) if ((nanA[k] && nanB[k]) || a[k] == b[k]) error[k] = 0.0;
+  return error;
 }
 
 void add(inout Sum sum, vec3 value) {
@@ -133,13 +129,13 @@ vec3 drawn(vec2 at, bool second) {
   if (metric != 0) size = min(sizeA, sizeB);
   if (!isInside(center, size)) return GROUND;
   if (kind == 3) {
-    uvec3 found = second ? numberB(center) : numberA(center);
-    if (metric == 0) return numberColor(found, second ? countB : countA);
-    return kindB == 3 && found == numberB(center) ? vec3(0.0) : vec3(1.0);
+    uvec3 numbers = number(center, second);
+    if (metric == 0) return numberColor(numbers, second ? countB : countA);
+    return kindB == 3 && numbers == number(center, true) ? vec3(0.0) : vec3(1.0);
   }
   if (kind != 0 && metric == 0) {
-    if (second) return valueColor(texelB(center), kindB, countB, lowB, highB);
-    return valueColor(texelA(center), kindA, countA, lowA, highA);
+    if (second) return valueColor(texel(center, true), kindB, countB, lowB, highB);
+    return valueColor(texel(center, false), kindA, countA, lowA, highA);
   }
   int side = clamp(int(1.0 / zoom + 0.5), 1, 8); // reduced images are means in linear light
   Sum sum = Sum(vec3(0.0), 0, false, false, false);
@@ -148,8 +144,7 @@ vec3 drawn(vec2 at, bool second) {
       vec2 place = side == 1 ? at : at + ((vec2(i, j) + 0.5) / float(side) - 0.5) / zoom;
       ivec2 p = ivec2(floor(place));
       if (!isInside(p, size)) continue;
-      if (metric != 0) add(sum, difference(texelA(p), texelB(p)));
-      else add(sum, second ? texelB(p) : texelA(p));
+      add(sum, metric != 0 ? difference(texel(p, false), texel(p, true)) : texel(p, second));
     }
   }
   if (sum.count == 0) return GROUND;

@@ -1,31 +1,29 @@
 "use strict";
 // The histogram of the layer that is shown.
 
-const HISTOGRAM_COLORS = {
-  light: ["rgba(210, 210, 210, 0.35)", "#d96a6a", "#67b567", "#6f9bea"],
-  planes: ["#d96a6a", "#67b567", "#6f9bea"],
-};
+const PLANE_COLORS = ["#d96a6a", "#67b567", "#6f9bea"];
 
-/** Draw histograms of fullStatistics; white: the stop that is shown as 1. Returns the range drawn, or null. */
+/** Draw histograms of fullStatistics. white: the stop that is shown as 1. */
 function drawHistogram(canvas, full, white) {
   const ratio = window.devicePixelRatio;
   canvas.width = Math.round(canvas.clientWidth * ratio);
   canvas.height = Math.round(canvas.clientHeight * ratio);
   const context = canvas.getContext("2d");
   const { histograms, inStops } = full ?? { histograms: [] };
-  if (!histograms.length) return null;
+  if (!histograms.length) return;
   const base = canvas.height - 15 * ratio;
   const [first, last] = inStops ? filledBins(histograms) : [0, 255];
   const bins = last - first + 1;
   // A background may fill one bin; the fifth largest or so leaves the others in sight.
   const heights = histograms.flatMap((counts) => [...counts.subarray(first, last + 1)]).sort((a, b) => b - a);
   const typical = heights[Math.min(heights.length - 1, 4 * histograms.length)] || heights[0];
-  const most = Math.max(1, Math.min(heights[0], 1.5 * typical));
-  const colors = histograms.length === 1 ? ["rgba(210, 210, 210, 0.6)"] : HISTOGRAM_COLORS[inStops ? "light" : "planes"];
+  const tallest = Math.max(1, Math.min(heights[0], 1.5 * typical));
+  const gray = `rgba(210, 210, 210, ${histograms.length === 1 ? 0.6 : 0.35})`; // of light, the luminance's
+  const colors = inStops || histograms.length === 1 ? [gray, ...PLANE_COLORS] : PLANE_COLORS;
   histograms.forEach((counts, k) => {
     context.beginPath();
     for (let bin = 0; bin < bins; bin++) {
-      const y = base - Math.min(1, counts[first + bin] / most) * (base - 2 * ratio);
+      const y = base - Math.min(1, counts[first + bin] / tallest) * (base - 2 * ratio);
       context.lineTo((bin / bins) * canvas.width, y);
       context.lineTo(((bin + 1) / bins) * canvas.width, y);
     }
@@ -36,18 +34,18 @@ function drawHistogram(canvas, full, white) {
       context.fillStyle = colors[k];
       context.fill();
     } else {
-      context.strokeStyle = colors[k];
-      context.lineWidth = ratio;
+      Object.assign(context, { strokeStyle: colors[k], lineWidth: ratio });
       context.stroke();
     }
   });
-  context.fillStyle = "#9a9a9a";
-  context.font = `${10 * ratio}px system-ui, sans-serif`;
-  context.textBaseline = "bottom";
+  Object.assign(context, { fillStyle: "#9a9a9a", font: `${10 * ratio}px system-ui, sans-serif`, textBaseline: "bottom" });
   context.fillRect(0, base, canvas.width, ratio);
   if (inStops) drawStops(context, canvas, first, bins, base, white, ratio);
-  else if (full.low <= full.high) drawEnds(context, canvas, formatted(full.low, 4), formatted(full.high, 4));
-  return [first, last];
+  else if (full.low <= full.high) {
+    context.fillText(formatted(full.low, 4), 0, canvas.height);
+    context.textAlign = "right";
+    context.fillText(formatted(full.high, 4), canvas.width, canvas.height);
+  }
 }
 
 /** Return the first and last bins that matter, at whole stops, at least four stops wide; of no light, those of the false
@@ -69,7 +67,7 @@ function filledBins(histograms) {
 
 function drawStops(context, canvas, first, bins, base, white, ratio) {
   const stops = bins / BINS_PER_STOP;
-  const step = [1, 2, 4, 8, 16].find((each) => stops / each <= 9) ?? 16;
+  const step = [1, 2, 4, 8, 16].find((size) => stops / size <= 9) ?? 16;
   const at = (stop) => (((stop - LOWEST_STOP) * BINS_PER_STOP - first) / bins) * canvas.width;
   const lowest = first / BINS_PER_STOP + LOWEST_STOP;
   context.textAlign = "center";
@@ -80,11 +78,4 @@ function drawStops(context, canvas, first, bins, base, white, ratio) {
   }
   context.fillStyle = "#fff";
   context.fillRect(Math.round(at(white)), 0, ratio, base);
-}
-
-function drawEnds(context, canvas, low, high) {
-  context.textAlign = "left";
-  context.fillText(low, 0, canvas.height);
-  context.textAlign = "right";
-  context.fillText(high, canvas.width, canvas.height);
 }

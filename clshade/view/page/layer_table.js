@@ -7,7 +7,7 @@ class LayerTable {
     this.label = document.getElementById("hover");
     this.body = document.querySelector("#layers tbody");
     const components = document.querySelector("#layers .components");
-    this.components = new Choice(components, (component) => viewer.setComponent(component));
+    this.components = new Choice(components, (component) => viewer.choose({ component }));
     this.key = "";
     viewer.addEventListener("hover", () => this.schedule());
     viewer.addEventListener("change", () => this.schedule());
@@ -38,8 +38,7 @@ class LayerTable {
   }
 
   createRow({ name, channels }) {
-    const button = create("button", { type: "button", textContent: name, title: channels.join(", ") });
-    button.addEventListener("click", () => this.viewer.setLayer(name));
+    const button = createButton(name, () => this.viewer.setLayer(name), { title: channels.join(", ") });
     const row = create("tr", { dataset: { layer: name } }, create("th", { scope: "row" }, button), create("td"));
     return { name, row, button, other: this.createValues("other", "B") };
   }
@@ -49,7 +48,7 @@ class LayerTable {
   }
 
   updateComponents(layer) {
-    const letter = (channel) => [...layer.family].find((each) => channel.toUpperCase().endsWith(each)) ?? channel;
+    const letter = (channel) => [...layer.family].find((component) => channel.toUpperCase().endsWith(component)) ?? channel;
     const choices = layer && layer.channels.length > 1 ? [{ value: null, label: "All", title: "(X: next)" },
       ...layer.channels.map((channel, k) => ({ value: k, label: letter(channel), title: channel }))] : [];
     if (choices.length === 4 && layer.family === "RGB") {
@@ -72,12 +71,12 @@ class LayerTable {
       const layer = image?.layers[k];
       row.classList.toggle("selected", layer === selected);
       button.setAttribute("aria-pressed", String(layer === selected));
-      const found = pixel && layer ? valuesAt(image, layer, pixel) : null;
-      const same = found && reference?.layer(name);
+      const values = pixel && layer ? valuesAt(image, layer, pixel) : null;
+      const same = values && reference?.layer(name);
       const others = same ? valuesAt(reference, same, pixel) : null;
-      setValues(row, found);
+      setValues(row, values);
       setValues(other, others);
-      other.hidden = !others || others.exact === found.exact; // equal values are printed once
+      other.hidden = !others || others.exact === values.exact; // equal values are printed once
     });
     if (this.codes) this.updateCodes(pixel);
   }
@@ -85,7 +84,7 @@ class LayerTable {
   updateCodes(pixel) {
     const color = this.viewer.image?.color;
     this.codes.hidden = !color;
-    if (!color || !pixel || !color.planes.every((plane) => plane.data)) return setValues(this.codes, null);
+    if (!color || !pixel || !isLoaded(color)) return setValues(this.codes, null);
     const { operator, exposure } = this.viewer.settings;
     const index = pixel.y * color.image.width + pixel.x;
     const linear = color.image.isEncoded(color);
@@ -98,7 +97,7 @@ class LayerTable {
     const { viewer, label } = this;
     const pixel = viewer.hovered;
     const layer = viewer.layerOf(viewer.image);
-    const isNumber = pixel && layer?.statistics?.kind === KIND.numbers && layer.planes.every((plane) => plane.data);
+    const isNumber = pixel && layer?.statistics?.kind === KIND.numbers && isLoaded(layer);
     label.hidden = !isNumber || !viewer.pointer;
     if (label.hidden) return;
     const { texts, name } = valuesAt(viewer.image, layer, pixel);
@@ -111,8 +110,8 @@ class LayerTable {
 }
 
 /** Set the values of a row; null: none. */
-function setValues(row, found) {
-  const { texts = [], exact = "", name = "", color = null } = found ?? {};
+function setValues(row, values) {
+  const { texts = [], exact = "", name = "", color = null } = values ?? {};
   const cells = texts.map((textContent) => create("span", { textContent }));
   if (color) cells.unshift(createSwatch(color));
   if (name) cells.push(create("em", { textContent: name }));
@@ -124,7 +123,7 @@ function setValues(row, found) {
 /** Return a layer's values at a pixel: texts to show, and exact ones; a number's name and color. */
 function valuesAt(image, layer, { x, y }) {
   if (!image.contains(x, y)) return { texts: ["outside"], exact: "", name: "" };
-  if (!layer.planes.every((plane) => plane.data)) return { texts: ["…"], exact: "still decoding", name: "" };
+  if (!isLoaded(layer)) return { texts: ["…"], exact: "still decoding", name: "" };
   const values = layer.planes.map((plane) => plane.reader()(y * image.width + x));
   const isNumber = layer.planes.some((plane) => plane.isWhole);
   const exact = (k) => (isNumber ? values[k] : exactText(layer.planes[k], values[k], y * image.width + x));

@@ -6,15 +6,15 @@ const KIND = { color: 0, quantity: 1, direction: 2, numbers: 3, position: 4, coo
 
 /** Group channel names into layers, as clshade.images.channels does: [{name, family, channels}]. */
 function groupChannels(names) {
-  const found = new Map(); // prefix and family -> letter -> name
+  const groups = new Map(); // prefix and family -> letter -> name
   for (const name of names) {
     const dot = name.lastIndexOf(".");
     const prefix = dot < 0 ? "" : name.slice(0, dot);
     const letter = name.slice(dot + 1).toUpperCase();
-    const family = letter.length === 1 ? FAMILIES.find((each) => each.includes(letter)) ?? "" : "";
+    const family = letter.length === 1 ? FAMILIES.find((candidate) => candidate.includes(letter)) ?? "" : "";
     const key = JSON.stringify(family ? [prefix, family] : [name, ""]);
-    if (!found.has(key)) found.set(key, { prefix, family, members: new Map() });
-    const { members } = found.get(key);
+    if (!groups.has(key)) groups.set(key, { prefix, family, members: new Map() });
+    const { members } = groups.get(key);
     members.set(family && !members.has(letter) ? letter : name, name);
   }
   const all = new Set(names);
@@ -23,7 +23,7 @@ function groupChannels(names) {
     while (layers.has(title)) title += "'";
     layers.set(title, { name: title, family, channels });
   };
-  for (const { prefix, family, members } of found.values()) {
+  for (const { prefix, family, members } of groups.values()) {
     const letters = [...family].filter((letter) => members.has(letter));
     const together = letters.length > 1 ? letters.map((letter) => members.get(letter)) : [];
     if (together.length) {
@@ -50,7 +50,7 @@ class HdrImage {
     this.width = width;
     this.height = height;
     this.info = { encoded: false, header: {}, names: {}, ...info };
-    this.channels = new Map(Object.entries(channels).map(([each, given]) => [each, new Channel(each, given)]));
+    this.channels = new Map(Object.entries(channels).map(([channel, given]) => [channel, new Channel(channel, given)]));
     for (const channel of this.channels.values()) {
       if (channel.data && channel.data.length !== width * height)
         throw new RangeError(`channel ${channel.name}: expected ${width * height} values, found ${channel.data.length}`);
@@ -58,9 +58,8 @@ class HdrImage {
     this.layers = groupChannels([...this.channels.keys()]);
     this.color = colorLayer(this.layers);
     for (const layer of this.layers) {
-      layer.image = this;
-      layer.planes = layer.channels.map((each) => this.channels.get(each));
-      layer.statistics = null;
+      const planes = layer.channels.map((channel) => this.channels.get(channel));
+      Object.assign(layer, { image: this, planes, statistics: null });
     }
   }
 
@@ -82,6 +81,11 @@ class HdrImage {
     const names = this.info.names[layer.name];
     return names && Object.hasOwn(names, number) ? names[number] : "";
   }
+}
+
+/** Return whether the channels of a layer are decoded. */
+function isLoaded(layer) {
+  return layer.planes.every((plane) => plane.data);
 }
 
 /** Return how a layer is shown. Its channels are loaded; X, Y, Z of length 1 are directions, others positions. */

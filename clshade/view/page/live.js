@@ -3,61 +3,176 @@
 
 const RATE_SECONDS = 1; // over which frames per second are counted
 const NOTICE_MS = 8000;
-const COMMAND_MS = 200; // that a view has to rest before its command is asked for
+const COMMAND_MS = 200; // that a view has to rest before its command is requested
 const RESIZE_MS = 150; // that a window has to keep its size
+const PICTURE_ARRAYS = { uint8: Uint8ClampedArray, uint32: Uint32Array, float32: Float32Array };
+const WAITS = { loading: "Loading the scene", compiling: "Compiling kernels, once per machine", drawing: "Drawing", idle: "Drawing" };
+
+/** The WebSocket. onmessage: a function of a message's object; onpicture: of a picture's header and arrays; onclosed. */
+class Connection {
+  constructor(address, { onmessage, onpicture, onclosed }) {
+    this.waiting = []; // pictures that are not shown yet
+    this.onpicture = onpicture;
+    this.socket = new WebSocket(address);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.addEventListener("message", ({ data }) => {
+      if (typeof data === "string") return onmessage(JSON.parse(data));
+      this.waiting.push(data);
+      this.frame ??= requestAnimationFrame(() => this.show());
+    });
+    this.socket.addEventListener("close", onclosed);
+  }
+
+  send(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  /** Show the latest picture, skip those before it, and tell the server that all of them are done with. */
+  show() {
+    this.frame = null;
+    const pictures = this.waiting.splice(0);
+    try {
+      const { header, arrays } = unpackPicture(pictures.at(-1));
+      this.onpicture(header, arrays);
+    } finally { // the view would stop for ever
+      pictures.forEach(() => this.send({ type: "shown" }));
+    }
+  }
+}
+
+/** Return a binary message's header and its arrays by name, views of its memory: see live_session.py. */
+function unpackPicture(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
+  const { width, height } = header;
+  const arrays = {};
+  for (const { name, type, offset } of header.arrays) {
+    arrays[name] = new PICTURE_ARRAYS[type](buffer, 8 + length + offset, width * height * (name === "rgba" ? 4 : 1));
+  }
+  return { header, arrays };
+}
+
+/** What the page waits for: until the first picture, and whenever kernels are compiled. */
+class Waiting {
+  constructor() {
+    this.box = create("div", { id: "waiting", role: "status" });
+    document.getElementById("stage").append(this.box);
+    this.isFirst = true; // whether no picture was shown yet
+    this.set({ state: "loading", seconds: 0 });
+    this.timer = setInterval(() => this.update(), 250);
+  }
+
+  /** Take over a message on the server's state. */
+  set({ state, seconds }) {
+    this.state = state;
+    this.since = performance.now() - 1000 * seconds;
+    this.update();
+  }
+
+  shown() {
+    if (!this.isFirst) return;
+    this.isFirst = false;
+    this.update();
+  }
+
+  end() {
+    clearInterval(this.timer);
+    this.box.hidden = true;
+  }
+
+  update() {
+    const seconds = Math.floor((performance.now() - this.since) / 1000);
+    this.box.hidden = !this.isFirst && this.state !== "compiling";
+    this.box.textContent = `${WAITS[this.state]}${seconds < 1 ? " …" : `: ${seconds} s`}`;
+  }
+}
+
+/** Pictures in motion: 8 bits a channel, tone-mapped by the server, over the viewer's canvas where its image is. */
+class MotionPicture {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.canvas = create("canvas", { id: "motion", hidden: true });
+    this.context = this.canvas.getContext("2d", { alpha: false });
+    viewer.canvas.after(this.canvas);
+    viewer.addEventListener("drawn", () => this.place());
+  }
+
+  /** Show a picture of any number of pixels where an image of the size `full` is. */
+  show({ width, height, full }, codes) {
+    const { canvas } = this;
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    this.context.putImageData(new ImageData(codes, width, height), 0, 0);
+    this.full = full;
+    this.leaving = false;
+    canvas.hidden = false;
+    this.place();
+  }
+
+  place() {
+    const { canvas, viewer } = this;
+    if (this.leaving) canvas.hidden = true;
+    if (canvas.hidden) return;
+    const { view: { x, y, zoom }, ratio } = viewer;
+    const [width, height] = this.full.map((side) => (side * zoom) / ratio);
+    Object.assign(canvas.style, { left: `${x / ratio}px`, top: `${y / ratio}px`, width: `${width}px`, height: `${height}px` });
+    canvas.classList.toggle("sharp", zoom / ratio >= 2 && canvas.width === this.full[0]);
+  }
+}
 
 class Live {
   constructor(viewer) {
     this.viewer = viewer;
     viewer.resized();
     const { width, height } = viewer.canvas;
-    this.connection = new Connection(`ws://${location.host}${location.pathname}live?columns=${width}&rows=${height}`);
-    const send = (message) => this.connection.send(message);
-    this.send = send;
+    const send = this.send = (message) => this.connection.send(message);
     this.motion = new MotionPicture(viewer);
     this.waiting = new Waiting();
     this.panel = new LivePanel(send);
     this.controls = new CameraControls(viewer, send);
-    this.panel.turning.addEventListener("click", () => this.controls.turn(!this.controls.turning));
+    this.panel.onturn = () => this.controls.turn(!this.controls.turning);
     this.controls.onturn = (turning) => this.panel.turning.setAttribute("aria-pressed", String(turning));
     this.shownAt = []; // times of the latest pictures in motion, ms
     this.counts = { moving: 0, all: 0 };
     this.header = null;
-    this.bar = create("div", { id: "changed", hidden: true });
-    const reload = create("button", { type: "button", textContent: "Reload" });
-    reload.addEventListener("click", () => send({ type: "reload" }));
-    this.bar.append("The scene’s file has changed.", reload);
+    this.bar = create("div", { id: "changed", hidden: true }, "The scene’s file has changed.",
+      createButton("Reload", () => send({ type: "reload" })));
     this.others = create("tbody");
     document.querySelector("#layers table").after(create("table", { id: "all-layers" }, this.others));
     document.getElementById("stage").append(this.bar);
-    this.connection.onpicture = (header, arrays) => this.picture(header, arrays);
-    this.connection.addEventListener("message", ({ detail }) => this.message(detail));
-    this.connection.addEventListener("closed", () => this.ended());
+    const handlers = this.handlers(); // message's type -> function
+    this.connection = new Connection(`ws://${location.host}${location.pathname}live?columns=${width}&rows=${height}`, {
+      onmessage: (message) => handlers[message.type](message),
+      onpicture: (header, arrays) => this.picture(header, arrays),
+      onclosed: () => this.ended(),
+    });
     viewer.addEventListener("resized", () => {
       clearTimeout(this.resizeTimer);
-      this.resizeTimer = setTimeout(() => this.tellSize(), RESIZE_MS);
+      this.resizeTimer = setTimeout(() => { // pictures are as large as the canvas, in its pixels
+        const { width: columns, height: rows } = viewer.canvas;
+        send({ type: "size", columns, rows });
+      }, RESIZE_MS);
     });
     viewer.addEventListener("change", () => this.tellDisplay());
     viewer.addEventListener("hover", () => this.probe());
     this.noticeTimer = setTimeout(() => this.notice("", 0), NOTICE_MS); // the viewer may have said something
   }
 
-  message(message) {
-    const { type } = message;
-    if (type === "scene") this.describe(message);
-    else if (type === "state") this.waiting.set(message);
-    else if (type === "options") this.panel.follow(message);
-    else if (type === "command") this.panel.showCommand(message.command);
-    else if (type === "snapshot") this.panel.written(message);
-    else if (type === "probe") this.probed(message);
-    else if (type === "changed") this.bar.hidden = !message.changed;
-    else if (type === "error") this.failed(message.text);
-    else if (type === "failed") this.reason = message.text;
-  }
-
-  failed(text) {
-    this.panel.failed();
-    this.notice(text);
+  /** Return what is done with the server's messages, by their type. */
+  handlers() {
+    return {
+      state: (message) => this.waiting.set(message),
+      scene: (message) => this.describe(message),
+      options: (message) => this.panel.follow(message),
+      changed: ({ changed }) => { this.bar.hidden = !changed; },
+      probe: (message) => this.probed(message),
+      snapshot: (message) => this.panel.written(message),
+      command: ({ command }) => this.panel.showCommand(command),
+      error: ({ text }) => {
+        this.panel.result.replaceChildren(); // of a snapshot that was requested
+        this.notice(text);
+      },
+      failed: ({ text }) => { this.reason = text; },
+    };
   }
 
   notice(text, ms = NOTICE_MS) {
@@ -72,13 +187,7 @@ class Live {
     this.notice(this.reason ?? "The view has ended. Start it again for another.", 0);
   }
 
-  /** Pictures are as large as the canvas, in its own pixels. */
-  tellSize() {
-    const { width, height } = this.viewer.canvas;
-    this.send({ type: "size", columns: width, rows: height });
-  }
-
-  /** Until a whole picture of this size is there, the viewer has a black image. */
+  /** Until a complete picture of this size is there, the viewer has a black image. */
   clear([width, height]) {
     if (this.viewer.image?.width === width && this.viewer.image.height === height) return;
     const black = new Float32Array(width * height);
@@ -110,10 +219,10 @@ class Live {
     if (text === this.display) return;
     this.display = text;
     this.send({ type: "set", ...display });
-    if (this.header?.last) this.askForCommand();
+    if (this.header?.last) this.requestCommand();
   }
 
-  askForCommand() {
+  requestCommand() {
     clearTimeout(this.commandTimer);
     this.commandTimer = setTimeout(() => this.send({ type: "command" }), COMMAND_MS);
   }
@@ -127,14 +236,19 @@ class Live {
       this.clear(header.full);
       this.motion.show(header, arrays.rgba);
     } else {
-      this.motion.hide();
+      this.motion.leaving = true; // once the viewer has drawn the image
       const { width, height } = header;
-      this.viewer.setImage(this.name, { width, height, channels: arrays, info: { header: this.info(header) } });
+      const vector = (values) => values.map((value) => value.toPrecision(6)).join(", ");
+      const facts = Object.entries(header.camera).map(([name, values]) => [name, vector(values)]);
+      const info = { header: Object.fromEntries([...facts, ["samples", String(header.samples)]]) };
+      this.viewer.setImage(this.name, { width, height, channels: arrays, info });
     }
     document.body.classList.toggle("unfinished", !header.last);
     document.documentElement.dataset.version = String(header.version);
-    if (header.last) this.probe();
-    if (header.last) this.askForCommand();
+    if (header.last) {
+      this.probe();
+      this.requestCommand();
+    }
     this.panel.times(header, this.panel.state.samples, this.rate(header));
   }
 
@@ -149,12 +263,7 @@ class Live {
     return this.shownAt.length < 2 ? null : (1000 * (this.shownAt.length - 1)) / (now - this.shownAt[0]);
   }
 
-  info({ camera, samples }) {
-    const vectors = Object.entries(camera).map(([name, values]) => [name, values.map((value) => value.toPrecision(6)).join(", ")]);
-    return Object.fromEntries([...vectors, ["samples", String(samples)]]);
-  }
-
-  /** Ask for the pinned pixel's values in all layers, once the picture is whole. */
+  /** Request the pinned pixel's values in all layers, once the picture is complete. */
   probe() {
     const { pinned } = this.viewer;
     const key = pinned && this.header?.last ? `${this.header.version} ${pinned.x} ${pinned.y}` : null;
@@ -170,10 +279,10 @@ class Live {
     if (pinned?.x !== column || pinned?.y !== row || version !== this.header.version) return;
     this.probedValues = values;
     const rows = groupChannels(Object.keys(values)).filter(({ channels }) => !channels.every((name) => image.channels.has(name)));
-    const number = (each) => Number(String(values[each]).replace("inf", "Infinity"));
+    const number = (channel) => Number(String(values[channel]).replace("inf", "Infinity"));
     this.others.replaceChildren(...rows.map(({ name, channels }) => {
-      const cells = channels.map((each) => create("span", { textContent: formatted(number(each), 5) }));
-      const title = channels.map((each) => `${each} ${values[each]}`).join("\n");
+      const cells = channels.map((channel) => create("span", { textContent: formatted(number(channel), 5) }));
+      const title = channels.map((channel) => `${channel} ${values[channel]}`).join("\n");
       return create("tr", { className: "codes" }, create("th", { textContent: name, scope: "row" }), create("td", { title }, ...cells));
     }));
   }

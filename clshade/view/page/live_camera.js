@@ -5,7 +5,7 @@ const TURN_PER_HEIGHT = 360; // degrees for a drag over the canvas's height
 const DOLLY_PER_PIXEL = 1.0015; // of the wheel
 const FLY_PER_SECOND = 0.8; // of the distance to the point looked at
 const FAST = 3; // with Shift
-const LEAST_MS = 30; // that a key counts as held
+const MIN_MS = 30; // that a key counts as held
 const TURN_PER_SECOND = 30; // degrees, while the view turns by itself
 const FLY_KEYS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, 1, 0], q: [0, -1, 0] };
 
@@ -38,8 +38,7 @@ class CameraControls {
     if (event.type === "pointerdown") this.turn(false);
     if (event.type === "wheel") {
       if (event.ctrlKey) return false;
-      const pixels = event.deltaY * [1, 20, 200][event.deltaMode];
-      this.change.factor *= DOLLY_PER_PIXEL ** Math.max(-240, Math.min(240, pixels));
+      this.change.factor *= DOLLY_PER_PIXEL ** wheelPixels(event);
       this.request();
       return true;
     }
@@ -66,9 +65,9 @@ class CameraControls {
 
   drag(before, event) {
     const [x, y] = [event.clientX - before.clientX, event.clientY - before.clientY];
-    const others = [...this.pointers.values()].filter((each) => each.pointerId !== event.pointerId);
-    if (others.length) {
-      const distance = (one) => Math.hypot(one.clientX - others[0].clientX, one.clientY - others[0].clientY);
+    const other = [...this.pointers.values()].find((pointer) => pointer.pointerId !== event.pointerId);
+    if (other) {
+      const distance = (pointer) => Math.hypot(pointer.clientX - other.clientX, pointer.clientY - other.clientY);
       if (distance(event) > 1) this.change.factor *= distance(before) / distance(event);
       this.shift(x / 2, y / 2);
     } else if (event.shiftKey || (event.buttons & 6) !== 0) {
@@ -104,7 +103,7 @@ class CameraControls {
       if (!event.repeat) this.turn(!this.turning);
       return;
     }
-    if (!this.keys.size) this.movedAt = performance.now() - LEAST_MS;
+    if (!this.keys.size) this.movedAt = performance.now() - MIN_MS;
     this.keys.add(key);
     this.request();
   }

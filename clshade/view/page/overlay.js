@@ -4,7 +4,7 @@
 const GRID_ZOOM = 12; // least zoom, in CSS pixels per pixel of the image, at which the grid is drawn
 const VALUES_ZOOM = 44; // at which values are printed
 
-/** Return a number with the given significant digits, without trailing zeros. */
+/** Return a number with so many significant digits, without trailing zeros. */
 function formatted(value, digits = 6) {
   if (value === Infinity) return "∞";
   if (value === -Infinity) return "−∞";
@@ -19,7 +19,7 @@ function minus(text) {
   return text.replace("-", "−");
 }
 
-/** Return the shortest decimal number that rounds to the same float32. */
+/** Return the shortest decimal number that rounds to this float32. */
 function shortest(value) {
   if (!Number.isFinite(value)) return formatted(value);
   for (let digits = 1; digits < 9; digits++) {
@@ -50,17 +50,21 @@ class Overlay {
       context.clip();
       if (view.zoom >= GRID_ZOOM * ratio) this.grid(part, view);
       if (view.zoom >= VALUES_ZOOM * ratio) this.values(part, view, ratio);
-      if (border) this.border(part.shown.image, view, ratio);
+      if (border) {
+        const { width, height } = part.shown.image;
+        Object.assign(context, { strokeStyle: "#d8d8d8", lineWidth: ratio });
+        context.strokeRect(view.x, view.y, width * view.zoom, height * view.zoom);
+      }
       context.restore();
     }
     if (pinned) this.pin(pinned, view, ratio);
     if (wipe !== null) this.line(wipe, ratio);
   }
 
-  /** Return the pixels of an image that are in sight: first and last columns and rows. */
-  seen({ shown, from, to }, view) {
+  /** Return the visible pixels of an image: first and last columns and rows. */
+  visible({ shown, from, to }, view) {
     const { width, height } = shown.image;
-    const within = (value, most) => Math.max(0, Math.min(most - 1, Math.floor(value)));
+    const within = (value, count) => Math.max(0, Math.min(count - 1, Math.floor(value)));
     return {
       left: within((from - view.x) / view.zoom, width),
       right: within((to - view.x) / view.zoom, width),
@@ -70,10 +74,9 @@ class Overlay {
   }
 
   grid(part, view) {
-    const { left, right, top, bottom } = this.seen(part, view);
+    const { left, right, top, bottom } = this.visible(part, view);
     const { context } = this;
-    context.strokeStyle = "rgba(128, 128, 128, 0.35)";
-    context.lineWidth = 1;
+    Object.assign(context, { strokeStyle: "rgba(128, 128, 128, 0.35)", lineWidth: 1 });
     context.beginPath();
     const at = (start, k) => Math.round(start + k * view.zoom) + 0.5;
     for (let x = left; x <= right + 1; x++) {
@@ -90,13 +93,12 @@ class Overlay {
   values(part, view, ratio) {
     const { shown } = part;
     const [texts, colorAt] = [part.texts(), part.colors()];
-    const { left, right, top, bottom } = this.seen(part, view);
+    const { left, right, top, bottom } = this.visible(part, view);
     const size = Math.min(13 * ratio, view.zoom / Math.max(4.8, shown.count + 1));
     const digits = view.zoom >= 80 * ratio ? 5 : 3;
     const { context } = this;
-    context.font = `${size}px ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace`;
-    context.textAlign = "center";
-    context.textBaseline = "middle";
+    const font = `${size}px ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace`;
+    Object.assign(context, { font, textAlign: "center", textBaseline: "middle" });
     for (let y = top; y <= bottom; y++) {
       for (let x = left; x <= right; x++) {
         const color = colorAt(x, y);
@@ -110,33 +112,26 @@ class Overlay {
     }
   }
 
-  border(image, view, ratio) {
-    this.context.strokeStyle = "#d8d8d8";
-    this.context.lineWidth = ratio;
-    this.context.strokeRect(view.x, view.y, image.width * view.zoom, image.height * view.zoom);
+  pin({ x, y }, view, ratio) {
+    const half = Math.max(view.zoom / 2, 4 * ratio);
+    const [left, top] = [view.x + (x + 0.5) * view.zoom - half, view.y + (y + 0.5) * view.zoom - half];
+    this.edged("rgba(0, 0, 0, 0.8)", ratio, () => this.context.strokeRect(left, top, 2 * half, 2 * half));
   }
 
-  pin({ x, y }, view, ratio) {
-    const { context } = this;
-    const half = Math.max(view.zoom / 2, 4 * ratio);
-    const center = [view.x + (x + 0.5) * view.zoom, view.y + (y + 0.5) * view.zoom];
-    for (const [style, width] of [["rgba(0, 0, 0, 0.8)", 3 * ratio], ["#fff", ratio]]) {
-      context.strokeStyle = style;
-      context.lineWidth = width;
-      context.strokeRect(center[0] - half, center[1] - half, 2 * half, 2 * half);
+  /** Call a function that strokes a shape, in a dark color and then, thinner, in white. */
+  edged(dark, ratio, stroke) {
+    for (const [strokeStyle, lineWidth] of [[dark, 3 * ratio], ["#fff", ratio]]) {
+      Object.assign(this.context, { strokeStyle, lineWidth });
+      stroke();
     }
   }
 
   line(x, ratio) {
     const { context, canvas } = this;
-    for (const [style, width] of [["rgba(0, 0, 0, 0.6)", 3 * ratio], ["#fff", ratio]]) {
-      context.strokeStyle = style;
-      context.lineWidth = width;
-      context.beginPath();
-      context.moveTo(x, 0);
-      context.lineTo(x, canvas.height);
-      context.stroke();
-    }
+    context.beginPath();
+    context.moveTo(x, 0);
+    context.lineTo(x, canvas.height);
+    this.edged("rgba(0, 0, 0, 0.6)", ratio, () => context.stroke());
     context.fillStyle = "#fff";
     context.beginPath();
     context.arc(x, canvas.height / 2, 6 * ratio, 0, 2 * Math.PI);

@@ -1,7 +1,73 @@
 "use strict";
-// The panel beside the image: what is selected, and the knobs.
+// The panel beside the image: what is selected, and the controls. Texts from files get into the page as text only.
 
-const MOST_NUMBERS = 10; // whose names are listed
+/** Create an element. properties: set on it; children: elements and texts. */
+function create(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  const { dataset, ...others } = properties;
+  Object.assign(element, others);
+  Object.assign(element.dataset, dataset ?? {});
+  element.append(...children);
+  return element;
+}
+
+/** Create a small square of a color, [r, g, b]. */
+function createSwatch(color) {
+  const swatch = create("i", { className: "swatch" });
+  swatch.style.backgroundColor = `rgb(${color.join(" ")})`;
+  return swatch;
+}
+
+/** Create a button. */
+function createButton(textContent, onclick, properties = {}) {
+  const button = create("button", { type: "button", textContent, ...properties });
+  button.addEventListener("click", onclick);
+  return button;
+}
+
+/** A row of buttons, one of which is on. choices: [{value, label, title}]. */
+class Choice {
+  constructor(parent, onchoose, className = "choice") {
+    this.box = create("div", { className, role: "group" });
+    this.onchoose = onchoose;
+    this.key = "";
+    parent.append(this.box);
+  }
+
+  update(choices, chosen) {
+    const key = JSON.stringify(choices);
+    if (key !== this.key) {
+      this.key = key;
+      this.box.replaceChildren(...choices.map(({ value, label, title = "" }) =>
+        createButton(label, () => this.onchoose(value), { title, dataset: { value: String(value) } })));
+    }
+    choices.forEach(({ value }, k) => this.box.children[k].setAttribute("aria-pressed", String(value === chosen)));
+    this.box.hidden = choices.length < 2;
+  }
+}
+
+/** A box to tick, with its key. */
+function createSwitch(label, key, onchange) {
+  const input = create("input", { type: "checkbox" });
+  input.addEventListener("change", () => onchange(input.checked));
+  const texts = [create("span", { textContent: label }), create("kbd", { textContent: key })];
+  const box = create("label", { className: "switch" }, input, ...texts);
+  return { box, input };
+}
+
+/** A number to type; `onchange` gets it when it is finite. */
+function createNumber(label, step, onchange) {
+  const input = create("input", { type: "number", step, ariaLabel: label });
+  input.addEventListener("change", () => input.value !== "" && onchange(Number(input.value)));
+  return input;
+}
+
+/** Set a number's text unless it is being typed. */
+function setNumber(input, value) {
+  if (document.activeElement !== input) input.value = String(value);
+}
+
+const MAX_NUMBERS = 10; // whose names are listed
 const MEANINGS = {
   [KIND.direction]: "Colors are (n + 1) / 2 of X, Y and Z.",
   [KIND.numbers]: "Each number has a color of its own; 0 is black.",
@@ -13,12 +79,18 @@ const MEANINGS = {
 class Panels {
   constructor(viewer, title) {
     this.viewer = viewer;
-    document.querySelector("#panel h1").textContent = title;
-    document.querySelector("#panel h1").title = title;
-    this.buildImages();
+    Object.assign(document.querySelector("#panel h1"), { textContent: title, title });
+    this.modes = new Choice(document.querySelector("#images .modes"), (mode) => viewer.setMode(mode));
+    this.metrics = new Choice(document.querySelector("#images .metrics"), (metric) => viewer.choose({ metric }));
+    this.rows = new Map();
     this.buildAdjust();
     viewer.addEventListener("change", () => this.update());
-    viewer.addEventListener("drawn", () => this.drawn());
+    viewer.addEventListener("drawn", () => {
+      this.updateAdjust();
+      this.updateHistogram();
+      this.updateLegend();
+      this.updateTags();
+    });
     viewer.addEventListener("statistics", () => this.updateHistogram());
     viewer.addEventListener("notice", (event) => this.notice(event.detail));
     new ResizeObserver(() => this.updateHistogram()).observe(document.querySelector("#histogram"));
@@ -26,20 +98,10 @@ class Panels {
   }
 
   notice(text) {
-    const box = document.getElementById("notice");
-    box.textContent = text;
-    box.hidden = !text;
+    Object.assign(document.getElementById("notice"), { textContent: text, hidden: !text });
   }
 
   // Images
-
-  buildImages() {
-    const { viewer } = this;
-    const modes = document.querySelector("#images .modes");
-    this.modes = new Choice(modes, (mode) => viewer.setMode(mode));
-    this.metrics = new Choice(document.querySelector("#images .metrics"), (metric) => viewer.setMetric(metric));
-    this.rows = new Map();
-  }
 
   updateImages() {
     const { viewer } = this;
@@ -55,25 +117,17 @@ class Panels {
       box.classList.toggle("selected", name === viewer.selected);
       reference.setAttribute("aria-pressed", String(name === viewer.reference && viewer.mode !== "single"));
     }
-    const labels = { single: "Image", wipe: "Wipe", flicker: "Flicker", difference: "Difference" };
-    const titles = { single: "The image alone", wipe: "The image left of a line, the reference right of it (C)",
-      flicker: "Both in turn (Space)", difference: "How far the image is from the reference (Ctrl ← →: which measure)" };
-    this.modes.update(MODES.map((value) => ({ value, label: labels[value], title: titles[value] })), viewer.mode);
-    const measures = { absolute: "|A−B|", squared: "(A−B)²", relative: "|A−B| / |B|" };
-    const wanted = viewer.mode === "difference" ? Object.entries(measures).map(([value, label]) => ({ value, label,
-      title: value === "relative" ? "|A−B| / (|B| + 0.01)" : "" })) : [];
-    this.metrics.update(wanted, viewer.metric);
+    this.modes.update(MODES, viewer.mode);
+    this.metrics.update(viewer.mode === "difference" ? MEASURES : [], viewer.metric);
     this.updateFigures();
   }
 
   createRow(name, k) {
     const { viewer } = this;
-    const select = create("button", { type: "button", className: "name", title: name },
-      create("span", { className: "number", textContent: String(k + 1) }), create("span", { textContent: name }));
-    const reference = create("button", { type: "button", className: "reference", textContent: "B",
-      title: `Compare with this image (Shift ${k + 1})` });
-    select.addEventListener("click", () => viewer.select(name));
-    reference.addEventListener("click", () => viewer.setReference(name));
+    const select = createButton("", () => viewer.select(name), { className: "name", title: name });
+    select.append(create("span", { className: "number", textContent: String(k + 1) }), create("span", { textContent: name }));
+    const title = `Compare with this image (Shift ${k + 1})`;
+    const reference = createButton("B", () => viewer.setReference(name), { className: "reference", title });
     return { box: create("div", { className: "row" }, select, reference), reference };
   }
 
@@ -82,7 +136,7 @@ class Panels {
     const { viewer } = this;
     const box = document.querySelector("#images .figures");
     const [layer, other] = [viewer.layerOf(viewer.image), viewer.layerOf(viewer.referenceImage)];
-    const ready = viewer.mode === "difference" && [layer, other].every((each) => each?.planes.every((plane) => plane.data));
+    const ready = viewer.mode === "difference" && [layer, other].every((each) => each && isLoaded(each));
     box.hidden = !ready;
     if (!ready) return;
     if (this.compared?.layer !== layer || this.compared.other !== other) {
@@ -107,15 +161,13 @@ class Panels {
     this.light.append(this.inStops.box);
     this.low = createNumber("Least value", "any", (low) => viewer.setRange([low, this.shownRange()[1]]));
     this.high = createNumber("Largest value", "any", (high) => viewer.setRange([this.shownRange()[0], high]));
-    this.auto = create("button", { type: "button", textContent: "Fit", title: "From the 1 % to the 99 % percentile" });
-    this.auto.addEventListener("click", () => viewer.setRange(null));
-    this.whole = create("button", { type: "button", textContent: "All", title: "From the least to the largest value" });
-    this.whole.addEventListener("click", () => {
+    const fit = createButton("Fit", () => viewer.setRange(null), { title: "From the 1 % to the 99 % percentile" });
+    const all = createButton("All", () => {
       const full = viewer.layerOf(viewer.image)?.full;
       if (full && full.low <= full.high) viewer.setRange([full.low, full.high]);
-    });
+    }, { title: "From the least to the largest value" });
     this.range = create("div", {}, create("h2", { textContent: "Range" }),
-      create("div", { className: "range" }, this.low, create("span", { textContent: "to" }), this.high, this.auto, this.whole));
+      create("div", { className: "range" }, this.low, create("span", { textContent: "to" }), this.high, fit, all));
     this.meaning = create("p", { className: "meaning" });
     this.marking = createSwitch("Mark NaN, infinite, negative", "M", (marking) => viewer.set({ marking }));
     section.append(this.light, this.range, this.meaning, this.marking.box);
@@ -128,8 +180,7 @@ class Panels {
   updateAdjust() {
     const { viewer } = this;
     const { exposure, operator, marking, inStops } = viewer.settings;
-    const differs = viewer.mode === "difference";
-    const kind = viewer.drawn && !differs ? viewer.drawn.kind : KIND.color;
+    const kind = viewer.drawn && viewer.mode !== "difference" ? viewer.drawn.kind : KIND.color;
     this.light.hidden = kind !== KIND.color;
     this.range.hidden = kind !== KIND.quantity;
     this.meaning.textContent = MEANINGS[kind] ?? "";
@@ -169,24 +220,15 @@ class Panels {
 
   /** Return the most frequent numbers with their colors and names. */
   numberLabels(layer, numbers) {
-    const labels = numbers.slice(0, MOST_NUMBERS).map(([number]) => create("span", {}, createSwatch(numberColor([number])),
+    const labels = numbers.slice(0, MAX_NUMBERS).map(([number]) => create("span", {}, createSwatch(numberColor([number])),
       `${number} ${layer.image.nameOf(layer, number)}`));
     const more = numbers.length - labels.length;
     return more > 0 ? [...labels, create("span", { textContent: `and ${more.toLocaleString("en")} more` })] : labels;
   }
 
-  /** Update what depends on the image that was drawn. */
-  drawn() {
-    this.updateAdjust();
-    this.updateHistogram();
-    this.updateLegend();
-    this.updateTags();
-  }
-
   updateLegend() {
-    const { viewer } = this;
+    const { viewer, viewer: { drawn, settings } } = this;
     const legend = document.getElementById("legend");
-    const { drawn, settings } = viewer;
     const isLight = drawn?.kind === KIND.color || (viewer.mode === "difference" && drawn?.kind !== KIND.numbers);
     legend.hidden = !drawn || !((isLight && settings.inStops) || (!isLight && drawn.kind === KIND.quantity));
     if (legend.hidden) return;
@@ -216,7 +258,7 @@ class Panels {
     };
     const one = viewer.images.size > 1 && sole ? [tag(sole, sole === viewer.image ? "" : "B")] : [];
     const tags = sole || !viewer.image ? one : [tag(viewer.image, "A"), tag(viewer.referenceImage, "B")];
-    document.getElementById("tags").replaceChildren(...tags.filter((each) => each));
+    document.getElementById("tags").replaceChildren(...tags);
     const { image, view } = viewer;
     const zoom = formatted(Math.round((view.zoom / viewer.ratio) * 1000) / 10, 4);
     document.getElementById("status").textContent = image ? `${image.width} × ${image.height}  ·  ${zoom} %` : "";
@@ -229,8 +271,8 @@ class Panels {
     if (!image || this.infoOf === image.info) return;
     this.infoOf = image.info;
     const channels = [...image.channels.values()].map((channel) => `${channel.name} ${TYPE_NAMES[channel.type]}`).join(", ");
-    const own = [["image", image.name], ["size", `${image.width} × ${image.height}`], ["channels", channels]];
-    box.querySelector("dl").replaceChildren(...[...own, ...Object.entries(image.info.header)].flatMap(([name, text]) => [
+    const facts = [["image", image.name], ["size", `${image.width} × ${image.height}`], ["channels", channels]];
+    box.querySelector("dl").replaceChildren(...[...facts, ...Object.entries(image.info.header)].flatMap(([name, text]) => [
       create("dt", { textContent: name }), create("dd", { textContent: String(text) })]));
   }
 

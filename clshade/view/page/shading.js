@@ -1,12 +1,11 @@
 "use strict";
-// What is drawn of a layer, and its colors by the processor: the display without WebGL, and the texts on pixels.
+// What is drawn of a layer, and its colors by the processor: the texts on pixels, and the display without WebGL.
 
 const GROUND = [42, 42, 42];
 const NOTHING = [96, 96, 96]; // infinity where colors stand for numbers
 const NAN_MARK = [255, 0, 255];
 const INFINITE_MARK = [255, 176, 0];
 const NEGATIVE_MARK = [0, 181, 255];
-const METRICS = { absolute: 1, squared: 2, relative: 3 }; // numbers of display.glsl
 const FALSE_COLOR_STOPS = [-8, 4]; // relative to 1 at the exposure chosen
 
 /** One image as it is drawn. planes: channels, one or three of them repeated; ranges: [low, high] of each. */
@@ -38,7 +37,7 @@ class Shown {
   }
 }
 
-/** Return the color of a tuple of numbers: clshade.images.thumbnails has the same. */
+/** Return the color of a tuple of numbers, as clshade.images.thumbnails does. */
 function numberColor(numbers) {
   let state = 0;
   if (numbers.every((number) => number === 0)) return [0, 0, 0];
@@ -56,8 +55,8 @@ function wholeOf(value) {
 
 function difference(a, b, metric) {
   if (a === b || (a !== a && b !== b)) return 0;
-  const found = Math.abs(a - b);
-  return metric === "squared" ? found * found : metric === "relative" ? found / (Math.abs(b) + 0.01) : found;
+  const error = Math.abs(a - b);
+  return metric === "squared" ? error * error : metric === "relative" ? error / (Math.abs(b) + 0.01) : error;
 }
 
 /** Return a function from x, y of a pixel to its display color, [r, g, b] in 0 to 255; null outside of the image. */
@@ -79,8 +78,8 @@ function shader(shown, reference, settings, colormaps) {
   return (x, y) => {
     if (!image.contains(x, y) || !reference.image.contains(x, y)) return null;
     const [i, j] = [y * image.width + x, y * reference.image.width + x];
-    const found = reads.map((read, k) => difference(read(i), others[k](j), metric));
-    return numbers ? (found.some((each) => each) ? [255, 255, 255] : [0, 0, 0]) : light(...found);
+    const errors = reads.map((read, k) => difference(read(i), others[k](j), metric));
+    return numbers ? (errors.some((error) => error) ? [255, 255, 255] : [0, 0, 0]) : light(...errors);
   };
 }
 
@@ -123,8 +122,8 @@ function valueShader(shown, { marking }, colormap) {
     if (!values.every(Number.isFinite)) return NOTHING;
     if (kind === KIND.quantity) return mapped(colormap, spread(values[0], 0));
     if (kind === KIND.direction) return values.every((v) => v === 0) ? [0, 0, 0] : values.map((v) => code(v / 2 + 0.5));
-    const found = kind === KIND.coordinates ? values.map((v) => v - Math.floor(v)) : values.map(spread);
-    return found.map((v, k) => (k < count ? code(v) : 0));
+    const shares = kind === KIND.coordinates ? values.map((v) => v - Math.floor(v)) : values.map(spread);
+    return shares.map((v, k) => (k < count ? code(v) : 0));
   };
 }
 
@@ -132,4 +131,46 @@ function valueShader(shown, { marking }, colormap) {
 function mapped(colormap, position) {
   const entry = 3 * Math.floor(256 * Math.max(0, Math.min(0.999, position)));
   return [colormap[entry], colormap[entry + 1], colormap[entry + 2]];
+}
+
+/** The display without WebGL 2: 8 bits, by the processor, each pixel of the canvas from the nearest of the image. */
+class CanvasDisplay {
+  constructor(canvas, colormaps) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d", { alpha: false });
+    this.colormaps = colormaps;
+  }
+
+  draw(shown, reference, view, settings) {
+    const { width, height } = this.canvas;
+    if (!width || !height) return;
+    const picture = this.context.createImageData(width, height);
+    const pixels = new Uint32Array(picture.data.buffer);
+    pixels.fill(packed(GROUND));
+    if (shown) {
+      const wipe = Math.min(width, Math.ceil((settings.wipe ?? width) - 0.5));
+      this.part(pixels, 0, wipe, shader(shown, reference, settings, this.colormaps), view);
+      if (wipe < width && reference) this.part(pixels, wipe, width, shader(reference, null, settings, this.colormaps), view);
+    }
+    this.context.putImageData(picture, 0, 0);
+  }
+
+  /** Draw columns from first to last. */
+  part(pixels, first, last, colorAt, view) {
+    const { width, height } = this.canvas;
+    const columns = Array.from({ length: width }, (_, column) => Math.floor((column + 0.5 - view.x) / view.zoom));
+    for (let row = 0; row < height; row++) {
+      const y = Math.floor((row + 0.5 - view.y) / view.zoom);
+      for (let column = first; column < last; column++) {
+        const color = colorAt(columns[column], y);
+        if (color) pixels[row * width + column] = packed(color);
+      }
+    }
+  }
+
+}
+
+/** Return a color as the bytes R, G, B, 255 of a little-endian number. */
+function packed([r, g, b]) {
+  return (0xff000000 | (b << 16) | (g << 8) | r) >>> 0;
 }

@@ -21,7 +21,7 @@ function percentileRange(read, count) {
   return [rank(0.01), rank(0.99)];
 }
 
-/** Count the NaN, infinite and negative values of a plane; and its least and largest finite value. */
+/** Count the NaN, infinite and negative values of a plane; and its smallest and largest finite values. */
 function countSpecial(read, count, total) {
   let { low, high } = total;
   for (let i = 0; i < count; i++) {
@@ -39,37 +39,24 @@ function countSpecial(read, count, total) {
   total.high = high;
 }
 
-/** Return counts of log2 of the values, in bins of 1/8 stop from 2^-32 on; at the ends what lies beyond. */
-function stopsHistogram(read, count) {
-  const bins = new Uint32Array(BIN_COUNT);
+/** Return counts of the values of a plane in bins. binOf: a value's bin, beyond the last for that one; -1: not counted. */
+function histogram(read, count, binCount, binOf) {
+  const bins = new Uint32Array(binCount);
   for (let i = 0; i < count; i++) {
-    const value = read(i);
-    if (!(value > 0) || value === Infinity) continue;
-    const bin = Math.floor((Math.log2(value) - LOWEST_STOP) * BINS_PER_STOP);
-    bins[Math.max(0, Math.min(BIN_COUNT - 1, bin))]++;
-  }
-  return bins;
-}
-
-/** Return counts of the values of a plane in bins of equal width from low to high. */
-function linearHistogram(read, count, low, high) {
-  const bins = new Uint32Array(256);
-  const scale = 256 / (high - low || 1);
-  for (let i = 0; i < count; i++) {
-    const value = read(i);
-    if (value >= low && value <= high) bins[Math.min(255, Math.floor((value - low) * scale))]++;
+    const bin = binOf(read(i));
+    if (bin >= 0) bins[Math.min(binCount - 1, bin)]++;
   }
   return bins;
 }
 
 /** Return [number, pixels] of each number but 0, the most frequent first. */
 function countNumbers(read, count) {
-  const found = new Map();
+  const counts = new Map();
   for (let i = 0; i < count; i++) {
     const number = read(i);
-    if (number) found.set(number, (found.get(number) ?? 0) + 1);
+    if (number) counts.set(number, (counts.get(number) ?? 0) + 1);
   }
-  return [...found].sort(([, a], [, b]) => b - a);
+  return [...counts].sort(([, a], [, b]) => b - a);
 }
 
 /** Return what is needed to draw a loaded layer: its kind, and the range of each of its planes. */
@@ -92,13 +79,19 @@ function fullStatistics(layer) {
   if (kind === KIND.color) {
     const [r, g, b] = reads.length === 3 ? reads : [reads[0], reads[0], reads[0]];
     const luminance = (i) => LUMINANCE[0] * r(i) + LUMINANCE[1] * g(i) + LUMINANCE[2] * b(i);
-    const histograms = (reads.length === 3 ? [luminance, ...reads] : reads).map((read) => stopsHistogram(read, count));
+    // At the ends what lies beyond.
+    const bin = (value) => (value > 0 && value !== Infinity
+      ? Math.max(0, Math.floor((Math.log2(value) - LOWEST_STOP) * BINS_PER_STOP)) : -1);
+    const planes = reads.length === 3 ? [luminance, ...reads] : reads;
+    const histograms = planes.map((read) => histogram(read, count, BIN_COUNT, bin));
     return { ...total, inStops: true, histograms };
   }
   if (kind === KIND.numbers) {
     const numbers = reads.length === 1 ? countNumbers(reads[0], count) : [];
     return { ...total, inStops: false, histograms: [], numbers };
   }
-  const histograms = reads.map((read) => linearHistogram(read, count, total.low, total.high));
+  const { low, high } = total;
+  const bin = (value) => (value >= low && value <= high ? Math.floor((value - low) * (256 / (high - low || 1))) : -1);
+  const histograms = reads.map((read) => histogram(read, count, 256, bin));
   return { ...total, inStops: false, histograms };
 }

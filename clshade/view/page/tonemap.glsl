@@ -10,8 +10,8 @@ vec3 hablePartial(vec3 x) {
 }
 
 vec3 neutral(vec3 x) {
-  float least = min(x.r, min(x.g, x.b));
-  vec3 colors = x - (least <= 0.08 ? least - least * least / 0.16 : 0.04);
+  float lowest = min(x.r, min(x.g, x.b));
+  vec3 colors = x - (lowest <= 0.08 ? lowest - lowest * lowest / 0.16 : 0.04);
   float peak = max(colors.r, max(colors.g, colors.b));
   if (peak <= 0.76) return colors;
   float mapped = 1.0 - 0.0576 / (peak - 0.52);

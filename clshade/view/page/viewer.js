@@ -1,10 +1,20 @@
 "use strict";
 // The viewer: images, what is selected, and drawing when something has changed.
 
-const MODES = ["single", "wipe", "flicker", "difference"];
+const MODES = [
+  { value: "single", label: "Image", title: "The image alone" },
+  { value: "wipe", label: "Wipe", title: "The image left of a line, the reference right of it (C)" },
+  { value: "flicker", label: "Flicker", title: "Both in turn (Space)" },
+  { value: "difference", label: "Difference", title: "How far the image is from the reference (Ctrl ← →: which measure)" },
+];
+const MEASURES = [
+  { value: "absolute", label: "|A−B|" },
+  { value: "squared", label: "(A−B)²" },
+  { value: "relative", label: "|A−B| / |B|", title: "|A−B| / (|B| + 0.01)" },
+];
 const FLICKER_MS = 500;
 const SETTINGS = { exposure: 0, operator: "srgb", marking: true, inStops: false };
-const MOST_EXPOSURE = 100; // stops
+const MAX_EXPOSURE = 100; // stops
 
 /**
  * Shows images. Events: `change` after any of its state, `hover` when the probed pixel changes, `statistics` when those
@@ -53,9 +63,9 @@ class Viewer extends Viewport {
       const earlier = before.layer(layer.name);
       if (earlier?.channels.join("\0") !== layer.channels.join("\0")) continue;
       Object.assign(layer, { statistics: earlier.statistics, full: earlier.full, stale: true });
-      layer.planes.forEach((plane, k) => this.display.replaceChannel(earlier.planes[k], plane));
+      layer.planes.forEach((plane, k) => this.display.replaceChannel?.(earlier.planes[k], plane));
     }
-    for (const channel of before?.channels.values() ?? []) this.display.dropChannel(channel);
+    for (const channel of before?.channels.values() ?? []) this.display.dropChannel?.(channel);
     this.images.set(name, image);
     this.selected ??= name;
     if (name !== this.selected) this.reference ??= name;
@@ -75,17 +85,18 @@ class Viewer extends Viewport {
     return this.images.get(this.reference) ?? null;
   }
 
-  select(name) {
-    if (!this.images.has(name)) return;
-    this.selected = name;
+  /** Change part of the state, such as { metric } or { component }. */
+  choose(changes) {
+    Object.assign(this, changes);
     this.changed();
   }
 
+  select(name) {
+    if (this.images.has(name)) this.choose({ selected: name });
+  }
+
   setReference(name) {
-    if (!this.images.has(name)) return;
-    this.reference = name;
-    if (this.mode === "single") this.mode = "wipe";
-    this.changed();
+    if (this.images.has(name)) this.choose({ reference: name, mode: this.mode === "single" ? "wipe" : this.mode });
   }
 
   setMode(mode) {
@@ -94,41 +105,26 @@ class Viewer extends Viewport {
     this.flickered = false;
     if (this.mode === "flicker") {
       this.timer = setInterval(() => {
-        this.flickered = !this.flickered;
-        this.changed();
+        this.choose({ flickered: !this.flickered });
       }, FLICKER_MS);
     }
     this.changed();
   }
 
-  setMetric(metric) {
-    this.metric = metric;
-    this.changed();
-  }
-
   /** Show the image or its reference alone while a key is held: "A", "B" or null. */
   hold(which) {
-    if (which === this.held || (which && !this.referenceImage)) return;
-    this.held = which;
-    this.changed();
+    if (which !== this.held && (!which || this.referenceImage)) this.choose({ held: which });
   }
 
   // Layers
 
-  /** Return the layer of an image that is selected, or what stands for it where the image has none of this name. */
+  /** Return the selected layer of an image, or its color, or its first layer where it has none of this name. */
   layerOf(image) {
     return image ? (image.layer(this.layerName) ?? image.color ?? image.layers[0] ?? null) : null;
   }
 
   setLayer(name) {
-    this.layerName = name;
-    this.component = null;
-    this.changed();
-  }
-
-  setComponent(component) {
-    this.component = component;
-    this.changed();
+    this.choose({ layerName: name, component: null });
   }
 
   rangeKey() {
@@ -146,7 +142,7 @@ class Viewer extends Viewport {
 
   set(changes) {
     Object.assign(this.settings, changes);
-    this.settings.exposure = Math.max(-MOST_EXPOSURE, Math.min(MOST_EXPOSURE, Number(this.settings.exposure) || 0));
+    this.settings.exposure = Math.max(-MAX_EXPOSURE, Math.min(MAX_EXPOSURE, Number(this.settings.exposure) || 0));
     this.changed();
   }
 
@@ -164,18 +160,12 @@ class Viewer extends Viewport {
   // Comparison
 
   setWipe(fraction) {
-    this.wipeAt = Math.max(0, Math.min(1, fraction));
-    this.changed();
+    this.choose({ wipeAt: Math.max(0, Math.min(1, fraction)) });
   }
 
   /** Return x of the wipe's line in pixels of the canvas, or null. */
   wipeX() {
     return this.mode === "wipe" && !this.held && this.referenceImage ? this.wipeAt * this.canvas.width : null;
-  }
-
-  setBorder(border) {
-    this.border = border;
-    this.changed();
   }
 
   // Probe
@@ -227,7 +217,7 @@ class Viewer extends Viewport {
   shownOf(image) {
     const layer = this.layerOf(image);
     if (!layer) return null;
-    if (!layer.planes.every((plane) => plane.data)) {
+    if (!isLoaded(layer)) {
       Promise.all(layer.planes.map((plane) => plane.load())).then(() => this.changed(), (error) => this.failed(error));
       return null;
     }
@@ -240,7 +230,7 @@ class Viewer extends Viewport {
     this.dispatchEvent(new CustomEvent("notice", { detail: `The page's data is damaged: ${error.message}` }));
   }
 
-  /** Return the image alone that is seen now, or null where two are. */
+  /** Return the image that is visible alone now, or null where two are. */
   get soleImage() {
     if (this.held === "B" || (this.flickered && !this.held)) return this.referenceImage;
     const isSole = this.held === "A" || this.mode === "single" || this.mode === "flicker" || !this.referenceImage;
@@ -257,8 +247,8 @@ class Viewer extends Viewport {
     const metric = !sole && this.mode === "difference" ? this.metric : null;
     const all = { ...settings, wipe, metric };
     this.display.draw(shown, reference, view, all);
-    const part = (each, other, from, to) => ({ shown: each, from, to,
-      texts: () => pixelTexts(each, other, metric), colors: () => shader(each, other, all, this.display.colormaps) });
+    const part = (image, reference, from, to) => ({ shown: image, from, to,
+      texts: () => pixelTexts(image, reference, metric), colors: () => shader(image, reference, all, this.display.colormaps) });
     const parts = shown ? [part(shown, reference, 0, wipe ?? canvas.width)] : [];
     if (wipe !== null && shown) parts.push(part(reference, null, wipe, canvas.width));
     this.overlay.draw(parts, view, { wipe, pinned: this.pinned, ratio: this.ratio, border: this.border });
@@ -275,7 +265,7 @@ class Viewer extends Viewport {
       this.statisticsTimer = null;
       for (const image of [this.image, this.referenceImage]) {
         const layer = this.layerOf(image);
-        if (!layer?.statistics || (layer.full && !layer.stale) || !layer.planes.every((plane) => plane.data)) continue;
+        if (!layer?.statistics || (layer.full && !layer.stale) || !isLoaded(layer)) continue;
         const live = layer.stale;
         layer.statistics = live ? { ...layer.statistics, ...quickStatistics(layer) } : layer.statistics;
         layer.full = fullStatistics(layer);

@@ -46,19 +46,14 @@ def entry_of(frame: Frame) -> Entry:
     return {IMAGE: digest(frame.rgba), **{name: digest(frame[name]) for name in frame.layers}}
 
 
-def library_path(tests: Path) -> Path:
-    """Return the library of a file of tests."""
-    return tests.with_name(f"{tests.stem}_images.json")
-
-
 def reference_path(library: Path, key: str) -> Path:
     """Return the EXR of an image, in a folder beside its library."""
     return library.with_suffix("") / f"{file_name(key)}.exr"
 
 
 def file_name(key: str) -> str:
-    """Return the key as a file's name; with a hash if it is too long for one, has other characters than are allowed in
-    all names, or upper case letters, which some file systems do not tell from lower case."""
+    """Return the key as a file's name; with a hash if it is too long for one, has characters that some file systems
+    refuse, or upper case letters, which some do not tell from lower case."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", key).strip(".-")[:_MOST_NAME]
     return name if name.lower() == key else f"{name}-{hashlib.sha256(key.encode('utf-8', 'replace')).hexdigest()[:8]}"
 
@@ -75,39 +70,33 @@ def read(library: Path) -> dict[str, Entry]:
             raise
         return {}
     owner = shown(library)
-    found = parse_text(data, owner, "a library of images", unique=True)
-    if not isinstance(found, dict):
-        raise file_error(owner, "JSON", "an object", found_text(found))
-    _refuse_unknown(owner, "", found, _KEYS)
+    content = _object(owner, "", parse_text(data, owner, "a library of images", unique=True), _KEYS)
     for key in _KEYS:
-        if key not in found:
+        if key not in content:
             raise file_error(owner, key, "this key", "none")
-    version, images = (found[key] for key in _KEYS)
+    version, images = (content[key] for key in _KEYS)
     if version != VERSION or isinstance(version, bool):
         raise file_error(owner, _KEYS[0], f"version {VERSION}", found_text(version))
-    if not isinstance(images, dict):
-        raise file_error(owner, _KEYS[1], "an object", found_text(images))
-    return {key: _checked(owner, key, entry) for key, entry in images.items()}
+    entries = _object(owner, _KEYS[1], images)
+    for key, entry in entries.items():
+        place = f"images, {quoted(key)}"
+        for name, text in _object(owner, place, entry, _ARRAYS).items():
+            if not isinstance(text, str) or not _DIGEST.fullmatch(text):
+                raise file_error(owner, f"{place}, {name}", "type, shape and SHA-256", found_text(text))
+        if IMAGE not in entry:
+            raise file_error(owner, place, f"{IMAGE} among its keys", ", ".join(entry) or "none")
+    return entries
 
 
-def _checked(owner: str, key: str, entry: Any) -> Entry:
-    place = f"images, {quoted(key)}"
-    if not isinstance(entry, dict):
-        raise file_error(owner, place, "an object", found_text(entry))
-    _refuse_unknown(owner, f"{place}, ", entry, _ARRAYS)
-    for name, text in entry.items():
-        if not isinstance(text, str) or not _DIGEST.fullmatch(text):
-            raise file_error(owner, f"{place}, {name}", "type, shape and SHA-256", found_text(text))
-    if IMAGE not in entry:
-        raise file_error(owner, place, f"{IMAGE} among its keys", ", ".join(entry) or "none")
-    return entry
-
-
-def _refuse_unknown(owner: str, place: str, found: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    for key in found:
-        if key not in allowed:
-            expected = f"one of {', '.join(allowed)}"
-            raise file_error(owner, f"{place}key", expected, f"{quoted(key)}{hint(key, allowed)}")
+def _object(owner: str, place: str, value: Any, keys: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return an object of JSON. keys: the allowed ones; none: all. Raises InputError for anything else."""
+    if not isinstance(value, dict):
+        raise file_error(owner, place or "JSON", "an object", found_text(value))
+    for key in value:
+        if keys and key not in keys:
+            expected = f"one of {', '.join(keys)}"
+            raise file_error(owner, f"{place}, key" if place else "key", expected, f"{quoted(key)}{hint(key, keys)}")
+    return value
 
 
 def put(library: Path, key: str, entry: Entry, encode: Callable[[BinaryIO], Any] | None) -> None:
@@ -118,8 +107,8 @@ def put(library: Path, key: str, entry: Entry, encode: Callable[[BinaryIO], Any]
     """
     with _locked(library):
         entries = {**read(library), key: entry}
-        found = dict(zip(_KEYS, (VERSION, dict(sorted(entries.items()))), strict=True))
-        text = json.dumps(found, indent=2) + "\n"
+        content = dict(zip(_KEYS, (VERSION, dict(sorted(entries.items()))), strict=True))
+        text = json.dumps(content, indent=2) + "\n"
         reference = reference_path(library, key) if encode else None
         paths = [library] if reference is None else [reference, library]
         with folder_made(reference and reference.parent), replacing_all(*paths) as files:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from .options import OUT, REFERENCES, RENEWED, STATES, UPDATE
+from . import OUT, REFERENCES, RENEWED, STATES, UPDATE
 
 if TYPE_CHECKING:
     from .image_regression import ImageRegression
