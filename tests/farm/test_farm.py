@@ -334,7 +334,7 @@ def test_the_limit_of_a_frame_s_time_is_handed_on(capsys, monkeypatch):
     calls = drawn_with(monkeypatch)
     for command in (("turntable", "quads"), ("turntable", "quads", "--workers", "2", "--frame-timeout", "2.5")):
         assert run(capsys, *command)[0] == 0
-    assert [options["frame_timeout"] for _, options in calls] == [None, 2.5]
+    assert [options.get("frame_timeout") for _, options in calls] == [None, 2.5]
 
 
 def drawn(path: Path):

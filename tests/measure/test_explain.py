@@ -11,7 +11,7 @@ import pytest
 from command_line import needs_device, run
 from devices import rendered
 
-from clshade.cli import commands
+from clshade.cli import FAILED
 from clshade.images.layers import LAYERS
 from clshade.measure import timing
 from clshade.measure.conform.content import GoldenScene
@@ -239,7 +239,7 @@ def test_explain_is_printed_after_the_summary_and_in_the_figures(tmp_path, capsy
 def test_images_that_differ_are_a_failure(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(feature_savings, "same_bits", lambda *_: False)
     code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain")
-    assert code == commands.FAILED
+    assert code == FAILED
     assert "images: FAILED, they differ" in out
 
 
