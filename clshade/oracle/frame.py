@@ -20,6 +20,7 @@ from .shot import Hits, Shot, prepare
 from .transparency import DOUBT, ROUNDINGS, Fragments, alphas, fragments_at, passes
 
 BATCH = 1 << 15  # pixels shaded at a time
+MAX_SAMPLES = 1 << 20  # resolved at a time; some 150 bytes each
 
 Covered = Callable[[Integers, Integers, Integers, Integers], Iterator[tuple[Integers, Integers, Integers]]]
 _Drawn = TypeVar("_Drawn")
@@ -113,7 +114,13 @@ def render(
     """
     if rows is None or columns is None:
         return whole_image(scene, settings, render)
-    return Pixels.of(scene, settings, rows, columns).resolved()
+    pixels = Pixels.of(scene, settings, rows, columns)
+    size = max(MAX_SAMPLES // len(pixels.shot.samples), 1)
+    starts = range(0, max(len(pixels.column), 1), size)
+    parts = [
+        replace(pixels, column=pixels.column[i : i + size], row=pixels.row[i : i + size]).resolved() for i in starts
+    ]
+    return OracleFrame(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 def whole_image(scene: Scene, settings: Settings, draw: Callable[..., _Drawn]) -> _Drawn:

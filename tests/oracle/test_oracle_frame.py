@@ -13,6 +13,7 @@ import pytest
 
 from clshade import oracle
 from clshade.oracle import coverage
+from clshade.oracle import frame as oracle_frame
 from clshade.oracle.frame import owners
 from clshade.oracle.shot import prepare
 from clshade.scene.camera import Camera
@@ -276,7 +277,7 @@ def test_scale_and_offset_change_nothing(preset):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_sample_and_depth_at_agree_with_render(preset):
+def test_pixels_parts_and_depth_at_agree_with_render(preset, monkeypatch):
     scene, settings = Scene((blob(),), CAMERA, (LIGHT,), preset=preset), Settings.from_preset(preset)
     frame = oracle.render(scene, settings)
     rows, columns = np.indices(frame.id.shape)
@@ -284,6 +285,10 @@ def test_sample_and_depth_at_agree_with_render(preset):
     assert np.array_equal(found.reshape(frame.Z.shape), frame.Z)
     some = oracle.render(scene, settings, rows[5:9, 3], columns[5:9, 3])
     assert np.array_equal(some.rgb, frame.rgb[5:9, 3])
+    monkeypatch.setattr(oracle_frame, "MAX_SAMPLES", 300)
+    assert all(
+        np.array_equal(values, getattr(frame, name)) for name, values in vars(oracle.render(scene, settings)).items()
+    )
     if settings.visibility == "depth":  # no face is nearer anywhere
         for face in range(0, 400, 7):
             assert (oracle.depth_at(scene, settings, face, rows.ravel(), columns.ravel()) >= frame.Z.ravel()).all()
