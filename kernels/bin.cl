@@ -2,7 +2,7 @@
 // each chunk counts its entries per tile, a prefix sum is taken, then each chunk writes after the chunks before it.
 #include "tile_walk.clh"
 
-#define ENTRIES_PER_LINE 4  // of a cache
+#define ENTRIES_PER_LINE 4  // of a cache, at least
 
 // Boxes of triangles, pixels.
 typedef struct {

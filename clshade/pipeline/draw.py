@@ -31,7 +31,7 @@ _MOST_CHUNKS = 16  # or two per compute unit
 _COUNTS_BUDGET = 1 << 22  # chunks * tiles of the counters: 16 MiB
 _SCAN_RUN = 1 << 13  # fewest counters per work-item of the scan
 _MOST_PARTS = 64
-_MOST_ENTRIES = (1 << 31) - 1  # kernels count them in an int32; 32 GiB
+_MOST_ENTRIES = (1 << 31) - 1  # kernels count them in an int32; 24 GiB
 _COUNTS = ("visible", "behind", "off_screen", "between_samples", "zero_area", "back_facing", "saturated")
 # Samples times lights, and faces, that unoptimized programs draw in less time than optimizing takes.
 _MOST_LIT, _MOST_FACES = 1 << 23, 1 << 18

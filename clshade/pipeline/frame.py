@@ -14,13 +14,13 @@ from ..base.arrays import Array, Bytes, Reals
 from ..base.atomic_files import Path
 from ..base.json_values import plain
 from ..base.spelling import hint
-from ..base.validation import choice, flag, known, value_error
+from ..base.validation import choice, flag, value_error
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS, LAYERS, lists_layers
 from ..scene.camera import Camera
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
 from . import drawing_record, frame_files
-from .frame_files import SAVING, FileKind, SavingOptions
+from .frame_files import FileKind, SavingOptions
 from .frame_results import FLOWS, Check, Flow, FlowName
 from .unseen import why_unseen
 
@@ -306,7 +306,6 @@ class Frame(Picture):
             for what a lossy compression changes, and for an image that shows nothing of its scene. OutputError
             is raised if a file cannot be written.
         """
-        known("Frame.save", options, SAVING)
         lines = self.write(path, **options)
         for line in lines:
             warnings.warn(line, stacklevel=2)

@@ -15,7 +15,7 @@ import numpy as np
 from ..base import atomic_files
 from ..base.arrays import Bytes
 from ..base.atomic_files import Path as AnyPath
-from ..base.validation import choice, flag, number, sequence, value_error
+from ..base.validation import choice, flag, known, number, sequence, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..images.depth_png import SCALE
@@ -131,6 +131,7 @@ def check_output(
     from ..images import exr
     from ..images.tonemap import checked
 
+    known("Frame.save", options, SAVING)
     chosen: SavingOptions = {**_DEFAULTS, **options}
     for name, value in chosen.items():
         if name in ("half", "crop", "deterministic", "colorbar"):

@@ -91,7 +91,7 @@ class Program:
     def keep(self) -> None:
         """Store what PoCL has compiled of it."""
         with contextlib.suppress(OSError):
-            if self.folder is not None:
+            if self.folder is not None and self.stored.path is not None:
                 self.stored.write(program_store.pack(self.folder, self.folders, self.stored.names))
 
     def parameters(self, name: str) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def _build(
     options = [*features.options(), *lanes_of, *compiler_options(device)]
     with _building:
         key = device.context.int_ptr, text, *options
-        hurries = needs is not None and not os.environ.get(QUICK) and environment.pocl_folder() is not None
+        hurries = not os.environ.get(QUICK) and environment.pocl_folder() is not None
         if needs is not None and hurries and not (key in _built or _stored_program(device, text, options).exists()):
             options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
             own.has_first = True

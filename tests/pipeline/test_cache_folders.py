@@ -182,7 +182,7 @@ def test_an_interrupt_that_ends_a_probe_says_nothing_of_its_device(fresh_cache, 
         probe, "probe_command", lambda info: [sys.executable, "-S", "-c", "import time; time.sleep(60)"]
     )
     probe.start(POCL)
-    ending = threading.Timer(0.3, probe._end_all)
+    ending = threading.Timer(0.3, probe.end_all)
     ending.start()
     with pytest.raises(KeyboardInterrupt):
         probe.tried_out(POCL)
@@ -199,7 +199,7 @@ def test_a_forked_child_leaves_its_parents_probes_alone(fresh_cache, monkeypatch
     try:
         child = os.fork()
         if child == 0:
-            probe._end_all()
+            probe.end_all()
             os._exit(0)
         os.waitpid(child, 0)
         assert running.poll() is None

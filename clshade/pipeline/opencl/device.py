@@ -157,7 +157,7 @@ def open_device(
     problems = {}
     for info in sorted(map(recall, chosen), key=lambda info: info.problem not in ("", NOT_TRIED)):
         if not info.works and probe.can_probe():
-            with console.told_when_slow(f"trying out {info.title} ..."), console.compiling():
+            with environment.guard, console.told_when_slow(f"trying out {info.title} ..."), console.compiling():
                 info = probe.tried_out(info, trial() if trial is not None else b"")
             if not info.works:
                 problems[info.index] = info.problem
@@ -187,7 +187,7 @@ def shared_device(
         if key not in _shared:
             start = time.perf_counter()
             _shared[key] = device = open_device(name, profiling=profiling, trial=trial)
-            probe.end(device.index)  # if another process has tested it meanwhile
+            probe.end_all()  # of devices that another process has tested meanwhile, or that come later
             console.detail(f"opened {device.title}, {(time.perf_counter() - start) * 1e3:.0f} ms")
         return _shared[key]
 
@@ -231,8 +231,8 @@ def _connect(info: DeviceInfo, profiling: bool) -> Device:
     import pyopencl as cl
 
     platform, number = map(int, info.index.split(":"))
-    handle = cl.get_platforms()[platform].get_devices()[number]
     try:
+        handle = cl.get_platforms()[platform].get_devices()[number]
         context = cl.Context([handle])
         options = {"properties": cl.command_queue_properties.PROFILING_ENABLE} if profiling else {}
         queue = cl.CommandQueue(context, handle, **options)

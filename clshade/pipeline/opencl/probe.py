@@ -10,6 +10,7 @@ import contextlib
 import glob
 import hashlib
 import json
+import math
 import os
 import re
 import shutil
@@ -151,6 +152,7 @@ def can_probe() -> bool:
 
 
 _running: dict[str, Popen[bytes]] = {}  # processes by the indices of the devices that they test
+_deadlines: dict[str, float] = {}  # of processes that do not wait for a trial, by `time.monotonic`
 
 
 def end(index: str) -> None:
@@ -162,7 +164,8 @@ def end(index: str) -> None:
 
 
 @interrupts.at_end
-def _end_all() -> None:
+def end_all() -> None:
+    """End the tests of all devices."""
     for index in list(_running):
         end(index)
 
@@ -182,6 +185,7 @@ def start(info: DeviceInfo, lanes: int = 0, *, waits: bool = True) -> None:
     stdin, command = PIPE if waits else DEVNULL, [*probe_command(info), str(lanes)]
     try:
         _running[info.index] = Popen(command, env=variables, stdin=stdin, stdout=PIPE, stderr=PIPE)
+        _deadlines[info.index] = math.inf if waits else time.monotonic() + PROBE_SECONDS
     except OSError as error:
         raise DeviceError(f"{info} cannot be tried out: {error.strerror or error}") from None
 
@@ -217,9 +221,9 @@ def _finish(index: str, trial: bytes) -> tuple[str, str]:
     """Wait for a test: return its output, and what it showed, as a predicate; "" if the device works."""
     from subprocess import TimeoutExpired
 
-    process = _running[index]
+    process, left = _running[index], max(_deadlines[index] - time.monotonic(), 1.0)
     try:
-        out, err = (each.decode(errors="replace") for each in process.communicate(trial, PROBE_SECONDS))
+        out, err = (each.decode(errors="replace") for each in process.communicate(trial, min(left, PROBE_SECONDS)))
         if index not in _running:  # ended by an interrupt, which says nothing of the device
             raise KeyboardInterrupt
         return out, _fault(process.returncode, out, err)
