@@ -149,8 +149,8 @@ class Lines:
         self._lists = {name: Buffer.empty(device, 0, kind) for name, kind in lists.items()}
 
     def draw(self, frame: SceneFrame) -> None:
-        """Write `shown`, (M, N, 2) uint64, row 0 at the top: the samples of each pixel at which lines show, a bit for each, and
-        those at which lines along edges of more than two faces do."""
+        """Write `shown`, (M, N, 2) uint64, row 0 at the top: a bit for each sample of a pixel at which a line shows, and for
+        each at which a line along an edge of more than two faces does."""
         source, stages, device = self._source, self._source.stages, self._source.stages.device
         lines, ranks = self._table(frame.space)
         grid = self._grid(lines, frame.space)
