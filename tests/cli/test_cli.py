@@ -1,26 +1,32 @@
-"""The command line: files, exit codes, one line on stderr for any refusal, and nothing left behind."""
+"""The command line: files, exit codes, one line on stderr for any refusal, and nothing left behind; options of every
+command: quiet, verbose, before and after its name; and `render` of several scenes."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
-import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import SMALL, assert_refused, listing, needs_device, process, run, scene_of, without_notices
 from devices import is_tested, working_devices
 from processes import ROOT
+from scene_files import TRIANGLE, write
 
-from clshade.base import interrupts
-from clshade.cli import render
-from clshade.cli.main import main
+import clshade
+from clshade.base import console, interrupts
+from clshade.cli import DONE, render
+from clshade.cli.main import COMMANDS, _parser, main
 from clshade.images import exr, png
 from clshade.pipeline.drawing_record import RECORD, SEAL
+
+SIZE = ("--resolution", "32,24")
+COUNTED = ("inspect", "view", "coco", "grade", "verify")
+NEEDED = {**dict.fromkeys(COUNTED, 1), "compare": 2, "animate": 2}  # arguments without an option
+
 
 # Rendering
 
@@ -82,110 +88,6 @@ def test_exposure_and_tone_map_change_the_png_alone(tmp_path, capsys):
 # Refusals
 
 
-USAGE = [
-    (("render", "--preset", "fancy"), ("--preset", "fancy")),
-    (("render", "--resolution", "10,x"), ("--resolution", "'10,x'")),
-    (("render", "--near", "far"), ("--near", "far")),
-    (("render", "--precision", "float16"), ("--precision", "float16")),
-    ((), ("COMMAND",)),
-    (("inspect",), ("FILE",)),
-    (("view",), ("FILE",)),
-    (("devices", "--quiet", "--verbose"), ("--verbose", "--quiet")),
-]
-
-
-@pytest.mark.parametrize(("arguments", "parts"), USAGE, ids=[" ".join(arguments) for arguments, _ in USAGE])
-def test_bad_usage(capsys, arguments, parts):
-    assert_refused(run(capsys, *arguments), *parts)
-
-
-BAD = [
-    (("no_such_file.obj",), ("no_such_file.obj",)),
-    (("no_such_file.npy",), ("no_such_file.npy",)),
-    (("n" * 5000,), ("nnn", "a file or one of")),
-    (("scene.xyz",), ("scene.xyz", "extension", ".npy", ".obj")),
-    (("empty.obj",), ("empty.obj",)),
-    (("text.npy",), ("text.npy",)),
-    (("folder.obj",), ("folder.obj",)),
-    (("quads", "--resolution", "0,10"), ("resolution", "0")),
-    (("quads", "--resolution", "10,99999"), ("resolution", "99999")),
-    (("quads", "--near", "-1"), ("near", "-1")),
-    (("quads", "--near", "nan"), ("near", "nan")),
-    (("quads", "--lights", "5"), ("--lights", "0 to 1", "5")),
-    (("quads", "--texture", "x.png"), ("--texture", "quads")),
-    (("quads", "--focal", "3"), ("--focal", "quads")),
-    (("quads", "-o", "missing/out"), ("missing/out", "missing")),
-    (("quads", "--device", "no such platform"), ("no such platform",)),
-]
-
-
-@pytest.mark.parametrize(("arguments", "parts"), BAD, ids=[" ".join(arguments) for arguments, _ in BAD])
-def test_refused_input_leaves_nothing(folder, capsys, arguments, parts):
-    (folder / "scene.xyz").write_text("what is this")
-    (folder / "empty.obj").write_text("")
-    (folder / "text.npy").write_text("not NumPy's")
-    (folder / "folder.obj").mkdir()
-    before = listing(folder)
-    assert_refused(run(capsys, "render", *arguments), *parts)
-    assert listing(folder) == before
-
-
-@pytest.fixture
-def no_loading(monkeypatch):
-    """Fail if a scene is loaded: outputs that cannot be saved are refused before."""
-    monkeypatch.setattr(render, "load_scene", lambda *arguments: pytest.fail("a scene was loaded"))
-
-
-@pytest.mark.usefixtures("no_loading")
-@pytest.mark.parametrize(
-    ("options", "parts"),
-    [
-        (("--compression", "lzma"), ("compression", "lzma", "zip")),
-        (("--exposure", "nan"), ("exposure", "nan")),
-        (("--exposure", "1000"), ("exposure", "1000")),
-        (("-o", "."), ("a file name", "'.'")),
-        (("-o", "out.jpg"), ("out.exr and out.png", "'out.jpg'")),
-        (("-o", "-"), ("image.exr and image.png", "'-'")),
-        (("-o", "missing/out"), ("missing/out.exr", "there is no folder")),
-        (("-o", "n" * 256), ("nnn.exr", "too long")),
-        (("-o", "file/out"), ("file/out.exr", "not a folder")),
-    ],
-)
-def test_refused_output_options_leave_nothing(folder, capsys, options, parts):
-    (folder / "file").touch()
-    assert_refused(run(capsys, *SMALL, "-o", folder / "out", *options), *parts)
-    assert listing(folder) == ["file"]
-
-
-@pytest.mark.usefixtures("no_loading")
-@pytest.mark.parametrize("taken", ["out.exr", "out.png"])
-def test_unwritable_output_leaves_nothing(tmp_path, capsys, taken):
-    """If a folder has the name of either file, the other is not left behind alone."""
-    (tmp_path / taken).mkdir()
-    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), taken)
-    assert listing(tmp_path) == [taken]
-
-
-@pytest.mark.usefixtures("no_loading")
-@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_permission(tmp_path, capsys):
-    tmp_path.chmod(0o500)
-    try:
-        assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out"), "out")
-        assert listing(tmp_path) == []
-    finally:
-        tmp_path.chmod(0o700)
-
-
-@needs_device
-def test_earlier_files_survive_a_refusal(tmp_path, capsys):
-    (tmp_path / "out.exr").write_text("kept")
-    (tmp_path / "out.png").write_text("kept too")
-    assert_refused(run(capsys, *SMALL, "-o", tmp_path / "out", "--device", "no such platform"), "no such platform")
-    assert (tmp_path / "out.exr").read_text() == "kept"
-    assert (tmp_path / "out.png").read_text() == "kept too"
-
-
 def test_refusals_as_a_process(tmp_path):
     """Exit code, one line, no traceback, as seen by a shell."""
     for arguments in (("render", "none.obj"), ("render", "--shader", "flat")):
@@ -226,16 +128,6 @@ def test_out_of_memory(capsys, monkeypatch, error, line):
         run(capsys, "--debug", *SMALL)
 
 
-def interrupted(code: str, cwd: Path) -> tuple[int, str]:
-    """Run `python -m clshade render` after `code`, which sends SIGINT; return exit code and standard error."""
-    (cwd / "sitecustomize.py").write_text(code)
-    path = os.pathsep.join([str(cwd), str(ROOT)])
-    environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "clshade", "render", "quads"]
-    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=60)
-    return done.returncode, done.stderr
-
-
 @pytest.mark.sampled
 @pytest.mark.parametrize(
     "module", ["argparse", "clshade.errors", "clshade.cli.main", "clshade.scene.model", "numpy", "_signal"]
@@ -256,9 +148,11 @@ if {module!r} == "_signal":  # not imported any more: between the imports and th
     import clshade.cli.main
     clshade.cli.main.with_values = interrupt
 """
-    status, err = interrupted(code, tmp_path)
-    assert status == 130, err
-    assert err in ("", "clshade: interrupted\n")
+    (tmp_path / "sitecustomize.py").write_text(code)
+    path = os.pathsep.join([str(tmp_path), str(ROOT)])
+    done = process("render", "quads", cwd=tmp_path, PYTHONPATH=path, PYTHONDONTWRITEBYTECODE="1")
+    assert done.returncode == 130, done.stderr
+    assert done.stderr in ("", "clshade: interrupted\n")
     assert listing(tmp_path) == ["sitecustomize.py"]
 
 
@@ -272,12 +166,8 @@ def test_a_full_disk_behind_standard_output(tmp_path, arguments):
     if arguments[0] == "render" and not working_devices():
         pytest.skip("no OpenCL device works here")
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "clshade", *arguments]
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            command, cwd=tmp_path, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
-        )
+        done = process(*arguments, cwd=tmp_path, stdout=full)
     assert without_notices(done.stderr) == ["clshade: standard output: cannot be written: No space left on device"]
     assert done.returncode == 2
 
@@ -285,21 +175,18 @@ def test_a_full_disk_behind_standard_output(tmp_path, arguments):
 @pytest.mark.parametrize("arguments", [("--help",), ("inspect", "a.exr")])
 def test_nobody_reads_standard_output(tmp_path, arguments):
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "clshade", *arguments]
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run(
-        command, cwd=tmp_path, env=environment, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60
-    )
+    done = process(*arguments, cwd=tmp_path, stdout=writer)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, "")
 
 
-def test_without_standard_output(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize("options", [(), ("-q",)])
+def test_without_standard_output(tmp_path, monkeypatch, options):
     exr.write(tmp_path / "a.exr", np.zeros((4, 4, 3), np.float32))
     monkeypatch.setattr(sys, "stdout", None)
-    assert main(["inspect", str(tmp_path / "a.exr")]) == 0
+    assert main(["inspect", *options, str(tmp_path / "a.exr")]) == 0
 
 
 # The other commands
@@ -310,18 +197,10 @@ def test_help_and_version(capsys):
         code, out, err = run(capsys, *arguments)
         assert (code, err) == (0, [])
         assert out.startswith(("usage: clshade", "clshade "))
+    assert out == f"clshade {clshade.__version__}\n"
     help_text = run(capsys, "render", "--help", "all")[1]
-    for option in (
-        "--shader",
-        "--preset",
-        "--resolution",
-        "--layers",
-        "--tonemap",
-        "--exposure",
-        "--device",
-        "--stats",
-    ):
-        assert option in help_text
+    names = ("shader", "preset", "resolution", "layers", "tonemap", "exposure", "device", "stats")
+    assert all(f"--{name}" in help_text for name in names)
 
 
 def options_in(help_text):
@@ -344,13 +223,6 @@ def test_help_begins_with_the_options_that_people_use_first(command, capsys):
     assert every == {"--help", *options_in(out)}.union(*by_topic)
 
 
-def test_help_on_an_unknown_topic_names_them(capsys):
-    code, out, err = run(capsys, "render", "--help", "light")
-    assert (code, out, len(err)) == (2, "", 1)
-    assert "expected one of all, scene, lights, camera," in err[0]
-    assert "did you mean 'lights'?" in err[0]
-
-
 def test_help_on_few_options_shows_all(capsys):
     out = run(capsys, "inspect", "--help")[1]
     assert out == run(capsys, "inspect", "--help", "all")[1]
@@ -371,3 +243,137 @@ def test_devices_as_json(capsys):
     assert (code == 0, err) == (bool(working_devices()), [])
     listed = (info for info in json.loads(out) if info["works"] and is_tested(info["platform"]))
     assert tuple(info["index"] for info in listed) == working_devices()
+
+
+# Several scenes
+
+
+@pytest.fixture
+def scenes(tmp_path):
+    """Write three files to a folder: a triangle, one that is not a scene, the triangle again."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for name, text in (("a.obj", TRIANGLE + "f 1 2 3\n"), ("bad.obj", "v 1 2\n"), ("c.obj", TRIANGLE + "f 1 2 3\n")):
+        write(folder / name, text)
+    return [folder / name for name in ("a.obj", "bad.obj", "c.obj")]
+
+
+@pytest.mark.long
+@needs_device
+def test_several_scenes_go_to_a_folder(tmp_path, capsys, scenes):
+    code, out, err = run(capsys, "render", scenes[0], scenes[2], "quads", *SIZE, "-o", tmp_path / "new")
+    assert (code, err) == (0, [])
+    expected = [f"{name}.{kind}" for name in ("a", "c", "quads") for kind in ("exr", "png")]
+    assert listing(tmp_path / "new") == expected
+    assert out.count("wrote") == 3
+    assert exr.read(tmp_path / "new" / "a.exr")[0]["A"].sum() > 20
+    run(capsys, "render", "quads", *SIZE, "-o", tmp_path / "one", "--deterministic")
+    run(capsys, "render", "quads", scenes[0], *SIZE, "-o", tmp_path / "new", "--deterministic")
+    assert (tmp_path / "new" / "quads.exr").read_bytes() == (tmp_path / "one.exr").read_bytes()
+
+
+@needs_device
+def test_a_bad_scene_does_not_stop_the_others(folder, capsys, scenes):
+    missing = folder / "none.obj"
+    code, out, err = run(capsys, "render", *scenes, missing, *SIZE, "--json")
+    assert code == 2
+    assert listing(folder) == ["a.exr", "a.png", "c.exr", "c.png", "in", "in/a.obj", "in/bad.obj", "in/c.obj"]
+    assert len(err) == 2
+    assert str(scenes[1]) in err[0]
+    assert str(missing) in err[1]
+    found = json.loads(out)
+    assert [each["scene"] for each in found] == [str(path) for path in (*scenes, missing)]
+    assert ["error" in each for each in found] == [False, True, False, True]
+    assert found[2]["resolution"] == [32, 24]
+
+
+@needs_device
+def test_an_option_that_one_scene_refuses_names_it(tmp_path, capsys, scenes):
+    code, _, err = run(capsys, "render", "quads", scenes[0], *SIZE, "--lights", "2", "-o", tmp_path / "new")
+    assert (code, len(err)) == (2, 1)
+    assert err[0].startswith("clshade: quads: --lights")
+    assert listing(tmp_path / "new") == ["a.exr", "a.png"]
+
+
+@pytest.mark.parametrize("others", [("sub/a.obj",), ("b.obj", "A.glb"), ("in/a.obj",), ("a.exr.ply",)])
+def test_scenes_of_one_name_are_refused_before_any_is_loaded(tmp_path, capsys, monkeypatch, others):
+    monkeypatch.setattr(render, "load_scene", lambda *arguments: pytest.fail("a scene was loaded"))
+    monkeypatch.chdir(tmp_path)
+    assert_refused(run(capsys, "render", "in/a.obj", *others, "-o", "new"), "in/a.obj", others[-1], ".exr", "new")
+    assert listing(tmp_path) == []
+
+
+def test_a_folder_that_stays_empty_is_not_left_behind(tmp_path, capsys):
+    code, _, err = run(capsys, "render", "none.obj", "neither.obj", "-o", tmp_path / "new")
+    assert code == 2
+    assert err
+    assert listing(tmp_path) == []
+
+
+@needs_device
+def test_one_scene_into_a_folder(tmp_path, capsys):
+    assert run(capsys, *SMALL, "-o", f"{tmp_path}/new/")[0] == 0
+    assert listing(tmp_path) == ["new", "new/quads.exr", "new/quads.png"]
+
+
+# Verbosity
+
+
+@needs_device
+def test_quiet_prints_errors_alone(tmp_path, capsys):
+    mesh = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "f 1 2 3\n")
+    given = ("render", mesh, *SIZE, "--look", "plain", "-o", tmp_path / "out")
+    assert run(capsys, *given)[2] != []  # a warning that the library is missing
+    assert run(capsys, *given, "--quiet") == (0, "", [])
+    assert run(capsys, "--quiet", *given) == (0, "", [])
+    code, out, err = run(capsys, *given, "-q", "--json")
+    assert (code, err) == (0, [])
+    assert json.loads(out)["triangles"] == 1
+    assert_refused(run(capsys, "-q", "render", tmp_path / "none.obj"), "none.obj")
+
+
+def test_quiet_says_nothing_of_slow_files_and_half_floats(tmp_path, capsys, monkeypatch):
+    def slow(arguments):
+        console.progress("loading")
+        console.detail("loaded")
+        console.warning("half")
+        return DONE
+
+    monkeypatch.setattr(render, "run_render", slow)
+    assert run(capsys, "render", "-q")[2] == []
+    assert run(capsys, "render")[2] == ["clshade: loading", "clshade: warning: half"]
+    assert run(capsys, "render", "-v")[2] == ["clshade: loading", "clshade: loaded", "clshade: warning: half"]
+
+
+@needs_device
+def test_verbose_says_what_is_done_on_standard_error(tmp_path, capsys):
+    code, out, err = run(capsys, *SMALL, "-o", tmp_path / "a", "--verbose", "--json")
+    assert code == 0
+    assert json.loads(out)["resolution"] == [32, 24]
+    assert any(line.startswith("clshade: loaded quads: ") and line.endswith(" ms") for line in err), err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_takes_the_general_options(name):
+    taken = _parser([name]).parse_args(["--quiet", name, *(["x"] * NEEDED.get(name, 0))])
+    assert (taken.quiet, taken.verbose, taken.debug) == (True, False, False)
+    taken = _parser([name]).parse_args(["--debug", name, *(["x"] * NEEDED.get(name, 0)), "-v"])
+    assert (taken.quiet, taken.verbose, taken.debug) == (False, True, True)
+
+
+def test_every_option_of_every_command_is_explained():
+    """Units and defaults: the help of a number states at least its unit."""
+    for name in COMMANDS:
+        parser = _parser([name])
+        (commands,) = (action for action in parser._actions if action.dest == "command")
+        for action in commands.choices[name]._actions:  # type: ignore[union-attr, index]
+            assert action.help, (name, action.dest)
+
+
+@needs_device
+def test_scenes_whose_names_hold_another_extension(folder, capsys):
+    for name in ("a.jpg.obj", "b.v2.obj"):
+        write(folder / name, TRIANGLE + "f 1 2 3\n")
+    code, _, err = run(capsys, "render", "a.jpg.obj", "b.v2.obj", *SIZE, "-o", "new")
+    assert (code, err) == (0, [])
+    assert listing(folder / "new") == ["a.jpg.exr", "a.jpg.png", "b.v2.exr", "b.v2.png"]

@@ -8,10 +8,9 @@ import warnings
 
 import numpy as np
 import pytest
-from command_line import assert_refused, run, scene_of
-from devices import working_devices
+from command_line import needs_device, run, scene_of
 from mesh_writers import triangle
-from scene_files import TRIANGLE, course_dict, save_npy, write
+from scene_files import DATA, ROOF, TRIANGLE, write
 
 from clshade.base import console
 from clshade.cli import DONE, render
@@ -20,9 +19,6 @@ from clshade.images import exr
 from clshade.scene import framing
 from clshade.scene.formats import load
 from clshade.scene.geometry import vertex_normals
-
-needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
-ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
 
 
 def test_creases(tmp_path):
@@ -43,12 +39,6 @@ def test_seams_are_joined(tmp_path):
     assert (joined[3:5] == joined[:2]).all()
     assert apart is None
     assert load.load(path).meshes[0].normals is None
-
-
-def test_no_weld_is_refused_where_it_does_nothing(tmp_path, capsys):
-    assert_refused(
-        run(capsys, "render", triangle().glb(tmp_path / "a.glb"), "--no-weld"), "weld", "only for .obj and .ply"
-    )
 
 
 @pytest.mark.parametrize(
@@ -128,33 +118,6 @@ def test_values_that_begin_with_a_dash(tmp_path):
     assert (camera.eye.tolist(), camera.lookat.tolist()) == ([-1, -2, 3], [-0.5, 0, 0])
 
 
-@pytest.mark.parametrize(
-    ("options", "parts"),
-    [
-        (("a.obj", "--crease", "200"), ("crease", "degrees from 0 to 180", "200")),
-        (("a.obj", "--crease", "-1"), ("crease", "degrees from 0 to 180", "-1")),
-        (("a.obj", "--crease", "nan"), ("crease", "nan")),
-        (("a.obj", "--crease", "x"), ("--crease", "'x'")),
-        (("a.obj", "--crease", "3", "--flat"), ("--crease", "--flat")),
-        (("a.obj", "--up", "w"), ("--up", "'w'", "-z")),
-        (("a.obj", "--up"), ("--up", "expected one argument")),
-        (("a.npy", "--crease", "30"), ("crease", "only for .obj, ")),
-        (("a.npy", "--up", "-z"), ("up", "only for .obj, ")),
-        (("teapot", "--flat"), ("--flat", "'teapot'")),
-        (("teapot", "--no-two-sided"), ("--no-two-sided", "'teapot'")),
-        (("teapot", "--crease", "0"), ("--crease", "'teapot'")),
-    ],
-)
-def test_refused_options(folder, capsys, options, parts):
-    write(folder / "a.obj", ROOF)
-    save_npy(folder / "a.npy", course_dict())
-    before = sorted(folder.iterdir())
-    code, out, err = run(capsys, "render", *options)
-    assert (code, out, len(err)) == (2, "", 1), err
-    assert all(part in err[0] for part in parts), err[0]
-    assert sorted(folder.iterdir()) == before
-
-
 @pytest.mark.long
 @needs_device
 def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
@@ -216,11 +179,6 @@ def test_a_mirrored_placement_shows_its_front(tmp_path, capsys, mirror):
 
 # Scalars
 
-DATA = (
-    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float heat\n"
-    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 -1.5\n1 0 0 nan\n0 1 0 4\n3 0 1 2\n"
-)
-
 
 def test_scalars_are_listed(tmp_path, capsys):
     path = write(tmp_path / "a.ply", DATA)
@@ -232,23 +190,6 @@ def test_scalars_are_listed(tmp_path, capsys):
         {"name": "heat", "of": "vertices", "least": -1.5, "most": 4.0, "nan": 1}
     ]
     assert run(capsys, "inspect", write(tmp_path / "b.obj", ROOF))[1].splitlines()[-1] == "no scalars"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("--colormap jet", "--colormap: needs --scalars NAME"),
-        ("--clim 0,1", "--clim: needs --scalars NAME"),
-        ("--colorbar", "--colorbar: needs --scalars NAME"),
-        ("--scalars heat --colormap jett", "found 'jett': did you mean 'jet'"),
-        ("--scalars heat --clim 2,1", "low not above high, found (2.0, 1.0)"),
-        ("--scalars heat --nan-color x", "--nan-color: expected a name such as white"),
-    ],
-)
-def test_refused_options_of_scalars(tmp_path, capsys, options, message):
-    path = write(tmp_path / "a.ply", DATA)
-    assert_refused(run(capsys, "render", path, *options.split(), "-o", tmp_path / "out"), message)
-    assert {item.name for item in tmp_path.iterdir()} == {"a.ply"}
 
 
 @pytest.mark.long

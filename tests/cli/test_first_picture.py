@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from command_line import needs_device, run, scene_of
+from command_line import needs_device, run, scene_of, settings_of
 from mesh_writers import triangle
 from scene_files import course_dict, save_npy, write
 
 import clshade
-from clshade.cli.main import _parser
-from clshade.cli.scene import load_scene, picture_settings
 from clshade.errors import InputError
 from clshade.images import exr
 from clshade.scene.fitting import FILL
@@ -162,9 +160,7 @@ def test_samples(tmp_path, square, capsys):
         (course, ("--preset", "standard"), 1),
         (course, ("--samples", "3"), 3),
     ):
-        parsed = _parser(["render"]).parse_args(["render", str(scene), *options])
-        found = picture_settings(parsed, load_scene(parsed, str(scene)))
-        assert found["samples"] == samples, (scene, options)
+        assert settings_of(scene, *options)["samples"] == samples, (scene, options)
     assert clshade.Settings().samples == 1
     small = ("--resolution", "12,9", "--shader", "nolight", "--quiet", "-o", tmp_path / "a.1")
     for command in (("render", square), ("turntable", square, "--count", "1")):
@@ -176,7 +172,6 @@ def test_samples(tmp_path, square, capsys):
 
 def test_soft_shadows_under_a_rectangle_light():
     """Of the room, and of any scene with such a light; but not in Python, nor for pictures of the course."""
-
     assert fields_of("box_room") == {"shadows": True, "sample_shading": True}
     assert fields_of("box_room", "--no-shadows") == {"shadows": False}
     for options in (("icosphere",), ("box_room", "--preset", "course"), ("box_room", "--lights", "1")):
@@ -187,10 +182,7 @@ def test_soft_shadows_under_a_rectangle_light():
 
 def fields_of(*options):
     """Return the fields of Settings of a picture from the command line, but for its samples."""
-    parsed = _parser(["render"]).parse_args(["render", *map(str, options)])
-    fields = picture_settings(parsed, scene_of(*options))
-    del fields["samples"]
-    return fields
+    return {name: value for name, value in settings_of(*options).items() if name != "samples"}
 
 
 def test_pictures_of_textures_and_shadows_light_each_sample():

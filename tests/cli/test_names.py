@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import assert_refused, listing, needs_device, run
+from command_line import assert_refused, listing, needs_device, process, run
 from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 
 from clshade.base import console
@@ -38,20 +38,13 @@ def name(request, tmp_path, monkeypatch):
         pytest.skip("a name that this file system does not take")
 
 
-def ascii_locale(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a command line in a process whose locale cannot express names beyond ASCII."""
-    alone = {"PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
-    code = "import sys; from clshade.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=folder, env={**os.environ, **alone}, capture_output=True, text=True, timeout=60)
-
-
 def test_references_to_names_that_the_locale_cannot_express(tmp_path):
     """They are UTF-8 on the disk, as they are in the file."""
     png.write(tmp_path / "café.png", np.full((2, 2, 3), 200, np.uint8))
     (tmp_path / "é.mtl").write_text("newmtl red\nKd 1 1 1\nmap_Kd café.png\n", "utf-8")
     (tmp_path / "a.obj").write_text(f"mtllib é.mtl\nusemtl red\n{TRIANGLE}vt 0 0\nf 1/1 2/1 3/1\n", "utf-8")
-    done = ascii_locale(tmp_path, "inspect", "a.obj")
+    ascii_locale = {"PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
+    done = process("inspect", "a.obj", cwd=tmp_path, **ascii_locale)
     assert (done.returncode, done.stderr) == (0, "")
     assert "2x2" in done.stdout
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 
-import pytest
 from command_line import assert_refused, needs_device, run
 
 from clshade.images import exr
@@ -14,6 +13,7 @@ from clshade.pipeline.drawing_record import RECORD, sealed
 
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 SMALL = ("--resolution", "64,48", "--samples", "1", "-q")
+pytestmark = needs_device
 
 
 def with_command(path, command):
@@ -24,7 +24,6 @@ def with_command(path, command):
     exr.write(path, planes, metadata=sealed(metadata, record))
 
 
-@needs_device
 def test_an_image_is_found_again_by_its_header(folder, capsys):
     """From where it was drawn, and elsewhere with its scene beside it."""
     (folder / "solid.obj").write_text(CUBE)
@@ -51,7 +50,6 @@ def test_an_image_is_found_again_by_its_header(folder, capsys):
     assert_refused(run(capsys, "verify", "other/out.exr"), "solid.obj", "no such file")
 
 
-@needs_device
 def test_commands_of_strangers_do_nothing(folder, capsys):
     assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0
     before = sorted(folder.iterdir())
@@ -74,7 +72,6 @@ def test_commands_of_strangers_do_nothing(folder, capsys):
     assert sorted(folder.iterdir()) == before
 
 
-@needs_device
 def test_a_contact_shadow_is_computed_again_without_a_device(folder, monkeypatch, capsys):
     (folder / "solid.obj").write_text(CUBE)
     assert run(capsys, "render", "solid.obj", "-o", "out", *SMALL)[0] == 0
@@ -82,17 +79,6 @@ def test_a_contact_shadow_is_computed_again_without_a_device(folder, monkeypatch
     assert run(capsys, "verify", "out.exr", "--all")[0] == 0
 
 
-@pytest.mark.parametrize("name", ["none.exr", "text.exr"])
-def test_files_that_are_no_images_are_refused(tmp_path, capsys, name):
-    (tmp_path / "text.exr").write_text("text")
-    assert_refused(run(capsys, "verify", tmp_path / name), name, "file: expected")
-
-
-def test_a_sample_is_not_all_pixels(tmp_path, capsys):
-    assert_refused(run(capsys, "verify", tmp_path / "none.exr", "--all", "--pixels", "3"), "not allowed with")
-
-
-@needs_device
 def test_a_command_draws_what_is_judged(folder, capsys):
     """A sealed header may not name another camera or other settings than those that the pixels show."""
     assert run(capsys, "render", "icosphere", "-o", "out", "--layers", "Z", *SMALL)[0] == 0

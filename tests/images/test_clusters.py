@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from command_line import run
 
-from clshade.cli.main import main
 from clshade.images import compare, compare_figure, exr, png
 from clshade.images.compare import Cluster, find_clusters, large_error, leading
 from clshade.images.image_file import Picture
@@ -97,25 +97,25 @@ def test_strips_of_rows_make_no_difference(monkeypatch):
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(folder):
     """Write a.exr, and b.exr, with a square of 6 x 5 pixels that differs in depth and a NaN in its color."""
-    monkeypatch.chdir(tmp_path)
     planes = {name: np.linspace(0.1, 0.9, 3600, dtype=np.float32).reshape(48, 75).copy() for name in "RGBZ"}
     exr.write("a.exr", planes)
     planes["Z"][30:35, 50:56] += 1.0
     planes["G"][3, 4] = np.nan
     exr.write("b.exr", planes)
-    return tmp_path
 
 
 def test_the_command_says_where(files, capsys):
-    assert main(["compare", "b.exr", "a.exr", "--json"]) == 0
-    layers = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["layers"]
+    code, out, _ = run(capsys, "compare", "b.exr", "a.exr", "--json")
+    layers = json.loads(out, parse_constant=pytest.fail)["layers"]
+    assert code == 0
     (cluster,) = layers["Z"]["clusters"]
     assert [cluster[name] for name in ("x", "y", "width", "height", "pixels")] == [50, 30, 6, 5, 30]
     assert layers["RGB"]["clusters"][0]["worst"] == [4, 3]
-    assert main(["compare", "b.exr", "a.exr"]) == 0
-    assert "Z differs most in 6 x 5 at 50,30 (30 pixels, up to 1)" in " ".join(capsys.readouterr().out.split())
+    code, out, _ = run(capsys, "compare", "b.exr", "a.exr")
+    assert code == 0
+    assert "Z differs most in 6 x 5 at 50,30 (30 pixels, up to 1)" in " ".join(out.split())
 
 
 def test_the_figure_shows_them_magnified(files):
@@ -163,6 +163,6 @@ def test_a_figure_of_many_layers_has_few_crops():
 
 @pytest.mark.long
 def test_the_picture_is_written(files, capsys):
-    assert main(["compare", "b.exr", "a.exr", "-o", "d.png"]) == 0
+    assert run(capsys, "compare", "b.exr", "a.exr", "-o", "d.png")[0] == 0
     height = len(png.read("d.png"))  # of two layers, each with a crop of 3 inches, and their titles
     assert height == pytest.approx(100 * 2 * (3.6 * 48 / 75 + 0.5 + 3.0 + 0.5), abs=2)

@@ -14,18 +14,15 @@ from clshade.errors import InputError
 from clshade.images import png
 from clshade.images.coco import masks
 
+pytest.importorskip("pycocotools")
 INSTANCES = np.array([[0, 7, 7, 0], [2, 7, 0, 0], [2, 0, 0, 7]], np.uint32)
 OBJECTS = np.where(INSTANCES == 7, 3, np.where(INSTANCES == 2, 1, 0)).astype(np.uint32)
-
-
-@pytest.fixture(autouse=True)
-def _installed():
-    pytest.importorskip("pycocotools")
+PLANES = {"instance_id": INSTANCES, "object_id": OBJECTS}
 
 
 def written(folder, name="a.exr", **metadata):
     names = {"objectNames": json.dumps({"1": "cat"}), "instanceNames": json.dumps({"7": "tail"}), **metadata}
-    exr.write(folder / name, {"instance_id": INSTANCES, "object_id": OBJECTS}, metadata=names)
+    exr.write(folder / name, PLANES, metadata=names)
     return folder / name
 
 
@@ -112,36 +109,29 @@ def test_of_a_rendered_image(folder, capsys):
     assert sum(each["area"] for each in found["annotations"]) == np.count_nonzero(channels["instance_id"])
 
 
-@pytest.mark.parametrize(
-    ("change", "part"),
-    [
-        ({"instance_id": INSTANCES}, "layers: expected the layers instance_id and object_id"),
-        ({"instance_id": INSTANCES, "object_id": OBJECTS.astype(np.float32)}, "layers: expected whole numbers"),
-    ],
-)
-def test_what_is_refused(tmp_path, capsys, change, part):
-    exr.write(tmp_path / "a.exr", change)
-    assert_refused(run(capsys, "coco", tmp_path / "a.exr", "-o", tmp_path / "b.json"), "a.exr", part)
-    assert listing(tmp_path) == ["a.exr"]
+NAMES = "expected a JSON object of names by number, found"
 
 
 @pytest.mark.parametrize(
-    ("names", "part"),
+    ("planes", "names", "output", "parts"),
     [
-        ("[]", "expected a JSON object of names by number, found something else"),
-        (3, "expected a JSON object of names by number, found something else"),
-        ('{"one": "cat"}', "expected a JSON object of names by number, found something else"),
-        ("{", "expected a JSON object of names by number, found Expecting property name"),
-        ("[" * 100_000, "expected a JSON object of names by number, found too deep a nesting"),
-        ('{"1": null}', "expected names that are texts, found others"),
+        (
+            {"instance_id": INSTANCES},
+            "{}",
+            "b.json",
+            ("a.exr", "layers: expected the layers instance_id and object_id"),
+        ),
+        ({**PLANES, "object_id": np.float32(OBJECTS)}, "{}", "b.json", ("a.exr", "layers: expected whole numbers")),
+        (PLANES, "[]", "b.json", ("a.exr: objectNames: ", f"{NAMES} something else")),
+        (PLANES, 3, "b.json", ("a.exr: objectNames: ", f"{NAMES} something else")),
+        (PLANES, '{"one": "cat"}', "b.json", ("a.exr: objectNames: ", f"{NAMES} something else")),
+        (PLANES, "{", "b.json", ("a.exr: objectNames: ", f"{NAMES} Expecting property name")),
+        (PLANES, "[" * 100_000, "b.json", ("a.exr: objectNames: ", f"{NAMES} too deep a nesting")),
+        (PLANES, '{"1": null}', "b.json", ("a.exr: objectNames: ", "expected names that are texts, found others")),
+        (PLANES, "{}", "b.txt", ("--output: expected a file name that ends in .json",)),
     ],
 )
-def test_names_that_are_refused(tmp_path, capsys, names, part):
-    found = run(capsys, "coco", written(tmp_path, objectNames=names), "-o", tmp_path / "b.json")
-    assert_refused(found, "a.exr: objectNames: ", part)
-    assert listing(tmp_path) == ["a.exr"]
-
-
-def test_outputs_that_are_refused(tmp_path, capsys):
-    found = run(capsys, "coco", written(tmp_path), "-o", tmp_path / "b.txt")
-    assert_refused(found, "--output: expected a file name that ends in .json")
+def test_what_is_refused(folder, capsys, planes, names, output, parts):
+    exr.write("a.exr", planes, metadata={"objectNames": names})
+    assert_refused(run(capsys, "coco", "a.exr", "-o", output), *parts)
+    assert listing(folder) == ["a.exr"]

@@ -16,7 +16,7 @@ import pytest
 import tifffile
 from mesh_writers import CORNERS, INDICES, Gltf
 from PIL import Image
-from scene_files import TRIANGLE, course_dict, png16, save_npy, write
+from scene_files import TRIANGLE, chunk, course_dict, png16, save_npy, write
 
 from clshade.errors import InputError
 from clshade.images import decode
@@ -68,6 +68,19 @@ def tiff_of(codes: np.ndarray, **options) -> bytes:
     buffer = io.BytesIO()
     tifffile.imwrite(buffer, codes, **options)
     return buffer.getvalue()
+
+
+def with_tag(data: bytes, name: str, value: int) -> bytes:
+    """Return a TIFF file with one value of its first image replaced."""
+    tag = tifffile.TiffFile(io.BytesIO(data)).pages[0].tags[name]
+    width = {3: 2, 4: 4}[int(tag.dtype)]
+    return data[: tag.valueoffset] + value.to_bytes(width, "little") + data[tag.valueoffset + width :]
+
+
+def tiff_by_hand(data: bytes, tags: list[tuple[int, int, int, int]]) -> bytes:
+    """Return a TIFF file of data and then a directory of tags."""
+    directory = struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
+    return b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory
 
 
 KINDS = [
@@ -164,16 +177,12 @@ def test_12_bits(tmp_path):
     data = packed.astype(np.uint8).tobytes()
     tags = [(256, 3, 1, 6), (257, 3, 1, 4), (258, 3, 1, 12), (259, 3, 1, 1), (262, 3, 1, 1), (273, 4, 1, 8)]
     tags += [(277, 3, 1, 1), (278, 3, 1, 4), (279, 4, 1, len(data))]
-    directory = struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
-    file = b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory
-    assert np.array_equal(decoded(file), expected(codes, 4095))
+    assert np.array_equal(decoded(tiff_by_hand(data, tags)), expected(codes, 4095))
 
 
 def test_other_kinds_of_numbers_are_refused():
-    refused(tiff_of(codes_of(1).astype(np.int16)), "whole numbers from 0")
-    refused(tiff_of(codes_of(1).astype(np.float32)), "whole numbers from 0")
-    refused(tiff_of(codes_of(1).astype(np.uint32)), "whole numbers from 0")
     for kind in (np.uint32, np.float32, np.int16):
+        refused(tiff_of(codes_of(1).astype(kind)), "whole numbers from 0")
         refused(tiff_of(codes_of(3).astype(kind)))
 
 
@@ -188,9 +197,7 @@ def test_without_tifffile(monkeypatch):
 def TIFF_RGB(codes: np.ndarray) -> bytes:
     spec = [(256, 3, 1, codes.shape[1]), (257, 3, 1, codes.shape[0]), (258, 3, 3, 8), (259, 3, 1, 1), (262, 3, 1, 2)]
     spec += [(273, 4, 1, 14), (277, 3, 1, 3), (278, 3, 1, codes.shape[0]), (279, 4, 1, codes.nbytes)]
-    directory = struct.pack("<H", len(spec)) + b"".join(struct.pack("<HHII", *tag) for tag in spec) + bytes(4)
-    data = codes.astype("<u2").tobytes()
-    return b"II*\0" + struct.pack("<I3H", 14 + len(data), 16, 16, 16) + data + directory
+    return tiff_by_hand(struct.pack("<3H", 16, 16, 16) + codes.astype("<u2").tobytes(), spec)
 
 
 TIFF_PLANES = tiff_of(codes_of(3), planarconfig="separate")
@@ -215,14 +222,8 @@ def test_sizes_are_refused_before_decoding(monkeypatch):
         raise AssertionError("decoded")
 
     monkeypatch.setattr(decode, "_tiff_codes", never)
-    planes = tifffile.TiffFile(io.BytesIO(TIFF_PLANES)).pages[0]
-    data = bytearray(TIFF_PLANES)
-    for name, value in (("ImageWidth", 9000), ("ImageLength", 9000)):
-        tag = planes.tags[name]
-        data[tag.valueoffset : tag.valueoffset + tag.count * (2 if tag.dtype == 3 else 4)] = value.to_bytes(
-            2 if tag.dtype == 3 else 4, "little"
-        )
-    refused(bytes(data), "at most 32768 pixels a side and 67108864 in all", "9000 x 9000")
+    data = with_tag(with_tag(TIFF_PLANES, "ImageWidth", 9000), "ImageLength", 9000)
+    refused(data, "at most 32768 pixels a side and 67108864 in all", "9000 x 9000")
     for size in (b"9000 9000", b"40000 2", b"60000 60000"):
         for kind in (b"P2", b"P3", b"P5", b"P6"):
             refused(kind + b" " + size + b" 65535\n")  # the file is too short
@@ -233,22 +234,9 @@ def test_sizes_are_refused_before_decoding(monkeypatch):
 def test_a_strip_that_swells_is_refused():
     bomb = zlib.compress(bytes(1 << 24))
     codes = codes_of(3)
-    data = bytearray(tiff_of(codes, planarconfig="separate", compression="zlib"))
-    page = tifffile.TiffFile(io.BytesIO(bytes(data))).pages[0]
-    offsets, counts = page.tags["StripOffsets"], page.tags["StripByteCounts"]
-    place = len(data)
-    data += bomb
-    for tag, value in ((offsets, place), (counts, len(bomb))):
-        width = {3: 2, 4: 4}[int(tag.dtype)]
-        data[tag.valueoffset : tag.valueoffset + width] = value.to_bytes(width, "little")
-    refused(bytes(data), "at most 198 bytes in a strip or tile", "more")
-
-
-def with_tag(data: bytes, name: str, value: int) -> bytes:
-    """Return a TIFF file with one value of its first image replaced."""
-    tag = tifffile.TiffFile(io.BytesIO(data)).pages[0].tags[name]
-    width = {3: 2, 4: 4}[int(tag.dtype)]
-    return data[: tag.valueoffset] + value.to_bytes(width, "little") + data[tag.valueoffset + width :]
+    data = tiff_of(codes, planarconfig="separate", compression="zlib")
+    swollen = with_tag(with_tag(data, "StripOffsets", len(data)), "StripByteCounts", len(bomb)) + bomb
+    refused(swollen, "at most 198 bytes in a strip or tile", "more")
 
 
 @pytest.mark.parametrize("compression", [None, "zlib"])
@@ -326,9 +314,8 @@ def test_the_transparent_color_of_a_16_bit_png():
         codes[2, 3], codes[2, 4] = 0x1234, 0x1235
         data = png16(codes)
         key = np.full(channels, 0x1234, ">u2").tobytes()
-        chunk = struct.pack(">I", len(key)) + b"tRNS" + key + struct.pack(">I", zlib.crc32(b"tRNS" + key))
         place = data.index(b"IDAT") - 4
-        found = decoded(data[:place] + chunk + data[place:])
+        found = decoded(data[:place] + chunk(b"tRNS", key) + data[place:])
         alpha = np.where((codes == 0x1234).all(axis=2), 0, 65535)
         assert np.array_equal(found[:, :, 3] * 65535, alpha)
         assert np.array_equal(found[:, :, :3], expected(codes))

@@ -10,9 +10,10 @@ import zlib
 import numpy as np
 import pytest
 from PIL import Image
-from scene_files import png16
+from scene_files import chunk, png16
 
 from clshade.errors import InputError
+from clshade.images import radiance
 from clshade.images.decode import read_image, srgb_to_linear
 from clshade.scene.formats.texture import as_texture
 
@@ -88,13 +89,10 @@ def test_16_bits_keep_every_bit(tmp_path, channels):
 
 
 def test_a_bomb_is_refused_before_it_is_decoded(tmp_path):
-    def part(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     for width, height in ((9000, 9000), (40000, 2), (60000, 60000)):
         head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
         path = tmp_path / "bomb.png"
-        path.write_bytes(b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", zlib.compress(b"")))
+        path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"")))
         refusal(path, "expected at most 32768 pixels a side")
 
 
@@ -124,3 +122,110 @@ def test_as_texture(tmp_path):
     assert np.array_equal(as_texture(RGB, srgb=True).image, texture.image)
     with pytest.raises(InputError):
         as_texture(np.zeros((0, 3, 3)), srgb=False)
+
+
+# Radiance HDR files: every encoding, a reader of another program, and refusals
+
+HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
+LIMITS = {"max_side": 32768, "max_pixels": 1 << 20}
+
+
+def decoded(data: bytes, **limits) -> np.ndarray:
+    return radiance.decode(data, "x.hdr", **{**LIMITS, **limits})
+
+
+def encoded_row(codes: np.ndarray, run: int) -> bytes:
+    """Encode a row (w, 4): the first `run` values of each channel, equal ones, as a run, the others one by one."""
+    data = b"\x02\x02" + len(codes).to_bytes(2, "big")
+    for plane in codes.T:
+        data += bytes([128 + run, plane[0]]) + bytes([len(codes) - run]) + plane[run:].tobytes()
+    return data
+
+
+def test_runs_of_each_channel():
+    codes = np.random.default_rng(0).integers(0, 256, (3, 12, 4), np.uint8)
+    codes[:, :, 3] = [[130], [0], [136]]
+    codes[:, :5] = codes[:, :1]
+    image = decoded(HEAD + b"-Y 3 +X 12\n" + b"".join(encoded_row(row, 5) for row in codes))
+    expected = codes[..., :3] * np.array([2.0**-6, 0.0, 1.0])[:, None, None]
+    np.testing.assert_array_equal(image, expected.astype(np.float32))
+
+
+def test_pixels_one_by_one_and_repeats_with_two_digits():
+    pixels = [bytes([10, 20, 30, 136]), bytes([1, 1, 1, 2]), bytes([1, 1, 1, 1]), bytes([7, 8, 9, 137])]
+    image = decoded(HEAD + b"-Y 2 +X 130\n" + b"".join(pixels))  # 1 + 2 + 256 + 1 pixels
+    assert image.shape == (2, 130, 3)
+    np.testing.assert_array_equal(image.reshape(-1, 3)[[0, 258, 259]], [[10, 20, 30], [10, 20, 30], [14, 16, 18]])
+
+
+def test_a_first_pixel_of_two_twos_is_not_taken_for_a_run():
+    pixels = np.full((1, 8, 4), [2, 2, 200, 136], np.uint8)
+    np.testing.assert_array_equal(decoded(HEAD + b"-Y 1 +X 8\n" + pixels.tobytes()), pixels[..., :3])
+
+
+def test_exposures_and_color_corrections_are_divided_out():
+    data = b"#?RGBE\nEXPOSURE=2\nEXPOSURE= 2\nCOLORCORR= 1 2 4\n\n-Y 1 +X 1\n" + bytes([16, 16, 16, 136])
+    np.testing.assert_array_equal(decoded(data), [[[4.0, 2.0, 1.0]]])
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "1e-40", "1e300", "", "auto", "1 1"])
+@pytest.mark.parametrize("name", ["EXPOSURE", "COLORCORR"])
+def test_what_is_no_exposure_is_ignored_with_a_warning(name, value):
+    value = f"{value} 1 1" if name == "COLORCORR" else value
+    data = f"#?RADIANCE\n{name}=2{' 2 2' * (name == 'COLORCORR')}\n{name}={value}\n\n-Y 1 +X 1\n".encode()
+    with pytest.warns(UserWarning, match=f"^x.hdr: {name}: '{value.strip()}' is ignored") as caught:
+        image = decoded(data + bytes([16, 16, 16, 136]))
+    assert (len(caught), image.tolist()) == (1, [[[8.0, 8.0, 8.0]]])
+
+
+@pytest.mark.parametrize("end", ["\n", " \r\n"])
+@pytest.mark.parametrize("order", ["-Y +X", "-Y -X", "+Y +X", "+Y -X", "+X -Y", "+X +Y", "-X -Y", "-X +Y"])
+def test_pixels_come_in_any_of_eight_orders(order, end):
+    """The image [[1, 2, 3], [4, 5, 6]], written as Radiance's manual describes: the first axis is that of scanlines."""
+    stored = np.array([[1, 2, 3], [4, 5, 6]])
+    stored = stored[:: 1 if "-Y" in order else -1, :: 1 if "+X" in order else -1]
+    stored = stored if order[1] == "Y" else stored.T
+    size = f"{order[:2]} {len(stored)}\t{order[3:]} {stored.shape[1]}"
+    codes = np.stack([stored, 0 * stored, 0 * stored, 0 * stored + 136], axis=2).astype(np.uint8)
+    lines = ["#?any program", "# a comment", ""]
+    data = "".join(line + end.strip(" ") for line in lines).encode() + (size + end).encode() + codes.tobytes()
+    assert decoded(data)[..., 0].tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_another_programs_files(tmp_path):
+    OpenImageIO = pytest.importorskip("OpenImageIO", reason="OpenImageIO writes the files")
+    image = (np.random.default_rng(1).random((9, 40, 3)) ** 8 * 1e4).astype(np.float32)
+    image[:, 5:30] = image[:, 5:6]
+    path = tmp_path / "peer.hdr"
+    output = OpenImageIO.ImageOutput.create(str(path))
+    output.open(str(path), OpenImageIO.ImageSpec(40, 9, 3, "float"))
+    output.write_image(image)
+    output.close()
+    peer = OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)
+    np.testing.assert_array_equal(decoded(path.read_bytes()), peer)
+
+
+@pytest.mark.parametrize(
+    ("data", "field"),
+    [
+        (b"P6 1 1", "file"),
+        (b"#?RADIANCE\n" + b"a" * 100, "header"),
+        (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\nabcd", "FORMAT"),
+        (HEAD + b"-X 1 +X 1\nabcd", "header"),
+        (HEAD + b"512 x 512\nabcd", "header"),
+        (HEAD + b"-Y 0 +X 1\nabcd", "image"),
+        (HEAD + b"-Y 40000 +X 1\n" + b"abcd" * 40000, "image"),
+        (HEAD + b"-Y 9999 +X 9999\nabcd", "image"),
+        (HEAD + b"-Y 1 +X 2\nabcd", "image"),
+        (HEAD + b"-Y 1 +X 1\n\x01\x01\x01\x01", "image"),
+        (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x09" + b"\x88a" * 4, "image"),
+        (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x89a" * 4, "image"),
+        (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x00a" * 4, "image"),
+        (HEAD + b"-Y 1 +X 8\n\x02\x02\x00\x08" + b"\x88a" * 3, "image"),
+        (HEAD + b"-Y 2 +X 8\n\x02\x02\x00\x08" + b"\x88a" * 4 + b"abcd", "image"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(data, field):
+    with pytest.raises(InputError, match=f"^x.hdr: {field}: expected .*found ") as caught:
+        decoded(data)
+    assert "\n" not in str(caught.value)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
-import subprocess
 import sys
 import tracemalloc
 import warnings
 
 import numpy as np
 import pytest
-from processes import ROOT
+from command_line import assert_refused, run
+from processes import python
 
-from clshade.cli.main import main
 from clshade.errors import ClshadeError, InputError
 from clshade.images import exr, png, statistics
 from clshade.images.image_file import Picture
@@ -106,9 +105,8 @@ def test_the_table():
 
 def inspected(capsys, *arguments):
     """Run `inspect`; return its exit code, the parsed JSON, and the lines of standard error."""
-    code = main(["inspect", *map(str, arguments), "--json"])
-    out, err = capsys.readouterr()
-    return code, json.loads(out, parse_constant=pytest.fail), err.splitlines()
+    code, out, err = run(capsys, "inspect", *arguments, "--json")
+    return code, json.loads(out, parse_constant=pytest.fail), err
 
 
 def test_a_file_of_half_floats_in_a_window_of_its_own(tmp_path, capsys):
@@ -137,15 +135,12 @@ def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
     assert found["pixels"][1]["values"]["Z"] == 8.0
     assert [pixel["values"]["Z"] for pixel in found["pixels"][2:]] == ["nan", "inf"]
     assert (found["channels"]["Z"]["nan"], found["channels"]["Z"]["inf"]) == (1, 2)
-    assert main(["inspect", str(tmp_path / "a.exr"), "--pixel", "3,1"]) == 0
-    assert "pixel 3,1 (column, row from the top): Z 7.0, id 4294967291" in capsys.readouterr().out
+    code, out, _ = run(capsys, "inspect", tmp_path / "a.exr", "--pixel", "3,1")
+    assert code == 0
+    assert "pixel 3,1 (column, row from the top): Z 7.0, id 4294967291" in out
     for outside in ("4,0", "0,3", "-1,0"):
-        assert main(["inspect", str(tmp_path / "a.exr"), f"--pixel={outside}"]) == 2
-        out, err = capsys.readouterr()
-        assert (out, err.splitlines()) == (
-            "",
-            [f"clshade: {tmp_path / 'a.exr'}: pixel: expected X from 0 to 3 and Y from 0 to 2, found {outside}"],
-        )
+        line = f"clshade: {tmp_path / 'a.exr'}: pixel: expected X from 0 to 3 and Y from 0 to 2, found {outside}"
+        assert run(capsys, "inspect", tmp_path / "a.exr", f"--pixel={outside}") == (2, "", [line])
 
 
 def test_what_json_has_no_numbers_for_is_null(tmp_path, capsys):
@@ -179,8 +174,8 @@ def test_sixteen_bits_of_a_png_are_kept(tmp_path):
 
 def test_a_header_cannot_write_to_the_terminal(tmp_path, capsys):
     exr.write(tmp_path / "a.exr", np.zeros((1, 1, 3)), metadata={"note": "red \x1b[31m\nand more"})
-    assert main(["inspect", str(tmp_path / "a.exr")]) == 0
-    out = capsys.readouterr().out
+    code, out, _ = run(capsys, "inspect", tmp_path / "a.exr")
+    assert code == 0
     assert "\x1b" not in out
     assert "  note: red \\x1b[31m\\nand more" in out.splitlines()
 
@@ -188,11 +183,7 @@ def test_a_header_cannot_write_to_the_terminal(tmp_path, capsys):
 @pytest.mark.parametrize("content", [b"", b"GIF89a", b"v/1\x01" + bytes(60), b"\x89PNG\r\n\x1a\n" + bytes(30)])
 def test_no_image(tmp_path, capsys, content):
     (tmp_path / "a.exr").write_bytes(content)
-    assert main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "a.png")]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert len(err.splitlines()) == 1
-    assert "a.exr" in err
+    assert_refused(run(capsys, "inspect", tmp_path / "a.exr", "-o", tmp_path / "a.png"), "a.exr")
     assert os.listdir(tmp_path) == ["a.exr"]
 
 
@@ -202,9 +193,9 @@ def test_bad_files_of_others(data_folder, capsys):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             expected = 0 if path.name == "self_tex_1x1.png" or loads(path) else 2
-            assert main(["inspect", str(path)]) == expected, path
-        error = capsys.readouterr().err
-        assert not expected or len(error.splitlines()) == 1, path
+            code, _, err = run(capsys, "inspect", path)
+        assert code == expected, path
+        assert not expected or len(err) == 1, path
 
 
 def loads(path):
@@ -281,19 +272,19 @@ def test_the_figure_of_the_command(tmp_path, capsys, monkeypatch):
     assert (code, err) == (0, [f"clshade: wrote {tmp_path / 'b.png'}"])
     assert sorted(os.listdir(tmp_path)) == ["a.exr", "b.png"]
     assert png.read(tmp_path / "b.png").std() > 10
-    assert main(["inspect", str(tmp_path / "a.exr"), "-o", str(tmp_path / "none" / "a.png")]) == 2
-    assert "there is no folder" in capsys.readouterr().err
-    for output, expected in (("a.exr", "ends in .png"), ("b.png", "another file")):
-        assert main(["inspect", str(tmp_path / "b.png"), "-o", str(tmp_path / output)]) == 2
-        assert expected in capsys.readouterr().err
+    for image, output, expected in (
+        ("a.exr", "none/a.png", "there is no folder"),
+        ("b.png", "a.exr", "ends in .png"),
+        ("b.png", "b.png", "another file"),
+    ):
+        assert_refused(run(capsys, "inspect", tmp_path / image, "-o", tmp_path / output), expected)
     assert inspected(capsys, tmp_path / "a.exr")[0] == 0
 
 
 def test_no_figure_costs_no_matplotlib(tmp_path):
     exr.write(tmp_path / "a.exr", np.ones((3, 3, 3)))
     code = "import sys; from clshade.cli.main import main; main(sys.argv[1:]); print('matplotlib' in sys.modules)"
-    command = [sys.executable, "-c", code, "inspect", str(tmp_path / "a.exr"), "-q"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=ROOT)
+    done = python(code, "", "inspect", str(tmp_path / "a.exr"), "-q")
     assert done.stdout.split() == ["False"]
 
 
@@ -304,8 +295,8 @@ def test_refused(tmp_path):
 
 def test_verbose_names_what_was_read(tmp_path, capsys):
     exr.write(tmp_path / "a.exr", np.zeros((2, 2, 3)))
-    assert main(["inspect", str(tmp_path / "a.exr"), "--verbose"]) == 0
-    (line,) = capsys.readouterr().err.splitlines()
+    code, _, (line,) = run(capsys, "inspect", tmp_path / "a.exr", "--verbose")
+    assert code == 0
     assert line.startswith(f"clshade: read {tmp_path / 'a.exr'}: 3 channels, ")
 
 

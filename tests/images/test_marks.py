@@ -1,11 +1,14 @@
-"""Text, scale bars and axes triads beside images."""
+"""Text, scale bars, axes triads and color bars beside images; magnified crops, and the image with their places."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from clshade.errors import InputError
 from clshade.images import contact_sheet, lettering
+from clshade.images.colorbar import _ticks, with_colorbar
+from clshade.images.crops import COLORS, SIDE, Crop, magnified, marked
 from clshade.images.drawing_marks import AXES, INK, faded, round_length, scale_bar, triad
 
 X, Y, Z = np.eye(3)
@@ -121,3 +124,91 @@ def test_panels_of_a_layout_lie_where_it_says():
     for k in range(3):
         x, y = layout.corner(k, 40)
         assert (sheet[y : y + 40, x : x + 50] == 10 * k).all()
+
+
+@pytest.mark.parametrize(
+    ("ends", "labels"),
+    [
+        ((50.0, 320.0), ["50", "100", "150", "200", "250", "300"]),
+        ((-1.0, 1.0), ["-1", "-0.5", "0", "0.5", "1"]),
+        ((1e9, 1e9 + 1), ["1000000000", "1000000000.2", "1000000000.4", "1000000000.6", "1000000000.8", "1000000001"]),
+        ((2.0, 2.0), ["2"]),
+        ((-1.7e308, 1.7e308), ["-1.7e+308", "1.7e+308"]),
+        ((0.0, 5e-324), ["0", "4.94066e-324"]),
+    ],
+)
+def test_numbers_are_round_and_all_there(ends, labels):
+    places, found = _ticks(*ends, 6)
+    assert found == labels
+    assert len(places) == len(labels)
+    assert all(0.0 <= place <= 1.0 for place in places)
+
+
+def test_any_ends_and_titles():
+    image, ground = np.zeros((90, 7, 3), np.uint8), np.array([255, 255, 255], np.uint8)
+    for ends in ((0.0, 0.0), (-1e308, 1e308), (0.0, 1e-310), (1e30, 1.00000001e30)):
+        assert with_colorbar(image, "jet", ends, "a $\\frac name\n" * 20, ground).shape[0] == 90
+
+
+# Crops
+
+
+IMAGE = np.random.default_rng(5).integers(0, 256, (40, 60, 3), dtype=np.uint8)
+
+
+def test_every_pixel_becomes_a_square():
+    large = magnified(IMAGE, Crop(10, 20, 3, 2, 5))
+    assert large.shape == (10, 15, 3)
+    for row in range(10):
+        for column in range(15):
+            assert (large[row, column] == IMAGE[20 + row // 5, 10 + column // 5]).all()
+
+
+@pytest.mark.parametrize(
+    ("crop", "scale"), [((0, 0, 60, 40), 8), ((0, 0, 1, 1), 64), ((0, 0, 60, 40, 3), 3), ((0, 0, 600, 10), 1)]
+)
+def test_scale_of_a_crop(crop, scale):
+    found = Crop(*crop).scale
+    assert found == scale
+    assert found in (1, 3, 64) or found * 60 <= SIDE < (found + 1) * 60
+
+
+def test_marks_lie_outside_the_crops():
+    crops = [Crop(24, 20, 12, 9), Crop(40, 0, 20, 8), Crop(0, 30, 5, 10)]
+    found = marked(IMAGE, crops)
+    for crop in crops:
+        inside = np.s_[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
+        assert (found[inside] == IMAGE[inside]).all()
+    assert (found[29, 24:36] == COLORS[0]).all()  # below the first
+    assert (found[30, 26:36] == 0).all()
+    assert (found[20:30, 36] == COLORS[0]).all()
+    assert IMAGE.flags.writeable  # a copy was drawn into
+    assert (marked(IMAGE, []) == IMAGE).all()
+
+
+def test_one_crop_has_no_number():
+    changed = (marked(IMAGE, [Crop(20, 20, 4, 4)]) != IMAGE).any(axis=-1)
+    rows, columns = np.nonzero(changed)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (18, 25, 18, 25)
+
+
+def test_the_number_of_a_crop_without_room_around_it_is_in_its_corner():
+    found = marked(IMAGE, [Crop(0, 0, 60, 40), Crop(20, 4, 8, 30)])
+    for x, y, color in ((0, 0, COLORS[0]), (20, 4, COLORS[1])):
+        plate = found[y : y + 15, x : x + 8]
+        assert (plate == color).all(axis=-1).sum() > 40
+
+
+@pytest.mark.parametrize(
+    ("crop", "part"),
+    [
+        ((0, 0, 61, 10), "within 60 x 40 pixels"),
+        ((0, 35, 6, 6), "within 60 x 40 pixels"),
+        ((-1, 0, 6, 6), "within 60 x 40 pixels"),
+        ((0, 0, 6, 6, 65), "a factor from 1 to 64"),
+    ],
+)
+def test_refused_crops(crop, part):
+    with pytest.raises(InputError, match=part):
+        Crop(*crop).check("--crop-zoom", 60, 40)
+    Crop(54, 34, 6, 6, 64).check("--crop-zoom", 60, 40)

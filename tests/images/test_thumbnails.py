@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from clshade.images import exr
 from clshade.images.channels import color_group, grouped
 from clshade.images.thumbnails import NOTHING, SIDE, thinned, thumbnails
 
@@ -58,22 +59,18 @@ def test_the_color_layer():
     assert color_group(named("Z", "N.X", "N.Y", "N.Z", "uv.U", "uv.V", "M.R", "M.G")) is None
 
 
-def split(name, letters, array):
-    return {f"{name}.{letter}": array[..., k] for k, letter in enumerate(letters)}
-
-
 def test_directions_and_positions():
     normals = RNG.normal(size=(8, 9, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     normals[0] = 0.0  # the background
-    pixels, note = thumbnails(split("N", "XYZ", normals.astype(np.float16)))["N"]
+    pixels, note = thumbnails(exr.flatten({"N": normals.astype(np.float16)}))["N"]
     assert note == "(n + 1)/2"
     assert (pixels[0] == 0).all()
     # Half's ulp:
     assert np.abs(pixels[1:].astype(float) - 255 * (normals[1:] + 1) / 2).max() <= 0.5 + 255 / 2 * 2.0**-11
     points = 2.0 * normals
     points[1, 1] = np.nan
-    pixels, note = thumbnails(split("P", "XYZ", points))["P"]
+    pixels, note = thumbnails(exr.flatten({"P": points}))["P"]
     assert note == "each component's range"
     assert pixels[1, 1].tolist() == list(NOTHING)
     assert pixels.min() == 0
@@ -82,7 +79,7 @@ def test_directions_and_positions():
 
 def test_texture_coordinates_repeat():
     uv = np.array([[[0.0, 0.25], [1.5, -0.25], [np.nan, 0.5]]])
-    pixels, note = thumbnails(split("uv", "UV", uv))["uv"]
+    pixels, note = thumbnails(exr.flatten({"uv": uv}))["uv"]
     assert note == "red u, green v, from 0 to 1, repeated"
     assert pixels.tolist() == [[[0, 64, 0], [128, 191, 0], list(NOTHING)]]
 
@@ -112,7 +109,7 @@ def test_names_of_things_have_colors_of_their_own():
 @pytest.mark.parametrize("encoded", [False, True])
 def test_colors(encoded):
     linear = np.full((1, 1, 3), 0.5)
-    pixels = thumbnails(split("albedo", "RGB", linear), encoded=encoded)["albedo"].pixels
+    pixels = thumbnails(exr.flatten({"albedo": linear}), encoded=encoded)["albedo"].pixels
     assert (pixels == (128 if encoded else 188)).all()  # sRGB of 0.5 is 0.7354
 
 

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import IO, Any
 from unittest import mock
 
 import numpy as np
@@ -45,10 +46,20 @@ def scene_of(*arguments: object) -> clshade.Scene:
         return selected.load_scene(parsed, parsed.scenes[0])
 
 
-def process(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+def settings_of(*arguments: object) -> dict[str, Any]:
+    """Return the settings that a command line of `render` chooses for its picture."""
+    given = with_values(["render", *map(str, arguments)])
+    return selected.picture_settings(_parser(given).parse_args(given), scene_of(*arguments))
+
+
+def process(
+    *arguments: object, cwd: Path, stdout: IO[str] | int = subprocess.PIPE, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a command line in a child process, with further environment variables."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **variables}
     command = [sys.executable, "-m", "clshade", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120)
+    options = {"cwd": cwd, "env": environment, "stdout": stdout, "stderr": subprocess.PIPE}
+    return subprocess.run(command, **options, text=True, timeout=120)
 
 
 def without_notices(err: str) -> list[str]:

@@ -17,7 +17,12 @@ from clshade.scene.formats.load import load
 from clshade.scene.model import Scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+ROOF = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0.9 0 -0.3\nf 1 2 3\nf 2 1 4\n"  # two faces, 18 degrees apart
 TEXTURED = "mtllib a.mtl\n" + TRIANGLE + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
+DATA = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float heat\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 -1.5\n1 0 0 nan\n0 1 0 4\n3 0 1 2\n"
+)
 
 
 def course_dict(**changes: Any) -> dict[str, Any]:
@@ -99,6 +104,11 @@ def refusal(path, *parts: str, **options: Any) -> str:
     return text
 
 
+def chunk(kind: bytes, data: bytes) -> bytes:
+    """Return a chunk of a PNG file."""
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
 def png16(pixels: np.ndarray) -> bytes:
     """Encode (h, w, 1..4) uint16 as a PNG with 16 bits per channel, using all five filters."""
     height, width, channels = pixels.shape
@@ -116,10 +126,7 @@ def png16(pixels: np.ndarray) -> bytes:
         lines.append(bytes([y % 5]) + ((row - guess) % 256).astype(np.uint8).tobytes())
         before = row
 
-    def part(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     color = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
     head = struct.pack(">IIBBBBB", width, height, 16, color, 0, 0, 0)
     data = zlib.compress(b"".join(lines))
-    return b"\x89PNG\r\n\x1a\n" + part(b"IHDR", head) + part(b"IDAT", data) + part(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")

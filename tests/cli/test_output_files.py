@@ -1,4 +1,4 @@
-"""Options for output files: --formats, --depth-scale, --stereo, --save-cameras, and what is refused before drawing."""
+"""Options for output files: --formats, --depth-scale, --stereo, --save-cameras, --cryptomatte, --save-scene."""
 
 from __future__ import annotations
 
@@ -9,20 +9,16 @@ import numpy as np
 import pytest
 from command_line import SMALL, assert_refused, listing, needs_device, run
 
+import clshade
 from clshade.farm import read_cameras
 from clshade.images import depth_png, exr, png
 from clshade.scene.builtin.scenes import builtin
 
 TURN = ("turntable", *SMALL[1:], "--count", "2")
+ROOM = ("box_room", "--resolution", "40x30", "--samples", "2")
+pytestmark = [needs_device, pytest.mark.usefixtures("folder")]
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """Make the test's folder the current one."""
-    monkeypatch.chdir(tmp_path)
-
-
-@needs_device
 def test_formats_of_render(tmp_path, capsys):
     code, out, _ = run(capsys, *SMALL, "--formats", "png,npz,depth", "--depth-scale", "0.0005", "--deterministic")
     assert (code, listing(tmp_path)) == (0, ["out.depth.png", "out.npz", "out.png"])
@@ -42,7 +38,6 @@ def test_formats_of_render(tmp_path, capsys):
     assert {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)} == before
 
 
-@needs_device
 def test_a_name_that_ends_in_npz(tmp_path, capsys):
     assert run(capsys, *SMALL, "-o", "a.npz", "--quiet")[0] == 0
     assert run(capsys, *SMALL, "-o", "b.npz", "--formats", "png", "--quiet")[0] == 0
@@ -50,14 +45,12 @@ def test_a_name_that_ends_in_npz(tmp_path, capsys):
     assert listing(tmp_path) == ["a.npz", "b.png", "c.1.npz", "c.2.npz"]
 
 
-@needs_device
 def test_depth_adds_its_layer(tmp_path, capsys):
     command = ("render", "quads", "--resolution", "32,24", "--preset", "course", "--layers", "id", "--quiet")
     assert run(capsys, *command, "--formats", "exr,depth")[0] == 0
     assert {"Z", "id"} <= set(exr.read("out.exr")[0])
 
 
-@needs_device
 def test_a_turn_of_two_eyes_with_its_cameras(tmp_path, capsys):
     """What is there is skipped; the cameras that were saved draw the same frames."""
     command = (*TURN, "--formats", "npz,depth", "--stereo", "0.5", "--convergence", "9", "-o", "a/f.##.exr")
@@ -83,7 +76,6 @@ def test_a_turn_of_two_eyes_with_its_cameras(tmp_path, capsys):
                 np.testing.assert_allclose(second["Z"], first["Z"], rtol=1e-6)
 
 
-@needs_device
 @pytest.mark.parametrize("kind", ["exr", "png", "npz", "depth"])
 def test_frames_of_another_size(tmp_path, capsys, kind):
     """Each kind alone: refused in a line, nothing is drawn or changed."""
@@ -99,46 +91,6 @@ def test_frames_of_another_size(tmp_path, capsys, kind):
     assert (tmp_path / name).read_bytes() == before
 
 
-REFUSED = [
-    ((*SMALL, "--formats", "exr,pgn"), ("--formats", "exr, png, npz, depth", "did you mean 'png'?")),
-    ((*SMALL, "--formats", "numpy"), ("did you mean 'npz'?",)),
-    ((*SMALL, "--formats", ""), ("--formats", "expected")),
-    ((*SMALL, "--depth-scale", "0.01"), ("--depth-scale: needs --formats depth",)),
-    ((*SMALL, "--formats", "depth", "--depth-scale", "0"), ("depth_scale: expected a finite number above 0",)),
-    ((*SMALL, "--formats", "depth", "--depth-scale", "mm"), ("--depth-scale", "a number")),
-    (
-        (*SMALL, "--formats", "depth,exr", "--depth-scale", "1e-6"),
-        ("depth_scale: expected ", " or more, as 65535 steps"),
-    ),
-    ((*SMALL, "--formats", "npz", "--sheet"), ("--formats: cannot go with --sheet",)),
-    ((*SMALL, "--formats", "png", "--flow-to", "c.json"), ("--flow-to: needs exr or npz in --formats", "not png")),
-    ((*TURN, "--formats", "png,depth", "--flow"), ("flow: needs exr or npz among the files, which hold it",)),
-    ((*SMALL, "--stereo", "0"), ("Camera.stereo: baseline: expected a finite number above 0, found 0",)),
-    ((*SMALL, "--stereo", "nan"), ("baseline",)),
-    ((*SMALL, "--convergence", "3"), ("--convergence: needs --stereo BASELINE",)),
-    ((*SMALL, "--stereo", "1", "--convergence", "-3"), ("convergence: expected a finite number above 0, found -3",)),
-    ((*SMALL, "--stereo", "1", "--views", "front"), ("--stereo: cannot go with --views",)),
-    ((*SMALL, "--stereo", "1", "--sheet"), ("--stereo: cannot go with --sheet",)),
-    ((*SMALL, "--stereo", "1", "--orthographic"), ("expected a perspective camera, found an orthographic one",)),
-    ((*TURN, "--convergence", "3"), ("--convergence: needs --stereo BASELINE",)),
-    ((*TURN, "--stereo", "-1"), ("baseline: expected a finite number above 0, found -1",)),
-    ((*TURN, "--formats", "npz", "-o", "a.mp4"), ("--formats: cannot go with a film, a.mp4",)),
-    ((*TURN, "--save-cameras", "out.0001.exr/c.json"), ("out.0001.exr", "is not a folder")),
-    ((*TURN, "--formats", "depth", "--depth-scale", "1e-6", "-o", "new/#.exr"), ("frame 1: ", "65535 steps")),
-]
-
-
-@needs_device
-@pytest.mark.parametrize(("arguments", "parts"), REFUSED)
-def test_refused_command_lines(tmp_path, capsys, arguments, parts):
-    (tmp_path / "out.0001.exr").write_text("earlier")
-    (tmp_path / "out.exr").write_text("earlier")
-    assert_refused(run(capsys, *arguments), *parts)
-    assert listing(tmp_path) == ["out.0001.exr", "out.exr"]
-    assert {(tmp_path / name).read_text() for name in listing(tmp_path)} == {"earlier"}
-
-
-@needs_device
 def test_a_stereo_pair_with_magnified_crops(tmp_path, capsys):
     command = (*SMALL, "--stereo", "0.5", "--crop-zoom", "2,3,8,6", "--json", "--formats", "png")
     code, out, _ = run(capsys, *command)
@@ -149,3 +101,84 @@ def test_a_stereo_pair_with_magnified_crops(tmp_path, capsys):
     ]
     left, right = (png.read(f"out.{eye}.png") for eye in ("left", "right"))
     assert (left != right).any()
+
+
+# Masks
+
+
+def test_render_writes_the_masks(folder, capsys):
+    pytest.importorskip("mmh3")
+    code, _, err = run(capsys, "render", *ROOM, "--cryptomatte", "object,material", "-o", "room")
+    assert code == 0, err
+    channels, _ = exr.read("room.exr")
+    mattes = clshade.cryptomatte(clshade.render(clshade.builtin("box_room"), resolution=(40, 30), samples=2))
+    for kind in ("object", "material"):
+        for name, plane in mattes[kind].channels.items():
+            assert np.array_equal(channels[name], plane), name
+    assert not [name for name in channels if name.startswith("CryptoInstance")]
+
+
+def test_turntable_writes_all_kinds_into_each_frame(folder, capsys):
+    pytest.importorskip("mmh3")
+    code, _, err = run(capsys, "turntable", *ROOM, "--count", "2", "--cryptomatte", "-o", "t.#.exr", "--formats", "exr")
+    assert code == 0, err
+    assert listing(folder) == ["t.1.exr", "t.2.exr"]
+    first, second = (exr.read(f"t.{number}.exr")[0] for number in (1, 2))
+    assert {name[:-4] for name in first if name.startswith("Crypto")} == {
+        "CryptoObject",
+        "CryptoMaterial",
+        "CryptoInstance",
+    }
+    assert (first["CryptoObject00.G"] != second["CryptoObject00.G"]).any()
+
+
+def test_others_find_the_parts(folder, capsys):
+    pytest.importorskip("mmh3")
+    oiio = pytest.importorskip("OpenImageIO")
+    assert run(capsys, "render", *ROOM, "--cryptomatte", "object", "-o", "room", "--quiet")[0] == 0
+    image = oiio.ImageInput.open("room.exr")
+    assert image.seek_subimage(1, 0)
+    names = [each for each in image.spec().extra_attribs if each.name.startswith("cryptomatte/")]
+    manifest = next(json.loads(each.value) for each in names if each.name.endswith("/manifest"))
+    assert len(manifest) == len(clshade.builtin("box_room").meshes)
+
+
+# Saved scenes
+
+
+@pytest.mark.long
+def test_the_scene_draws_the_same_picture(capsys, tmp_path):
+    saved = tmp_path / "scene.json"
+    options = ("--lights", "1", "--light-intensity", "0.5", "--camera-azimuth-angle", "20")
+    code, out, err = run(capsys, *SMALL, *options, "--save-scene", saved, "-o", tmp_path / "a")
+    assert code == 0, err
+    assert err[-1].endswith(f"wrote {saved}")
+    assert "wrote" in out
+    scene = clshade.load(saved)
+    assert (scene.preset, scene.camera.resolution, len(scene.lights)) == ("course", (32, 24), 1)
+    binary = json.loads(saved.read_text())["arrays"]["file"]
+    assert listing(tmp_path) == ["a.exr", "a.png", "scene.json", binary]
+    code, _, err = run(capsys, "render", saved, "--layers", "Z,id", "-o", tmp_path / "b")
+    assert code == 0, err
+    (first, _), (second, _) = (exr.read(tmp_path / f"{name}.exr") for name in "ab")
+    assert set(first) == set(second)
+    for name, channel in first.items():
+        assert np.array_equal(channel.view(np.uint32), second[name].view(np.uint32)), name
+
+
+@pytest.mark.long
+def test_a_scene_for_other_programs(capsys, tmp_path):
+    saved = tmp_path / "scene.GLB"
+    code, _, err = run(capsys, "render", "teapot", "--resolution", "40,20", "--save-scene", saved, "-o", tmp_path / "a")
+    assert code == 0, err
+    assert listing(tmp_path) == ["a.exr", "a.png", "scene.GLB"]
+    scene = clshade.load(saved)
+    columns, rows = scene.camera.resolution
+    assert columns == 2 * rows
+    assert scene.face_count == clshade.builtin("teapot").face_count
+
+
+def test_standard_output_stays_json(capsys, tmp_path):
+    code, out, _ = run(capsys, *SMALL, "--json", "--save-scene", tmp_path / "s.json", "-o", tmp_path / "a")
+    assert code == 0
+    assert json.loads(out)["resolution"] == [32, 24]
