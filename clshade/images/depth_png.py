@@ -69,8 +69,9 @@ def read(path: Path) -> tuple[Floats, float]:
 
     owner = shown(path)
     gray, header = read_png(path)
-    if gray.dtype != np.uint16 or gray.shape[2] != 1 or _KEY not in header:
-        found = f"{gray.shape[2]} channels of {8 * gray.itemsize} bits"
+    is_gray = gray.dtype == np.uint16 and gray.shape[2] == 1
+    if not is_gray or _KEY not in header:
+        found = "none" if is_gray else f"channels: {gray.shape[2]} of {8 * gray.itemsize} bits"
         raise file_error(owner, "file", f"a 16-bit gray PNG with a text {_KEY}", found)
     try:
         scale = number(owner, _KEY, float(header[_KEY]), above=0.0)

@@ -254,11 +254,12 @@ class Session:
         columns, rows = view.camera.resolution
         column = integer("probe", "column", column, 0, columns - 1)
         row = integer("probe", "row", row, 0, rows - 1)
-        if self._probed is None or self._probed[:2] != (view, self._scene_version):
+        probed = self._probed  # another thread may set it to None
+        if probed is None or probed[:2] != (view, self._scene_version):
             frame = self._scene.render(replace(view, settings=_with_all_layers(view.settings)), self)
-            self._probed = view, self._scene_version, frame
+            self._probed = probed = view, self._scene_version, frame
         values: dict[str, int | float | str] = {}
-        for name, plane in exr.flatten(self._probed[2].channels()).items():
+        for name, plane in exr.flatten(probed[2].channels()).items():
             if plane.dtype.kind in "iu":
                 values[name] = int(plane[row, column])
                 continue

@@ -27,8 +27,8 @@ NORMAL_UNITS = MEAN_UNITS + 6.0  # the length and its reciprocal add 6
 # like the others, and the oracle's own 8 units count as well.
 UV_UNITS = {"float32": 1.0, "float64": MEAN_UNITS}
 
-# The share of rays is a quotient of whole numbers, rounded once; products and sums of what veils let pass are rounded as
-# those of lights, 32 times, and more in all as `Openness.rounding` says.
+# The share of rays is a quotient of whole numbers, rounded once; products and sums of transmittances are rounded as those of
+# lights, 32 times, and more in all as `AmbientVisibility.rounding` says.
 OPEN_UNITS = 32.0
 
 
