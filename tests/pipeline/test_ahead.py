@@ -32,6 +32,7 @@ first, others = programs.first_picture, contextlib.nullcontext
 for name, block in (({name!r}, first), ("icosphere", first), ({name!r}, others), ({name!r}, first)):
     with block():
         frame = clshade.render(clshade.builtin(name, resolution=(32, 24)), samples=4)
+    assert not any(program.warnings for program in programs.built())
     print(hashlib.sha256(frame.rgba.tobytes()).hexdigest(), len(programs.built()), programs.own.has_first)
 """
 
