@@ -116,17 +116,17 @@ def test_the_figures_are_render_object(drawn, saved_course):
 @pytest.mark.parametrize(("name", "panels"), [("demo.png", 20), ("demotmap.png", 4)])
 def test_the_sheets_show_every_figure(drawn, name, panels):
     """Each panel holds its figure, reduced, with dark text below."""
-    picture = png.read(drawn / name).astype(float)
-    height = sheet.PANEL * 64 // 80
-    step = height + sheet.TITLE + sheet.CAPTION
-    assert picture.shape == (sheet.HEAD + step * (panels // 4), (sheet.PANEL + sheet.GAP) * 4, 3)
+    picture, layout = png.read(drawn / name).astype(float), sheet.Layout()
+    height = layout.panel * 64 // 80
+    step = height + layout.title + layout.caption
+    assert picture.shape == (layout.head + step * (panels // 4), (layout.panel + layout.gap) * 4, 3)
     first = 1 if name == "demo.png" else 17
     files = sorted(drawn.glob("figure*.png"))
     for k in range(panels):
-        x, y = (k % 4 * (sheet.PANEL + sheet.GAP) + sheet.GAP // 2, sheet.HEAD + k // 4 * step + sheet.TITLE)
-        shown = picture[y : y + height, x : x + sheet.PANEL]
-        assert picture[y + height + 2 : y + height + sheet.CAPTION, x : x + sheet.PANEL].min() < 128.0
-        assert picture[y - sheet.TITLE : y - 2, x : x + sheet.PANEL].min() < 128.0
+        x, y = (k % 4 * (layout.panel + layout.gap) + layout.gap // 2, layout.head + k // 4 * step + layout.title)
+        shown = picture[y : y + height, x : x + layout.panel]
+        assert picture[y + height + 2 : y + height + layout.caption, x : x + layout.panel].min() < 128.0
+        assert picture[y - layout.title : y - 2, x : x + layout.panel].min() < 128.0
         path = next((f for f in files if f.name.startswith(f"figure{first + k:02d}")), None)
         if path is not None and (name == "demo.png") == (first + k < 17):
             assert np.array_equal(shown, sheet.reduced(png.read(path)))
