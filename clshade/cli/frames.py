@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..scene import adjust_camera
 from ..scene.camera import MAX_RESOLUTION, checked_resolution
 from ..scene.formats.table import extensions_with
+from ..scene.pose import PerFrame, Poses
 from . import DONE
 from .options import Arguments, Device, Json, Option, add_options, output_name, seconds
 from .outputs import EYES, OUTPUT, Mattes, Saving, Stereo, check_stereo, saving
@@ -246,7 +247,7 @@ def _play(arguments: Arguments, frames: Frames | None) -> int:
     def source() -> Any:
         return played.poses.source, arguments.lights, arguments.light_intensity, arguments.light_radius
 
-    return draw(arguments, scene, _PerFrame(numbers, camera), _PerFrame(numbers, pose, source))
+    return draw(arguments, scene, PerFrame(numbers, camera), Poses(numbers, pose, source))
 
 
 def _rate(arguments: Arguments) -> float:
@@ -268,28 +269,6 @@ def _numbers(frames: Frames | None, arguments: Arguments, count: int, owner: str
     if not 1 <= numbers[0] <= numbers[-1] <= count:
         raise InputError(f"--frames: {arguments.frames} goes beyond the frames of {owner}, 1..{count}")
     return numbers
-
-
-class _PerFrame(Mapping[int, _T]):
-    """What `make` makes for each frame of these numbers, when it is looked up. source: of poses, see `draw_film`."""
-
-    def __init__(self, numbers: Sequence[int], make: Callable[[int], _T], source: Callable[[], Any] = tuple) -> None:
-        self._numbers, self._make, self._source = dict.fromkeys(numbers), make, source
-
-    @property
-    def source(self) -> Any:
-        return self._source()
-
-    def __getitem__(self, number: int) -> _T:
-        if number not in self._numbers:
-            raise KeyError(number)
-        return self._make(number)
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._numbers)
-
-    def __len__(self) -> int:
-        return len(self._numbers)
 
 
 # Frames and films

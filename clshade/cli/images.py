@@ -16,9 +16,9 @@ from .options import (
     check_output_file,
     check_scene_name,
     is_scene,
+    number_from,
     numbers,
     output_name,
-    within,
 )
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Compare:
         "--threshold X: exit with 1 if any channel of any pixel is off by more than X, in the channel's units (PNG: from "
         "0 to 1), is NaN or infinite in one image alone, if any whole number differs, or if one image alone has a layer "
         "(default: exit with 0)",
-        within(float, 0.0, "an error of 0 or more such as 1e-3"),
+        number_from(float, 0.0, "an error of 0 or more such as 1e-3"),
     )
     output = Option(
         "-o, --output PNG: write a picture of both images and their difference, layer by layer, and magnified where they "

@@ -22,6 +22,7 @@ from . import DONE, FAILED
 from .options import (
     Arguments,
     Device,
+    Json,
     Limits,
     Option,
     add_options,
@@ -116,7 +117,7 @@ class Report:
 
 
 class ReportInstead:
-    title = "study: what is compared, and what is written"
+    title = Report.title
     list = Option("--list: name all variants")
     course = Option(
         "--course: of a course scene instead: its figures 1 to 19, errors and times on one HTML page, --out"
@@ -238,7 +239,7 @@ class Grade:
     shader = Option("--shader gouraud|phong|nolight: of the right image (default: phong)")
     output = Option("-o, --output FILE: a picture of the comparison, .png; of a folder a .csv", output_name)
     html = Option("--html FILE: of a folder: a page with a picture of each image", output_name)
-    json = Option("--json: print all figures as JSON")
+    json = Json.json
     list = Option("--list: name the mistakes that are modeled")
 
 

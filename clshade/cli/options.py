@@ -21,8 +21,8 @@ class Option:
 
     text: its names, the form of its value and its help, as in "-o, --output OUT: the image". Without a form it is a flag,
     --[no-]flag one that can be taken back; a form such as fit|file lists the choices; a name without dashes is that of an
-    argument. default: the help says it too. either: of options with the same one, one may be given. facts: further
-    arguments of `add_argument`.
+    argument. default: the help says it too. either: a name; of the options that share it, a command takes at most
+    one. facts: further arguments of `add_argument`.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ def reader(convert: Callable[[str], Any], form: str) -> Callable[[str], Any]:
     return read
 
 
-def within(kind: Callable[[str], Any], low: float, form: str, *, above: bool = False) -> Callable[[str], Any]:
+def number_from(kind: Callable[[str], Any], low: float, form: str, *, above: bool = False) -> Callable[[str], Any]:
     """Return a reader of finite numbers from `low` on, or above it."""
 
     def convert(text: str) -> Any:
@@ -149,10 +149,10 @@ def numbers(kind: type, counts: Sequence[int], form: str, separators: str = ",")
 
 
 whole, real = reader(int, "a whole number"), reader(float, "a number")
-from_1 = within(int, 1, "a whole number from 1 on")
-seconds = within(float, 0.0, "seconds above 0 such as 30", above=True)
-max_error = within(float, 0.0, "an error above 0 such as 1e-3", above=True)
-milliseconds = within(_milliseconds, 0.0, "a time above 0 such as 5ms or 0.005s", above=True)
+from_1 = number_from(int, 1, "a whole number from 1 on")
+seconds = number_from(float, 0.0, "seconds above 0 such as 30", above=True)
+max_error = number_from(float, 0.0, "an error above 0 such as 1e-3", above=True)
+milliseconds = number_from(_milliseconds, 0.0, "a time above 0 such as 5ms or 0.005s", above=True)
 resolution = numbers(int, [2], "two whole numbers such as 800,600 or 800x600", ",xX×")
 point = numbers(float, [3], "three numbers such as 1,2,3")
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from functools import partial
 from numbers import Integral
-from typing import Any
 
 from ..base.validation import arguments, items, number, value_error
 from ..scene.adjust_camera import adjusted
 from ..scene.camera import Camera
+from ..scene.pose import PerFrame
 from .frames import Frames
 
 
@@ -39,26 +38,7 @@ def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float =
     """
     if not all(isinstance(number, Integral) for number in numbers):
         raise value_error("orbit", "numbers", "whole numbers", numbers)
-    return _Made(dict.fromkeys(numbers), partial(_on_circle, camera, turn, degrees))
-
-
-@dataclass(frozen=True, eq=False)
-class _Made(Mapping[int, Camera]):
-    """Cameras by frame number, created when looked up. numbers: those that there are, in order."""
-
-    numbers: Mapping[int, Any]
-    make: Callable[[int], Camera]
-
-    def __getitem__(self, number: int) -> Camera:
-        if number not in self.numbers:
-            raise KeyError(number)
-        return self.make(number)
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self.numbers)
-
-    def __len__(self) -> int:
-        return len(self.numbers)
+    return PerFrame(numbers, partial(_on_circle, camera, turn, degrees))
 
 
 def _on_circle(camera: Camera, turn: Frames, degrees: float, number: int) -> Camera:
@@ -82,7 +62,7 @@ def stereo_cameras(
     left, right : mapping of int to Camera
         Cameras by frame number, created when looked up.
     """
-    left, right = (_Made(cameras, partial(_eye_of, cameras, baseline, convergence, side)) for side in (0, 1))
+    left, right = (PerFrame(cameras, partial(_eye_of, cameras, baseline, convergence, side)) for side in (0, 1))
     return left, right
 
 

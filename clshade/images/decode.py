@@ -44,17 +44,8 @@ _CONVERTED |= dict.fromkeys(("P", "RGBX", "CMYK", "YCbCr", "LAB", "HSV"), "RGB")
 
 # TIFF: the first bytes of files, the tags of an image, and their values.
 _TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION, _SAMPLES, _PLANAR, _EXTRA, _FORMAT = (
-    256,
-    257,
-    258,
-    262,
-    274,
-    277,
-    284,
-    338,
-    339,
-)
+_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION = 256, 257, 258, 262, 274
+_SAMPLES, _PLANAR, _EXTRA, _FORMAT = 277, 284, 338, 339
 _NONE, _DEFLATE = (1,), (8, 32946)  # compressions
 _MAX_PART = 1 << 28  # values in a strip or tile: the largest image that is read may be a single one
 _ASSOCIATED = 1  # associated (premultiplied) alpha

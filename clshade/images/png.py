@@ -96,9 +96,8 @@ def resolution(path: Path) -> tuple[int, int] | None:
     """Return columns and rows from the header of a PNG, without reading more; None if there is no readable PNG."""
     try:
         with open(path, "rb") as file:
-            signature, columns, rows = struct.unpack(
-                ">8s8x2I", file.read(24)
-            )  # skips the first chunk's length and name
+            # 8x skips the first chunk's length and name.
+            signature, columns, rows = struct.unpack(">8s8x2I", file.read(24))
     except (OSError, struct.error):
         return None
     return (columns, rows) if signature == SIGNATURE else None

@@ -82,8 +82,8 @@ class Statistics:
             for name, c in self.channels.items()
         }
         ranges = {"layer": self.color, "all": self.stops, "without_0.1_percent": self.robust_stops}
-        figures = {"width": self.shape[1], "height": self.shape[0], "channels": channels, "dynamic_range_stops": ranges}
-        result: dict[str, Any] = plain(figures)
+        values = {"width": self.shape[1], "height": self.shape[0], "channels": channels, "dynamic_range_stops": ranges}
+        result: dict[str, Any] = plain(values)
         return result
 
 

@@ -38,7 +38,7 @@ def start(scene: Scene, settings: Settings, device: str | None = None) -> None:
         return
     with contextlib.suppress(OSError):
         done = cache_root() / _DONE
-        if not programs.own.has_first and done.exists() and done.read_text() == kernels_digest():
+        if not programs.this_thread.has_first and done.exists() and done.read_text() == kernels_digest():
             return
         with tempfile.TemporaryFile() as trial:
             trial.write(trial_of(scene, settings, ()))

@@ -21,7 +21,7 @@ from .launches import FrameInFlight, SceneFrame, Stages, scene_stages
 from .layers import Layers, layer_features
 from .lines import Lines
 from .opencl.device import Device
-from .programs import own, running_time
+from .programs import running_time, this_thread
 from .scene_tables import Packed, ResidentScene
 from .triangle_source import Faces, TriangleSource, set_up_pieces
 
@@ -240,7 +240,7 @@ class SceneDrawing:
         self.device, self.scene, self.settings, self.features = device, scene, settings, features
         of_layers = layer_features(features, packed.layers.asked)
         slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
-        first = own.is_first and device.keeps_programs and not slow and compiles_longer(scene, settings)
+        first = this_thread.is_first and device.keeps_programs and not slow and compiles_longer(scene, settings)
         self.stages = stages = scene_stages(device, features, lanes, of_layers, first=first)
         self.pool, painter = Pool(device), not features["DEPTH_TEST"]
         self.resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)

@@ -24,11 +24,8 @@ from .struct_layout import SUBPIXEL_BITS
 
 RECORD, SEAL = "clshade", "clshadeSeal"  # names of the header's attributes
 STEPS = 1 << SUBPIXEL_BITS  # of snapped corners, per pixel
-PNG = {
-    "tonemap": str,
-    "exposure": float,
-    "colorbar": bool,
-}  # of options of `Frame.save`, types; `png` in a record has these
+# Types of the options of `Frame.save` that a record holds, those of the PNG in its member `png`.
+PNG = {"tonemap": str, "exposure": float, "colorbar": bool}
 EXR = {"half": bool, "compression": str, "crop": bool}
 # What the EXR's writer adds to the header is not sealed.
 NOT_SEALED = {*exr.PROTECTED, *exr.WRITTEN, *exr_limits.OUTSIDE.values(), SEAL}

@@ -328,9 +328,9 @@ class Frame(Picture):
         def image() -> Bytes:
             shown = saving["tonemap"], saving["exposure"]
             pixels = self.to_png8(*shown)
-            return (
-                frame_files.with_colorbar(pixels, self.scene, self.settings, *shown) if saving["colorbar"] else pixels
-            )
+            if saving["colorbar"]:
+                return frame_files.with_colorbar(pixels, self.scene, self.settings, *shown)
+            return pixels
 
         scale, deterministic = saving["depth_scale"], saving["deterministic"]
         encoders: dict[FileKind, frame_files.Encoder] = {

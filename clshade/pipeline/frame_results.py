@@ -35,7 +35,7 @@ class Check:
     of a color map, that may fall on either side of its threshold; not counted in `bounds`.
 
     depth, depth_allowed: largest relative error of Z, in 2^-24, or in 2^-53 for float64, None without the layer Z; and the
-    largest one allowed, 8, or 16 for float64. ids: whether owners were compared; without the layer id only coverage is.
+    largest one allowed, 10, or 22 for float64. ids: whether owners were compared; without the layer id only coverage is.
     precision: of the frame. seconds: duration of the check. image: (M, N), the error of each pixel in bounds, infinity where
     it is wrong, 0 for ties; None unless all pixels were checked. flow: largest error of the frame's flows, in what is
     allowed; infinite where a mask is wrong, None without any.

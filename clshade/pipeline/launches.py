@@ -17,7 +17,7 @@ from .buffers import Buffer
 from .camera_space import CameraSpace
 from .features import COMMON, Features
 from .opencl.device import Device
-from .programs import Program, build, first_use, own
+from .programs import Program, build, first_use, this_thread
 
 # Triangles and tile lists depend on few features, lighting on most: two programs, so that scenes share the first.
 _GEOMETRY_FILES = ("project.cl", "setup.cl", "bin.cl", "layers.cl")
@@ -34,14 +34,14 @@ def scene_stages(
 ) -> Stages:
     """Return the stages that draw a scene; their programs are built unless they are cached. layers: features of the
     program of surface_layers.cl, None if it is not needed. first: whether they may be those of `first_picture`."""
-    needs = -1 if first else None
-    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), _GEOMETRY_FILES, needs=needs)
+    everything = -1 if first else None
+    geometry = build(device, features.compiled(_GEOMETRY_FEATURES), _GEOMETRY_FILES, needs=everything)
     pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
-    usual = features.needs | COMMON if first else None
-    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=usual)]
+    needs = features.needs | COMMON if first else None
+    programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=needs)]
     if layers is not None:
-        own = layers.compiled(_LAYER_FEATURES)
-        programs.append(build(device, own, ("surface_layers.cl",), lanes=lanes, needs=needs))
+        compiled = layers.compiled(_LAYER_FEATURES)
+        programs.append(build(device, compiled, ("surface_layers.cl",), lanes=lanes, needs=everything))
     if features["LINES"] and device.has_fp64:
         programs.append(build(device, features.compiled(_LINE_FEATURES), ("lines.cl",), lanes=1))
     return Stages(device, *programs, geometry)
@@ -135,7 +135,7 @@ class Stages:
             event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
             event.wait()
             if self.device.profiling:
-                own.waited -= (event.profile.end - event.profile.start) * 1e-9
+                this_thread.waited -= (event.profile.end - event.profile.start) * 1e-9
             program.launched.add(code)
         program.keep()
         return event
@@ -185,4 +185,4 @@ class SceneFrame(FrameInFlight):
 
     space: CameraSpace = field(kw_only=True)  # of its camera
     streams: bool = field(kw_only=True)  # whether the image is written past the caches, if it has rows of 64 bytes
-    layers: dict[str, Buffer] = field(default_factory=dict)  # into what they are drawn, by name
+    layers: dict[str, Buffer] = field(default_factory=dict)  # by name, where they are drawn

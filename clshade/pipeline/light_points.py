@@ -25,9 +25,8 @@ _ONE = 1 << 32
 # opposite is ill-conditioned: hence no axis or diagonal that scenes have.
 AXIS = np.array([-2.0, -3.0, -5.0]) / 38.0**0.5
 _ACROSS = np.array([3.0, -2.0, 0.0]) / 13.0**0.5
-RADII: Floats = np.stack(
-    [_ACROSS, np.cross(AXIS, _ACROSS)]
-)  # two at right angles of the unit disc that AXIS is normal to
+# Two radii, at right angles to each other, of the unit disc that AXIS is normal to.
+RADII: Floats = np.stack([_ACROSS, np.cross(AXIS, _ACROSS)])
 
 
 def pattern(points: int) -> tuple[tuple[int, int], tuple[int, int]]:

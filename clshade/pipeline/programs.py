@@ -125,7 +125,7 @@ class _Own(threading.local):
     is_first = has_first = False
 
 
-own = _Own()
+this_thread = _Own()
 _said = False
 
 
@@ -133,23 +133,23 @@ _said = False
 def first_picture() -> Iterator[None]:
     """Within a block, let this thread build programs that compile fast where none is at hand: for what the scene and
     most others need, and without optimization. Compiling takes half the time, a frame many times as long; bits are equal."""
-    own.is_first = True
+    this_thread.is_first = True
     try:
         yield
     finally:
-        own.is_first = False
+        this_thread.is_first = False
 
 
 def running_time() -> float:
     """Return this thread's running time in seconds, without the time that it waited for programs."""
-    return time.perf_counter() - own.waited
+    return time.perf_counter() - this_thread.waited
 
 
 @contextlib.contextmanager
 def first_use(device: Device, stored: StoredProgram | None) -> Iterator[None]:
     """Guard a block in which the runtime compiles a program or a kernel, or loads a `stored` one, until it has run: count it
     as waited, and print a message if compiling takes long."""
-    start, timer = time.perf_counter(), threading.Timer(max(SLOW - own.waited, 0.0), _say, (device,))
+    start, timer = time.perf_counter(), threading.Timer(max(SLOW - this_thread.waited, 0.0), _say, (device,))
     timer.daemon = True
     if not (stored or _said):
         timer.start()
@@ -158,7 +158,7 @@ def first_use(device: Device, stored: StoredProgram | None) -> Iterator[None]:
             yield
     finally:
         timer.cancel()
-        own.waited += time.perf_counter() - start
+        this_thread.waited += time.perf_counter() - start
 
 
 def _say(device: Device) -> None:
@@ -218,7 +218,7 @@ def _build(
         hurries = not os.environ.get(QUICK) and environment.pocl_folder() is not None
         if needs is not None and hurries and not (key in _built or _stored_program(device, text, options).exists()):
             options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
-            own.has_first = True
+            this_thread.has_first = True
             key = device.context.int_ptr, text, *options
         if key not in _built:
             place = _stored_program(device, text, options) if stored else StoredProgram(None)

@@ -73,7 +73,7 @@ def trial_of(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes
     with contextlib.suppress(Exception):
         known: dict[int, Any] = {}
         meshes = tuple(with_fields(each, material=_with_small_images(each.material, known)) for each in scene.meshes)
-        first = programs.own.is_first and compiles_longer(scene, settings)
+        first = programs.this_thread.is_first and compiles_longer(scene, settings)
         camera = replace(scene.camera, resolution=_TRIAL_SIZE)
         around = _with_small_images(scene.environment, known)
         seen = with_fields(scene, camera=camera, meshes=meshes, environment=around)
@@ -85,8 +85,8 @@ class Renderer:
     """A scene on the device, uploaded once and drawn any number of times, with a camera per frame.
 
     Use it as a context manager, or call `close`. Threads may share a renderer; their frames are
-    drawn one after the other. Its attributes `scene`, `settings`, `device` and `features`, those that
-    the kernels are compiled with, are what the arguments mean together.
+    drawn one after the other. Its attributes `scene` and `settings` are those it draws, `device` is
+    where, and `features` are those that the kernels are compiled with.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class Renderer:
         lanes: int | None = None,
         **fields: Unpack[RenderOptions],
     ) -> None:
-        start, waited = running_time(), programs.own.waited
+        start, waited = running_time(), programs.this_thread.waited
         self._lock, self._process, self._closed = threading.Lock(), os.getpid(), False
         self.scene, self.settings = effective_settings(scene, preset, settings, **fields)
         known("Renderer: forced", forced, OPTIONAL)
@@ -161,7 +161,7 @@ class Renderer:
             "open": (opened_at - packed_at) * 1e3,
             "upload": (running_time() - opened_at) * 1e3,
         }
-        self._build_ms = (programs.own.waited - waited) * 1e3
+        self._build_ms = (programs.this_thread.waited - waited) * 1e3
 
     def place_samples(self, places: Integers) -> None:
         """Set where the next frames' pixels are sampled, of settings with several samples.
@@ -192,7 +192,7 @@ class Renderer:
         check_camera("Renderer.render", "camera", camera, self.scene.camera)
         columns, rows = camera.resolution
         with self._holding("render"):
-            start, waited = running_time(), programs.own.waited
+            start, waited = running_time(), programs.this_thread.waited
             drawing = self._drawing
             rgba, image = drawing.pool.take((rows, columns, 4), self.stages.structs.real)
             owners, _kept = drawing.pool.take((rows, columns), np.int32) if self.features["OWNERS"] else (None, None)
@@ -266,7 +266,7 @@ class Renderer:
         chosen = check_cameras(cameras, self.scene.camera)
         columns, rows = (chosen[0] if chosen else self.scene.camera).resolution
         with self._holding("render_many"):
-            start, waited = running_time(), programs.own.waited
+            start, waited = running_time(), programs.this_thread.waited
             drawing = self._drawing
             kinds = {"rgba": ((4,), np.dtype(self.stages.structs.real)), **drawing.layers.kinds}
             wanted = {name: ((len(chosen), rows, columns, *width), kind) for name, (width, kind) in kinds.items()}
@@ -292,7 +292,7 @@ class Renderer:
     def _times_since(self, start: float, waited: float, whole: str, stage_ms: Mapping[str, float]) -> dict[str, Any]:
         """Return times in ms for `stats`, those of making the renderer the first time. whole: name of the time of all."""
         times = {**self._times, **stage_ms, whole: (running_time() - start) * 1e3}
-        build_ms = self._build_ms + (programs.own.waited - waited) * 1e3
+        build_ms = self._build_ms + (programs.this_thread.waited - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
         return {"times_ms": times, "build_ms": build_ms}
 

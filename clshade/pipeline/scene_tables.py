@@ -160,9 +160,8 @@ class ResidentScene:
         self._device, self._structs = stages.device, stages.structs
         self._check_memory(packed)
         self.places = sample_pattern.positions(settings.samples)
-        self._written = WeakKeyDictionary[
-            Buffer, tuple[object, ...]
-        ]()  # by tables of images, what they were written for
+        # By tables of images, what they were written for.
+        self._written = WeakKeyDictionary[Buffer, tuple[object, ...]]()
         self.extent = Extent.of(packed.low, packed.high) if len(packed.arrays["faces"]) else None
         self._map_colors = len(packed.arrays["color_map"]) - 4 if "color_map" in packed.arrays else 0
         self._lights = LightTable(scene.lights, packed.light_unit, self._structs, settings.light_samples)

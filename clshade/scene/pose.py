@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from .model import Light, Mesh, Scene
+
+_T = TypeVar("_T")
 
 # What moves; faces, materials and scalars stay.
 POSED = ("verts", "colors", "normals", "normal_faces", "uvs", "tangents", "more_uvs", "alphas", "instances")
@@ -35,6 +38,39 @@ class Pose:
         for number, changed in self.meshes.items():
             meshes[number] = replace(meshes[number], **changed)
         return replace(scene, meshes=tuple(meshes), lights=scene.lights if self.lights is None else self.lights)
+
+
+class PerFrame(Mapping[int, _T]):
+    """What `make` returns for the number of each frame, when it is looked up."""
+
+    def __init__(self, numbers: Iterable[int], make: Callable[[int], _T]) -> None:
+        self._numbers, self._make = dict.fromkeys(numbers), make
+
+    def __getitem__(self, number: int) -> _T:
+        if number not in self._numbers:
+            raise KeyError(number)
+        return self._make(number)
+
+    def __contains__(self, number: object) -> bool:
+        return number in self._numbers
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+
+class Poses(PerFrame[Pose]):
+    """Poses by frame number. source: what they are computed from, which tells them from others without computing them."""
+
+    def __init__(self, numbers: Iterable[int], make: Callable[[int], Pose], source: Callable[[], Any]) -> None:
+        super().__init__(numbers, make)
+        self._source = source
+
+    @functools.cached_property
+    def source(self) -> Any:
+        return self._source()
 
 
 def pose_between(meshes: Sequence[Mesh], posed: Sequence[Mesh], lights: tuple[Light, ...] | None = None) -> Pose:

@@ -20,9 +20,8 @@ from ..pipeline.frame import Frame
 from ..scene.model import Scene, default_tonemap
 from .page import Page, view
 
-FRAME_SIDE = (
-    1024  # the maximum of pixels on a frame's longer side in a notebook: its file holds every picture that it shows
-)
+# The most pixels on the longer side of a frame in a notebook, whose file holds every picture that it shows.
+FRAME_SIDE = 1024
 SCENE_SIDE = 256  # of a scene, which is drawn in order to show it
 
 

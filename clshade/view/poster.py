@@ -183,9 +183,9 @@ def draw_poster(
     refused = ",".join(kind for kind in files if kind not in ("exr", "png"))
     if refused:
         raise value_error("draw_poster", "files", "exr, png or both", refused)
-    for name_of_option in ("crop", "colorbar"):
-        if options.get(name_of_option):
-            raise InputError(f"draw_poster: {name_of_option}: cannot go with tiles, which are joined as they are")
+    for option in ("crop", "colorbar"):
+        if options.get(option):
+            raise InputError(f"draw_poster: {option}: cannot go with tiles, which are joined as they are")
     tile = integer("draw_poster", "tile", tile, MIN_TILE, MAX_TILE)
     if tile & (tile - 1):
         raise value_error("draw_poster", "tile", "a power of two", tile)

@@ -33,7 +33,7 @@ for name, block in (({name!r}, first), ("icosphere", first), ({name!r}, others),
     with block():
         frame = clshade.render(clshade.builtin(name, resolution=(32, 24)), samples=4)
     assert not any(program.warnings for program in programs.built())
-    print(hashlib.sha256(frame.rgba.tobytes()).hexdigest(), len(programs.built()), programs.own.has_first)
+    print(hashlib.sha256(frame.rgba.tobytes()).hexdigest(), len(programs.built()), programs.this_thread.has_first)
 """
 
 
@@ -70,7 +70,7 @@ def started(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     given: list[bytes] = []
     monkeypatch.setattr(subprocess, "Popen", lambda command, stdin, **_: given.append(stdin.read()))
     monkeypatch.setenv(ahead.AHEAD, "1")
-    monkeypatch.setattr(programs, "own", type(programs.own)())
+    monkeypatch.setattr(programs, "this_thread", type(programs.this_thread)())
     monkeypatch.setattr(programs, "built", lambda: (SimpleNamespace(folder=fresh_cache),))
     return given
 
@@ -109,7 +109,7 @@ def test_what_is_compiled_ahead(started: list[bytes], fresh_cache: Path, monkeyp
     assert len(drawn) == 6 + 5, "without the trial of a large scene"
     ahead.start(SCENE, Settings())
     assert len(started) == 1
-    programs.own.has_first = True
+    programs.this_thread.has_first = True
     ahead.start(SCENE, Settings())
     assert len(started) == 2
 

@@ -93,7 +93,7 @@ def test_what_takes_long_is_said_once(
 ) -> None:
     """Even if no single part is slow; nothing for a stored program, which can be slow to load."""
     monkeypatch.setattr(programs, "_said", False)
-    monkeypatch.setattr(programs, "own", type(programs.own)())
+    monkeypatch.setattr(programs, "this_thread", type(programs.this_thread)())
     monkeypatch.setattr(programs, "SLOW", 0.24)
     device: Any = SimpleNamespace(title="PoCL: CPU")
     line = "clshade: compiling kernels for PoCL: CPU ...\n" if level == console.NORMAL else ""
@@ -103,7 +103,7 @@ def test_what_takes_long_is_said_once(
                 time.sleep(0.36 / parts)
         meanwhile = capfd.readouterr().err
         assert meanwhile == ("" if stored else line)
-        assert 0.36 <= programs.own.waited < 1.8
+        assert 0.36 <= programs.this_thread.waited < 1.8
         with programs.first_use(device, None):
             time.sleep(0.2)
             assert capfd.readouterr().err == ("" if meanwhile else line), "while it is under way"
@@ -118,12 +118,12 @@ def test_workers_leave_it_to_the_process_that_started_them(monkeypatch: pytest.M
 
 
 def test_what_a_kernel_runs_is_no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = programs.own.waited
+    before = programs.this_thread.waited
     with programs.first_use(SimpleNamespace(title=""), StoredProgram(None)):  # type: ignore[arg-type]
         start = time.perf_counter()
         time.sleep(0.2)
-        programs.own.waited -= time.perf_counter() - start
-    assert programs.own.waited - before < 0.1
+        programs.this_thread.waited -= time.perf_counter() - start
+    assert programs.this_thread.waited - before < 0.1
 
 
 # Kernels

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from .. import fitting, framing
 from ..camera import Camera
 from ..geometry import bounding_box
 from ..model import Mesh, Scene
-from ..pose import Pose, changes_of, pose_between
+from ..pose import PerFrame, Pose, Poses, changes_of, pose_between
 from .gltf_animations import Animation, NodeValues, names_of, read_animation, shortened
 from .gltf_data import Item, open_gltf
 from .gltf_meshes import MeshBuilder
@@ -138,37 +138,6 @@ def _names(document: Item, key: str) -> list[str]:
     return [shortened(name) for name in names[:64]]
 
 
-class _ByFrame(Mapping[int, _T]):
-    """What `make` makes of the time of each frame, by its number from 1, when it is looked up."""
-
-    def __init__(self, times: tuple[float, ...], make: Callable[[float], _T]) -> None:
-        self._times, self._make = dict(enumerate(times, 1)), make
-
-    def __getitem__(self, frame: int) -> _T:
-        return self._make(self._times[frame])
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._times)
-
-    def __contains__(self, frame: object) -> bool:
-        return frame in self._times
-
-    def __len__(self) -> int:
-        return len(self._times)
-
-
-class Poses(_ByFrame[Pose]):
-    """Poses by frame number. source: what they are computed from, which tells them from others without computing them."""
-
-    def __init__(self, times: tuple[float, ...], make: Callable[[float], Pose], source: Callable[[], Any]) -> None:
-        super().__init__(times, make)
-        self._source = source
-
-    @functools.cached_property
-    def source(self) -> Any:
-        return self._source()
-
-
 @dataclass(frozen=True, eq=False)
 class Played:
     """An animation of a file, as frames 1, 2, ...
@@ -227,18 +196,20 @@ def play(path: Path, options: Options, *, count: int | None = None, fps: float =
     sphere = fitting.bounding_sphere(stage_meshes) if chosen else sphere
     scene = replace(file.framed(stage_meshes, nodes, sphere), meshes=meshes)
 
-    def pose(time: float) -> Pose:
-        posed, nodes = file.meshes(animation.at(time))
+    def pose(frame: int) -> Pose:
+        posed, nodes = file.meshes(animation.at(times[frame - 1]))
         scale = scene.light_scale
         lights = lights_of(nodes.lights, sphere, file.ignored, scale)[0] if scene.own_lights else None
         return pose_between(meshes, posed, lights)
 
-    def camera(time: float) -> Camera:
-        moved = None if scene.fitted else file.camera(place_nodes(file.document, animation.at(time)), sphere)
+    def camera(frame: int) -> Camera:
+        at = animation.at(times[frame - 1])
+        moved = None if scene.fitted else file.camera(place_nodes(file.document, at), sphere)
         return moved or scene.camera
 
-    poses = Poses(times, pose, lambda: (file.buffers.digest(), options, animation.name, times))
-    return Played(scene, animation.name, animation.seconds, times, poses, _ByFrame(times, camera), extent)
+    frames = range(1, count + 1)
+    poses = Poses(frames, pose, lambda: (file.buffers.digest(), options, animation.name, times))
+    return Played(scene, animation.name, animation.seconds, times, poses, PerFrame(frames, camera), extent)
 
 
 def _extent(
