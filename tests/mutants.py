@@ -142,7 +142,7 @@ KERNELS = (
 )
 LOADERS = (
     "limits loading obj mtl ply_stl gltf gltf_refusals course_files course_refusals images deep_images",
-    "creases mesh_peer course_textures mesh_pictures bad_files cli_meshes cli_general fuzz",
+    "creases mesh_peer course_textures mesh_pictures bad_files cli_meshes refusals fuzz",
 )
 # Other numbers of lanes are tested with -m long.
 LANES = {"kernels/lanes.clh", "kernels/rows.clh"}

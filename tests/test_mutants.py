@@ -69,7 +69,6 @@ def test_what_is_planted(name, text, expected):
         assert line not in after
 
 
-@pytest.mark.long
 def test_the_tables_name_what_there_is():
     kernels = {f"kernels/{name}" for name in os.listdir(ROOT / "kernels") if ".cl" in name} - {"kernels/features.clh"}
     assert {file for file in TESTS if file.startswith("kernels/")} == kernels
