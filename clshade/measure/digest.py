@@ -9,7 +9,7 @@ from ..pipeline.frame import Frame
 
 def digest(frame: Frame) -> str:
     """Return the first 16 digits of the SHA-256 of image and layers."""
-    found = hashlib.sha256(frame.rgba.tobytes())
+    sha = hashlib.sha256(frame.rgba.tobytes())
     for name in frame.layers:
-        found.update(frame[name].tobytes())
-    return found.hexdigest()[:16]
+        sha.update(frame[name].tobytes())
+    return sha.hexdigest()[:16]

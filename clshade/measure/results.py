@@ -64,8 +64,8 @@ class Table:
 
     def plain(self) -> list[dict[str, Any]]:
         """Return the records for JSON, in full precision."""
-        named = [column for column in self.columns if column.name]
-        return [{column.name: plain(column.value(record)) for column in named} for record in self.records]
+        columns = [column for column in self.columns if column.name]
+        return [{column.name: plain(column.value(record)) for column in columns} for record in self.records]
 
     def csv(self) -> str:
         names = [column.name for column in self.columns if column.name]

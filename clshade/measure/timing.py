@@ -47,9 +47,9 @@ def mean_interval(values: Sequence[float]) -> tuple[float, float]:
 
 def _resampled(values: Sequence[float]) -> Floats:
     """Return RESAMPLES rows of as many values, drawn with replacement; at the same places for values of one number."""
-    found = np.array(values, np.float64)
-    drawn: Floats = found[np.random.default_rng(0).integers(0, len(found), (RESAMPLES, len(found)))]
-    return drawn
+    samples = np.array(values, np.float64)
+    resamples: Floats = samples[np.random.default_rng(0).integers(0, len(samples), (RESAMPLES, len(samples)))]
+    return resamples
 
 
 def _interval(statistics: Floats) -> tuple[float, float]:

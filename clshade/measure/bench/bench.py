@@ -30,7 +30,7 @@ TURN = 5  # frames of one renderer in a row, when alternating with another: peop
 
 def listing() -> str:
     """Return the list of all workloads with their descriptions."""
-    return "\n".join(wrapped(f"{each.name:<12} {each.about}", 13) for each in WORKLOADS)
+    return "\n".join(wrapped(f"{workload.name:<12} {workload.about}", 13) for workload in WORKLOADS)
 
 
 def run(
@@ -59,7 +59,7 @@ def run(
     print("\n".join(results.lines()))
     if out is not None:
         print("\n".join(["", *wrote(results.write(out))]))
-    return not errors and all(each.compared is None or each.compared.agreement.same for each in timed)
+    return not errors and all(measured.compared is None or measured.compared.agreement.same for measured in timed)
 
 
 def measure_all(

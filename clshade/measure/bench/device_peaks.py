@@ -73,9 +73,9 @@ def peaks(device: Device) -> Peaks:
 
 def _best_seconds(device: Device, kernel: Any, items: int, *arguments: Any) -> float:
     local = (1 if device.is_cpu else 64,)
-    least = float("inf")
+    best = float("inf")
     for _ in range(ROUNDS):
         event = kernel(device.queue, (items,), local, *arguments)
         event.wait()
-        least = min(least, (event.profile.end - event.profile.start) / 1e9)
-    return least
+        best = min(best, (event.profile.end - event.profile.start) / 1e9)
+    return best

@@ -114,6 +114,6 @@ def _stages(times: Sequence[dict[str, float]]) -> dict[str, float]:
     """Return the medians of the stages' times, and of the rest of each frame."""
     names = [name for name in times[0] if name not in NOT_STAGES]
     stages = [{name: frame.get(name, 0.0) for name in names} for frame in times]
-    rest = [frame["frame"] - sum(own.values()) for frame, own in zip(times, stages, strict=True)]
-    medians = {name: float(np.median([own[name] for own in stages])) for name in names}
-    return {**medians, "host": float(np.median(rest))}
+    remainder = [frame["frame"] - sum(durations.values()) for frame, durations in zip(times, stages, strict=True)]
+    medians = {name: float(np.median([durations[name] for durations in stages])) for name in names}
+    return {**medians, "host": float(np.median(remainder))}

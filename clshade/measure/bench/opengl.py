@@ -217,10 +217,10 @@ class OpenGL:
         import moderngl
 
         rows, columns, channels = texture.image.shape
-        made = self._context.texture((columns, rows), channels, texture.image.tobytes(), dtype="f4")
-        made.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        made.repeat_x, made.repeat_y = (wrap == "repeat" for wrap in texture.wrap)
-        return made
+        texture_object = self._context.texture((columns, rows), channels, texture.image.tobytes(), dtype="f4")
+        texture_object.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture_object.repeat_x, texture_object.repeat_y = (wrap == "repeat" for wrap in texture.wrap)
+        return texture_object
 
     def _to_clip(self, camera: Camera) -> Array:
         """Return the matrix (4, 4) from world space to clip space."""

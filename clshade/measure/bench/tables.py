@@ -102,7 +102,7 @@ def results(device: str, peaks: Peaks, timed: Sequence[FrameTiming], errors: Map
     rates = "float32 {:.0f} GFlop/s, fill {:.1f} GB/s".format(*(rate / 1e9 for rate in peaks))
     facts = {"device": device, "machine": machine(), "peaks": rates}
     columns, notes = _frames(peaks), [*FRAME_NOTES]
-    titles = dict.fromkeys(each.compared.title for each in timed if each.compared)
+    titles = dict.fromkeys(row.compared.title for row in timed if row.compared)
     if titles:
         facts["against"] = ", ".join(titles)
         columns, notes = [*columns, *AGAINST], [*notes, *AGAINST_NOTES]
@@ -110,7 +110,7 @@ def results(device: str, peaks: Peaks, timed: Sequence[FrameTiming], errors: Map
         facts["failed"] = "; ".join(f"{name}: {error}" for name, error in errors.items())
     tables = (
         Table("Frames", columns, timed, notes=notes),
-        Table("Stages", _split(timed, lambda each: each.stages, _number), timed, about="ms"),
-        Table("Bytes held", _split(timed, lambda each: each.held, _mebibytes), timed, about="MiB on the device"),
+        Table("Stages", _split(timed, lambda row: row.stages, _number), timed, about="ms"),
+        Table("Bytes held", _split(timed, lambda row: row.held, _mebibytes), timed, about="MiB on the device"),
     )
     return Results("Speed", facts, tables, {"rates": peaks._asdict()})

@@ -75,8 +75,8 @@ def check(frame: Frame, pixels: int | Literal["all"] = PIXELS, *, seed: int = 0)
     """
     start = time.perf_counter()
     count = count_or_all("check", "pixels", pixels, frame.alpha.size)
-    found = compare(frame, sample(frame, count, seed))
-    frame.check = summary(found, time.perf_counter() - start)
+    comparison = compare(frame, sample(frame, count, seed))
+    frame.check = summary(comparison, time.perf_counter() - start)
     return frame.check
 
 
@@ -86,39 +86,39 @@ def compare(frame: Frame, index: Array) -> Comparison:
     return Comparison(frame, oracle.render(frame.scene, frame.settings, rows, columns), rows, columns)
 
 
-def summary(found: Comparison, seconds: float) -> Check:
+def summary(comparison: Comparison, seconds: float) -> Check:
     """Return the result of comparing pixels, in reading order if they are all; seconds: what that took."""
-    frame, rows, columns, expected = found.frame, found.rows, found.columns, found.oracle
+    frame, rows, columns, expected = comparison.frame, comparison.rows, comparison.columns, comparison.oracle
     strata = _strata(frame)[rows, columns]
-    worst = int(np.argmax(found.counted))
+    worst = int(np.argmax(comparison.counted))
     per_stratum = {}
     for number, name in enumerate(STRATA):
         mine = strata == number
-        per_stratum[name] = (int(mine.sum()), float(found.counted[mine].max(initial=0.0)))
+        per_stratum[name] = (int(mine.sum()), float(comparison.counted[mine].max(initial=0.0)))
     image = None
     if len(rows) == frame.alpha.size:
         with np.errstate(over="ignore"):
-            image = np.where(found.wrong, np.inf, found.error).astype(np.float32).reshape(frame.alpha.shape)
+            image = np.where(comparison.wrong, np.inf, comparison.error).astype(np.float32).reshape(frame.alpha.shape)
     return Check(
         pixels=len(rows),
         of=frame.alpha.size,
-        bounds=float(found.counted.max(initial=0.0)),
-        allowed=found.allowed,
-        error=float(found.relative.max(initial=0.0)),
-        rms=float(np.sqrt(np.square(found.relative).mean())),
+        bounds=float(comparison.counted.max(initial=0.0)),
+        allowed=comparison.allowed,
+        error=float(comparison.relative.max(initial=0.0)),
+        rms=float(np.sqrt(np.square(comparison.relative).mean())),
         kappa=float(expected.kappa[worst]),
         worst=(int(rows[worst]), int(columns[worst])),
         strata=per_stratum,
-        wrong=int(found.wrong.sum()),
-        ties=int(found.ties.sum()),
-        gates=int(found.gates.sum()),
-        depth=found.depth,
+        wrong=int(comparison.wrong.sum()),
+        ties=int(comparison.ties.sum()),
+        gates=int(comparison.gates.sum()),
+        depth=comparison.depth,
         depth_allowed=oracle_bounds.depth_roundings(frame.alpha),
         ids="id" in frame.layers,
         precision=frame.settings.precision,
         seconds=seconds,
         image=image,
-        flow=found.flow,
+        flow=comparison.flow,
     )
 
 
@@ -182,14 +182,14 @@ def problem(frame: Frame, skip: Bools | None = None) -> str:
     scene, settings, shape = frame.scene, frame.settings, frame.alpha.shape
     with np.errstate(all="ignore"):
         expected, layers = oracle.render(scene, settings), oracle.render_layers(scene, settings)
-        found = Comparison(frame, expected, *np.indices(shape))
+        comparison = Comparison(frame, expected, *np.indices(shape))
         others = {name: frame[name] for name in frame.layers if name not in ("Z", "id")}
         errors = layer_errors(others, layers, scene, settings)
-    bad = {f"{name} is wrong": (name, where) for name, where in found.faults.items()}
-    bad["colors are beyond their bounds"] = "rgb", found.counted > found.allowed
-    bad["depths are beyond their bounds"] = "Z", found.depths > oracle_bounds.depth_roundings(frame.alpha)
+    bad = {f"{name} is wrong": (name, where) for name, where in comparison.faults.items()}
+    bad["colors are beyond their bounds"] = "rgb", comparison.counted > comparison.allowed
+    bad["depths are beyond their bounds"] = "Z", comparison.depths > oracle_bounds.depth_roundings(frame.alpha)
     for name, error in errors.items():
-        bad[f"{name} is beyond its bound"] = name, ~(error <= 1.0) & ~found.ties
+        bad[f"{name} is beyond its bound"] = name, ~(error <= 1.0) & ~comparison.ties
     for what, (name, where) in bad.items():
         where = where if skip is None else where & ~skip
         if where.any():
@@ -249,13 +249,13 @@ def _strata(frame: Frame) -> Array:
 
 def _differs(values: Array) -> Array:
     """Return where the value differs from that of one of the four neighbors, (M, N) bool."""
-    found = np.zeros(values.shape, bool)
+    differs = np.zeros(values.shape, bool)
     across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
-    found[:, 1:] |= across
-    found[:, :-1] |= across
-    found[1:] |= down
-    found[:-1] |= down
-    return found
+    differs[:, 1:] |= across
+    differs[:, :-1] |= across
+    differs[1:] |= down
+    differs[:-1] |= down
+    return differs
 
 
 def sample(frame: Frame, count: int, seed: int) -> Array:
@@ -278,11 +278,11 @@ def _sample(strata: Array, count: int, seed: int) -> Array:
     open_strata = [n for n in range(len(STRATA)) if len(members[n])]
     while left and open_strata:
         shares = sum(SHARES[n] for n in open_strata)
-        given = {n: min(-(-left * SHARES[n] // shares), len(members[n]) - wanted[n]) for n in open_strata}
+        counts = {n: min(-(-left * SHARES[n] // shares), len(members[n]) - wanted[n]) for n in open_strata}
         for n in open_strata:
-            given[n] = min(given[n], left)
-            wanted[n] += given[n]
-            left -= given[n]
+            counts[n] = min(counts[n], left)
+            wanted[n] += counts[n]
+            left -= counts[n]
         open_strata = [n for n in open_strata if wanted[n] < len(members[n])]
     chosen = []
     for pixels, number in zip(members, wanted, strict=True):

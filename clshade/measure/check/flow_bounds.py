@@ -21,21 +21,21 @@ def flow_errors(
     both is NaN the error is infinite, unless rounding decides; in the background it is 0, or infinite of a number.
     """
     errors, wrong = np.zeros(len(ids)), np.zeros(len(ids), bool)
-    shown = ids > 0
-    at = where[0][shown], where[1][shown]
+    visible = ids > 0
+    at = where[0][visible], where[1][visible]
     vectors, occluded = flow.vectors[where], flow.occluded[where]
-    errors[~shown] = np.where(np.isnan(vectors[~shown]).all(axis=1), 0.0, np.inf)
-    wrong[~shown] = ~occluded[~shown]
-    if not shown.any():
+    errors[~visible] = np.where(np.isnan(vectors[~visible]).all(axis=1), 0.0, np.inf)
+    wrong[~visible] = ~occluded[~visible]
+    if not visible.any():
         return errors, wrong
-    expected = oracle.flow(scene, settings, flow.to, flow.settings, ids[shown].astype(np.int64) - 1, at)
-    vectors = vectors[shown].astype(np.float64)
+    expected = oracle.flow(scene, settings, flow.to, flow.settings, ids[visible].astype(np.int64) - 1, at)
+    vectors = vectors[visible].astype(np.float64)
     bound = expected.off + HALF_ULP * np.abs(expected.vectors).max(axis=1)
     missing = np.isnan(vectors).any(axis=1), np.isnan(expected.vectors).any(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         off = np.abs(vectors - expected.vectors).max(axis=1)
         ratio = np.where(off > 0.0, off / bound, 0.0)
     one = np.where(missing[0] & missing[1], 0.0, np.where(expected.unsure, 0.0, np.inf))
-    errors[shown] = np.where(missing[0] | missing[1], one, ratio)
-    wrong[shown] = (occluded[shown] != expected.occluded) & ~expected.unsure
+    errors[visible] = np.where(missing[0] | missing[1], one, ratio)
+    wrong[visible] = (occluded[visible] != expected.occluded) & ~expected.unsure
     return errors, wrong

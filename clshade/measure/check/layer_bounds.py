@@ -74,29 +74,29 @@ def layer_errors(
     Infinite where numbers of objects, materials or instances differ; infinite or NaN where a value is not finite.
     """
     bounds, real = layer_bounds(oracle, scene, settings), real_of(settings)
-    found: dict[str, Array] = {}
+    errors: dict[str, Array] = {}
     for name, value in layers.items():
         expected, row = getattr(oracle, name), LAYER_TABLE[name]  # type: ignore[index]
         if row.kind == "uint32":
-            found[name] = np.where(value == expected, 0.0, np.inf)
+            errors[name] = np.where(value == expected, 0.0, np.inf)
         elif name == "scalar":
-            found[name] = _scalar_errors(value, expected, bounds[name])
+            errors[name] = _scalar_errors(value, expected, bounds[name])
         elif name == "albedo":
-            found[name] = _albedo_errors(value, oracle, scene, settings)
+            errors[name] = _albedo_errors(value, oracle, scene, settings)
         else:
             error = np.abs(value.astype(np.float64) - expected)
             error = error.max(axis=-1) if row.components else error
             with np.errstate(divide="ignore", invalid="ignore"):
-                found[name] = np.where(error <= np.finfo(real).tiny, 0.0, error / bounds[name])
-    return found
+                errors[name] = np.where(error <= np.finfo(real).tiny, 0.0, error / bounds[name])
+    return errors
 
 
 def _scalar_errors(scalar: Array, expected: Array, bound: Array) -> Array:
     """Return the errors of scalars; infinite where only one is NaN."""
-    most = float(np.finfo(scalar.dtype).max)
+    largest = float(np.finfo(scalar.dtype).max)
     missing = np.isnan(expected)
     with np.errstate(invalid="ignore"):
-        errors = np.abs(scalar.astype(np.float64) - np.clip(expected, -most, most)) / bound
+        errors = np.abs(scalar.astype(np.float64) - np.clip(expected, -largest, largest)) / bound
     return np.where(missing | np.isnan(scalar), np.where(missing & np.isnan(scalar), 0.0, np.inf), errors)
 
 
@@ -104,8 +104,8 @@ def _albedo_errors(albedo: Array, oracle: OracleLayers, scene: Scene, settings: 
     """Return the errors of albedo; its bounds are those of the image with shader nolight and one sample."""
     exact = settings.precision == "float64"
     bound = allowed(scene, replace(settings, samples=1)) * (1e-12 if exact else HALF_ULP) * oracle.budget
-    most = np.inf if exact else FLOAT32_MAX
-    error = np.maximum(np.abs(albedo.astype(np.float64) - np.clip(oracle.albedo, -most, most)) - oracle.jump, 0.0)
+    limit = np.inf if exact else FLOAT32_MAX
+    error = np.maximum(np.abs(albedo.astype(np.float64) - np.clip(oracle.albedo, -limit, limit)) - oracle.jump, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         errors: Floats = np.where(error <= FLOAT32_TINY, 0.0, error / bound).max(axis=-1)
         return errors

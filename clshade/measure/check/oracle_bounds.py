@@ -69,8 +69,8 @@ def alpha_differs(alpha: Array, oracle: OracleFrame, factor: float, precision: s
     allowed. Of surfaces whose order is unsure the alpha is the same."""
     exact: Array = alpha != oracle.alpha.astype(alpha.dtype)
     unit = 1e-12 if precision == "float64" else HALF_ULP
-    most = np.minimum(factor * unit * oracle.alpha_error, 1.0)
-    return exact & ~(np.abs(alpha.astype(np.float64) - oracle.alpha) <= most)
+    tolerance = np.minimum(factor * unit * oracle.alpha_error, 1.0)
+    return exact & ~(np.abs(alpha.astype(np.float64) - oracle.alpha) <= tolerance)
 
 
 def depth_ties(scene: Scene, settings: Settings, suspects: Array, where: tuple[Array, Array] | None = None) -> Array:
@@ -158,8 +158,8 @@ def color_errors(rgb: Reals, oracle: OracleFrame, precision: str = "float32") ->
     Beyond the range of float32 the largest finite value is expected; errors so small that a device may flush them to
     zero count as none.
     """
-    most = np.inf if precision == "float64" else FLOAT32_MAX
-    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -most, most))
+    limit = np.inf if precision == "float64" else FLOAT32_MAX
+    error = np.abs(rgb.astype(np.float64) - np.clip(oracle.rgb, -limit, limit))
     error = np.where(error <= FLOAT32_TINY, 0.0, error)
     with np.errstate(divide="ignore", invalid="ignore"):
         return error, np.where(error > 0.0, error / color_bound(oracle, precision), 0.0).max(axis=-1)

@@ -81,19 +81,19 @@ class Bench:
             options = [*case.options, *programs.compiler_options(self.device)]
             kernels = programs.compiled(self.device, key[0], options).all_kernels()
             self.built[key] = {kernel.function_name: kernel for kernel in kernels}
-        found = np.full(expected.nbytes, UNWRITTEN, np.uint8).view(expected.dtype).reshape(expected.shape)
+        output = np.full(expected.nbytes, UNWRITTEN, np.uint8).view(expected.dtype).reshape(expected.shape)
         inputs = [v.copy() for v in case.inputs]
         for v in inputs:
             v.flags.writeable = False
-        launch(self.device, self.built[key][case.name], case.grid, [*inputs, found])
-        return found
+        launch(self.device, self.built[key][case.name], case.grid, [*inputs, output])
+        return output
 
     def wrong(self, case: Case) -> tuple[str, int] | None:
         """Run a case, and return what is wrong and the first wrong row; None if nothing. Rows with denormals are right on a
         device that takes them as 0."""
         expected = case.expected()
-        found = self.run(case, expected)
-        rows: Bools = np.any(~same(found, expected).reshape(len(found), -1), axis=1)
+        output = self.run(case, expected)
+        rows: Bools = np.any(~same(output, expected).reshape(len(output), -1), axis=1)
         if flushes(self.device):
             for v in (*case.inputs, expected):
                 rows[_denormal(v)] = False
@@ -101,7 +101,7 @@ class Bench:
             return None
         row = int(rows.argmax())
         of = ", ".join(str(v[row].tolist()) for v in case.inputs)
-        pair = f"expected {expected[row].tolist()}, found {found[row].tolist()}"
+        pair = f"expected {expected[row].tolist()}, found {output[row].tolist()}"
         return f"{rows.sum()} of {len(rows)} rows; of {of}: {pair}", row
 
 
@@ -123,11 +123,11 @@ def flushes(device: Device) -> bool:
     return not int(device.device.single_fp_config) & 1  # CL_FP_DENORM
 
 
-def same(found: Array, expected: Array) -> Bools:
+def same(actual: Array, expected: Array) -> Bools:
     """Return where the bits are equal, or both are NaN."""
-    whole = f"u{expected.dtype.itemsize}"
-    equal: Bools = np.ascontiguousarray(found).view(whole) == np.ascontiguousarray(expected).view(whole)
-    return equal | (np.isnan(found) & np.isnan(expected)) if expected.dtype.kind == "f" else equal
+    bits = f"u{expected.dtype.itemsize}"
+    equal: Bools = np.ascontiguousarray(actual).view(bits) == np.ascontiguousarray(expected).view(bits)
+    return equal | (np.isnan(actual) & np.isnan(expected)) if expected.dtype.kind == "f" else equal
 
 
 def _denormal(v: Array) -> Bools:

@@ -63,12 +63,12 @@ def judge(info: DeviceInfo, groups: Sequence[str], folder: Path) -> Results:
     start, results, facts = time.perf_counter(), list[Result](), dict[str, Any]()
 
     def run(task: Task) -> list[Result]:
-        found, device = run_part(task)
+        results, device = run_part(task)
         facts.update(device)
-        seconds = sum(result.seconds for result in found)
-        counts = f"{len(found)} tests, {failed(found)} failed, {seconds:.1f} s"
+        seconds = sum(result.seconds for result in results)
+        counts = f"{len(results)} tests, {failed(results)} failed, {seconds:.1f} s"
         print(f"{f'{task.group} {task.part}'.rstrip()}: {counts}", flush=True)
-        return found
+        return results
 
     parts = [(group, part) for group in groups for part in parts_of(group, info.has_fp64)]
     pool = ThreadPoolExecutor(AT_ONCE)
@@ -88,8 +88,8 @@ def run(device: str | None = None, *, out: str | Path = "conform", only: Sequenc
     folder = text_tables.create_folder(out)
     check_files(files(folder / "conform"))
     print(f"{info.platform}: {info.name}, driver {info.driver}", flush=True)
-    found = judge(info, groups, folder)
-    verdict = found.facts["verdict"]
-    for line in (*found.tables[0].lines(), *wrote(found.write(folder / "conform")), verdict):
+    results = judge(info, groups, folder)
+    verdict = results.facts["verdict"]
+    for line in (*results.tables[0].lines(), *wrote(results.write(folder / "conform")), verdict):
         print(line)
     return bool(verdict == "conforms")

@@ -38,8 +38,8 @@ class Draws:
     def below(self, end: int, *shape: int) -> Array:
         """Return int64 from 0 to end - 1."""
         words = np.asarray(self._words.random_raw(int(np.prod(shape, dtype=int))), np.uint64)
-        found: Array = ((words >> np.uint64(32)) * np.uint64(end) >> np.uint64(32)).astype(np.int64).reshape(shape)
-        return found
+        numbers: Array = ((words >> np.uint64(32)) * np.uint64(end) >> np.uint64(32)).astype(np.int64).reshape(shape)
+        return numbers
 
     def parts(self, low: float, high: float, *shape: int, of: int = 4096) -> Array:
         """Return float64 from low to high, exact multiples of 1/of."""
@@ -121,12 +121,12 @@ def _material(row: Choice, draws: Draws) -> Material:
         nearest: Filter = "nearest" if kind == "nearest" else "linear"
         texture = Texture(image, row["wrap"], "course" if kind == "course" else "standard", filter=nearest)
     some: dict[str, Any] = {"normal_texture": Texture(_image(draws, 3), row["wrap"]), "emission": (0.125, 0.25, 0.0)}
-    rest: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "occlusion_texture": Texture(_image(draws, 3, 3, 4)),
         "emission_texture": Texture(_image(draws, 3, 4, 3)),
         "metallic_roughness_texture": Texture(_image(draws, 3, 2, 3), filter="nearest"),
     }
-    maps = {"none": {}, "some": some, "all": {**some, **rest}}[row["maps"]]
+    maps = {"none": {}, "some": some, "all": {**some, **fields}}[row["maps"]]
     return Material(
         ka=(0.25, 0.5, 0.125),
         kd=0.625,

@@ -57,9 +57,9 @@ def tests_of(group: str, part: str, device: Device) -> list[Check]:
         real, functions = part.split("-")
         lanes = dict.fromkeys((device.lanes, 1))
         ways = [operations.Way(getattr(np, real), functions == "library", count) for count in lanes]
-        found = [(way, case) for way in ways for case in operations.cases(way)]
+        tests = [(way, case) for way in ways for case in operations.cases(way)]
         left_out = () if divides(device) else operations.DIVIDING
-        return [Check(f"{way}/{case.name}", case.title, case) for way, case in found if case.name not in left_out]
+        return [Check(f"{way}/{case.name}", case.title, case) for way, case in tests if case.name not in left_out]
     if group in ("constructs", "structs"):
         cases = constructs.cases() if group == "constructs" else structs.cases(device.has_fp64)
         return [Check(case.name, case.title, case) for case in cases]
@@ -71,12 +71,12 @@ def tests_of(group: str, part: str, device: Device) -> list[Check]:
 def sizes(bench: Bench) -> str:
     """Sizes about powers of two, where those in 32 bits overflow, and the largest that no device may refuse."""
     device = bench.device
-    most = min(device.max_allocation, int(min(device.memory, available(), MOST)) // SHARE)
+    limit = min(device.max_allocation, int(min(device.memory, available(), MOST)) // SHARE)
     powers = [(1 << power) + more for power in (16, 20, 24, 28, 31, 32) for more in (-1, 0, 1)]
-    for size in (*(size for size in powers if size <= most), most):
-        found = edge_bytes(device, size)
-        if found != WRITTEN:
-            return f"{size} bytes: expected {WRITTEN} at the ends, found {found}"
+    for size in (*(size for size in powers if size <= limit), limit):
+        bytes_per_edge = edge_bytes(device, size)
+        if bytes_per_edge != WRITTEN:
+            return f"{size} bytes: expected {WRITTEN} at the ends, found {bytes_per_edge}"
     return ""
 
 
@@ -105,7 +105,7 @@ def frames(resolution: tuple[int, int], bench: Bench) -> str:
 def _first_other(outputs: Iterable[object]) -> str:
     """Return which run gives other bits than the first, "" if none does."""
     first, *others = outputs
-    run = next((run for run, found in enumerate(others, 2) if found != first), 0)
+    run = next((run for run, result in enumerate(others, 2) if result != first), 0)
     return f"run {run} of {RUNS} gives other bits than the first" if run else ""
 
 

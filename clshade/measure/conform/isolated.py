@@ -108,8 +108,8 @@ def main() -> None:
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected
         # A compiler that takes more and more memory fails before the machine does.
-        most = int(max(LEAST_MEMORY, min(available(), MOST_MEMORY) / SHARE))
-        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        memory = int(max(LEAST_MEMORY, min(available(), MOST_MEMORY) / SHARE))
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     sys.stdout = os.fdopen(os.dup(1), "w")  # for events alone: what a runtime prints goes to standard error
     os.dup2(2, 1)
     task = Task(**json.loads(sys.argv[1]))
@@ -175,7 +175,7 @@ def _process(task: Task) -> tuple[list[dict[str, Any]], str]:
         return lines, ""
     if code == 1 and any(line.startswith("Timeout (") for line in said):
         return lines, f"does not end within {task.limit:g} s"
-    names = {each.value: each.name for each in signal.Signals}
+    names = {member.value: member.name for member in signal.Signals}
     ending = f"exit code {code}" if code >= 0 else names.get(-code, f"signal {-code}")
     return lines, f"ends the process: {': '.join(filter(None, [ending, _telling(said)]))}"
 
@@ -183,5 +183,5 @@ def _process(task: Task) -> tuple[list[dict[str, Any]], str]:
 def _telling(lines: list[str]) -> str:
     """Return the line that tells most: the first that names an error, or the last; "" if none."""
     # A traceback's own lines are indented; from Python 3.13 on some are lines of the code.
-    named = [line for line in lines if not line.startswith((" ", "Traceback")) and "error" in line.lower()]
-    return in_line((named or lines[-1:])[0].strip()[:160]) if lines else ""
+    errors = [line for line in lines if not line.startswith((" ", "Traceback")) and "error" in line.lower()]
+    return in_line((errors or lines[-1:])[0].strip()[:160]) if lines else ""

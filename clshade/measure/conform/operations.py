@@ -68,15 +68,15 @@ class Way(NamedTuple):
     def options(self) -> tuple[str, ...]:
         double = int(self.real is np.float64)
         chosen = {**dict.fromkeys(COMPILED, 0), "DOUBLE": double, "FP64": double, "LANES": self.lanes}
-        own = ("-DLIBRARY_OPERATIONS",) if self.library else ()
-        return (*(f"-D{name}={value}" for name, value in chosen.items()), "-DLEFT_OUT=0UL", *own)
+        library = ("-DLIBRARY_OPERATIONS",) if self.library else ()
+        return (*(f"-D{name}={value}" for name, value in chosen.items()), "-DLEFT_OUT=0UL", *library)
 
 
 def cases(way: Way) -> list[Case]:
     """Return all cases of a way, built as one program."""
-    found = [*_of_reals(way), *_of_integers(way), *_of_bits(way), *_conversions(way)]
-    found += [*(_moves(way, n) for n in dict.fromkeys((4, way.lanes)) if n > 1), _atomics(way)]
-    return in_one_program(found)
+    all_cases = [*_of_reals(way), *_of_integers(way), *_of_bits(way), *_conversions(way)]
+    all_cases += [*(_moves(way, n) for n in dict.fromkeys((4, way.lanes)) if n > 1), _atomics(way)]
+    return in_one_program(all_cases)
 
 
 def nearest(numerator: int, places: int, kind: Any) -> float:
@@ -84,10 +84,10 @@ def nearest(numerator: int, places: int, kind: Any) -> float:
     info, size = np.finfo(kind), abs(numerator)
     last = max(size.bit_length() - places - info.nmant - 1, info.minexp - info.nmant)  # the power of the last digit
     shift = max(last + places, 0)
-    kept = (size << shift - last - places) >> shift
-    rest = 2 * (size - (kept << shift)) if shift else 0
-    kept += rest > 1 << shift or (rest == 1 << shift and kept % 2)
-    magnitude = math.inf if kept.bit_length() + last > info.maxexp else math.ldexp(kept, last)
+    quotient = (size << shift - last - places) >> shift
+    remainder = 2 * (size - (quotient << shift)) if shift else 0
+    quotient += remainder > 1 << shift or (remainder == 1 << shift and quotient % 2)
+    magnitude = math.inf if quotient.bit_length() + last > info.maxexp else math.ldexp(quotient, last)
     return -magnitude if numerator < 0 else magnitude
 
 
@@ -160,9 +160,9 @@ def _of_reals(way: Way) -> Iterator[Case]:
         product = np.abs(a * b)  # a device that flushes denormals may take it as 0
     normal = ~((product > 0) & (product <= np.finfo(real).tiny))
     yield _case(way, "rounded_twice", "a * b + c", (a[normal], b[normal], c[normal]), lambda a, b, c: a * b + c)
-    own = rng(6)  # NaN is quiet, and of two zeros a and b either both are negative or none
+    random = rng(6)  # NaN is quiet, and of two zeros a and b either both are negative or none
     a, b, c = (np.where(np.isnan(v), real(np.nan), v) for v in (a, b, c))
-    b, c = np.where(own.random(len(a)) < 0.1, a, b), np.where(own.random(len(a)) < 0.1, -a, c)
+    b, c = np.where(random.random(len(a)) < 0.1, a, b), np.where(random.random(len(a)) < 0.1, -a, c)
     b = np.where((a == 0.0) & (b == 0.0), a, b)
     for name, define in {"fabs": np.abs, "floor": np.floor, "ceil": np.ceil, "rint": np.rint}.items():
         yield _case(way, name, f"{name}(a)", (a,), define)
@@ -188,8 +188,8 @@ def _of_integers(way: Way) -> Iterator[Case]:
 def _of_bits(way: Way) -> Iterator[Case]:
     def counted(v: Array) -> Array:
         bytes_of = np.ascontiguousarray(v).view(np.uint8).reshape(len(v), -1)
-        found: Array = np.unpackbits(bytes_of, axis=1).sum(axis=1, dtype=v.dtype)
-        return found
+        counts: Array = np.unpackbits(bytes_of, axis=1).sum(axis=1, dtype=v.dtype)
+        return counts
 
     def upper(a: Array, b: Array) -> Array:
         return np.array([p * q >> 64 for p, q in zip(a.tolist(), b.tolist(), strict=True)], np.uint64)
@@ -206,13 +206,13 @@ def _of_bits(way: Way) -> Iterator[Case]:
 def _conversions(way: Way) -> Iterator[Case]:
     """To reals and among them, rounded once, and to integers, toward 0, as NumPy's own."""
     real = way.real
-    most, integer = (31, np.int32) if real is np.float32 else (63, np.int64)
+    highest, integer = (31, np.int32) if real is np.float32 else (63, np.int64)
     x, y = integers(np.int32), integers(np.int64)
     with np.errstate(all="ignore"):
         a, b, c = (v.astype(real) for v in ties(np.float32))
         near = np.concatenate([a * b + c, patterns(real)])[: COUNT // 2]  # in float64 near ties of float32
     z = np.concatenate([patterns(real), spread(-2, 30, real, 10), (x / 2).astype(real)])
-    z, w = (rng(bits).permutation(z[(z >= -(2.0**bits)) & (z < 2.0**bits)])[: COUNT // 2] for bits in (31, most))
+    z, w = (rng(bits).permutation(z[(z >= -(2.0**bits)) & (z < 2.0**bits)])[: COUNT // 2] for bits in (31, highest))
     for name, expression, v, kind in (
         ("to_real", "TO_REALS(a)", x, real),
         ("to_real", "TO_REALS(a)", x.view(np.uint32), real),
@@ -221,8 +221,8 @@ def _conversions(way: Way) -> Iterator[Case]:
         ("to_float", "TO_LANES(a, float)", near, np.float32),
         ("to_long", "TO_LONGS(a)", x, np.int64),
         ("to_uint", "TO_LANES(a, uint)", x, np.uint32),
-        ("to_fixed", "TO_FIXEDS(a)", y >> (63 - most), np.int32),
-        ("to_int", "TO_INTS(a)", y >> (63 - most), integer),
+        ("to_fixed", "TO_FIXEDS(a)", y >> (63 - highest), np.int32),
+        ("to_int", "TO_INTS(a)", y >> (63 - highest), integer),
         ("to_fixed", "TO_FIXEDS(a)", z, np.int32),
         ("to_int", "TO_INTS(a)", w, integer),
     ):
@@ -233,11 +233,11 @@ def _moves(way: Way, n: int) -> Case:
     """Return the case of vectors of n, loaded from any place and stored at any place of a row."""
 
     def define(places: Array, values: Array) -> Array:
-        found = np.full(values.nbytes, UNWRITTEN, np.uint8).view(values.dtype).reshape(values.shape)
+        output = np.full(values.nbytes, UNWRITTEN, np.uint8).view(values.dtype).reshape(values.shape)
         lane = np.arange(n)
-        taken = np.take_along_axis(values, places[:, None] % 4 + lane, axis=1)
-        np.put_along_axis(found, places[:, None] // 4 + lane, taken, axis=1)
-        return found
+        shuffled = np.take_along_axis(values, places[:, None] % 4 + lane, axis=1)
+        np.put_along_axis(output, places[:, None] // 4 + lane, shuffled, axis=1)
+        return output
 
     rows = 1024
     places = rng(n).integers(0, 16, rows).astype(np.int32)
@@ -254,10 +254,10 @@ def _atomics(way: Way) -> Case:
 
     def define(x: Array, scratch: Array) -> Array:
         start = int(np.full(4, UNWRITTEN, np.uint8).view(np.int32)[0])
-        found = np.full((len(x), 4), start + 1, np.int64)
-        found[:, 3] = start
-        found[0, 3] += int(x.sum())
-        return found.astype(np.int32)
+        expected = np.full((len(x), 4), start + 1, np.int64)
+        expected[:, 3] = start
+        expected[0, 3] += int(x.sum())
+        return expected.astype(np.int32)
 
     inputs = rng(11).integers(1, 1000, 1 << 17).astype(np.int32), np.zeros(1 << 17, np.int32)
     title = "atomic operations on global memory"

@@ -29,12 +29,12 @@ GOLDEN = Path(__file__).with_name("golden.json")
 
 def golden(has_fp64: bool) -> list[tuple[GoldenScene, str]]:
     """Return the scenes, as a device with or without float64 can draw them, and the digest that each frame has to have."""
-    found = []
+    digests = []
     for number, row in enumerate(json.loads(GOLDEN.read_text())):
         scene = golden_scene(number, row["choice"])
         reduced = scene.needs_float64 and not has_fp64
-        found.append((scene.without_float64(), row["float32"]) if reduced else (scene, row["digest"]))
-    return found
+        digests.append((scene.without_float64(), row["float32"]) if reduced else (scene, row["digest"]))
+    return digests
 
 
 def tests(program: str, has_fp64: bool) -> list[Check]:
@@ -69,8 +69,8 @@ def write_golden(device: str | None, path: str) -> None:
     opened, rows = open_device(device), json.loads(GOLDEN.read_text())
     for number, row in enumerate(rows):
         scene = golden_scene(number, row["choice"])
-        for name, drawn in (("digest", scene), ("float32", scene.without_float64()))[: 1 + scene.needs_float64]:
-            frame = draw(drawn, opened)
+        for name, variant in (("digest", scene), ("float32", scene.without_float64()))[: 1 + scene.needs_float64]:
+            frame = draw(variant, opened)
             problem = check.problem(frame)
             if problem:
                 raise DeviceError(f"{opened.name}: {scene.name}: expected a frame within its bounds, found {problem}")

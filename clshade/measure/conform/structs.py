@@ -13,7 +13,7 @@ from .case import C_TYPES, GROUP, Case, in_one_program, signature
 
 def cases(double: bool) -> list[Case]:
     """Return a case for each struct with float32 and, on a device with float64, float64 reals; and one of the constants."""
-    found: list[Case] = []
+    all_cases: list[Case] = []
     for reals, layout in (("float32", struct_layout.SINGLE), ("float64", struct_layout.DOUBLE))[: 1 + double]:
         head = struct_layout.header(double_reals=reals == "float64", with_double=double)
         alike = []
@@ -22,11 +22,11 @@ def cases(double: bool) -> list[Case]:
             words += [f"row[{k}] = (char *)&s.{member} - (char *)&s;" for k, member in enumerate(dtype.names, 1)]
             numbers = [dtype.itemsize, *(dtype.fields[member][1] for member in dtype.names)]
             alike.append(_case(f"{name}_{reals}", f"struct {name} with {reals} reals", words, head, numbers, np.int32))
-        found += in_one_program(alike)
+        all_cases += in_one_program(alike)
     words = [f"row[{k}] = {name};" for k, name in enumerate(struct_layout.CONSTANTS)]
     numbers = list(struct_layout.CONSTANTS.values())  # float32 holds all of them
     head = struct_layout.header(with_double=double)
-    return [*found, _case("constants", "constants of host and kernels", words, head, numbers, np.float32)]
+    return [*all_cases, _case("constants", "constants of host and kernels", words, head, numbers, np.float32)]
 
 
 def _case(name: str, title: str, words: list[str], head: str, numbers: Sequence[Any], kind: Any) -> Case:

@@ -94,21 +94,21 @@ def run(scene: Scene, source: str, out: str | Path, version: str) -> Path:
     device = shared_device()
     drawable, missing = figures.possible(scene)
     figures.build_all(scene, drawable)
-    drawn = list(_draw(scene, drawable))
+    pictures_of_scene = list(_draw(scene, drawable))
     facts = _facts(scene, device, version)
     facts |= {f"no figure {', '.join(map(str, numbers))}": why for numbers, why in missing}
     title = f"Course report: {atomic_files.shown(scene.name or 'unnamed scene')}"
     results = Results(title, facts, [_errors(scene, device)])
-    pictures = element("div", [_figure(each) for each in drawn], class_="figures")
+    pictures = element("div", [_figure(each) for each in pictures_of_scene], class_="figures")
     atomic_files.write_bytes(path, results.html(pictures, style=STYLE))
     return path
 
 
 def _check(scene: Scene) -> None:
     if scene.preset != "course":
-        found = f"{scene.name!r}, a mesh or another scene" if scene.name else "a mesh"
+        described = f"{scene.name!r}, a mesh or another scene" if scene.name else "a mesh"
         raise InputError(
-            f"report: --course: expected a course scene (.npy) or the built-in scene 'course', found {found}"
+            f"report: --course: expected a course scene (.npy) or the built-in scene 'course', found {described}"
         )
     only_mesh(scene, "report: --course")
 
@@ -140,10 +140,10 @@ def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:
             bar.advance()
 
 
-def _figure(drawn: Drawn) -> Element:
-    figure = drawn.figure
-    image = element("img", src=png.as_uri(drawn.picture), alt=figure.title)
-    caption = element("figcaption", f"{figure.title.capitalize()}. {drawn.first:.1f} ms, then {drawn.again:.1f} ms")
+def _figure(picture: Drawn) -> Element:
+    figure = picture.figure
+    image = element("img", src=png.as_uri(picture.picture), alt=figure.title)
+    caption = element("figcaption", f"{figure.title.capitalize()}. {picture.first:.1f} ms, then {picture.again:.1f} ms")
     return element("figure", image, caption, id=f"f{figure.number}")
 
 
@@ -154,7 +154,7 @@ def _facts(scene: Scene, device: Device, version: str) -> dict[str, Any]:
     return {
         "scene": f"{scene.face_count:,} triangles, {columns} x {rows} pixels",
         "material": f"ka {_vector(material.ka)}, kd {_vector(material.kd)}, ks {_vector(material.ks)}, n {material.n:g}",
-        **{f"light {k}": f"at {_vector(each.position)}, intensity {_vector(each.intensity)}" for k, each in lights},
+        **{f"light {k}": f"at {_vector(light.position)}, intensity {_vector(light.intensity)}" for k, light in lights},
         "settings": ", ".join(f"{name} {getattr(course, name)}" for name in SETTINGS),
         "times": "of the first call of render_object or render_object_map, which uploads the scene, then the median of "
         f"{ROUNDS} more, which find it on the device; kernels were compiled before",
@@ -205,8 +205,8 @@ def _decomposed(scene: Scene, device: Device) -> Iterator[tuple[int, Decompositi
 
 def _rmse(of: Decomposition) -> dict[str, str]:
     """Return the RMSE of each cause and of all, as people read them."""
-    found = {}
+    errors = {}
     for part in of.parts:
         share = "" if part.share is None else f" ({round(100.0 * part.share, 1) + 0.0} %)"  # 0.0 and not -0.0
-        found[part.cause] = f"{digits(part.rmse)}{share}" if part.rmse else "-"
-    return {**found, "total": digits(of.total), "total of the PNG": digits(of.png_total)}
+        errors[part.cause] = f"{digits(part.rmse)}{share}" if part.rmse else "-"
+    return {**errors, "total": digits(of.total), "total of the PNG": digits(of.png_total)}

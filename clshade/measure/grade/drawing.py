@@ -114,20 +114,20 @@ class Canvas:
 
     def linear(self, drawing: Drawing) -> Floats:
         """Return the linear colors (K, 3) of a drawing, before `shown`."""
-        seen = self._visible(drawing)
+        visible = self._visible(drawing)
         background = drawing.scene.background
-        found = np.tile(np.zeros(3) if background is None else background, (len(seen.owner), 1))
-        drawn = seen.owner >= 0
-        if drawn.any():
-            found[drawn] = drawing.compose(drawing, lambda part: _shade(part, seen, drawn))
-        return found
+        colors = np.tile(np.zeros(3) if background is None else background, (len(visible.owner), 1))
+        covered = visible.owner >= 0
+        if covered.any():
+            colors[covered] = drawing.compose(drawing, lambda part: _shade(part, visible, covered))
+        return colors
 
     def codes(self, drawing: Drawing, linear: Floats | None = None) -> Floats:
         """Return the colors (K, 3) as a file of 8 bits has them, 0 to 255, not rounded. linear: those before, if known."""
-        found = drawing.codes_of(self.linear(drawing) if linear is None else linear)
+        codes = drawing.codes_of(self.linear(drawing) if linear is None else linear)
         if drawing.covers:
-            found[self._visible(drawing).owner < 0] = as_codes(drawing.backdrop)
-        return found
+            codes[self._visible(drawing).owner < 0] = as_codes(drawing.backdrop)
+        return codes
 
     def _visible(self, drawing: Drawing) -> _Visible:
         """Find what the pixels show; all scenes have the same camera and meshes, with other materials."""
@@ -186,11 +186,11 @@ def _covered(
     yield k, pixel, coverage.edge_functions(xy[k], column[pixel], upward[pixel])
 
 
-def _shade(drawing: Drawing, seen: _Visible, drawn: Bools) -> Floats:
+def _shade(drawing: Drawing, visible: _Visible, covered: Bools) -> Floats:
     """Return the colors (D, 3) of the pixels that are drawn, (K,) bool."""
-    piece, column, upward = seen.owner[drawn], seen.column[drawn], seen.upward[drawn]
-    corners = _through(drawing.corners, replace(seen.shot.corners, scene=drawing.scene))
-    shot = replace(seen.shot, scene=drawing.scene, settings=drawing.settings, corners=corners)
+    piece, column, upward = visible.owner[covered], visible.column[covered], visible.upward[covered]
+    corners = _through(drawing.corners, replace(visible.shot.corners, scene=drawing.scene))
+    shot = replace(visible.shot, scene=drawing.scene, settings=drawing.settings, corners=corners)
     edges = coverage.edge_functions(shot.pieces.xy[piece], column, upward)
     place = np.broadcast_to(shot.place, (len(piece), 2))
     return shade_pixels(Hits(shot, piece, column, upward, place, edges), drawing.light).rgb

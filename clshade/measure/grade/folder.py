@@ -29,11 +29,11 @@ def submissions(folder: str | Path) -> list[str]:
     """Return the names in a folder of its image files, and of those in folders within it, in order: those with ENDINGS whose
     names, and folders' names, begin with no dot. Links to folders are not followed. Raises InputError for a folder that
     cannot be read."""
-    found = []
+    paths = []
     for where, folders, names in os.walk(folder, onerror=_refuse):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [os.path.relpath(Path(where, name), folder) for name in sorted(names) if not name.startswith(".")]
-    return [name for name in found if name.lower().endswith(ENDINGS)]
+        paths += [os.path.relpath(Path(where, name), folder) for name in sorted(names) if not name.startswith(".")]
+    return [name for name in paths if name.lower().endswith(ENDINGS)]
 
 
 def _refuse(error: OSError) -> None:
@@ -67,8 +67,8 @@ def _row(path: Path, name: str) -> Row:
     """Grade a file in a worker."""
     right, drawn = _kept[0]
     try:
-        found = grade(path, right)
-        return Row({**found.facts(), "image": name}, pictures.as_png(found, right) if drawn else b"")
+        result = grade(path, right)
+        return Row({**result.facts(), "image": name}, pictures.as_png(result, right) if drawn else b"")
     except ClshadeError as error:
         return _failed(name, str(error).removeprefix(f"{shown(path)}: "))
     except MemoryError:

@@ -92,9 +92,9 @@ def right_of(scene: Scene, settings: Settings) -> Right:
     return Right(drawing, linear_image(drawing))
 
 
-def explained_codes(right: Right, image: Floats, found: Explanation) -> Floats:
+def explained_codes(right: Right, image: Floats, explanation: Explanation) -> Floats:
     """Return the codes (M, N, 3) of the image that the mistakes of an explanation give, on the background of `image`."""
-    return np.rint(code_image(applied(_seen(right, image), found.changes)))
+    return np.rint(code_image(applied(_seen(right, image), explanation.changes)))
 
 
 def grade(path: str | Path, right: Right) -> Grade:
@@ -109,8 +109,8 @@ def graded(image: Floats, right: Right, name: str) -> Grade:
     differ = wrong(image, expected)
     edges = _on_edges(image, right, differ)
     worst = float(np.abs(image - expected).max())
-    found = [] if (differ == edges).all() else explain(_seen(right, image), image, right.linear, edges)
-    return Grade(name, image, int(differ.sum()), int(edges.sum()), worst, tuple(found))
+    explanations = [] if (differ == edges).all() else explain(_seen(right, image), image, right.linear, edges)
+    return Grade(name, image, int(differ.sum()), int(edges.sum()), worst, tuple(explanations))
 
 
 def _seen(right: Right, image: Floats) -> Drawing:
@@ -126,12 +126,12 @@ def _seen(right: Right, image: Floats) -> Drawing:
 def _on_edges(image: Floats, right: Right, differ: Bools) -> Bools:
     """Return (M, N) bool: which pixels that differ are right for an edge that is 1/256 px elsewhere: a fill rule, or how
     corners are rounded, decides these."""
-    found = np.zeros_like(differ)
+    on_edge = np.zeros_like(differ)
     if not 0 < differ.sum() <= _FEW * differ.size:
-        return found
+        return on_edge
     rows, columns = np.nonzero(differ)
     canvas = Canvas(rows, columns)
     for moved in SUBPIXEL_SHIFTS.values():
         codes = np.rint(canvas.codes(moved(right.drawing)))
-        found[rows, columns] |= ~wrong(image[rows, columns], codes)
-    return found
+        on_edge[rows, columns] |= ~wrong(image[rows, columns], codes)
+    return on_edge

@@ -20,16 +20,16 @@ _PANEL, _TITLE, _BAR = 3.6, 0.75, 0.9  # inches
 _LETTERS = 110  # of a title, in a line
 
 
-def draw(found: Grade, right: Right) -> Figure:
+def draw(result: Grade, right: Right) -> Figure:
     """Draw image, right one and difference; below them the right one with the mistakes in its place."""
-    image = _group(found.image)
-    verdict = "right within 1/255" if found.right else f"not right: {found.differ:,} pixels differ"
+    image = _group(result.image)
+    verdict = "right within 1/255" if result.right else f"not right: {result.differ:,} pixels differ"
     rows = [(verdict, "the right image", _group(right.codes))]
-    if best := found.best:
+    if best := result.best:
         mistake = best.label if best.claimed else f"not explained; nearest: {best.label}"
         these = "this mistake" if len(best.changes) == 1 else "these mistakes"
-        rows.append((mistake, f"the right image with {these}", _group(explained_codes(right, found.image, best))))
-    width, height = figures.panel_size(found.image.shape, _PANEL)
+        rows.append((mistake, f"the right image with {these}", _group(explained_codes(right, result.image, best))))
+    width, height = figures.panel_size(result.image.shape, _PANEL)
     figure = figures.blank(3 * width + _BAR, len(rows) * (height + _TITLE), dpi=100)
     parts = figure.subfigures(len(rows), 1, squeeze=False)[:, 0]
     for part, (title, caption, expected) in zip(parts, rows, strict=True):
@@ -44,8 +44,8 @@ def _group(codes: Floats) -> Group:
     return Group("RGB", ("R", "G", "B"), tuple(planes))
 
 
-def as_png(found: Grade, right: Right) -> bytes:
+def as_png(result: Grade, right: Right) -> bytes:
     """Return the picture as a PNG file."""
     file = io.BytesIO()
-    draw(found, right).savefig(file, format="png")
+    draw(result, right).savefig(file, format="png")
     return file.getvalue()

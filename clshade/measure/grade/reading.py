@@ -54,23 +54,23 @@ def _codes(path: str | Path, shape: tuple[int, int], owner: str) -> Floats:
     return np.where(np.abs(codes - np.rint(codes)) < 1e-4, np.rint(codes), codes)
 
 
-def _check_size(found: tuple[int, ...], shape: tuple[int, int], owner: str) -> None:
-    if found[:2] != shape:
+def _check_size(size: tuple[int, ...], shape: tuple[int, int], owner: str) -> None:
+    if size[:2] != shape:
         expected = f"{shape[1]} x {shape[0]} pixels, as the scene has (--resolution)"
-        exchanged = "; rows and columns exchanged? index image[row, column]" if found[1::-1] == shape else ""
-        raise file_error(owner, "size", expected, f"{found[1]} x {found[0]}{exchanged}")
+        exchanged = "; rows and columns exchanged? index image[row, column]" if size[1::-1] == shape else ""
+        raise file_error(owner, "size", expected, f"{size[1]} x {size[0]}{exchanged}")
 
 
 def _array(path: str | Path, owner: str) -> Array:
     """Return the array of a file; that of an .npy is not read into memory yet."""
     try:
-        found = np.load(path, mmap_mode="r", allow_pickle=False)
-        if isinstance(found, np.ndarray):
-            return found
-        with found:
-            names = found.files
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if isinstance(array, np.ndarray):
+            return array
+        with array:
+            names = array.files
             if "rgb" in names or len(names) == 1:
-                return np.asarray(found["rgb" if "rgb" in names else names[0]])
+                return np.asarray(array["rgb" if "rgb" in names else names[0]])
     except Exception as error:  # damaged archives raise exceptions of many types
         raise file_error(owner, "file", "an array", reason_of(error) or "damaged data") from None
     raise file_error(owner, "arrays", "one named rgb", ", ".join(names[:8]) or "none")
@@ -81,15 +81,15 @@ def _codes_of(array: Array, shape: tuple[int, int], owner: str) -> Floats:
         expected = "floats, or integers from 0 to 255, of shape (M, N, 3)"
         raise file_error(owner, "array", expected, f"{array.dtype} of shape {array.shape}")
     _check_size(array.shape, shape, owner)
-    least, most = array.min(), array.max()
+    low, high = array.min(), array.max()
     if array.dtype.kind != "f":
-        if least < 0 or most > 255:
-            raise file_error(owner, "array", "integers from 0 to 255", f"{least} to {most}")
+        if low < 0 or high > 255:
+            raise file_error(owner, "array", "integers from 0 to 255", f"{low} to {high}")
         return array.astype(np.float64)
     values = _finite(array.astype(np.float64), owner, "array")
-    if most >= _CODES_FROM and (values == np.rint(values)).all():
+    if high >= _CODES_FROM and (values == np.rint(values)).all():
         expected = "linear floats, 1 for full intensity, or codes as integers"
-        raise file_error(owner, "array", expected, f"floats that are whole numbers up to {most:g}")
+        raise file_error(owner, "array", expected, f"floats that are whole numbers up to {high:g}")
     return as_codes(values)
 
 

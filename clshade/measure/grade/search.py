@@ -155,13 +155,13 @@ class Search:
         """Return the first of ranked explanations, with those that give the same image within one code at all pixels."""
         first, *others = ranked
         codes = self._drawn(first.changes)
-        near = [each for each in others if each.score > first.score - 0.01]
-        same = [each.changes for each in near if not wrong(self._drawn(each.changes), codes).any()]
+        near = [candidate for candidate in others if candidate.score > first.score - 0.01]
+        same = [explanation.changes for explanation in near if not wrong(self._drawn(explanation.changes), codes).any()]
         return replace(first, same=tuple(same))
 
 
-def _ranked(found: Iterable[Explanation]) -> list[Explanation]:
-    return sorted(found, key=lambda each: -round(each.score, 3))
+def _ranked(explanations: Iterable[Explanation]) -> list[Explanation]:
+    return sorted(explanations, key=lambda explanation: -round(explanation.score, 3))
 
 
 def _ordered_pairs(changes: Sequence[Change], best: set[str]) -> Iterator[tuple[Change, Change]]:
@@ -180,11 +180,15 @@ def explain(right: Drawing, image: Floats, linear: Floats, doubtful: Bools) -> l
     search = Search(right, image, linear, doubtful, _SINGLES)
     singles = search.singles()
     best = search.together(singles)
-    found = [each for each in (best, *singles[1:]) if each.changes not in best.same and each.score > _WORTH_NAMING]
+    explanations = [
+        explanation
+        for explanation in (best, *singles[1:])
+        if explanation.changes not in best.same and explanation.score > _WORTH_NAMING
+    ]
     if best.score >= _ENOUGH:
-        return found[:1]
+        return explanations[:1]
     likely = Search(right, image, linear, doubtful, _PAIRS).pairs(singles)[:24]
-    pair = search.together(_ranked(search.explained(*each.changes) for each in likely))
+    pair = search.together(_ranked(search.explained(*explanation.changes) for explanation in likely))
     if 1.0 - pair.score < 0.5 * (1.0 - best.score):
-        found = [pair, *found]
-    return found[:3]
+        explanations = [pair, *explanations]
+    return explanations[:3]

@@ -31,8 +31,8 @@ def _verdict(facts: Facts) -> str:
             "rule or rounding of corners decides"
         )
     on_edges = f" ({edges:,} of them on edges, where another fill rule may decide)" if edges else ""
-    most = round(255.0 * facts["largest_difference"])
-    return f"not right: {differ:,} of {facts['pixels']:,} pixels differ{on_edges}, by up to {most}/255"
+    largest = round(255.0 * facts["largest_difference"])
+    return f"not right: {differ:,} of {facts['pixels']:,} pixels differ{on_edges}, by up to {largest}/255"
 
 
 def _percent(share: float) -> str:
@@ -49,13 +49,14 @@ def _reasons(facts: Facts) -> Iterator[str]:
     if not facts["right"] and not facts["explained"]:
         nearest = " What comes nearest:" if explanations else ""
         yield f"None of the modeled mistakes, nor two of them, explains it.{nearest}"
-    for number, found in enumerate(explanations, 1):
-        removed, fixed = _percent(found["difference_removed"]), _percent(found["pixels_made_right"])
-        yield f"{number}. {found['mistake']}: removes {removed} of the difference, makes {fixed} of the wrong pixels right"
+    for number, explanation in enumerate(explanations, 1):
+        removed, fixed = _percent(explanation["difference_removed"]), _percent(explanation["pixels_made_right"])
+        mistake = f"{number}. {explanation['mistake']}"
+        yield f"{mistake}: removes {removed} of the difference, makes {fixed} of the wrong pixels right"
         if number == 1:
-            yield f"   {found['advice']}"
-            if found["same_image"]:
-                yield f"   Cannot be told apart in this scene: {found['same_image']}"
+            yield f"   {explanation['advice']}"
+            if explanation["same_image"]:
+                yield f"   Cannot be told apart in this scene: {explanation['same_image']}"
     if facts["remark"]:
         yield f"Note: {facts['remark']}"
 

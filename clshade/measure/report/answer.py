@@ -42,24 +42,24 @@ def criterion(study: Study) -> str:
     """Return what `is_unseen` asks for, and what the variant of the first line has of it."""
     used = _unseen(study)[0]
     flip = used.approximation.flip
-    asked = f"at least {CLOSE:.0%} of pixels within {CODES} of 255 codes of the converged image"
+    condition = f"at least {CLOSE:.0%} of pixels within {CODES} of 255 codes of the converged image"
     if flip is None:
-        return f"no visible error: {asked}; the first line has {used.close:.1%} (FLIP is not measured)"
+        return f"no visible error: {condition}; the first line has {used.close:.1%} (FLIP is not measured)"
     has = f"the first line has {used.close:.1%} and {digits(flip, 2)}"
-    return f"no visible error: {asked}, and FLIP at most {FLIP:g}; {has}"
+    return f"no visible error: {condition}, and FLIP at most {FLIP:g}; {has}"
 
 
 def answer(study: Study) -> list[Advice]:
     """Return at most five lines: the fastest variant whose difference is not seen, the most accurate within BUDGETS, what
     `render` draws by default, and whether more samples pay."""
     used, unseen = _unseen(study)
-    found = [Advice("no visible error" if unseen else "closest", used, _cost(used))]
-    found += [_within(study, budget) for budget in BUDGETS]
+    advice = [Advice("no visible error" if unseen else "closest", used, _cost(used))]
+    advice += [_within(study, budget) for budget in BUDGETS]
     default = study.default
     if default is not None:
-        found.append(Advice("the default", default, f"{_cost(default)}{_compared(default, found)}"))
-        found.append(_more_samples(study, default))
-    return found
+        advice.append(Advice("the default", default, f"{_cost(default)}{_compared(default, advice)}"))
+        advice.append(_more_samples(study, default))
+    return advice
 
 
 def _cost(measured: Measured) -> str:
@@ -68,27 +68,27 @@ def _cost(measured: Measured) -> str:
 
 def _unseen(study: Study) -> tuple[Measured, bool]:
     """Return the fastest variant whose difference is not seen and True; if there is none the closest and False."""
-    unseen = [each for each in study.measured if is_unseen(each)]
+    unseen = [measured for measured in study.measured if is_unseen(measured)]
     if unseen:
         return most_accurate_of_fastest(unseen, study.reference.error), True
-    return max(study.measured, key=lambda each: (each.close, -each.error)), False
+    return max(study.measured, key=lambda measured: (measured.close, -measured.error)), False
 
 
 def _within(study: Study, budget: float) -> Advice:
     """Return the most accurate variant within a budget; the fastest of all if none is."""
     purpose = f"within {budget:g} ms"
-    kept = [each for each in study.measured if each.cost <= budget]
-    if kept:
-        used = most_accurate(kept, study.reference.error)
+    candidates = [measured for measured in study.measured if measured.cost <= budget]
+    if candidates:
+        used = most_accurate(candidates, study.reference.error)
         return Advice(purpose, used, _cost(used))
-    used = min(study.measured, key=lambda each: each.cost)
+    used = min(study.measured, key=lambda measured: measured.cost)
     return Advice(purpose, used, f"none; the fastest takes {_cost(used)}")
 
 
 def _compared(default: Measured, others: Sequence[Advice]) -> str:
     """Return the time and the error of the default in those of other variants."""
-    times = (default.cost / each.used.cost for each in others)
-    errors = (_ratio(default.error, each.used.error) for each in others)
+    times = (default.cost / slower.used.cost for slower in others)
+    errors = (_ratio(default.error, slower.used.error) for slower in others)
     time, error = (", ".join(f"x{digits(ratio, 2)}" for ratio in ratios) for ratios in (times, errors))
     return f"; compared with the lines above: time {time}, error {error}"
 
@@ -100,11 +100,13 @@ def _ratio(error: float, other: float) -> float:
 def _more_samples(study: Study, default: Measured) -> Advice:
     """Return whether more samples of the default's model pay: whether the error is then not visible, or much smaller."""
     purpose, model = "more samples", _model(default)
-    more = [each for each in study.measured if _model(each) == model and _samples(each) > _samples(default)]
+    more = [
+        measured for measured in study.measured if _model(measured) == model and _samples(measured) > _samples(default)
+    ]
     if is_unseen(default):
         return Advice(purpose, default, "not worth it, the error is not visible")
-    enough = [each for each in more if is_unseen(each)]
-    best = min(enough or more, key=lambda each: each.cost if enough else each.error, default=None)
+    enough = [measured for measured in more if is_unseen(measured)]
+    best = min(enough or more, key=lambda measured: measured.cost if enough else measured.error, default=None)
     if best is None:
         return Advice(purpose, default, "not measured")
     time, error = best.cost / default.cost, _ratio(best.error, default.error)

@@ -105,12 +105,12 @@ class Selection:
         """Return the choice as lines for the terminal."""
         used, variant = self.used, self.used.variant
         changed = f" ({variant.changed()})" if variant.changes else ""
-        kept = ", ".join(f"{name}={value}" for name, value in self.kept.items())
+        fixed = ", ".join(f"{name}={value}" for name, value in self.kept.items())
         count = len(self.tried)
         return [
             f"{used.name}{changed}: {digits(used.cost)} ms a frame after the first, RMSE {digits(used.error)}, "
             f"{_interval(used.estimate[1:])}",
-            *([f"kept as they are: {kept}"] if kept else []),
+            *([f"kept as they are: {fixed}"] if fixed else []),
             f"{count} of {count + len(self.not_drawn)} variants drawn, in {self.seconds:.1f} s",
             f"errors: of {self.thinned.about()}",
             f"reference: {self.reference.about()}",
@@ -150,14 +150,14 @@ def select(
     start = time.perf_counter()
     opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
     scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
-    kept = set(fields)
+    fixed = set(fields)
     if preset is not None or scene.preset != BASE:
-        own = preset or scene.preset
-        kept |= PRESET_FIELDS["course" if own == "standard" else own].keys()
-    trials = _Trials(scene, base, opened, kept)
+        preset_name = preset or scene.preset
+        fixed |= PRESET_FIELDS["course" if preset_name == "standard" else preset_name].keys()
+    trials = _Trials(scene, base, opened, fixed)
     used = trials.within_tolerance(tolerance or 0.0) if budget is None else trials.within_budget(budget)
     settings = used.variant.settings(base)
-    values = {name: getattr(settings, name) for name in sorted(kept - {"layers"})}
+    values = {name: getattr(settings, name) for name in sorted(fixed - {"layers"})}
     seconds = time.perf_counter() - start
     return Selection(used, settings, values, trials.tried, trials.not_drawn, trials.reference, trials.thinned, seconds)
 
@@ -179,23 +179,23 @@ class _Trials:
         self.tried: list[Tried] = []
 
     def within_budget(self, budget: float) -> Tried:
-        drawn = self._try(lambda tried: min(tried.ms) > SLACK * budget)
-        sure = min((tried.error for tried in drawn if SLACK * min(tried.ms) <= budget), default=math.inf)
-        self._time([tried for tried in drawn if min(tried.ms) <= SLACK * budget and tried.error <= sure])
-        return within_budget(drawn, budget, self.reference.error)
+        best = self._try(lambda tried: min(tried.ms) > SLACK * budget)
+        sure = min((tried.error for tried in best if SLACK * min(tried.ms) <= budget), default=math.inf)
+        self._time([tried for tried in best if min(tried.ms) <= SLACK * budget and tried.error <= sure])
+        return within_budget(best, budget, self.reference.error)
 
     def within_tolerance(self, tolerance: float) -> Tried:
-        most = tolerance + self.reference.error
-        drawn = self._try(lambda tried: tried.error <= most)
-        exact = [tried for tried in drawn if tried.error <= most]
+        limit = tolerance + self.reference.error
+        best = self._try(lambda tried: tried.error <= limit)
+        exact = [tried for tried in best if tried.error <= limit]
         fastest = min((min(tried.ms) for tried in exact), default=0.0)
         self._time([tried for tried in exact if min(tried.ms) <= SLACK * fastest])
-        return within_tolerance(drawn, tolerance, self.reference.error)
+        return within_tolerance(best, tolerance, self.reference.error)
 
     @property
     def not_drawn(self) -> list[str]:
-        drawn = [tried.variant for tried in self.tried]
-        return [variant.title for family in self._families for variant in family if variant not in drawn]
+        variants = [tried.variant for tried in self.tried]
+        return [variant.title for family in self._families for variant in family if variant not in variants]
 
     def _try(self, is_last: Callable[[Tried], bool]) -> list[Tried]:
         """Draw the variants of each family until one is the last that may be chosen; return those drawn."""
@@ -213,8 +213,8 @@ class _Trials:
             image = renderer.render().rgb
             ms = [frame_ms(renderer) for _ in range(TRIAL_FRAMES)]
         error, low, high = self.thinned.estimate(self.thinned.of(image), self.reference.rgb)
-        known = self.reference.error  # an RMSE is a distance: the interval is wider by that of the reference
-        return Tried(variant, ms, Estimate(error, max(low - known, 0.0), high + known))
+        reference_error = self.reference.error  # an RMSE is a distance: the interval is wider by that of the reference
+        return Tried(variant, ms, Estimate(error, max(low - reference_error, 0.0), high + reference_error))
 
     def _time(self, chosen: Sequence[Tried]) -> None:
         """Replace the times of these by those of further frames."""

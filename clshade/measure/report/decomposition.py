@@ -39,21 +39,21 @@ class Decomposition:
     """The error of the image that `settings` draw, by cause.
 
     Each part is the difference of two consecutive images, from the converged one to this one and its PNG, so that their sum
-    is the total error in every pixel. total, png_total: its RMSE. known: what RMSE the reference is good to.
+    is the total error in every pixel. total, png_total: its RMSE. reference_error: RMSE of the reference.
     """
 
     settings: Settings
     parts: tuple[Part, ...]
     total: float
     png_total: float
-    known: float
+    reference_error: float
 
     def remarks(self) -> list[str]:
         """Return which causes are too small to be known, and which are not measured."""
         errors = {part.cause: part.rmse for part in self.parts}
         said = []
-        if 0.0 < errors[SAMPLING] <= 2.0 * self.known:
-            said.append(f"{SAMPLING}: about as small as the reference's own error, {self.known:.2g}")
+        if 0.0 < errors[SAMPLING] <= 2.0 * self.reference_error:
+            said.append(f"{SAMPLING}: about as small as the reference's own error, {self.reference_error:.2g}")
         if ARITHMETIC not in errors:
             said.append(f"{ARITHMETIC}: not known: the device has no float64 to compare with")
         return said
@@ -85,15 +85,15 @@ def _steps(
         model = models.difference(settings, approximated)
         yield APPROXIMATIONS[name], model - before
         before = model
-    drawn = render(scene, settings=settings, device=device)
-    image = exact = np.asarray(drawn.rgb, np.float64)
+    frame = render(scene, settings=settings, device=device)
+    image = exact = np.asarray(frame.rgb, np.float64)
     if device.has_fp64 and settings.precision != "float64":
         best = replace(settings, precision="float64")
         exact = np.asarray(render(scene, settings=best, device=device).rgb, np.float64)
     yield SAMPLING, exact - (converged.rgb + before)
     if device.has_fp64:
         yield ARITHMETIC, image - exact
-    yield OUTPUT, png_radiance(drawn) - image
+    yield OUTPUT, png_radiance(frame) - image
 
 
 def png_radiance(frame: Frame) -> Array:

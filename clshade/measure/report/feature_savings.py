@@ -84,9 +84,9 @@ def explain(scene: Scene, **options: Any) -> Explanation:
     Raises InputError and DeviceError.
     """
     with Renderer(scene, **options) as lean, Renderer(scene, forced=OPTIONAL, **options) as full:
-        frame, other = lean.render(), full.render()
-        identical, sizes = same_bits(frame, other), (_bytes(frame), _bytes(other))
-        del other  # releases its memory for the next frames
+        frame, full_frame = lean.render(), full.render()
+        identical, sizes = same_bits(frame, full_frame), (_bytes(frame), _bytes(full_frame))
+        del full_frame  # releases its memory for the next frames
         draws = [lambda _, renderer=renderer: renderer.render().stats["times_ms"] for renderer in (lean, full)]
         timed = in_turns(draws, FRAMES, SECONDS)
         left_out, chosen = dict(lean.features.left_out), ("BACKDROP",) if lean.features["BACKDROP"] else ()
@@ -122,7 +122,7 @@ def _unneeded(frame: Frame) -> dict[str, str]:
     flat = "parallel projection" if scene.camera.orthographic else "interpolation affine"
     dark = sum(not light.intensity.any() for light in scene.lights)
     vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
-    unused, whole = vertices - stats["vertices"], triangles - stats["clipped"]
+    unused, unclipped = vertices - stats["vertices"], triangles - stats["clipped"]
     culled = [f"{stats[name]:,} {what}" for name, what in NOT_DRAWN.items() if stats[name]]
     absent = [name for name in LAYERS if name not in frame.layers]
     work = {
@@ -130,8 +130,8 @@ def _unneeded(frame: Frame) -> dict[str, str]:
         "perspective division": "PERSPECTIVE" not in stats["features"] and f"{flat}, {covered:,} pixels",
         "lights": dark and f"{dark} of {lights} of intensity 0",
         "vertices": unused > 0 and f"{unused:,} of {vertices:,} in no face",
-        "clipping": whole
-        and f"{whole:,} of {triangles:,} triangles neither cross the near plane nor go far beyond the image",
+        "clipping": unclipped
+        and f"{unclipped:,} of {triangles:,} triangles neither cross the near plane nor go far beyond the image",
         "triangles": culled and f"{', '.join(culled)}, of {triangles:,}",
         "tiles": stats["empty_tiles"] and f"{stats['empty_tiles']:,} of {stats['tiles']:,} hold no triangle",
         "shading": covered < pixels and f"{pixels - covered:,} of {pixels:,} pixels show no triangle",

@@ -67,11 +67,11 @@ def colored(study: Study) -> dict[str, Array]:
     from matplotlib import colormaps
     from matplotlib.colors import LogNorm
 
-    found = {"reference": tonemap(study.reference.rgb, default_tonemap(study.scene))}
+    images = {"reference": tonemap(study.reference.rgb, default_tonemap(study.scene))}
     for name, picture in study.pictures.items():
         apart = np.nan_to_num(np.abs(picture).max(axis=2), posinf=MOST).clip(LEAST)
-        found[name] = colormaps[COLORS](LogNorm(LEAST, MOST, clip=True)(apart), bytes=True)[..., :3]
-    return found
+        images[name] = colormaps[COLORS](LogNorm(LEAST, MOST, clip=True)(apart), bytes=True)[..., :3]
+    return images
 
 
 def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
@@ -90,7 +90,7 @@ def _pictures(figure: Figure, places: Sequence[Axes], study: Study) -> None:
 
 def _drawn(study: Study) -> list[float]:
     """Return the errors to draw: on the logarithmic axis, 0 is drawn at the error of the reference."""
-    return [max(each.error, study.reference.error, LEAST_ERROR) for each in study.measured]
+    return [max(measured.error, study.reference.error, LEAST_ERROR) for measured in study.measured]
 
 
 def _steps(study: Study) -> list[tuple[float, float]]:
@@ -98,46 +98,50 @@ def _steps(study: Study) -> list[tuple[float, float]]:
     errors = dict(zip(study.measured, _drawn(study), strict=True))
     first, *others = study.front
     corners = [(first.cost, errors[first])]
-    for each in others:
-        corners += [(each.cost, corners[-1][1]), (each.cost, errors[each])]
+    for alternative in others:
+        corners += [(alternative.cost, corners[-1][1]), (alternative.cost, errors[alternative])]
     return corners
 
 
 def _curves(study: Study) -> dict[str, list[tuple[float, float]]]:
     """Return times and errors by family, if three or more errors are above the reference's own."""
-    found = {}
+    curves = {}
     for family, (first, prefix, _) in FAMILIES.items():
-        named = [each for each in study.measured if each.variant.name == first or each.variant.name.startswith(prefix)]
-        members = sorted(named, key=lambda each: each.settings.samples)
-        points = [(each.cost, each.error) for each in members if each.error > study.reference.error]
+        named = [
+            measured
+            for measured in study.measured
+            if measured.variant.name == first or measured.variant.name.startswith(prefix)
+        ]
+        members = sorted(named, key=lambda measured: measured.settings.samples)
+        points = [(member.cost, member.error) for member in members if member.error > study.reference.error]
         if len(points) > 2:
-            found[family] = points
-    return found
+            curves[family] = points
+    return curves
 
 
 def _label(axes: Axes, study: Study) -> None:
     """Name every point, those of the front in its color."""
-    points = [(each.cost, error) for each, error in zip(study.measured, _drawn(study), strict=True)]
-    texts = label_points(axes, points, [each.name for each in study.measured])
-    for text, each in zip(texts, study.measured, strict=True):
-        text.set_color(figures.OURS if each in study.front else "#444444")
+    points = [(measured.cost, error) for measured, error in zip(study.measured, _drawn(study), strict=True)]
+    texts = label_points(axes, points, [measured.name for measured in study.measured])
+    for text, measured in zip(texts, study.measured, strict=True):
+        text.set_color(figures.OURS if measured in study.front else "#444444")
 
 
 def _errors_against_time(axes: Axes, study: Study) -> None:
     from matplotlib.ticker import LogLocator
 
     errors, best = _drawn(study), study.front
-    known = max(study.reference.error, LEAST_ERROR)
+    reference_error = max(study.reference.error, LEAST_ERROR)
     axes.set(xscale="log", yscale="log")
-    _widen(axes.set_xlim, [ms for each in study.measured for ms in each.frame_ms])
-    _widen(axes.set_ylim, errors, known)
+    _widen(axes.set_xlim, [ms for measured in study.measured for ms in measured.frame_ms])
+    _widen(axes.set_ylim, errors, reference_error)
     axes.plot(*zip(*_steps(study), strict=True), color=figures.OURS, lw=1.6, label="Pareto front")
     for family, points in _curves(study).items():
         axes.plot(*zip(*points, strict=True), "--", color=FAMILIES[family][2], lw=1.0, label=family, zorder=1)
-    for each, error in zip(study.measured, errors, strict=True):
-        color = figures.OURS if each in best else DOMINATED
-        axes.plot(each.frame_ms, [error] * 3, "-o", ms=4, markevery=[1], color=color, lw=0.8)
-    axes.axhline(known, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
+    for measured, error in zip(study.measured, errors, strict=True):
+        color = figures.OURS if measured in best else DOMINATED
+        axes.plot(measured.frame_ms, [error] * 3, "-o", ms=4, markevery=[1], color=color, lw=0.8)
+    axes.axhline(reference_error, color=figures.MUTED, lw=0.8, ls=":", label="the reference's own error")
     axes.set(
         xlabel="time of a frame, ms (bars: the middle half of the frames)",
         ylabel="RMSE against the reference (lower is more accurate)",
@@ -153,5 +157,5 @@ def _errors_against_time(axes: Axes, study: Study) -> None:
 def _widen(set_limits: Callable[[float, float], object], values: Sequence[float], *others: float) -> None:
     """Set the limits of an axis if the values are all about the same. others: further values to show."""
     if max(values) < 1.1 * min(values):
-        shown = (*values, *others)
-        set_limits(min(shown) / 2.0, max(shown) * 2.0)
+        extremes = (*values, *others)
+        set_limits(min(extremes) / 2.0, max(extremes) * 2.0)

@@ -107,14 +107,14 @@ def measure(
         )
 
     with ExitStack() as stack:
-        renderers, found = [], []
+        renderers, measured = [], []
         for variant in variants:
             renderer = stack.enter_context(Renderer(scene, settings=variant.settings(base), device=device))
             renderers.append(renderer)
-            found.append(errors(variant, renderer))
+            measured.append(errors(variant, renderer))
             advance()
         times = frame_times(renderers, frames, seconds)
-    return [replace(each, times=ms) for each, ms in zip(found, times, strict=True)]
+    return [replace(each, times=ms) for each, ms in zip(measured, times, strict=True)]
 
 
 def frame_times(renderers: Sequence[Renderer], frames: int, seconds: float = SECONDS) -> list[tuple[float, ...]]:

@@ -27,59 +27,61 @@ class Alternative(Protocol):
 A = TypeVar("A", bound=Alternative)
 
 
-def front(alternatives: Sequence[A], known: float = 0.0) -> list[A]:
-    """Return the Pareto front, fastest first: the alternatives that are more accurate than all faster ones. known:
-    uncertainty of the errors; smaller differences do not count."""
+def front(alternatives: Sequence[A], uncertainty: float = 0.0) -> list[A]:
+    """Return the Pareto front, fastest first: the alternatives that are more accurate than all faster ones. uncertainty:
+    of the errors; smaller differences do not count."""
     best: list[A] = []
-    for each in sorted(alternatives, key=lambda each: (each.cost, each.error)):
-        if not best or each.error < best[-1].error - known:
-            best.append(each)
+    for alternative in sorted(alternatives, key=lambda alternative: (alternative.cost, alternative.error)):
+        if not best or alternative.error < best[-1].error - uncertainty:
+            best.append(alternative)
     return best
 
 
-def most_accurate(alternatives: Sequence[A], known: float) -> A:
+def most_accurate(alternatives: Sequence[A], uncertainty: float) -> A:
     """Return the first of those whose errors are the least, as far as they are known: the choice then does not change with
     the times."""
-    least = min(each.error for each in alternatives)
-    return next(each for each in alternatives if each.error <= least + known)
+    smallest = min(alternative.error for alternative in alternatives)
+    return next(alternative for alternative in alternatives if alternative.error <= smallest + uncertainty)
 
 
-def most_accurate_of_fastest(alternatives: Sequence[A], known: float) -> A:
+def most_accurate_of_fastest(alternatives: Sequence[A], uncertainty: float) -> A:
     """Return the most accurate of those that are nearly as fast as the fastest in a quarter of their frames."""
-    least = min(each.frame_ms.low for each in alternatives)
-    return most_accurate([each for each in alternatives if each.frame_ms.low <= NEARLY * least], known)
+    fastest = min(alternative.frame_ms.low for alternative in alternatives)
+    return most_accurate(
+        [alternative for alternative in alternatives if alternative.frame_ms.low <= NEARLY * fastest], uncertainty
+    )
 
 
-def within_budget(alternatives: Sequence[A], budget: float, known: float = 0.0) -> A:
+def within_budget(alternatives: Sequence[A], budget: float, uncertainty: float = 0.0) -> A:
     """Return the most accurate within `budget` milliseconds. One that nearly keeps it in a quarter of its frames counts as
-    within; other load on the machine changes their time least. known: uncertainty of the errors.
+    within; other load on the machine changes their time least. uncertainty: of the errors.
 
     Raises InputError, naming the fastest, if there is none.
     """
-    affordable = [each for each in alternatives if each.frame_ms.low <= NEARLY * budget]
+    affordable = [alternative for alternative in alternatives if alternative.frame_ms.low <= NEARLY * budget]
     if not affordable:
         fastest = min(alternatives, key=lambda each: each.cost)
         raise InputError(
             f"--budget: {budget:g} ms is too short: the fastest variant, {fastest.name}, takes {fastest.cost:.3g} ms"
         )
-    return most_accurate(affordable, known)
+    return most_accurate(affordable, uncertainty)
 
 
-def within_tolerance(alternatives: Sequence[A], tolerance: float, known: float = 0.0) -> A:
-    """Return the fastest whose error is at most `tolerance`, or above it by at most `known`, the uncertainty of the errors;
-    of several that are nearly as fast in a quarter of their frames, the most accurate.
+def within_tolerance(alternatives: Sequence[A], tolerance: float, uncertainty: float = 0.0) -> A:
+    """Return the fastest whose error is at most `tolerance`, or above it by at most `uncertainty`; of several that are
+    nearly as fast in a quarter of their frames, the most accurate.
 
-    Raises InputError, naming the most accurate, if there is none, and if `tolerance` is below `known`.
+    Raises InputError, naming the most accurate, if there is none, and if `tolerance` is below `uncertainty`.
     """
-    best = min(alternatives, key=lambda each: each.error)
-    if tolerance < known:
+    best = min(alternatives, key=lambda alternative: alternative.error)
+    if tolerance < uncertainty:
         raise InputError(
-            f"--tolerance: {tolerance:g} is below what errors are known to, {known:.3g} (the best variant, {best.name}, has "
-            f"{best.error:.3g})"
+            f"--tolerance: {tolerance:g} is below what errors are known to, {uncertainty:.3g} (the best variant, "
+            f"{best.name}, has {best.error:.3g})"
         )
-    exact = [each for each in alternatives if each.error <= tolerance + known]
+    exact = [alternative for alternative in alternatives if alternative.error <= tolerance + uncertainty]
     if not exact:
         raise InputError(
             f"--tolerance: no variant has {tolerance:g} or less: the best, {best.name}, has {best.error:.3g}"
         )
-    return most_accurate_of_fastest(exact, known)
+    return most_accurate_of_fastest(exact, uncertainty)

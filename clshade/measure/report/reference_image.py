@@ -51,9 +51,9 @@ class Reference:
     error: float
 
     def about(self) -> str:
-        each = "lit" if self.settings.shader != "nolight" else "looked up"
+        action = "lit" if self.settings.shader != "nolight" else "looked up"
         return (
-            f"{self.samples} samples a pixel, each {each}, {self.settings.precision}; its own RMSE is estimated at "
+            f"{self.samples} samples a pixel, each {action}, {self.settings.precision}; its own RMSE is estimated at "
             f"{self.error:.2g}, half its distance from an image with a quarter of the samples"
         )
 
@@ -83,8 +83,8 @@ def first_step(pixels: int) -> int:
 
 
 def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -> Settings:
-    kept = {name: getattr(base, name) for name in BELONGS.union(fixed) - CONVERGING}
-    kept.setdefault("shader", base.shader if base.shader in ("nolight", "pbr") else "phong")
+    fields = {name: getattr(base, name) for name in BELONGS.union(fixed) - CONVERGING}
+    fields.setdefault("shader", base.shader if base.shader in ("nolight", "pbr") else "phong")
     precision: Precision = "float64" if device.has_fp64 else "float32"
     return Settings.from_preset(
         "standard",
@@ -92,7 +92,7 @@ def best_settings(base: Settings, device: Device, fixed: Collection[str] = ()) -
         sample_shading=True,
         light_samples=LIGHT_SAMPLES,
         ambient_occlusion=min(base.ambient_occlusion, 1) * OCCLUSION_RAYS,
-        **kept,
+        **fields,
     )
 
 

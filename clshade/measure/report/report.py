@@ -28,9 +28,9 @@ STYLE = ".figure { width: 100%; height: auto }"
 def listing() -> str:
     """Return the list of all variants: names, titles, options."""
     lines = []
-    for each in VARIANTS:
-        options = " ".join(as_option(name, value) for name, value in each.changes.items())
-        lines.append(text_tables.wrapped(f"{each.name:<16} {each.title}{options and f': {options}'}", 17))
+    for variant in VARIANTS:
+        options = " ".join(as_option(name, value) for name, value in variant.changes.items())
+        lines.append(text_tables.wrapped(f"{variant.name:<16} {variant.title}{options and f': {options}'}", 17))
     return "\n".join(lines)
 
 
@@ -66,31 +66,31 @@ def run(
     variants = _variants(scene, opened, names, details, bool(budget or tolerance), settings or {})
     prefix = _folder(out) / "report"
     check_files(files(prefix, *formats, *(["html"] if html else [])))  # before minutes of measuring
-    found = study(scene, opened, variants, frames, settings, details or bool(names))
-    lines = [*(each.line(command) for each in answer(found)), "", text_tables.wrapped(criterion(found), 2)]
-    print("\n".join([*lines, *(["", *tables.results(found).lines()] if details or names else [])]))
-    used, known = None, found.reference.error
+    result = study(scene, opened, variants, frames, settings, details or bool(names))
+    lines = [*(advice.line(command) for advice in answer(result)), "", text_tables.wrapped(criterion(result), 2)]
+    print("\n".join([*lines, *(["", *tables.results(result).lines()] if details or names else [])]))
+    used, reference_error = None, result.reference.error
     try:
         if budget is not None:
-            used = within_budget(found.measured, budget, known)
+            used = within_budget(result.measured, budget, reference_error)
         elif tolerance is not None:
-            used = within_tolerance(found.measured, tolerance, known)
+            used = within_tolerance(result.measured, tolerance, reference_error)
     finally:  # what was measured is written even if no variant keeps the limit
-        print("\n".join(wrote(_write(found, tables.written(found, command, used), prefix, formats, html))))
+        print("\n".join(wrote(_write(result, tables.written(result, command, used), prefix, formats, html))))
     if used is not None:
         print(f"use {tables.used_line(used, command)}")
-    return all(each.arithmetic.passed for each in found.measured)
+    return all(advice.arithmetic.passed for advice in result.measured)
 
 
 def _write(study: Study, results: Results, prefix: Path, formats: Sequence[str], html: bool) -> list[Path]:
     """Write the figure, the page if asked for, and the tables."""
-    drawn = figure.draw(study)
+    chart = figure.draw(study)
     paths = [prefix.with_suffix(f".{kind}") for kind in formats]
     for path in paths:
-        figures.save(drawn, path, colors=256)
+        figures.save(chart, path, colors=256)
     if html:
         paths.append(prefix.with_suffix(".html"))
-        vectors = data_uri("image/svg+xml", figures.as_vectors(drawn, "svg"))
+        vectors = data_uri("image/svg+xml", figures.as_vectors(chart, "svg"))
         picture = element("img", class_="figure", src=vectors, alt="Error against time, and error images")
         atomic_files.write_bytes(paths[-1], results.html(picture, style=STYLE))
     return [*paths, *results.write(prefix)]
@@ -106,7 +106,7 @@ def _variants(
         return variants
     default = default_variant(scene, base, variants, **given)
     usual = {*COMMON, *(LIMITED if limited else ()), default.name, f"{default.name}-16"}
-    chosen = [each for each in variants if details or each.name in usual]
+    chosen = [variant for variant in variants if details or variant.name in usual]
     return chosen if default in chosen else [*chosen, default]
 
 

@@ -31,7 +31,7 @@ SHOWN = 4  # differences that are kept as pictures
 class Study:
     """Measurements of one scene. device, machine: descriptions. pictures: differences (M, N, 3) of up to SHOWN images, by
     what they show. usual: name of the variant that `render` draws by default. causes: of the error of the image that it
-    draws, if they were asked for. given: settings in place of the scene's own."""
+    draws, if they were asked for. overrides: settings in place of the scene's own."""
 
     scene: Scene
     device: str
@@ -41,12 +41,12 @@ class Study:
     pictures: dict[str, Array]
     usual: str = ""
     causes: Decomposition | None = None
-    given: Mapping[str, Any] = field(default_factory=dict)
+    overrides: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def default(self) -> Measured | None:
         """The variant that `render` draws by default, if it was measured."""
-        return next((each for each in self.measured if each.variant.name == self.usual), None)
+        return next((variant for variant in self.measured if variant.variant.name == self.usual), None)
 
     @property
     def front(self) -> list[Measured]:
@@ -70,8 +70,8 @@ def study(
 ) -> Study:
     """Measure the variants (see `measure`), and with details the causes of the image's error, and more of its pixels.
     settings: fields of Settings in place of the scene's own."""
-    given = dict(settings or {})
-    base = base_settings(scene, **given)
+    fields = dict(settings or {})
+    base = base_settings(scene, **fields)
     with Bar(len(variants) + 2, "report", clock=running_time, hidden=console.quiet() or None) as bar:
         converged = reference(scene, base, device)
         bar.advance()
@@ -80,11 +80,11 @@ def study(
         effort: dict[str, Any] = {"frames": frames, "checked": checked, "seconds": seconds}
         measured = measure(scene, variants, base, device, converged, models, advance=bar.advance, **effort)
         off = pictures(scene, device, measured, converged)
-        usual = picture_settings(scene, **given)
+        usual = picture_settings(scene, **fields)
         causes = decompose(scene, usual, device, converged, models) if details else None
         bar.advance()
-    default = default_variant(scene, base, variants, **given).name
-    return Study(scene, device.title, machine(), converged, tuple(measured), off, default, causes, given)
+    default = default_variant(scene, base, variants, **fields).name
+    return Study(scene, device.title, machine(), converged, tuple(measured), off, default, causes, fields)
 
 
 def pictures(scene: Scene, device: Device, measured: Sequence[Measured], converged: Reference) -> dict[str, Array]:
@@ -93,8 +93,8 @@ def pictures(scene: Scene, device: Device, measured: Sequence[Measured], converg
     places = np.linspace(0, len(best) - 1, min(len(best), SHOWN - 1)).round().astype(int)
     chosen = dict.fromkeys([measured[0], *(best[place] for place in places)])
     return {
-        f"{each.name}, off by": render(scene, settings=each.settings, device=device).rgb - converged.rgb
-        for each in chosen
+        f"{variant.name}, off by": render(scene, settings=variant.settings, device=device).rgb - converged.rgb
+        for variant in chosen
     }
 
 

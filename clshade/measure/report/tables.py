@@ -95,8 +95,8 @@ def results(study: Study) -> Results:
 
 def written(study: Study, command: Command, used: Measured | None) -> Results:
     """Return the results for files, the answer first. used: the variant chosen for the budget or tolerance."""
-    found = results(study)
-    first = {each.purpose: f"{each.found}: {command(each.used.settings)}" for each in answer(study)}
+    tables = results(study)
+    first = {advice.purpose: f"{advice.found}: {command(advice.used.settings)}" for advice in answer(study)}
     first["criterion"] = criterion(study)
     if used is not None:
         first["use"] = used_line(used, command)
@@ -104,14 +104,14 @@ def written(study: Study, command: Command, used: Measured | None) -> Results:
         "scene": study.scene.name,
         "resolution": study.scene.camera.resolution,
         "reference_error": study.reference.error,
-        "settings": dict(study.given),
+        "settings": dict(study.overrides),
         "use": used and used.variant.name,
         "default": study.default and study.usual,
-        "pareto_front": [each.variant.name for each in study.front],
+        "pareto_front": [advice.variant.name for advice in study.front],
     }
     if study.causes is not None:
         data |= {"total": study.causes.total, "png_total": study.causes.png_total}
-    return replace(found, facts={**first, **found.facts}, data=data)
+    return replace(tables, facts={**first, **tables.facts}, data=data)
 
 
 def used_line(used: Measured, command: Command) -> str:
@@ -121,7 +121,7 @@ def used_line(used: Measured, command: Command) -> str:
 
 def render_options(scene: Scene, given: Mapping[str, Any]) -> list[str]:
     """Return the options of `render` for the image's size and for fields of Settings and the preset."""
-    return [as_option("resolution", scene.camera.resolution), *(as_option(*each) for each in given.items())]
+    return [as_option("resolution", scene.camera.resolution), *(as_option(*field) for field in given.items())]
 
 
 def render_fields(

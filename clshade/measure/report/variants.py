@@ -76,8 +76,8 @@ def base_settings(scene: Scene, **given: Any) -> Settings:
     """Return the preset `standard` with the ambient term, model of reflection, shadows and ambient occlusion of the scene's
     pictures, which approximate no other. given: fields in place of these."""
     usual = picture_settings(scene, **given)
-    kept = {name: getattr(usual, name) for name in ("ambient", "shader", "shadows", "ambient_occlusion")}
-    return Settings.from_preset("standard", **{**kept, **given})
+    fields = {name: getattr(usual, name) for name in ("ambient", "shader", "shadows", "ambient_occlusion")}
+    return Settings.from_preset("standard", **{**fields, **given})
 
 
 def picture_settings(scene: Scene, **given: Any) -> Settings:
@@ -103,11 +103,11 @@ def variants_for(scene: Scene, base: Settings, device: Device) -> list[Variant]:
 
     base: settings that they change.
     """
-    found: dict[Settings, Variant] = {}
-    for each in VARIANTS:
-        if possible(each.changes, base, device):
-            found.setdefault(_effective(each, scene, base), each)
-    return list(found.values())
+    variants: dict[Settings, Variant] = {}
+    for variant in VARIANTS:
+        if possible(variant.changes, base, device):
+            variants.setdefault(_effective(variant, scene, base), variant)
+    return list(variants.values())
 
 
 def _effective(variant: Variant, scene: Scene, base: Settings) -> Settings:
@@ -126,7 +126,7 @@ def default_variant(scene: Scene, base: Settings, variants: Sequence[Variant], *
     changes = {name: value for name, value in usual.items() if value != getattr(base, name)}
     found = Variant("default", "default of render", changes)
     settings = _effective(found, scene, base)
-    return next((each for each in variants if _effective(each, scene, base) == settings), found)
+    return next((variant for variant in variants if _effective(variant, scene, base) == settings), found)
 
 
 def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
@@ -134,12 +134,14 @@ def named(variants: Sequence[Variant], names: Sequence[str]) -> list[Variant]:
 
     Raises InputError for an unknown name, and for one not among `variants`, those for a scene and a device.
     """
-    known = {each.name: each for each in variants}
+    by_name = {variant.name: variant for variant in variants}
     for name in names:
-        if name not in known:
-            why = next((f", which {_left_out(each)}" for each in VARIANTS if each.name == name), hint(name, known))
-            raise InputError(f"report: --only: expected names of {', '.join(known)}, found {name!r}{why}")
-    return [known[name] for name in dict.fromkeys(names)] if names else list(variants)
+        if name not in by_name:
+            why = next(
+                (f", which {_left_out(variant)}" for variant in VARIANTS if variant.name == name), hint(name, by_name)
+            )
+            raise InputError(f"report: --only: expected names of {', '.join(by_name)}, found {name!r}{why}")
+    return [by_name[name] for name in dict.fromkeys(names)] if names else list(variants)
 
 
 def _left_out(variant: Variant) -> str:

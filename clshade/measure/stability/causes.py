@@ -118,7 +118,7 @@ def _stored_rounding(scene: Scene, corners: Corners, index: Integers) -> Floats:
     return rounding
 
 
-def factors(compared: Comparison, seen: Faces) -> dict[str, Floats]:
+def factors(compared: Comparison, faces: Faces) -> dict[str, Floats]:
     """Return how much each cause amplifies rounding at the compared pixels, (K,) of at least 1, by the names of CAUSES.
 
     Their product without `origin` and `grazing` is the bound relative to ALLOWED * 2^-24 of the light budget; 1 for the
@@ -126,14 +126,14 @@ def factors(compared: Comparison, seen: Faces) -> dict[str, Floats]:
     """
     expected, settings = compared.oracle, compared.frame.settings
     covered = expected.id > 0
-    at = np.searchsorted(seen.face, expected.id[covered].astype(np.int64) - 1)
+    at = np.searchsorted(faces.face, expected.id[covered].astype(np.int64) - 1)
     count, precision = len(covered), settings.precision
     result = {name: np.ones(count) for name in CAUSES}
 
     terms = expected.conditions[covered]
     kappa = np.fmax.reduce(terms[:, :3], axis=1, initial=1.0)
     worst = np.where(kappa > 1.0, np.nan_to_num(terms[:, :3]).argmax(axis=1), -1)
-    aspect = np.maximum(seen.aspect[at] / SQUARE, 1.0)
+    aspect = np.maximum(faces.aspect[at] / SQUARE, 1.0)
     # If the corners were no farther away than the point, s would be so much smaller; no term knows that in parallel
     # projection. kappa is at least the eye's term.
     needle = np.where(worst >= 1, np.clip(terms[:, CONDITIONS.index("eye")], 1.0, aspect), 1.0)
@@ -142,9 +142,9 @@ def factors(compared: Comparison, seen: Faces) -> dict[str, Floats]:
     result["needle"][covered] = needle
     result["steepness"][covered] = terms[:, 3]
     result["exponent"][covered] = oracle_bounds.exponent_condition(expected.exponent[covered], precision)
-    more = oracle_bounds.texture_bounds(seen.texels, seen.reach, precision)
+    more = oracle_bounds.texture_bounds(faces.texels, faces.reach, precision)
     result["texture"][covered] = (1.0 + more / oracle_bounds.ALLOWED[precision])[at]
-    result["origin"][covered] = np.maximum(seen.rounding / (half_ulp(settings) * seen.size), 1.0)[at]
+    result["origin"][covered] = np.maximum(faces.rounding / (half_ulp(settings) * faces.size), 1.0)[at]
     without = compared.allowed * oracle_bounds.rounding(expected, precision)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Where kappa is infinite, so is all that is expected.
@@ -159,14 +159,14 @@ def amplification(of: Mapping[str, Floats]) -> Floats:
         return product
 
 
-def explain(compared: Comparison, seen: Faces, pixel: int, of: Mapping[str, float]) -> tuple[str, str]:
+def explain(compared: Comparison, faces: Faces, pixel: int, of: Mapping[str, float]) -> tuple[str, str]:
     """Return the cause of a compared pixel of a face, NONE if all its factors are below LEAST, and a sentence about it."""
     name = max(of, key=lambda key: of[key])
     if of[name] < LEAST:
         return NONE, f"nothing amplifies rounding {LEAST:g} times"
     expected, scene = compared.oracle, compared.frame.scene
-    k = int(np.searchsorted(seen.face, int(expected.id[pixel]) - 1))
-    face = Faces(*(values[k] for values in seen))
+    k = int(np.searchsorted(faces.face, int(expected.id[pixel]) - 1))
+    face = Faces(*(values[k] for values in faces))
     point = compared.frame["P"][compared.rows[pixel], compared.columns[pixel]]
     normal, eye = (np.float64(1.0 if term == 0.0 else term) for term in expected.conditions[pixel][:2])
     away = np.abs(point).max()

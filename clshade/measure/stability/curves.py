@@ -116,8 +116,8 @@ def moved(distance: float) -> Scene:
     camera = replace(lit.CAMERA, eye=np.array([0.25, 0.25, 5.0]), lookat=np.zeros(3), resolution=(SIDE, SIDE))
     lights = (PointLight(np.array([3.0, 4.0, 5.0]), np.ones(3)),)
     scene = Scene((lit.on_a_grid(lit.patch(cells=12), 20),), camera, lights)
-    whole = np.round(distance * unit(np.array([2.0, -1.0, 2.0])))  # whole numbers: coordinates stay exact in float64
-    return lit.shifted(scene, 1.0, whole)
+    offset = np.round(distance * unit(np.array([2.0, -1.0, 2.0])))  # whole numbers: coordinates stay exact in float64
+    return lit.shifted(scene, 1.0, offset)
 
 
 def needle(aspect: float) -> Scene:
@@ -186,18 +186,18 @@ def plain_float32(scene: Scene) -> Floats32 | None:
     normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
     colors = np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors
     attributes = _float32(np.hstack([mesh.verts, normals, colors]))
-    seen = (attributes[:, :3] - _float32(camera.eye)) @ _float32(camera_axes(camera)).T
-    if seen[:, 2].min() <= 0.0:
+    in_camera = (attributes[:, :3] - _float32(camera.eye)) @ _float32(camera_axes(camera)).T
+    if in_camera[:, 2].min() <= 0.0:
         return None
     plane, size = _float32(camera.plane[::-1]), _float32(camera.resolution)
-    uv = (_float32(camera.focal) * seen[:, :2] / seen[:, 2:] / plane + np.float32(0.5)) * size
+    uv = (_float32(camera.focal) * in_camera[:, :2] / in_camera[:, 2:] / plane + np.float32(0.5)) * size
     uv = np.rint(uv * np.float32(SUB)) / np.float32(SUB)
     centers = _float32(np.stack(np.meshgrid(np.arange(columns), np.arange(rows)[::-1]), axis=-1) + 0.5)
     image, nearest = np.zeros((rows, columns, 4), np.float32), np.zeros((rows, columns), np.float32)
     for face in mesh.faces:
         at = uv[face] - centers[..., None, :]
         edges = np.stack([_cross(at[..., i - 2, :], at[..., i - 1, :]) for i in range(3)], axis=-1)
-        weights = edges / seen[face, 2]
+        weights = edges / in_camera[face, 2]
         total = weights.sum(axis=-1)
         inverse = total / _cross(uv[face[1]] - uv[face[0]], uv[face[2]] - uv[face[0]])
         closer = (edges >= 0.0).all(axis=-1) & (inverse > nearest)
@@ -241,9 +241,9 @@ def run(device: Device, prefix: Path, formats: Sequence[str]) -> None:
     tables = results(rows, device.title)
     print("\n".join(["", *tables.lines()]), flush=True)
     tables.write(prefix)
-    drawn = figure(rows, device.title)
+    chart = figure(rows, device.title)
     for kind in formats:
-        figures.save(drawn, f"{prefix}.{kind}")
+        figures.save(chart, f"{prefix}.{kind}")
 
 
 def results(rows: Sequence[Row], device: str) -> Results:
@@ -291,8 +291,8 @@ def _plus_or_minus(fit: Power | None) -> str:
 def figure(rows: Sequence[Row], device: str) -> Figure:
     """Draw errors above, times below."""
     axes = list(dict.fromkeys(row.axis for row in rows))
-    drawn = figures.blank(4.2 * len(axes), 6.4)
-    panels = drawn.subplots(2, len(axes), squeeze=False, height_ratios=(2.2, 1.0))
+    chart = figures.blank(4.2 * len(axes), 6.4)
+    panels = chart.subplots(2, len(axes), squeeze=False, height_ratios=(2.2, 1.0))
     for axis, above, below in zip(axes, *panels, strict=True):
         some = [row for row in rows if row.axis is axis]
         for way in some[0].rms:
@@ -305,13 +305,13 @@ def figure(rows: Sequence[Row], device: str) -> Figure:
             above.plot(axis.values, [row.rms[way] for row in some], **style)
             if way in some[0].ms:
                 below.plot(axis.values, [row.ms[way] for row in some], **style)
-        own = [axis.own_error(value) for value in axis.values]
-        above.plot(axis.values, own, "k:", label="oracle's own, at most")
+        errors = [axis.own_error(value) for value in axis.values]
+        above.plot(axis.values, errors, "k:", label="oracle's own, at most")
         above.axhspan(USELESS, 30.0, color=figures.MUTED, alpha=0.15, lw=0, label="shows nothing right")
         above.set(xscale="log", yscale="log", ylim=(1e-18, 30.0), title=axis.name)
         below.set(xscale="log", yscale="log", xlabel=axis.label)
     panels[0][0].legend(fontsize=7.5, loc="lower right")
     panels[0][0].set_ylabel("RMS of |value - oracle| / light")
     panels[1][0].set_ylabel("time of a frame, ms")
-    drawn.suptitle(f"Error and time against stiffness\n{device}".replace("$", r"\$"), fontsize=10)
-    return drawn
+    chart.suptitle(f"Error and time against stiffness\n{device}".replace("$", r"\$"), fontsize=10)
+    return chart

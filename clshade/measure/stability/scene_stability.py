@@ -40,15 +40,15 @@ def run(scene: Scene, settings: Settings, device: str | None = None, *, out: str
     prefix = text_tables.create_folder(out) / "stability"
     paths = results.files(prefix, "png", "exr")
     results.check_files(paths)
-    found = study(scene, settings, opened)
-    summary = summarize(found, opened.title)
+    result = study(scene, settings, opened)
+    summary = summarize(result, opened.title)
     print("\n".join(summary.lines()), flush=True)
     summary.write(prefix)
-    scene_figure.plot(found, opened.title, paths[-2])
-    maps = {"kappa": found.kappa, "relativeError": found.error, "relativeBound": found.bound}
-    exr.write(paths[-1], {**found.frame.channels(), **maps}, metadata=found.frame.metadata())
+    scene_figure.plot(result, opened.title, paths[-2])
+    maps = {"kappa": result.kappa, "relativeError": result.error, "relativeBound": result.bound}
+    exr.write(paths[-1], {**result.frame.channels(), **maps}, metadata=result.frame.metadata())
     print("\n".join(["", *results.wrote(paths)]))
-    return found.check.passed
+    return result.check.passed
 
 
 def summarize(study: SceneStudy, device: str) -> Results:

@@ -71,10 +71,10 @@ class SceneStudy:
 
     def quantiles(self) -> dict[str, float]:
         """Return median, 99th percentile and largest kappa of the covered pixels checked; empty without any."""
-        known = self.kappa[self.kappa > 0.0]
-        if not len(known):
+        positive = self.kappa[self.kappa > 0.0]
+        if not len(positive):
             return {}
-        values = np.quantile(known, (0.5, 0.99, 1.0), method="inverted_cdf").tolist()
+        values = np.quantile(positive, (0.5, 0.99, 1.0), method="inverted_cdf").tolist()
         return dict(zip(("median", "p99", "max"), values, strict=True))
 
 
@@ -87,8 +87,8 @@ def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
     compared = compare(frame, index)
     frame.check = summary(compared, time.perf_counter() - start)
     covered = compared.oracle.alpha > 0.0
-    seen = causes.visible_faces(compared)
-    factors = causes.factors(compared, seen)
+    faces = causes.visible_faces(compared)
+    factors = causes.factors(compared, faces)
     good = ~compared.wrong & (compared.counted <= compared.allowed)
     chosen = _worst(compared, np.where(good, causes.amplification(factors), np.inf))
     return SceneStudy(
@@ -97,7 +97,7 @@ def study(scene: Scene, settings: Settings, device: Device) -> SceneStudy:
         *_maps(compared, index),
         within=float(good[covered].mean()) if covered.any() else 1.0,
         worst=tuple(
-            _named(compared, number, int(k), seen, {name: float(each[k]) for name, each in factors.items()})
+            _named(compared, number, int(k), faces, {name: float(factor[k]) for name, factor in factors.items()})
             for number, k in enumerate(chosen, 1)
         ),
     )
@@ -109,10 +109,10 @@ def _maps(compared: Comparison, index: Integers) -> tuple[Floats32, Floats32, Fl
     covered = compared.oracle.alpha > 0.0
     maps = []
     for values in (compared.oracle.kappa, compared.found, compared.expected):
-        whole = np.where(frame.alpha.ravel() > 0.0, np.nan, 0.0).astype(np.float32)
+        background = np.where(frame.alpha.ravel() > 0.0, np.nan, 0.0).astype(np.float32)
         with np.errstate(over="ignore"):
-            whole[index] = np.where(covered | compared.wrong, values, 0.0)
-        maps.append(whole.reshape(frame.alpha.shape))
+            background[index] = np.where(covered | compared.wrong, values, 0.0)
+        maps.append(background.reshape(frame.alpha.shape))
     return maps[0], maps[1], maps[2]
 
 
@@ -135,14 +135,14 @@ def _worst(compared: Comparison, score: Floats) -> Integers:
     return np.array(chosen)
 
 
-def _named(compared: Comparison, number: int, k: int, seen: causes.Faces, factors: dict[str, float]) -> WorstPixel:
+def _named(compared: Comparison, number: int, k: int, faces: causes.Faces, factors: dict[str, float]) -> WorstPixel:
     """Return compared pixel k with its cause. A wrong pixel may show a face that the oracle does not see."""
     frame, expected = compared.frame, compared.oracle
     row, column = int(compared.rows[k]), int(compared.columns[k])
     face = int(expected.id[k]) - 1
     cause, why, mesh = causes.NONE, "nothing belongs here", ""
     if face >= 0:
-        cause, why = causes.explain(compared, seen, k, factors)
-        mesh = frame.scene.meshes[seen.mesh[np.searchsorted(seen.face, face)]].name
-    values = (float(each[k]) for each in (expected.kappa, expected.exponent, compared.found, compared.expected))
+        cause, why = causes.explain(compared, faces, k, factors)
+        mesh = frame.scene.meshes[faces.mesh[np.searchsorted(faces.face, face)]].name
+    values = (float(array[k]) for array in (expected.kappa, expected.exponent, compared.found, compared.expected))
     return WorstPixel(number, row, column, frame["P"][row, column].tolist(), face, mesh, cause, why, factors, *values)

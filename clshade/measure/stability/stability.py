@@ -45,11 +45,11 @@ def chosen(names: Sequence[str] = (), triangles: int = 1) -> tuple[Case, ...]:
     if triangles < 1:
         raise InputError(f"stability: --triangles: expected a whole number above 0, found {triangles}")
     cases = all_cases()
-    known = [case.name for case in cases]
+    names_of_cases = [case.name for case in cases]
     for name in names:
         if not any(name in (case.name, case.number) for case in cases):
-            expected = f"expected names or numbers of {', '.join(known)}"
-            raise InputError(f"stability: --case: {expected}, found {name!r}{hint(name, known)}")
+            expected = f"expected names or numbers of {', '.join(names_of_cases)}"
+            raise InputError(f"stability: --case: {expected}, found {name!r}{hint(name, names_of_cases)}")
     return tuple(case for case in cases if not names or case.name in names or case.number in names)
 
 

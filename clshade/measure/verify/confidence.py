@@ -16,7 +16,7 @@ def sampled(of: int, count: int, seed: int) -> Array:
     return np.sort(np.random.default_rng(seed).choice(of, min(count, of), replace=False))
 
 
-def upper_bound(found: int, looked_at: int, of: int) -> float:
+def upper_bound(wrong: int, looked_at: int, of: int) -> float:
     """Return the share of `of` things that is wrong at most, with CONFIDENCE, if `found` of `looked_at` random ones are.
 
     The one-sided bound of C. Clopper and E. Pearson, The use of confidence or fiducial limits illustrated in the case of
@@ -25,12 +25,12 @@ def upper_bound(found: int, looked_at: int, of: int) -> float:
     looked at; 1 if none was.
     """
     if looked_at == of:
-        return found / of
-    if found == looked_at:
+        return wrong / of
+    if wrong == looked_at:
         return 1.0
-    k = np.arange(1.0, found + 1.0)
+    k = np.arange(1.0, wrong + 1.0)
     ways = np.append(0.0, np.cumsum(np.log((looked_at + 1.0 - k) / k)))
-    low, high = found / looked_at, 1.0
+    low, high = wrong / looked_at, 1.0
     for _ in range(128):  # halvings, until both are neighbors among floats
         middle = (low + high) / 2.0
         low, high = (middle, high) if _at_most(ways, looked_at, middle) > 1.0 - CONFIDENCE else (low, middle)

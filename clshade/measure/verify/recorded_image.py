@@ -93,15 +93,17 @@ def read_recorded(path: str | os.PathLike[str]) -> RecordedImage:
     if any(plane.shape != (rows, columns) for plane in planes.values()) or not set("RGBA") <= set(planes):
         raise file_error(owner, "channels", "R, G, B and A of the whole image", ", ".join(planes))
     faults, channels = set[str](), {}
-    named = {name: [f"{name}.{each}" for each in LAYER_TABLE[name].components] for name in record.settings.layers}
+    named = {
+        name: [f"{name}.{component}" for component in LAYER_TABLE[name].components] for name in record.settings.layers
+    }
     for name, names in (("RGBA", list("RGBA")), *named.items()):
         if not set(names or [name]) <= set(planes):
             raise file_error(owner, "channels", f"the layer {name}, as the header says", "none")
-        parts = [planes.pop(each) for each in names or [name]]
+        parts = [planes.pop(channel) for channel in names or [name]]
         faults.update(_type_faults(parts, name, record, owner))
         channels[name] = np.stack(parts, axis=-1) if names else parts[0]
-    found = (*_header_faults(header, record), *sorted(faults))
-    return RecordedImage(Path(path), record, channels, tuple(planes), found)
+    all_faults = (*_header_faults(header, record), *sorted(faults))
+    return RecordedImage(Path(path), record, channels, tuple(planes), all_faults)
 
 
 def read_record(header: Mapping[str, Any], owner: str) -> Record:
@@ -118,7 +120,7 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
             owner, f"header: {RECORD}.subpixels", f"corners snapped to 1/{STEPS} px", f"1/{steps} px: {_ITS_VERSION}"
         )
     scene = get("scene", dict)
-    if set(scene) != set(PARTS) or not all(isinstance(each, str) for each in scene.values()):
+    if set(scene) != set(PARTS) or not all(isinstance(digest, str) for digest in scene.values()):
         raise file_error(owner, f"{RECORD}.scene", f"digests of {', '.join(PARTS)}", found_text(scene))
     make = partial(_made, owner)
     storage = get("storage", dict)
@@ -147,16 +149,16 @@ def read_record(header: Mapping[str, Any], owner: str) -> Record:
 
 
 def _get(value: Any, owner: str, name: str, kind: type, *default: Any) -> Any:
-    found = value.get(name, *default) if isinstance(value, dict) else None
-    if not isinstance(found, kind) and not (default and found is None):
-        raise file_error(owner, f"header: {RECORD}.{name}", kind.__name__, found_text(found))
-    return found
+    field = value.get(name, *default) if isinstance(value, dict) else None
+    if not isinstance(field, kind) and not (default and field is None):
+        raise file_error(owner, f"header: {RECORD}.{name}", kind.__name__, found_text(field))
+    return field
 
 
 def _typed(owner: str, values: Any, types: Mapping[str, type], name: str) -> Any:
     """Return values that are a mapping with these names and types. Raises InputError for others."""
-    if not isinstance(values, dict) or {key: type(each) for key, each in values.items()} != types:
-        expected = ", ".join(f"{key}: {each.__name__}" for key, each in types.items())
+    if not isinstance(values, dict) or {key: type(value) for key, value in values.items()} != types:
+        expected = ", ".join(f"{key}: {kind.__name__}" for key, kind in types.items())
         raise file_error(owner, f"header: {RECORD}.{name}", expected, found_text(values))
     return values
 
@@ -181,10 +183,10 @@ def _type_faults(planes: list[Array], name: str, record: Record, owner: str) -> 
     row = None if name == "RGBA" else LAYER_TABLE[name]  # type: ignore[index]
     is_half = record.storage.half and name not in exr.FULL_PRECISION
     expected = np.dtype(np.uint32 if row and row.kind == "uint32" else np.float16 if is_half else np.float32)
-    found = [plane.dtype for plane in planes]
-    if any(each.kind != expected.kind for each in found):
-        raise file_error(owner, "channels", f"{name} as {expected}", ", ".join(map(str, found)))
-    return [f"the file was written again: {each} where it had {expected}" for each in found if each != expected]
+    dtypes = [plane.dtype for plane in planes]
+    if any(dtype.kind != expected.kind for dtype in dtypes):
+        raise file_error(owner, "channels", f"{name} as {expected}", ", ".join(map(str, dtypes)))
+    return [f"the file was written again: {dtype} where it had {expected}" for dtype in dtypes if dtype != expected]
 
 
 def _header_faults(header: Mapping[str, Any], record: Record) -> tuple[str, ...]:
@@ -208,10 +210,10 @@ def stored_range(values: Array) -> tuple[Floats, Floats]:
     limit = _LARGEST[values.dtype]
     with np.errstate(over="ignore", invalid="ignore"):
         up, down = (np.nextafter(values, values.dtype.type(to)).astype(np.float64) for to in (np.inf, -np.inf))
-        own = values.astype(np.float64)
-        near = np.clip(own, -limit, limit)
-        low, high = ((near + np.clip(each, -limit, limit)) / 2.0 for each in (down, up))
-    return np.where(own == -np.inf, own, low), np.where(own == np.inf, own, high)
+        stored = values.astype(np.float64)
+        near = np.clip(stored, -limit, limit)
+        low, high = ((near + np.clip(bound, -limit, limit)) / 2.0 for bound in (down, up))
+    return np.where(stored == -np.inf, stored, low), np.where(stored == np.inf, stored, high)
 
 
 def nearest_stored(values: Array, expected: Array) -> Floats:

@@ -79,12 +79,12 @@ class Verification:
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
-        found = ["verified" if self.passed else "FAILED", *self.faults]
+        lines = ["verified" if self.passed else "FAILED", *self.faults]
         if self.pixels:
             seed = "" if self.seed is None else f", seed {self.seed}"
             ties, gates = "not judged, at faces of one depth", "accepted at a highlight's gate"
             except_ = "".join(f"; {n:,} {what}" for n, what in ((self.ties, ties), (self.gates, gates)) if n)
-            found += [
+            lines += [
                 self.claim,
                 f"{self.pixels:,} of {self.of:,} pixels computed again in float64{seed}: {self.wrong:,} wrong"
                 + (f", the first at row {self.worst[0]}, column {self.worst[1]}" if self.worst else "")
@@ -92,8 +92,8 @@ class Verification:
                 f"largest error {self.bounds:.3g} of {self.allowed:g} bounds",
                 f"compared: {', '.join(self.compared)}",
             ]
-        found += [f"drawn by {self.drawn_by}, as the header says", *(f"remark: {each}" for each in self.remarks)]
-        return [in_one_line(each) for each in found]  # some of it is whatever the header's author wrote
+        lines += [f"drawn by {self.drawn_by}, as the header says", *(f"remark: {remark}" for remark in self.remarks)]
+        return [in_one_line(line) for line in lines]  # some of it is whatever the header's author wrote
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as JSON-compatible values."""

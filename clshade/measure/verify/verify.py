@@ -97,10 +97,10 @@ def builtin_of(record: Record) -> Scene:
     if record.name not in scenes.BUILTINS:
         raise InputError(f"{expected} none for {record.name!r}")
     assert record.camera is not None
-    found = replace(scenes.builtin(record.name), camera=record.camera)
-    if closest([found], record)[1]:  # which needs not be wrong: anyone may name a scene so
+    scene = replace(scenes.builtin(record.name), camera=record.camera)
+    if closest([scene], record)[1]:  # which needs not be wrong: anyone may name a scene so
         raise InputError(f"{expected} only another one, the built-in scene named {record.name!r}")
-    return found
+    return scene
 
 
 def verified(
@@ -118,16 +118,16 @@ def verified(
     if different:
         fault = f"the scene is not the one that was drawn: its {', '.join(different)} differ"
         return Verification(0, of, drawn_by=drawn_by, faults=(fault, *image.faults), remarks=_remarks(image))
-    shown = as_drawn(scene, record)
+    drawn_scene = as_drawn(scene, record)
     index = sampled(of, count, seed)
-    found, is_wrong, is_unknown = _judge(image, shown, *np.divmod(index, columns))
-    picture = _picture(image, shown)
+    found, is_wrong, is_unknown = _judge(image, drawn_scene, *np.divmod(index, columns))
+    picture = _picture(image, drawn_scene)
     faults = (*image.faults, *picture.faults)
     wrong, unknown = index[is_wrong].tolist(), int(is_unknown.sum())
     if unknown > max(1.0, _UNKNOWN * count) and not (wrong or faults):
         expected = f"at most {_UNKNOWN:.0%} of the pixels at faces of one depth, where either may show"
-        seen = f"{unknown:,} of {count:,}, which cannot be judged"
-        raise file_error(shown_path(image.path), "pixels", expected, seen)
+        unjudged = f"{unknown:,} of {count:,}, which cannot be judged"
+        raise file_error(shown_path(image.path), "pixels", expected, unjudged)
     return Verification(
         pixels=count,
         of=of,
@@ -160,16 +160,16 @@ def closest(candidates: Sequence[Scene], record: Record) -> tuple[Scene, list[st
         digests = part_digests(as_drawn(scene, record))
         return [name for name, digest in digests.items() if digest != record.scene[name]]
 
-    return min(((scene, different(scene)) for scene in candidates), key=lambda each: len(each[1]))
+    return min(((scene, different(scene)) for scene in candidates), key=lambda candidate: len(candidate[1]))
 
 
 def _remarks(image: RecordedImage) -> tuple[str, ...]:
-    record, found = image.record, []
+    record, remarks = image.record, []
     if record.version != VERSION or record.kernels != kernels_digest():
-        found.append(f"drawn by clshade {record.version} with other kernels or another version than {VERSION}")
+        remarks.append(f"drawn by clshade {record.version} with other kernels or another version than {VERSION}")
     if image.others:
-        found.append(f"not looked at: {', '.join(image.others[:8])}{' ...' if len(image.others) > 8 else ''}")
-    return tuple(found)
+        remarks.append(f"not looked at: {', '.join(image.others[:8])}{' ...' if len(image.others) > 8 else ''}")
+    return tuple(remarks)
 
 
 # Pixels
@@ -182,16 +182,16 @@ def _judge(image: RecordedImage, scene: Scene, rows: Array, columns: Array) -> t
     names = [name for name in settings.layers if name not in ("Z", "id")]
     layers = oracle.render_layers(scene, settings, rows, columns) if names else None
     frame = _frame(image, scene, expected, layers, where)
-    found = Comparison(frame, expected, rows, columns)
-    compared = ~found.wrong & ~found.ties
-    wrong = found.wrong | (compared & (found.counted > found.allowed))
+    comparison = Comparison(frame, expected, rows, columns)
+    compared = ~comparison.wrong & ~comparison.ties
+    wrong = comparison.wrong | (compared & (comparison.counted > comparison.allowed))
     if "Z" in frame.layers:
         roundings = oracle_bounds.depth_errors(frame["Z"][where], expected)
         wrong |= compared & ~(roundings <= oracle_bounds.depth_roundings(frame.alpha))
     if layers is not None:
-        wrong |= ~found.ties & ~expected.unsure & _wrong_layers(frame, layers, names, where)
-    unknown = found.ties | (expected.unsure if layers is not None else False)
-    return found, wrong, unknown & ~wrong
+        wrong |= ~comparison.ties & ~expected.unsure & _wrong_layers(frame, layers, names, where)
+    unknown = comparison.ties | (expected.unsure if layers is not None else False)
+    return comparison, wrong, unknown & ~wrong
 
 
 def _frame(
@@ -206,9 +206,9 @@ def _frame(
     for name, values in channels.items():
         if values.dtype == kinds[name]:
             continue
-        known = right[name] if name in right else getattr(layers, name)
+        value = right[name] if name in right else getattr(layers, name)
         channels[name] = values.astype(kinds[name])
-        channels[name][where] = nearest_stored(values[where], known)
+        channels[name][where] = nearest_stored(values[where], value)
     return Frame(channels.pop("RGBA"), channels, scene, settings, dict)
 
 
@@ -253,13 +253,13 @@ def _picture(image: RecordedImage, scene: Scene) -> _Picture:
         return _Picture(faults=(str(error),))
     low, high = _codes(image, scene, how)
     if codes.shape != low.shape:
-        size, found = ("{1} x {0} pixels of {2} channels".format(*each.shape) for each in (low, codes))
-        return _Picture(True, (f"{path.name} is of another size: expected {size}, found {found}",))
-    other = np.argwhere(((codes < low) | (codes > high)).any(axis=-1))
-    if not len(other):
+        size, found_size = ("{1} x {0} pixels of {2} channels".format(*array.shape) for array in (low, codes))
+        return _Picture(True, (f"{path.name} is of another size: expected {size}, found {found_size}",))
+    differing = np.argwhere(((codes < low) | (codes > high)).any(axis=-1))
+    if not len(differing):
         return _Picture(True)
-    place = "the first at row {}, column {}".format(*other[0])
-    return _Picture(True, (f"{path.name} is not the EXR, tone-mapped: {len(other):,} pixels differ, {place}",))
+    place = "the first at row {}, column {}".format(*differing[0])
+    return _Picture(True, (f"{path.name} is not the EXR, tone-mapped: {len(differing):,} pixels differ, {place}",))
 
 
 def _codes(image: RecordedImage, scene: Scene, how: Storage) -> tuple[Array, Array]:

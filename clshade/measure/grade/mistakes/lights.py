@@ -28,7 +28,7 @@ def _lit_by(change: Callable[[Floats], Floats]) -> Edit:
     def edit(drawing: Drawing) -> Drawing:
         lights = drawing.scene.lights
         rgb = change(np.array([light.intensity for light in lights]).reshape(-1, 3))
-        changed = tuple(replace(light, intensity=each) for light, each in zip(lights, rgb, strict=True))
+        changed = tuple(replace(light, intensity=intensity) for light, intensity in zip(lights, rgb, strict=True))
         return replace(drawing, scene=replace(drawing.scene, lights=changed))
 
     return edit

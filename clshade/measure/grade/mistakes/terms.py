@@ -41,8 +41,8 @@ def _direction(name: str, value: Callable[[_Lit], Floats]) -> Edit:
     def change(drawing: Drawing) -> Drawing:
         def directions(point: Floats, normal: Floats, eye: Floats, light: Floats) -> Directions:
             at = drawing.light.directions(point, normal, eye, light)
-            found = value(_Lit(at, point, normal, light, drawing.scene.camera))
-            return at._replace(**{name: np.broadcast_to(found, getattr(at, name).shape)})
+            direction = value(_Lit(at, point, normal, light, drawing.scene.camera))
+            return at._replace(**{name: np.broadcast_to(direction, getattr(at, name).shape)})
 
         return _with_light(drawing, directions=directions)
 

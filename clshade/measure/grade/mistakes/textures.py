@@ -59,8 +59,8 @@ def _flat(drawing: Drawing) -> Drawing:
 
     def flat(corners: Corners) -> Corners:
         faces = np.arange(len(corners.mesh))
-        own = replace(corners, scene=scene)  # with its textures
-        colors = corner_colors(settings, own, faces) if at_corners else corners.colors
+        textured = replace(corners, scene=scene)  # with its textures
+        colors = corner_colors(settings, textured, faces) if at_corners else corners.colors
         return replace(corners, colors=_mean(colors), normals=unit(_mean(corners.normals)), uvs=_mean(corners.uvs))
 
     return then(corners=flat)(plain_materials(drawing) if at_corners else drawing)

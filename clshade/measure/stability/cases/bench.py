@@ -65,13 +65,13 @@ def worst(outcomes: Outcomes) -> Outcome:
     """Combine parts: the count of all, the largest error, and the images of a part that fails."""
     parts = list(outcomes)
     largest = max(parts, key=lambda part: part.share)
-    shown = next((part for part in parts if not part.passed), largest)
+    outcome = next((part for part in parts if not part.passed), largest)
     return replace(
         largest,
         wrong=sum(part.wrong for part in parts),
         amplification=max((part.amplification for part in parts if part.amplification is not None), default=None),
-        detail=shown.detail,
-        pictures=shown.pictures,
+        detail=outcome.detail,
+        pictures=outcome.pictures,
     )
 
 
@@ -101,7 +101,7 @@ class Bench:
         vectors = np.zeros((3, len(points), 4))
         vectors[..., :3] = points, normals, np.ones_like(points)
         # Bound to names, so that the memory outlives the kernel.
-        at, facing, tint = (Buffer(self.device, each) for each in shading_tables.to_real(vectors))
+        at, facing, tint = (Buffer(self.device, vector) for vector in shading_tables.to_real(vectors))
         inputs = {"points": at, "normals": facing, "colors": tint}
         inputs |= {"materials": Buffer(self.device, material), "lights": Buffer(self.device, lights)}
         lit = Buffer(self.device, np.full((len(points), 4), np.nan, np.float32))
@@ -130,10 +130,10 @@ class Case:
         return worst(self.parts(bench))
 
 
-def wrong_pixels(drawn: Array, expected: Array, detail: str = "") -> Outcome:
+def wrong_pixels(actual: Array, expected: Array, detail: str = "") -> Outcome:
     """Compare two images, (M, N) or (M, N, 3), which must agree exactly."""
-    different = (drawn != expected).reshape(*drawn.shape[:2], -1).any(axis=-1)
-    return Outcome(int(different.sum()), detail=detail, pictures=(drawn, expected))
+    different = (actual != expected).reshape(*actual.shape[:2], -1).any(axis=-1)
+    return Outcome(int(different.sum()), detail=detail, pictures=(actual, expected))
 
 
 def against_oracle(frame: Frame, detail: str = "") -> Outcome:
@@ -142,7 +142,7 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
     compared = compare(frame, np.arange(frame.alpha.size))
     too_deep = compared.depth is not None and not compared.depth <= depth_roundings(frame.alpha)
     ids, rgb = (frame["id"], compared.oracle.id), (frame.rgb, compared.oracle.rgb)
-    drawn, expected = ids if compared.wrong.any() else rgb
+    actual, expected = ids if compared.wrong.any() else rgb
     return Outcome(
         int(compared.wrong.sum()) + int(too_deep),
         float(compared.counted.max()),
@@ -150,7 +150,7 @@ def against_oracle(frame: Frame, detail: str = "") -> Outcome:
         "bounds",
         float(compared.relative.max()) / HALF_ULP,
         detail,
-        (drawn, expected.reshape(drawn.shape)),
+        (actual, expected.reshape(actual.shape)),
     )
 
 

@@ -61,15 +61,15 @@ def perspective_edges(bench: Bench) -> Outcomes:
         count = np.sum([bench.draw(one, **options).alpha > 0 for one in alone], axis=0)
         inside = flat.polygon_interior((corners * 0.7 + 0.5) * 96, (96, 96))
         wrong = np.where(inside, count != 1, count > 1)
-        whole = bench.draw(scene, **options)
-        wrong |= (whole.alpha > 0) != (count > 0)
+        frame = bench.draw(scene, **options)
+        wrong |= (frame.alpha > 0) != (count > 0)
         yield Outcome(int(wrong.sum()), pictures=(count, np.clip(count, inside, 1)))
-        yield against_oracle(whole)
+        yield against_oracle(frame)
 
 
 def _adversarial(rng: np.random.Generator, xy: Array, size: int) -> Array:
     """Return corners (F, 3, 2) in [0, 256*size], some of them moved to where rounding errors would show."""
-    kind, whole = rng.integers(0, 8, len(xy)), SUB * size
+    kind, extent = rng.integers(0, 8, len(xy)), SUB * size
     xy = xy.copy()
     xy[kind == 1] = xy[kind == 1] // HALF * HALF  # corners on pixel centers, pixel corners and midpoints of pixel edges
     xy[kind == 2, 1, 1] = xy[kind == 2, 0, 1]  # a horizontal edge
@@ -79,8 +79,8 @@ def _adversarial(rng: np.random.Generator, xy: Array, size: int) -> Array:
     center = kind == 5  # an edge through a pixel center
     middle = rng.integers(0, max(size, 1), (center.sum(), 2)) * SUB + HALF
     xy[center, 1] = 2 * middle - xy[center, 0]
-    xy[kind == 6] = np.clip(xy[kind == 6], whole // 2 - 2, whole // 2 + 2)  # a few steps in size
-    return np.clip(xy, 0, whole)
+    xy[kind == 6] = np.clip(xy[kind == 6], extent // 2 - 2, extent // 2 + 2)  # a few steps in size
+    return np.clip(xy, 0, extent)
 
 
 def triangles_of_size(rng: np.random.Generator, size: int, count: int) -> tuple[Array, flat.Resolution]:
@@ -133,8 +133,8 @@ def edges_on_centers(bench: Bench) -> Outcomes:
     x, y = np.arange(16) - 8, (np.arange(16) - 8)[:, None]
     # Inside or on a left edge; the top and bottom corners also end a right edge, and are not drawn.
     diamond = (np.abs(x) + np.abs(y) < 5) | ((np.abs(x) + np.abs(y) == 5) & (x < 0))
-    drawn = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
-    yield wrong_pixels(drawn, diamond)
+    covered = flat.draw(bench, tips[np.array([[0, 1, 2], [0, 2, 3]])], (16, 16)).alpha[::-1] > 0
+    yield wrong_pixels(covered, diamond)
 
 
 def slivers(bench: Bench) -> Outcomes:
@@ -191,9 +191,9 @@ def huge_triangle(bench: Bench) -> Outcomes:
         corners = np.stack([near - reach * along, near + reach * along, near + reach * across])
         frame = bench.draw(flat.scene_of(corners, flat.ONE, size), **flat.FLAT)
         yield against_oracle(frame)
-        drawn = frame.alpha > 0
+        covered = frame.alpha > 0
         surely, perhaps = (flat.polygon_interior(corners, size, margin) for margin in (1 / 64, -1 / 64))
-        yield Outcome(int(((surely & ~drawn) | (drawn & ~perhaps)).sum()), pictures=(drawn, surely))
+        yield Outcome(int(((surely & ~covered) | (covered & ~perhaps)).sum()), pictures=(covered, surely))
 
 
 def far_coordinates(bench: Bench) -> Outcomes:
@@ -230,9 +230,9 @@ def not_finite(bench: Bench) -> Outcomes:
         broken = Mesh(verts, mesh.faces, colors=mesh.colors, material=mesh.material, nonfinite="drop")
         lost = np.isin(mesh.faces, bad).any(axis=1)
         frame = bench.draw(lit.scene_of(broken))
-        rest = bench.draw(lit.scene_of(replace(mesh, faces=mesh.faces[~lost])))
+        finite = bench.draw(lit.scene_of(replace(mesh, faces=mesh.faces[~lost])))
         yield Outcome(int(frame.stats["nonfinite"] != lost.sum()))
-        yield from (wrong_pixels(frame.rgb, rest.rgb), against_oracle(frame))
+        yield from (wrong_pixels(frame.rgb, finite.rgb), against_oracle(frame))
 
 
 def near_plane(bench: Bench) -> Outcomes:

@@ -71,9 +71,9 @@ def drawn_once(bench: Bench, scene: Scene, inside: Array) -> Outcome:
     count = len(mesh.faces)
     turned = replace(scene, meshes=(replace(mesh, faces=mesh.faces[::-1]),))
     ids = bench.draw(scene, **FLAT)["id"].astype(np.int64)
-    other = bench.draw(turned, **FLAT)["id"].astype(np.int64)
-    other = np.where(other > 0, count + 1 - other, 0)
-    wrong = (ids != other) | (inside & (ids == 0))
+    turned_ids = bench.draw(turned, **FLAT)["id"].astype(np.int64)
+    turned_ids = np.where(turned_ids > 0, count + 1 - turned_ids, 0)
+    wrong = (ids != turned_ids) | (inside & (ids == 0))
     return Outcome(int(wrong.sum()), pictures=(ids, np.where(inside, np.maximum(ids, 1), ids * ~wrong)))
 
 

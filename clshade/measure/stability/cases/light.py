@@ -37,8 +37,8 @@ def in_the_lobe(n: float, count: int = 4000) -> tuple[Array, Array, Array]:
     points = _float32(unit(rng.normal(size=(count, 3))) * rng.uniform(1.0, 2.0, (count, 1)))
     points = points[np.linalg.norm(points - light, axis=1) > 0.7]
     to_eye, to_light = unit(-points), unit(light - points)
-    kept = (to_eye * to_light).sum(axis=1) > -0.8
-    points, middle = points[kept], unit(to_eye + to_light)[kept]
+    in_front = (to_eye * to_light).sum(axis=1) > -0.8
+    points, middle = points[in_front], unit(to_eye + to_light)[in_front]
     # R.V is cos(2a) for a normal rotated by a from the lobe's axis; it is e^(-1/n) at n (2a)^2 / 2 = 1.
     turned = rng.uniform(0, 1, (len(points), 1)) * math.sqrt(0.5 / max(n, 4.0)) * unit(rng.normal(size=points.shape))
     return points, _float32(unit(middle + turned)), light

@@ -151,8 +151,8 @@ def open_planes(bench: Bench) -> Outcomes:
     arrives."""
     for mesh in planes():
         scene = lit.scene_of(lit.on_a_grid(mesh, 12), lights=(), ambient=1.0)
-        for each in (scene, *moved(scene)):
-            yield different_bits(*(bench.draw(each, ambient_occlusion=rays) for rays in (5, 0)))
+        for variant in (scene, *moved(scene)):
+            yield different_bits(*(bench.draw(variant, ambient_occlusion=rays) for rays in (5, 0)))
 
 
 def sliver_occlusion(bench: Bench) -> Outcomes:

@@ -78,7 +78,7 @@ def overflow(bench: Bench) -> Outcomes:
     for pair in ((3.4e38, 3.4e38), (-3.4e38, -3.4e38), (3.4e38, 1.0), (1e38, 1e38)):
         scene = _lit_by(*pair, kd=3.0, ks=2.0)
         bright = replace(scene.meshes[0], colors=np.full_like(scene.meshes[0].verts, 2.0))
-        yield from (_saturated(bench, each) for each in (scene, replace(scene, meshes=(bright,))))
+        yield from (_saturated(bench, variant) for variant in (scene, replace(scene, meshes=(bright,))))
 
 
 def centered() -> Scene:
