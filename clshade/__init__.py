@@ -35,7 +35,7 @@ _HOMES = {
     "load_animation": "clshade.scene.formats.load",
     "builtin": "clshade.scene.builtin.scenes",
     "render": "clshade.pipeline.renderer",
-    "cryptomatte": "clshade.pipeline.mattes",
+    "cryptomatte": "clshade.pipeline.visible",
     "Renderer": "clshade.pipeline.renderer",
     "Frame": "clshade.pipeline.frame",
     "flow": "clshade.pipeline.flow",
@@ -66,9 +66,9 @@ if TYPE_CHECKING:
     from .pipeline.flow import flow as flow
     from .pipeline.frame import Frame as Frame
     from .pipeline.frame import Views as Views
-    from .pipeline.mattes import cryptomatte as cryptomatte
     from .pipeline.renderer import Renderer as Renderer
     from .pipeline.renderer import render as render
+    from .pipeline.visible import cryptomatte as cryptomatte
     from .pipeline.visible import visible as visible
     from .scene.builtin.scenes import builtin as builtin
     from .scene.builtin.studio import studio as studio

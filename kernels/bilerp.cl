@@ -12,7 +12,7 @@ kernel void bilerp(global const real4 *uvs,               // K, u, v and their l
 {
     int first = get_global_id(0) * LANES;
     int last_taken = -1;
-    colors3 color;
+    reals3 color;
     int index[LANES];
     real r[LANES], g[LANES], b[LANES];
     for (int lane = 0; lane < LANES; ++lane)
@@ -23,9 +23,9 @@ kernel void bilerp(global const real4 *uvs,               // K, u, v and their l
         int texture = texture_of[first + lane];
         if (texture != last_taken) {
             color = fetch(footprint_of(textures + texture, u, v), texels);
-            STORE_LANES(color.r, r);
-            STORE_LANES(color.g, g);
-            STORE_LANES(color.b, b);
+            STORE_LANES(color.x, r);
+            STORE_LANES(color.y, g);
+            STORE_LANES(color.z, b);
             last_taken = texture;
         }
         colors[first + lane] = (real4)(r[lane], g[lane], b[lane], 0.0f);

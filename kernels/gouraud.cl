@@ -17,7 +17,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
     int taken[LANES], face[LANES];
     ShadingInput at;
     at.lit = (ints)(-1);
-    at.shift = no_light_shift();  // faces that share a corner are as bright there
+    at.shift = NO_SHIFT;  // faces that share a corner are as bright there
     at.surface = lighting.surface;
 #if CASTERS
     integer shown[LANES];
@@ -41,7 +41,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
             point[lane] = NEEDS(in, CENTROID) ? centroid_of(in, taken[lane], face[lane])
                                               : corner_point(in, taken[lane], face[lane], k);
             normal[lane] = (real4)(0.0f), color[lane] = (real4)(1.0f);
-            if (reflects(in))
+            if (NEEDS_ANY(in, TERMS))
                 normal[lane] = side_of(in, in->triangles + taken[lane]) * corner_normal(in, taken[lane], face[lane], k);
             if (shows_colors(in))
                 color[lane] = in->colors[color_index(in, face[lane], k)];
@@ -49,7 +49,7 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
         reals4 normals = transposed_rows(normal), colors = transposed_rows(color);
         at.point = vector_of_rows(transposed_rows(point));
         at.normal = vector_of_rows(normals);
-        at.color = color_of_rows(colors);
+        at.color = vector_of_rows(colors);
         at.open = (reals)(1.0f);
 #if CASTERS
         see_corner_receivers(&at, in, LOAD_LANES(shown), k);
@@ -60,9 +60,9 @@ kernel void gouraud_corners(SURFACE_PARAMETERS,
 #endif
         shade(&at, &lighting, 1);
         STORE_LANES(shows_scalars(in) ? colors.w : (reals)(0.0f), position);
-        STORE_LANES(at.color.r, c[0]);
-        STORE_LANES(at.color.g, c[1]);
-        STORE_LANES(at.color.b, c[2]);
+        STORE_LANES(at.color.x, c[0]);
+        STORE_LANES(at.color.y, c[1]);
+        STORE_LANES(at.color.z, c[2]);
         for (int lane = 0; lane < LANES && first + lane < count; ++lane)
             to_light[3 * taken[lane] + k] = (real4)(c[0][lane], c[1][lane], c[2][lane], position[lane]);
     }

@@ -21,18 +21,18 @@ kernel void light(global const real4 *points,        // K, relative to the eye, 
     ShadingInput at;
     at.point = vector_of_rows(gather(points, index));
     at.normal = vector_of_rows(gather(normals, index));
-    at.color = color_of_rows(gather(colors, index));
+    at.color = vector_of_rows(gather(colors, index));
     at.lit = (ints)(-1);
-    at.shift = no_light_shift();
+    at.shift = NO_SHIFT;
     Lighting lighting = {needs, lights, light_count, surface_of(materials), 0, unit};
     at.surface = lighting.surface;
     shade(&at, &lighting, 1);
-    colors3 color = at.color;
+    reals3 color = at.color;
     if (NEEDS(&lighting, AMBIENT) && !NEEDS(&lighting, TINTED))
         color = with_plain_ambient(color, &lighting.surface);
-    STORE_LANES(color.r, c[0]);
-    STORE_LANES(color.g, c[1]);
-    STORE_LANES(color.b, c[2]);
+    STORE_LANES(color.x, c[0]);
+    STORE_LANES(color.y, c[1]);
+    STORE_LANES(color.z, c[2]);
     for (int lane = 0; lane < LANES && first + lane < count; ++lane)
         lit[first + lane] = (real4)(c[0][lane], c[1][lane], c[2][lane], 0.0f);
 }

@@ -34,6 +34,6 @@ kernel void shadow_rays(global const float *points,   // 6 x K, high then low pa
     BlockRays block;
     ints asked = TO_INTS(at.face >= 0);
     begin_rays(&block, &at, &in, &light, asked);
-    ints hit = hidden_from(&block, asked);
-    STORE_LANES(TO_FIXEDS(hit ? (ints)(1) : (ints)(0)), dark + first);
+    trace_block(&block, casters, asked);
+    STORE_LANES(TO_FIXEDS(TO_INTS(block.dark) ? (ints)(1) : (ints)(0)), dark + first);
 }

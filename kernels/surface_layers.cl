@@ -1,4 +1,4 @@
-// The layers of LAYER_BITS (clshade/pipeline/surface_inputs.py) at each pixel's sample nearest the center, never a mean.
+// The layers of LAYER_BITS (clshade/pipeline/struct_layout.py) at each pixel's sample nearest the center, never a mean.
 #include "surface.clh"
 #include "samples.clh"
 #include "layer_blocks.clh"
@@ -53,16 +53,14 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
                                corner_point(in, triangle, face, 2)));
     }
     if (asked & LAYER_ALBEDO) {
-        colors3 color = gray((reals)(1.0f));
+        reals3 albedo = gray((reals)(1.0f));
         if (shows_colors(in)) {
             real4 c0 = in->colors[color_index(in, face, 0)], c1 = in->colors[color_index(in, face, 1)];
             real4 c2 = in->colors[color_index(in, face, 2)];
-            reals3 mixed = mix_vectors(m, c0, c1, c2);
-            color.r = mixed.x, color.g = mixed.y, color.b = mixed.z;
+            albedo = mix_vectors(m, c0, c1, c2);
             if (shows_scalars(in))
-                color = times_map_color(color, weigh(m, c0.w, c1.w, c2.w), in);
+                albedo = times_map_color(albedo, weigh(m, c0.w, c1.w, c2.w), in);
         }
-        reals3 albedo = {color.r, color.g, color.b};
         put_vector(&shown->albedo, mine, albedo);
         if (shown->shows_texels)
             put_texels(&shown->texels, mine, in, t, at, MAP_COLOR);
@@ -85,18 +83,17 @@ INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
 {
     if (asked & LAYER_N) {
         if (shown->shows_turned && any_lane(shown->turned.textured)) {
-            colors3 texel = texel_colors(&shown->turned, in, NEEDS(in, MIPMAPS));
+            reals3 texel = texel_colors(&shown->turned, in, NEEDS(in, MIPMAPS));
             reals across = shown->turned.textured ? shown->across : (reals)(0.0f);
             shown->N = turned_normal(shown->N, shown->tangent, across, texel, shown->factor);
         }
         shown->N = normalize_or_zero(shown->N);
     }
     if (asked & LAYER_ALBEDO) {
-        colors3 albedo = {shown->albedo.x, shown->albedo.y, shown->albedo.z};
         if (shown->shows_texels && any_lane(shown->texels.textured))
-            albedo = times_texel(albedo, shown->texels.textured, texel_colors(&shown->texels, in, NEEDS(in, MIPMAPS)));
-        albedo = saturate_color(albedo);
-        shown->albedo.x = albedo.r, shown->albedo.y = albedo.g, shown->albedo.z = albedo.b;
+            shown->albedo = times_texel(shown->albedo, shown->texels.textured,
+                                        texel_colors(&shown->texels, in, NEEDS(in, MIPMAPS)));
+        shown->albedo = saturate_color(shown->albedo);
     }
 }
 

@@ -123,14 +123,14 @@ def patient() -> None:
 def unwarned() -> None:
     """Fail every test that needs a program of which the compiler warns: no further program is compiled for that. Of what
     only we store, rather than the runtime, the log is lost: it is checked when it is compiled."""
-    build = programs._build
+    build = programs._built_or_loaded
 
     def checked(*arguments: Any, **options: Any) -> programs.Program:
         program = build(*arguments, **options)
         assert not program.warnings, "\n".join(program.warnings)
         return program
 
-    programs._build = checked
+    programs._built_or_loaded = checked
 
 
 @pytest.fixture(scope="session")
@@ -138,7 +138,7 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
     """Return each device that works, opened once."""
     if request.param is None:
         pytest.skip("no OpenCL device works here: see `python -m clshade devices`")
-    return open_device(request.param, profiling=True)
+    return open_device(request.param)
 
 
 @pytest.fixture
@@ -162,7 +162,7 @@ def data_folder() -> Path:
 def opened() -> Device:
     """Return the default device."""
     try:
-        return open_device(profiling=True)
+        return open_device()
     except DeviceError as error:
         pytest.skip(str(error))
 

@@ -293,11 +293,9 @@ GUARDED = """
 import ctypes, mmap, sys
 import numpy as np
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.features import derive_alone
-from clshade.pipeline.launches import lookup_stages
+from clshade.pipeline.launches import stages_of
 from clshade.pipeline.opencl.device import open_device
-from clshade.pipeline.shading_tables import split, texture_tables
-from clshade.pipeline.single_primitive import NOWHERE
+from clshade.pipeline.shading_tables import split_uvs, texture_tables
 from clshade.scene.model import Texture
 
 def at_the_end(array):
@@ -312,9 +310,9 @@ def at_the_end(array):
     return found
 
 device = open_device(sys.argv[1])
-stages = lookup_stages(device, derive_alone("nolight", NOWHERE.material, False), int(sys.argv[2]))
+stages = stages_of(device, "bilerp.cl", int(sys.argv[2]))
 table, texels = texture_tables([Texture(np.random.default_rng(1).random((3, 5, 3), np.float32))])
-uvs = split(np.random.default_rng(2).random((5, 2)))
+uvs = split_uvs(np.random.default_rng(2).random((5, 2)))
 found = []
 for place in (np.array, at_the_end):
     inputs = [Buffer(device, place(array)) for array in (uvs, np.zeros(5, np.int32), table, texels)]

@@ -11,8 +11,8 @@ from stage_oracle import hull, seen_from
 
 from clshade.oracle import coverage
 from clshade.pipeline import struct_layout
+from clshade.pipeline.camera_space import sample_positions
 from clshade.pipeline.renderer import Renderer, render
-from clshade.pipeline.sample_pattern import positions
 from clshade.scene.camera import Camera
 from clshade.scene.model import Mesh, Scene
 
@@ -81,7 +81,7 @@ SIZES = [(160, 128), (163, 119), (1, 1), (16, 16), (17, 1), (5, 200)]
 def test_lists(device, count, resolution):
     """Each triangle is listed, in the given order, in exactly the tiles of its hull that none of its edges excludes, which
     include all tiles with a pixel that it covers at any sample."""
-    xy, places = triangles(6, 500), positions(count)
+    xy, places = triangles(6, 500), sample_positions(count)
     several = {"image": samples_at(places), "SAMPLES": 1} if count > 1 else {}
     pipeline = Pipeline(device, FILES, resolution, OWNERS=1, **several)
     z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))

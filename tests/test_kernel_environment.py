@@ -36,7 +36,7 @@ TEXT = """
 
 LOOKED_UP(around, reals px; reals py; octahedral(d, &px, &py); reals4 c = blurred(&lighting, levels, px, py);
           STORE_LANES(c.x, r); STORE_LANES(c.y, g); STORE_LANES(c.z, b))
-LOOKED_UP(diffuse, colors3 c = irradiance(&lighting, d); STORE_LANES(c.r, r); STORE_LANES(c.g, g); STORE_LANES(c.b, b))
+LOOKED_UP(diffuse, reals3 c = irradiance(&lighting, d); STORE_LANES(c.x, r); STORE_LANES(c.y, g); STORE_LANES(c.z, b))
 """
 IMAGE = np.random.default_rng(6).random((64, 128, 3)) ** 3
 ENVIRONMENT = Environment(IMAGE)

@@ -10,7 +10,7 @@ from stage_oracle import as_kernels_see, owners_of, seen_from
 
 from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
-from clshade.pipeline.sample_pattern import positions
+from clshade.pipeline.camera_space import sample_positions
 
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")
 PIXEL = coverage.SUBPIXELS
@@ -139,7 +139,7 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     if feature == "DOUBLE":
         needs_float64(device)
     xy, _ = overlapping(10)
-    orthographic, places = feature == "ORTHOGRAPHIC", positions(3) if feature == "SAMPLES" else None
+    orthographic, places = feature == "ORTHOGRAPHIC", sample_positions(3) if feature == "SAMPLES" else None
     slope = 1.0 + (xy @ [1.0, 0.3]) / (PIXEL * 50_000.0)
     plane = slope if orthographic else 1.0 / slope
     z = plane * (1.0 + apart * np.random.default_rng(13).uniform(-1.0, 1.0, plane.shape))  # no two within 2^-40, a tie

@@ -7,7 +7,7 @@ import pytest
 from kernel_stages import NUMERICS_OF_ONE_BLOCK, bits, float32, mask
 
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.programs import build_text
+from clshade.pipeline.programs import build
 
 pytestmark = pytest.mark.optimized
 
@@ -46,7 +46,7 @@ ULP = {"inverse_root": 2.0, "log2_less": 6.0, "exp2_below": 1.6, "root": 0.5, "r
 @pytest.mark.parametrize("name", ULP)
 def test_every_float32(device, name):
     first, last, exact = FUNCTIONS[name]
-    program = build_text(device, mask(), TEXT)
+    program = build(device, mask(), TEXT)
     out = Buffer.empty(device, (CHUNK,), np.float32)
     low, high = sorted(bits(float32([first, last])).tolist())
     largest = 0.0

@@ -12,11 +12,11 @@ from devices import needs_float64
 from kernel_stages import Probe, bits, image_of, mask, view_of
 from layer_scenes import crowd, matrices
 
-from clshade.pipeline import instances, placements, scene_tables
+from clshade.pipeline import placements, scene_tables, triangle_source
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.camera_space import CameraSpace, Extent
-from clshade.pipeline.launches import SceneFrame, Stages, items
-from clshade.pipeline.programs import build_text
+from clshade.pipeline.launches import FrameInFlight, Stages, items
+from clshade.pipeline.programs import build
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.pipeline.triangle_source import TriangleSource
 from clshade.scene.model import Scene, Settings
@@ -48,9 +48,9 @@ WAYS = [(None, {"DEPTH_TEST": 1}), (1, {})]
 def _device_with_float64(device, monkeypatch):
     needs_float64(device)
     for name, value in {"_LEAST_ROOM": 5, "_ROOM_A_PIXEL": 0, "_ROOM_A_PIXEL_OF_GPU": 0}.items():
-        monkeypatch.setattr(instances, name, value)
+        monkeypatch.setattr(triangle_source, name, value)
     for name in ("_BLOCK", "_BLOCK_OF_GPU"):
-        monkeypatch.setattr(instances, name, 100)
+        monkeypatch.setattr(triangle_source, name, 100)
 
 
 def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNamespace:
@@ -60,7 +60,7 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     faces. source, index: where the triangles are, and their numbers. table, of_triangles: of instances.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(instances, "LEAST_COPIES", 1 << 40 if copies else 0)
+        patch.setattr(triangle_source, "LEAST_COPIES", 1 << 40 if copies else 0)
         packed = scene_tables.pack(scene, Settings())
     table, camera = packed.instances, scene.camera
     space = CameraSpace.of(camera, Extent(tuple(packed.low), tuple(packed.high), 10.0), None)
@@ -72,12 +72,12 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     positions, faces = Buffer(device, packed.arrays["positions"]), Buffer(device, packed.arrays["faces"])
     values = {name: Buffer(device, packed.arrays[name]) for name in ("face_materials", "materials")}
     values |= {"image": image, "view": view, "counters": counted, "faces": faces}
-    frame = SceneFrame({**values, "pieces": Buffer.empty(device, 0, SINGLE.Piece)}, space=space, streams=False)
+    frame = FrameInFlight({**values, "pieces": Buffer.empty(device, 0, SINGLE.Piece)}, space=space, streams=False)
     painter = not stages.features["DEPTH_TEST"]
     if table is None:
         source = TriangleSource(stages, positions, faces)
     else:
-        source = instances.Instances(stages, table, positions, faces, 1, painter=painter)
+        source = triangle_source.Instances(stages, table, positions, faces, 1)
     source.project(frame)
     source.set_up(frame)
     counters = counted.to_host()[0]
@@ -106,7 +106,7 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
 def test_the_same_triangles_as_of_copies(device, lanes, features):
     """In blocks of few vertices, with room for few triangles at first; faces behind, beside the image, seen from behind, and
     to be clipped."""
-    stages = Stages(device, build_text(device, mask(INSTANCES=1, **features), STAGES, lanes=lanes))
+    stages = Stages(device, build(device, mask(INSTANCES=1, **features), STAGES, lanes=lanes))
     scene = crowd()
     meshes = [replace(mesh, material=replace(mesh.material, sides="front")) for mesh in scene.meshes[-2:]]
     scene = replace(scene, meshes=(*scene.meshes[:-2], *meshes))

@@ -16,7 +16,7 @@ kernel void turn(global const REAL *nx, global const REAL *ny, global const REAL
 {
     int i = get_global_id(0) * LANES;
     reals3 normal = {IN(nx), IN(ny), IN(nz)}, tangent = {IN(tx), IN(ty), IN(tz)};
-    colors3 texel = {IN(r), IN(g), IN(blue)};
+    reals3 texel = {IN(r), IN(g), IN(blue)};
     reals3 turned = turned_normal(normal, tangent, bitangent_side(IN(a), IN(b), IN(c)), texel, IN(scale));
     REAL x[LANES], y[LANES], z[LANES];
     STORE_LANES(turned.x, x);

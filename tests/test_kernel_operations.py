@@ -21,7 +21,7 @@ from clshade.measure.conform import operations
 from clshade.measure.conform.case import Bench, same
 from clshade.measure.conform.operands import HARD, factors, integers, patterns
 from clshade.measure.conform.operations import Way, each, fused, nearest
-from clshade.pipeline.opencl.pocl_target import FORCED
+from clshade.pipeline.opencl.environment import FORCED
 
 pytestmark = pytest.mark.optimized
 

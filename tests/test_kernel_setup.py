@@ -10,10 +10,10 @@ from stage_oracle import hull, seen_from
 from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
+from clshade.pipeline.camera_space import sample_positions
 from clshade.pipeline.draw import TileLists, front_to_back
 from clshade.pipeline.launches import FrameInFlight
 from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.sample_pattern import positions
 from clshade.pipeline.triangle_source import TriangleSource, set_up_pieces
 
 COLUMNS, ROWS = 61, 43
@@ -99,7 +99,7 @@ def test_areas_boxes_and_culls(device, cull):
 @pytest.mark.parametrize("count", [2, 3, 16, 64])
 def test_boxes_and_culls_of_several_samples(device, count):
     """The box is the union of all samples' boxes, and a pixel is covered at any sample."""
-    (xy, z), places = triangles(), positions(count)
+    (xy, z), places = triangles(), sample_positions(count)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=samples_at(places), OWNERS=1, SAMPLES=1)
     counters = separate(device, pipeline, xy, z)
     visible = np.sort(pipeline.sort())
@@ -256,7 +256,7 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     """setup_count gives the triangles of setup, in the order of faces, and bin_fill lists them in the same tiles."""
     xy, z = triangles()
     xy[7] = [[LIMIT, 0], [5 * PIXEL, 5 * PIXEL], [9 * PIXEL, 20 * PIXEL]]  # to clip
-    places = samples_at(positions(3)) if ways.get("SAMPLES") else None
+    places = samples_at(sample_positions(3)) if ways.get("SAMPLES") else None
     features = {"OWNERS": 1, "DEPTH_TEST": 1, **ways}
     ordered = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, **features)
     counters = separate(device, ordered, xy, z)
@@ -288,9 +288,7 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     with frame.values["counters"].writing() as table:
         table["entries"] = 0
     starts = frame.values["starts"].to_host()
-    lists.make_room(int(starts[-1]))
-    with pipeline.image.writing() as table:
-        table["list_capacity"] = lists.room
+    lists.make_room(int(starts[-1]), frame)
     lists.fill(frame)
     entries = frame.values["lists"].to_host()[: starts[-1]]
     listed = [np.sort(made.triangles.array["face"][each["index"]]) for each in np.split(entries, starts[1:-1])]

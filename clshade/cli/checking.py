@@ -179,8 +179,8 @@ def _command_faults(scene: Scene, record: Record, arguments: Arguments) -> list[
     that --budget and --tolerance choose nothing is known; layers may be more than the command's."""
     import numpy as np
 
-    from ..pipeline.drawing_record import plain_value
     from ..pipeline.effective_settings import effective_settings
+    from ..pipeline.frame_results import plain_value
     from .render import render_options
 
     options = render_options(arguments, scene)

@@ -131,7 +131,7 @@ def _render_each(stems: list[str], arguments: Arguments, warming: Thread) -> tup
     """Render several scenes; print a one-line error for a refused scene and continue with the others."""
     from ..pipeline.opencl.device import shared_device
 
-    shared_device(arguments.device, profiling=True)  # without a device no scene can be rendered: a single error
+    shared_device(arguments.device)  # without a device no scene can be rendered: a single error
     worst, all_stats = DONE, []
     for name, stem in zip(arguments.scenes, stems, strict=True):
         try:
@@ -201,7 +201,7 @@ class _Drawing:
         self._choose_settings()
         cameras, files = self._flow_cameras(), saving(arguments)
         if arguments.cryptomatte:
-            from ..pipeline.mattes import check_mattes
+            from ..pipeline.visible import check_mattes
 
             check_mattes(arguments.cryptomatte, files["files"] or ())
         hashing = [Thread(target=describe_images, args=(self.scene,))] if "exr" in (files["files"] or ()) else []
@@ -276,7 +276,7 @@ class _Drawing:
             flows = [flow(frame, camera, device=arguments.device) for camera in cameras]
             frame.flows = dict(zip(FLOWS, flows, strict=False))
         if arguments.cryptomatte:
-            from ..pipeline.mattes import cryptomatte
+            from ..pipeline.visible import cryptomatte
 
             frame.mattes = cryptomatte(frame, arguments.cryptomatte, device=arguments.device)
         if arguments.check is not None:

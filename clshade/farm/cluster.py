@@ -29,8 +29,8 @@ from distributed.versions import VersionMismatchWarning
 
 from ..base import console
 from ..errors import InputError, WorkerError
-from ..pipeline.kernel_files import kernel_folder
 from ..pipeline.opencl.environment import THREADS
+from ..pipeline.struct_layout import kernel_folder
 from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
 from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .members import Members

@@ -18,9 +18,8 @@ from ..pipeline.flow import flow
 from ..pipeline.frame import Frame
 from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths, visible_path
 from ..pipeline.frame_results import Flow, FlowName
-from ..pipeline.mattes import cryptomatte
 from ..pipeline.renderer import Renderer
-from ..pipeline.visible import visible
+from ..pipeline.visible import cryptomatte, visible
 from ..scene.camera import Camera
 from ..scene.model import Scene, Settings
 from ..scene.pose import Pose

@@ -32,7 +32,7 @@ from ..pipeline.frame_files import (
     resolution_of,
 )
 from ..pipeline.frame_results import FlowName
-from ..pipeline.mattes import check_mattes
+from ..pipeline.visible import check_mattes
 from ..scene.camera import Camera
 from ..scene.model import Scene
 from ..scene.pose import Pose

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from ..base.atomic_files import lock_file
-from ..scene.camera import Camera
 from ..scene.geometry import bounding_box
 from ..scene.model import Scene, Settings
 from . import programs
-from .kernel_files import kernels_digest
 from .opencl.environment import cache_root, keeps_cache
 from .opencl.probe import can_probe, own_command
 from .renderer import Renderer, trial_of
+from .struct_layout import kernels_digest
 
 AHEAD = "CLSHADE_COMPILE_AHEAD"  # environment variable: 0 turns it off
 _DONE = "compiled-ahead"  # a file of the cache: the kernels for which all has been compiled
@@ -59,16 +58,11 @@ def main() -> None:
         with contextlib.suppress(Exception), Renderer(**each) as renderer:
             renderer.render()
             drawn += 1
-            renderer.render(_inside(renderer.scene))
+            # From its middle, where faces are clipped: such a frame is sorted, by kernels that others do not launch.
+            camera, middle = renderer.scene.camera, np.mean(bounding_box(renderer.scene), axis=0)
+            renderer.render(replace(camera, eye=middle, lookat=middle + (camera.lookat - camera.eye)))
     if drawn:
         (cache_root() / _DONE).write_text(kernels_digest())
-
-
-def _inside(scene: Scene) -> Camera:
-    """Return a camera in the middle of the scene. Where it clips faces, a frame is sorted, by kernels that others do not
-    launch: PoCL compiles a kernel when it is launched first."""
-    camera, middle = scene.camera, np.mean(bounding_box(scene), axis=0)
-    return replace(camera, eye=middle, lookat=middle + (camera.lookat - camera.eye))
 
 
 def _leave_processors() -> None:

@@ -98,13 +98,10 @@ class Buffer:
         if size > device.max_allocation:
             limit = f"the device allows {device.max_allocation}"
             raise DeviceError(f"{device.name}: one buffer needs {size} bytes, {limit}")
+        access = _FLAGS.READ_WRITE if array.flags.writeable else _FLAGS.READ_ONLY
+        place = _FLAGS.USE_HOST_PTR if self.is_shared else _FLAGS.COPY_HOST_PTR
         try:
-            if size == 0:
-                self.memory = cl.Buffer(device.context, _FLAGS.READ_WRITE, 64)
-            else:
-                access = _FLAGS.READ_WRITE if array.flags.writeable else _FLAGS.READ_ONLY
-                place = _FLAGS.USE_HOST_PTR if self.is_shared else _FLAGS.COPY_HOST_PTR
-                self.memory = cl.Buffer(device.context, access | place, hostbuf=array)
+            self.memory = cl.Buffer(device.context, access | place, hostbuf=array if size else np.zeros(64, np.uint8))
         except cl.Error as error:
             raise DeviceError(f"{device.name}: no memory for {size} bytes: {error}") from error
 
@@ -117,10 +114,6 @@ class Buffer:
         except MemoryError:
             raise DeviceError(f"{device.name}: no memory for {math.prod(form) * kind.itemsize} bytes") from None
         return cls(device, array)
-
-    def twin(self) -> Buffer:
-        """Return another buffer with the same content."""
-        return Buffer(self._device, self.array.copy())
 
     @contextlib.contextmanager
     def writing(self, count: int | None = None, *, waits: bool = True) -> Iterator[Array]:
@@ -150,6 +143,20 @@ class Buffer:
             with _named(self._device):
                 cl.enqueue_copy(self._queue, rows, self.memory)
         return rows
+
+
+class Scratch:
+    """Buffers by name, kept from frame to frame; they grow."""
+
+    def __init__(self, device: Device) -> None:
+        self._device, self._held = device, dict[str, Buffer]()
+
+    def __call__(self, name: str, rows: int, kind: Any, *, exact: bool = False) -> Buffer:
+        """Return a buffer of at least so many rows, or of so many."""
+        held = len(self._held[name].array) if name in self._held else -1
+        if held < rows or (exact and held != rows):
+            self._held[name] = Buffer.empty(self._device, rows if exact else rows + rows // 2, kind)
+        return self._held[name]
 
 
 class VertexBuffers:

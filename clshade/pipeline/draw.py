@@ -13,11 +13,10 @@ import numpy as np
 from ..base.arrays import Array, Bools, UInt32s
 from ..errors import DeviceError, InputError
 from ..scene.model import MAX_FACES, Scene, Settings
-from .buffers import LEAST_INDEX_BITS, Buffer, Pool, finish
-from .camera_space import CameraSpace
-from .clip import clip, image_positions, scaled_w, snap
+from .buffers import LEAST_INDEX_BITS, Buffer, Pool, Scratch, finish
+from .camera_space import CameraSpace, clip, image_positions, scaled_w, snap
 from .features import Features, ignored, needs
-from .launches import FrameInFlight, SceneFrame, Stages, scene_stages
+from .launches import FrameInFlight, Stages, scene_stages
 from .layers import Layers, layer_features
 from .lines import Lines
 from .opencl.device import Device
@@ -73,29 +72,14 @@ class TileLists:
     two do nothing but leave pixels without owners. Then, and only then, the counters show more entries than `room`, and the
     caller makes room and calls again.
 
-    source: of the triangles; None for those of no scene. painter: whether painter's order decides, which takes exact depths.
-    transparent: (F,) by face, None if none is.
+    source: of the triangles; None for those of no scene. transparent: (F,) by face, None if none is.
     """
 
-    def __init__(
-        self,
-        stages: Stages,
-        source: TriangleSource | None = None,
-        *,
-        painter: bool = False,
-        transparent: Bools | None = None,
-    ) -> None:
-        self._stages, self._source, self._painter, self._transparent = stages, source, painter, transparent
+    def __init__(self, stages: Stages, source: TriangleSource | None = None, transparent: Bools | None = None) -> None:
+        self._stages, self._source, self._transparent = stages, source, transparent
         self._usual_chunks = 2 * stages.device.compute_units if stages.device.is_cpu else _MOST_CHUNKS
         self._most_chunks = max(self._usual_chunks, _MOST_CHUNKS)
-        self._starts, self._sums = self._empty(0, np.uint32), self._empty(0, np.uint64)
-        self._counts, self._made = self._empty(0, np.uint32), self._empty(self._most_chunks, np.uint32)
-        self._entries, self._order = self._empty(0, stages.structs.Entry), self._empty(0, np.uint32)
-        self.ranks: Buffer | None = None  # places in painter's order, if transparent triangles need them
-        self._corner_light: Buffer | None = None  # of Gouraud's shading
-
-    def _empty(self, count: int, dtype: Any) -> Buffer:
-        return Buffer.empty(self._stages.device, count, dtype)
+        self._memory, self._entries = Scratch(stages.device), Buffer.empty(stages.device, 0, stages.structs.Entry)
 
     @property
     def room(self) -> int:
@@ -106,47 +90,38 @@ class TileLists:
         """List the visible triangles, nearest first; if some are transparent, these after the others."""
         start = running_time()
         visible, values, source = frame.visible, frame.values, self._source
-        if len(self._order.array) < visible:
-            self._order = self._empty(visible + visible // 2, np.uint32)
-        exact = partial(source.painter_depths, frame) if source is not None and self._painter else None
+        painter = not self._stages.features["DEPTH_TEST"]  # whose order takes exact depths
+        exact = partial(source.painter_depths, frame) if source is not None and painter else None
         order = front_to_back(values["keys"].to_host(visible), exact, values["index_bits"])
         if source is not None and self._transparent is not None:
-            if self._painter:
-                self._write_ranks(order, len(values["triangles"].array))
+            if painter:  # in which transparent triangles have places
+                values["ranks"] = self._memory("ranks", len(values["triangles"].array), np.uint32, exact=True)
+                with values["ranks"].writing() as rows:
+                    rows[order] = np.arange(len(order), dtype=np.uint32)
             late = self._transparent[source.faces_of(frame, order)]
             order = np.concatenate([order[~late], order[late]])
-        with self._order.writing(visible) as rows:
+        values["order"] = self._memory("order", visible, np.uint32)
+        with values["order"].writing(visible) as rows:
             rows[:] = order
-        values |= {"order": self._order, "ranks": self.ranks}
         frame.is_sorted = visible > 0
         frame.host_ms["sort"] = (running_time() - start) * 1e3
 
-    def _write_ranks(self, order: Array, room: int) -> None:
-        if self.ranks is None or len(self.ranks.array) < room:
-            self.ranks = self._empty(room, np.uint32)
-        with self.ranks.writing() as rows:
-            rows[order] = np.arange(len(order), dtype=np.uint32)
-
     def _split(self, count: int, frame: FrameInFlight, multiple: int = 1) -> None:
         """Split so many triangles into chunks of a multiple of triangles, with memory for the counts of the tiles."""
-        tiles = frame.tiles
-        if len(self._starts.array) != tiles + 1:
-            self._starts = self._empty(tiles + 1, np.uint32)
+        tiles, memory = frame.tiles, self._memory
         most = min(max(self._usual_chunks, count // _LARGE_CHUNK), self._most_chunks, max(2, _COUNTS_BUDGET // tiles))
         number = max(1, min(count // _LEAST_CHUNK, most))
         size = max(-(-count // (number * multiple)), 1) * multiple
         number = -(-count // size)
-        if len(self._counts.array) < number * tiles:
-            self._counts = self._empty(number * tiles, np.uint32)
-        parts = min(-(-number * tiles // _SCAN_RUN), _MOST_PARTS)
-        if len(self._sums.array) != parts:
-            self._sums = self._empty(parts, np.uint64)
-        frame.values |= {"count": count, "chunk_size": size, "chunks": number, "made": self._made, "sums": self._sums}
-        frame.values |= {"counts": self._counts, "cursors": self._counts, "starts": self._starts}
+        counts, parts = memory("counts", number * tiles, np.uint32), min(-(-number * tiles // _SCAN_RUN), _MOST_PARTS)
+        frame.values |= {"count": count, "chunk_size": size, "chunks": number, "counts": counts, "cursors": counts}
+        frame.values["made"] = memory("made", self._most_chunks, np.uint32)
+        frame.values["starts"] = memory("starts", tiles + 1, np.uint32, exact=True)
+        frame.values["sums"] = memory("sums", parts, np.uint64, exact=True)
 
     def _scan(self, frame: FrameInFlight, *, stops_to_clip: bool) -> None:
-        """Find where each tile's list begins, and each chunk's part of it."""
-        frame.values["stops_to_clip"], parts = stops_to_clip, len(self._sums.array)
+        """Enqueue the search for where each tile's list begins, and each chunk's part of it."""
+        frame.values["stops_to_clip"], parts = stops_to_clip, len(frame.values["sums"].array)
         for kernel in ("bin_sums", "bin_scan") if parts > 1 else ("bin_scan",):
             frame.events[kernel] = self._stages.run(kernel, (parts, 1), frame.values)
 
@@ -157,7 +132,7 @@ class TileLists:
             frame.events["bin_count"] = self._stages.run("bin_count", (frame.values["chunks"], 1), frame.values)
             self._scan(frame, stops_to_clip=False)
         else:
-            with self._starts.writing() as rows:
+            with frame.values["starts"].writing() as rows:
                 rows[:] = 0
 
     def set_up(self, source: TriangleSource, frame: FrameInFlight) -> None:
@@ -176,31 +151,26 @@ class TileLists:
         if frame.visible:
             frame.events["bin_fill"] = self._stages.run("bin_fill", (frame.values["chunks"], 1), frame.values)
 
-    def make_room_for(self, entries: int, frame: FrameInFlight) -> None:
-        """Make room for the entries of a frame, whose lists are to be filled again. Raises DeviceError."""
-        self.make_room(entries)
-        with frame.values["image"].writing() as table:
-            table["list_capacity"] = self.room
-        with frame.values["counters"].writing() as table:
-            table["next_tile"] = table["saturated"] = 0
-
-    def make_room(self, entries: int) -> None:
-        """Make room for so many entries, with a margin for the next camera if memory allows it. Raises DeviceError."""
+    def make_room(self, entries: int, frame: FrameInFlight) -> None:
+        """Make room for the entries of a frame, whose lists are to be filled again, and if memory allows it for more, which
+        the next camera may need. Raises DeviceError."""
         kind, device = self._stages.structs.Entry, self._stages.device
         if entries > _MOST_ENTRIES:
             limit = f"the lists of all tiles need {entries} entries, {_MOST_ENTRIES} are allowed"
             raise DeviceError(f"{device.name}: {limit}: draw fewer triangles, or a smaller image")
         most = min(device.max_allocation // kind.itemsize, _MOST_ENTRIES)
-        self._entries = self._empty(max(entries, min(entries + entries // 2, most)), kind)
+        self._entries = Buffer.empty(device, max(entries, min(entries + entries // 2, most)), kind)
+        with frame.values["image"].writing() as table:
+            table["list_capacity"] = self.room
+        with frame.values["counters"].writing() as table:
+            table["next_tile"] = table["saturated"] = 0
 
     def shade(self, frame: FrameInFlight) -> None:
         """Enqueue the pixel stage, for Gouraud's shading after lighting the corners of the visible triangles."""
         stages, features, values = self._stages, self._stages.pixel_features, frame.values
         name = "phong" if features["PHONG"] else "pbr" if features["PBR"] else "gouraud"
         if name == "gouraud" and frame.is_sorted and needs(values["image"].array[0]["needs"], "LIT"):
-            corners, light = 3 * len(values["triangles"].array), self._corner_light
-            if light is None or len(light.array) < corners:
-                light = self._corner_light = Buffer.empty(stages.device, (corners, 4), stages.structs.real)
+            light = self._memory("light", 12 * len(values["triangles"].array), stages.structs.real, exact=True)
             values |= {"corner_light": light, "to_light": light}
             size = stages.vectors(frame.visible)
             frame.events["gouraud_corners"] = stages.run("gouraud_corners", size, values, count=frame.visible)
@@ -211,7 +181,7 @@ class TileLists:
         self.sort(frame)
         self.count(frame)
         if not self.room and frame.visible:
-            self.make_room_for(int(frame.read_counters()["entries"]), frame)
+            self.make_room(int(frame.read_counters()["entries"]), frame)
         while True:
             self.fill(frame)
             self.shade(frame)
@@ -219,41 +189,36 @@ class TileLists:
             entries = int(frame.counters["entries"])
             if entries <= self.room:
                 return
-            self.make_room_for(entries, frame)
+            self.make_room(entries, frame)
 
 
 class SceneDrawing:
     """A scene on a device, which draws frames of it into buffers, one after the other.
 
-    `draw` completes a frame; `enqueue` only begins one, and does not wait for the device where nothing is sorted.
-
-    scene, settings, packed: see `scene_tables.pack`. features: of the kernels. lanes: None for what suits the device.
-    Raises DeviceError if the scene does not fit into the device's memory.
-
-    pool: of images. layers: of the settings. extent: of the scene, None without faces. scene_bytes: of device memory that
-    does not depend on the frame. tables: of a frame drawn by itself.
+    features: of the kernels. lanes: None for what suits the device. Raises DeviceError if the scene does not fit into the
+    device's memory. pool: of images. layers: of the settings. extent: of the scene, None without faces. scene_bytes: of
+    device memory that does not depend on the frame. tables: of a frame drawn by itself.
     """
 
-    def __init__(
-        self, device: Device, scene: Scene, settings: Settings, features: Features, packed: Packed, lanes: int | None
-    ) -> None:
-        self.device, self.scene, self.settings, self.features = device, scene, settings, features
+    def __init__(self, device: Device, packed: Packed, features: Features, lanes: int | None) -> None:
+        self.device, self.features = device, features
+        self.scene, self.settings = scene, settings = packed.scene, packed.settings
         of_layers = layer_features(features, packed.layers.asked)
         slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
         first = this_thread.is_first and device.keeps_programs and not slow and compiles_longer(scene, settings)
         self.stages = stages = scene_stages(device, features, lanes, of_layers, first=first)
-        self.pool, painter = Pool(device), not features["DEPTH_TEST"]
-        self.resident = resident = ResidentScene(stages, scene, settings, features, packed, of_layers)
+        self.pool = Pool(device)
+        self.resident = resident = ResidentScene(stages, packed, features, of_layers)
         self.source, self.extent = resident.source, resident.extent
         # The layers' texture coordinates include these, and also those of meshes without a texture.
         tables = packed.layers.arrays if "uvs" in packed.layers.arrays else packed.arrays
         self._uvs, self._uv_faces = tables.get("uvs"), tables.get("uv_faces", packed.arrays["faces"])
         transparent = packed.faces_with("blends") if features["BLEND"] else None
-        self._lists = TileLists(stages, self.source, painter=painter, transparent=transparent)
+        self._lists = TileLists(stages, self.source, transparent)
         self._lines: Lines | None = None
         if settings.edges is not None:
             front_only = packed.faces_with("front_only") | bool(features["CULL"])
-            self._lines = Lines(self.source, settings.edges, front_only, painter=painter)
+            self._lines = Lines(self.source, settings.edges, front_only)
         self.layers = Layers(stages, self.pool, settings.layers, packed.layers)
         self.scene_bytes = resident.nbytes + self.layers.nbytes
         self.tables = resident.new_tables()
@@ -262,25 +227,25 @@ class SceneDrawing:
 
     def frame(
         self, space: CameraSpace, tables: Mapping[str, Buffer], rgba: Buffer, owners: Buffer | None, *, streams: bool
-    ) -> SceneFrame:
+    ) -> FrameInFlight:
         """Return a frame of which nothing is drawn yet."""
         values = {**self._values, **tables, "rgba": rgba, "owners": owners}
-        return SceneFrame(values, space=space, streams=streams)
+        return FrameInFlight(values, space=space, streams=streams)
 
-    def draw(self, frame: SceneFrame) -> dict[str, Array]:
-        """Draw a frame, and return its layers by name."""
+    def draw(self, frame: FrameInFlight) -> dict[str, Array]:
+        """Draw a frame completely, and return its layers by name."""
         self._begin(frame)
         self._complete(frame)
         return self.layers.draw(frame)
 
-    def enqueue(self, frame: SceneFrame) -> None:
+    def enqueue(self, frame: FrameInFlight) -> None:
         """Enqueue the drawing of a frame, and of its layers. If `frame.counters` is None, the host has not waited: nothing
         is drawn if there are faces to clip, or more entries than `frame.room`."""
         self._begin(frame)
         frame.room = self._lists.room
         self.layers.enqueue(frame)
 
-    def draw_again(self, frame: SceneFrame) -> None:
+    def draw_again(self, frame: FrameInFlight) -> None:
         """Redraw a frame that the device skipped, and enqueue its layers."""
         assert frame.counters is not None
         finish(self.device)  # kernels of the next frame use what is replaced
@@ -291,9 +256,9 @@ class SceneDrawing:
 
     # The stages
 
-    def _begin(self, frame: SceneFrame) -> None:
-        """Enqueue the drawing of a frame without layers. Where no sort is needed the host does not wait, and has no
-        counters yet: `_complete` goes on. Nothing is drawn then if there are faces to clip."""
+    def _begin(self, frame: FrameInFlight) -> None:
+        """Enqueue the drawing of a frame without layers. Where no sort is needed the host does not wait, and has no counters
+        yet: `_complete` goes on."""
         source, resident, lists = self.source, self.resident, self._lists
         frame.events.clear()  # those of a frame that was given up
         resident.write_view(frame)
@@ -316,7 +281,7 @@ class SceneDrawing:
             lists.fill(frame)
             lists.shade(frame)
 
-    def _complete(self, frame: SceneFrame) -> None:
+    def _complete(self, frame: FrameInFlight) -> None:
         """Wait for the frame that `_begin` has begun, the last one enqueued, and draw it again if lists lack room, or sorted
         if there are faces to clip: nothing of it is drawn then."""
         while frame.counters is None:
@@ -327,11 +292,11 @@ class SceneDrawing:
             elif counters["entries"] <= self._lists.room:
                 frame.counters, frame.host_ms["sort"] = counters, 0.0
             else:
-                self._lists.make_room_for(int(counters["entries"]), frame)
+                self._lists.make_room(int(counters["entries"]), frame)
                 self._lists.fill(frame)
                 self._lists.shade(frame)
 
-    def _clip(self, frame: SceneFrame) -> None:
+    def _clip(self, frame: FrameInFlight) -> None:
         """Clip what the frame's setup listed, and set up the pieces. Raises InputError for more triangles than MAX_FACES."""
         source, counters = self.source, frame.read_counters()
         if counters["to_clip"]:
@@ -376,24 +341,21 @@ class SceneDrawing:
         table["face"] = faces.numbers[cut.source]
         return table, cut.source
 
-    def facts_of(self, frame: SceneFrame) -> Callable[[], dict[str, Any]]:
+    def facts_of(self, frame: FrameInFlight) -> Callable[[], dict[str, Any]]:
         """Return a function that returns the entries of `Frame.stats` other than times; it outlives the renderer."""
-        features, tiles, counters = self.features, frame.tiles, frame.counters
+        features, tiles, counters, is_sorted = self.features, frame.tiles, frame.counters, frame.is_sorted
         assert counters is not None
-        sizes, scene, settings, resolution = self.source.sizes, self.scene, self.settings, frame.resolution
-        own_bytes = {"scene": self.scene_bytes}
-        for name, place in (("image", "rgba"), ("owners", "owners")):
-            own_bytes[name] = 0 if frame.values[place] is None else frame.values[place].array.nbytes
-        if self.source.nbytes:
-            own_bytes["triangles"] = self.source.nbytes
-        title, lanes = self.device.title, self.stages.lanes
-        is_sorted = frame.is_sorted
+        scene, settings, rgba, owners = self.scene, self.settings, frame.values["rgba"], frame.values["owners"]
+        sizes = {"scene": self.scene_bytes, "image": rgba.array.nbytes}
+        sizes["owners"] = 0 if owners is None else owners.array.nbytes
+        sizes |= {"triangles": self.source.nbytes} if self.source.nbytes else {}
+        first = {**self.source.sizes, "resolution": frame.resolution}
+        last = {"device": self.device.title, "lanes": self.stages.lanes, "bytes": sizes}
 
         def facts() -> dict[str, Any]:
             used = features.including("SORTED") if is_sorted else features
             return {
-                **sizes,
-                "resolution": resolution,
+                **first,
                 **{name: int(counters[name]) for name in _COUNTS},
                 "clipped": int(counters["to_clip"]),
                 "tiles": tiles,
@@ -401,9 +363,7 @@ class SceneDrawing:
                 "features": used.used,
                 "left_out": dict(used.left_out),
                 "ignored": ignored(scene, settings),
-                "device": title,
-                "lanes": lanes,
-                "bytes": own_bytes,
+                **last,
             }
 
         return facts

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -104,16 +104,14 @@ def unless(needed: object, reason: str) -> str:
     return "" if needed else reason
 
 
-def are_zero(names: Sequence[str]) -> str:
-    """Return "a, b and c are 0"."""
-    return f"{', '.join(names[:-1])} and {names[-1]} are 0" if names[1:] else f"{names[0]} is 0"
-
-
 @dataclass(eq=False)
 class Drawn:
     """What is drawn, as _REASONS and the choices ask about it. Texts say why something is not needed, "" if it is.
 
-    shining: whether any light has an intensity other than 0. Other fields: see `derive`.
+    shining: whether any light has an intensity other than 0. double_positions: whether positions need float64.
+    scalars_at_corners: whether the scalars that color faces differ between faces at a vertex. instanced: whether instances
+    are drawn from one copy of each mesh. forced: OPTIONAL features that are on even if the scene does not need them, to
+    measure what leaving them out saves, with the same bits; all together give a kernel for every scene.
     """
 
     scene: Scene
@@ -156,19 +154,20 @@ class Drawn:
             return "shader pbr"
         facets = [m.microfacets for m in self.materials if self.shader == "pbr"]
         if not facets:
-            needed, why = any(getattr(m, name).any() for m in self.materials), are_zero([name])
+            needed, why = any(getattr(m, name).any() for m in self.materials), f"{name} is 0"
         elif name == "ks":
             needed, why = any(f.metallic > 0.0 or f.specular > 0.0 for f in facets), "specular is 0"
         else:
             based = [f.metallic < 1.0 or f.metallic_roughness_texture is not None for f in facets]
             needed = any(b and m.diffuse.any() for b, m in zip(based, self.materials, strict=True))
-            why = are_zero([name]) if any(based) else "metals alone"
+            why = f"{name} is 0" if any(based) else "metals alone"
         return self.unlit or unless(self.shining, "no light shines") or unless(needed, why)
 
     def no_terms(self, names: Sequence[str]) -> str:
         """Return why none of several terms is needed."""
         reasons = {self.why(TERMS[name].feature) for name in names}
-        return min(reasons) if len(reasons) == 1 else unless("" in reasons, are_zero(names))
+        zero = f"{', '.join(names[:-1])} and {names[-1]} are 0"
+        return min(reasons) if len(reasons) == 1 else unless("" in reasons, zero)
 
     def no_power(self) -> str:
         if self.shader == "pbr":
@@ -216,7 +215,7 @@ _CHOICES: dict[str, Callable[[Drawn], bool]] = {
     "PHONG": lambda d: d.shader == "phong" or ("LIT" in d.forced and bool(d.unlit)),
     "PBR": lambda d: d.shader == "pbr",
     "DEPTH_TEST": lambda d: d.settings.visibility == "depth",
-    "INSTANCES": lambda d: d.instanced,  # the same image, from one copy of each mesh: see instances.py
+    "INSTANCES": lambda d: d.instanced,  # the same image, from one copy of each mesh: see triangle_source.py
     "CASTERS": lambda d: d.needs("SHADOWS") or d.needs("AMBIENT_OCCLUSION"),  # whether rays are followed to them
     "SAMPLE_SHADING": lambda d: d.settings.samples > 1 and d.settings.sample_shading,
     "WEIGHTED": lambda d: d.settings.samples > 1 and d.settings.resolve == "weighted",
@@ -442,32 +441,17 @@ def derive_alone(shader: Shader, material: Material, shining: bool, bright: bool
     return Features.of(names + ["PHONG"] * (shader == "phong") + ["BRIGHT"] * (shader == "phong" and bright))
 
 
-def derive(
-    scene: Scene,
-    settings: Settings,
-    *,
-    double_positions: bool,
-    scalars_at_corners: bool = False,
-    instanced: bool = False,
-    forced: Collection[str] = frozenset(),
-) -> Features:
-    """Return the features that this scene needs under these settings.
-
-    double_positions: whether positions need float64. scalars_at_corners: whether the scalars that color faces differ
-    between faces at a vertex. instanced: whether the scene's instances are drawn from one copy of each mesh.
-    forced: OPTIONAL features to turn on even if the scene does not need them, to measure what leaving them out saves; the
-    image stays the same, bit for bit. All of them together give a kernel for every scene.
-    """
+def derive(scene: Scene, settings: Settings, **how: Any) -> Features:
+    """Return the features that this scene needs under these settings. how: further fields of `Drawn`."""
     lit_around = settings.shader == "pbr" and not no_environment(scene)
     shining = lit_around or any(light.intensity.any() for light in scene.lights)
-    how = double_positions, scalars_at_corners, instanced, forced
-    drawn = Drawn(scene, settings, list(materials_of(scene).values()), shining, *how)
+    drawn = Drawn(scene, settings, list(materials_of(scene).values()), shining, **how)
     chosen = {name for name, holds in _CHOICES.items() if holds(drawn)}
     needed = {name for name in OPTIONAL if drawn.needs(name)}
     return Features.of(chosen | needed, tuple((name, drawn.why(name)) for name in OPTIONAL if name not in needed))
 
 
 def at_lanes(features: Features, own: int, chosen: int | None) -> Features:
-    """Return the features for a device with its own number of lanes, and another one chosen for the pixels. Only with
-    vectors do kernels set up faces in their order, and pixel stages order the lists of tiles themselves."""
+    """Return the features for a device with its own number of lanes, and another one chosen for the pixels. Only kernels of
+    several lanes set up faces in their order and order the lists of tiles themselves."""
     return features if min(own, chosen or own) > 1 else features.including("SORTED")

@@ -12,8 +12,7 @@ from ..base.validation import arguments, value_error
 from ..scene.camera import Camera
 from ..scene.geometry import bounding_box, camera_axes, face_weights, in_image, pixel_rays, triangles
 from ..scene.model import Scene, Settings
-from . import sample_pattern
-from .camera_space import near_plane
+from .camera_space import near_plane, sample_positions
 from .frame import Frame
 from .frame_results import Flow
 from .hierarchy import Hierarchy
@@ -30,6 +29,15 @@ _BAND = 1 << 18  # pixels at a time
 def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     """Return the optical flow from a frame to another image: where the points that its pixels show are there.
 
+    The point is where the ray of the pixel's sample nearest the center meets the plane of the face
+    that `id` names, clamped to the face, computed in float64 from the scene; vectors are the difference
+    of its places in both images, exactly 0 where nothing moves. ``flow(b, a)`` is the backward flow.
+
+    A point is hidden where a triangle lies between it and the other eye, by the exact predicate of
+    shadows. Triangles that lie nearer than the near plane, or whose side is culled, hide nothing;
+    blended ones hide all of what is behind them, unless the opacity of their material is below
+    ``layer_alpha``. Alpha in textures is not looked up.
+
     Parameters
     ----------
     frame : Frame
@@ -40,17 +48,6 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
         or placements, such as another time of an animation.
     device : Device or str, optional
         Where it is decided what is hidden, see `clshade.Renderer`.
-
-    Notes
-    -----
-    The point is where the ray of the pixel's sample nearest the center meets the plane of the face
-    that `id` names, clamped to the face, computed in float64 from the scene; vectors are the difference
-    of its places in both images, exactly 0 where nothing moves. ``flow(b, a)`` is the backward flow.
-
-    A point is hidden where a triangle lies between it and the other eye, by the exact predicate of
-    shadows. Triangles that lie nearer than the near plane, or whose side is culled, hide nothing;
-    blended ones hide all of what is behind them, unless the opacity of their material is below
-    ``layer_alpha``. Alpha in textures is not looked up.
 
     Examples
     --------
@@ -74,7 +71,7 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     vectors = np.full((*shown.shape, 2), np.nan, np.float32)
     occluded = np.ones(shown.shape, bool)
     target = _Target(frame.scene, scene, settings, device)
-    right, up = (sample_pattern.positions(frame.settings.samples)[0] / (1 << SAMPLE_BITS)).tolist()
+    right, up = (sample_positions(frame.settings.samples)[0] / (1 << SAMPLE_BITS)).tolist()
     step = max(1, _BAND // shown.shape[1])
     for start in range(0, len(shown), step):
         rows = slice(start, start + step)
@@ -116,14 +113,8 @@ class _Target:
         self._shown = ~culled
         nearer = (verts - scene.camera.eye) @ camera_axes(scene.camera)[2] < self._near
         casts = self._shown & ~nearer[self._faces].all(axis=1) & ~clear
-        device = device if isinstance(device, Device) else shared_device(device, profiling=True)
+        device = device if isinstance(device, Device) else shared_device(device)
         self._hierarchy = Hierarchy(device, verts - self._origin, np.where(casts[:, None], self._faces, np.int32(0)))
-
-    def _eye(self) -> Floats:
-        """Return the homogeneous position of the eye, (4,): of a parallel projection the direction toward it."""
-        if self._camera.orthographic:
-            return np.append(-camera_axes(self._camera)[2], 0.0)
-        return np.append(self._camera.eye - self._origin, 1.0)
 
     def of(self, face: Array, origins: Floats, rays: Floats) -> tuple[Floats, Bools]:
         """Return the flow (K, 2) of the points where rays meet faces (K,), and which of them are not shown (K,)."""
@@ -132,8 +123,7 @@ class _Target:
 
         def offsets(verts: Floats, center: Floats) -> Floats:
             """Return the points' offsets from a center: far from the origin their coordinates would be less exact."""
-            found: Floats = np.einsum("kc,kcx->kx", weights, verts[index] - center)
-            return found
+            return np.asarray(np.einsum("kc,kcx->kx", weights, verts[index] - center))
 
         place, depth = in_image(self._camera, offsets(self._verts, self._camera.eye))
         vectors = place - in_image(self._start_camera, offsets(self._start_verts, self._start_camera.eye))[0]
@@ -142,7 +132,11 @@ class _Target:
             inside = ((place >= 0.0) & (place < self._camera.resolution)).all(axis=1)
         asked = ahead & inside & self._shown[face]
         points = offsets(self._verts, self._origin)
-        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), self._eye())
+        is_flat = self._camera.orthographic
+        eye = (
+            -camera_axes(self._camera)[2] if is_flat else self._camera.eye - self._origin
+        )  # or the direction toward it
+        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), np.append(eye, 0.0 if is_flat else 1.0))
         return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
 
 

@@ -19,10 +19,9 @@ from ..images.layers import LAYER_REMARKS, LAYER_WORDS, LAYERS, lists_layers
 from ..scene.camera import Camera
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
-from . import drawing_record, frame_files
+from . import frame_files
 from .frame_files import FileKind, SavingOptions
-from .frame_results import FLOWS, Check, Flow, FlowName
-from .unseen import why_unseen
+from .frame_results import FLOWS, Check, Flow, FlowName, record_of, sealed, why_unseen
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -197,7 +196,6 @@ class Frame(Picture):
         ----------
         deterministic : bool, default False
             Leave out times.
-
         """
         camera = self.scene.camera
         if camera.orthographic:
@@ -236,8 +234,7 @@ class Frame(Picture):
 
     def _repr_png_(self) -> bytes:
         """Return the tone-mapped image for notebooks; large images are reduced."""
-        image: bytes = exchange.get("notebook").encoded(self.to_png8())
-        return image
+        return bytes(exchange.get("notebook").encoded(self.to_png8()))
 
     def show(self, tonemap: Operator | None = None, exposure: float = 0.0) -> None:
         """Show the image in a notebook or the desktop's image viewer; raise OutputError if there is none.
@@ -324,20 +321,19 @@ class Frame(Picture):
         saving = frame_files.check_output(path, self.settings, **options)
         paths = frame_files.chosen_paths(path, saving["files"])
         frame_files.check_layers(paths, self._layers)
+        shown, deterministic = (saving["tonemap"], saving["exposure"]), saving["deterministic"]
 
         def image() -> Bytes:
-            shown = saving["tonemap"], saving["exposure"]
-            pixels = self.to_png8(*shown)
-            if saving["colorbar"]:
-                return frame_files.with_colorbar(pixels, self.scene, self.settings, *shown)
-            return pixels
+            pixels, bar = self.to_png8(*shown), saving["colorbar"]
+            return frame_files.with_colorbar(pixels, self.scene, self.settings, *shown) if bar else pixels
 
-        scale, deterministic = saving["depth_scale"], saving["deterministic"]
         encoders: dict[FileKind, frame_files.Encoder] = {
             "exr": lambda file: self._encode_exr(file, saving),
             "png": lambda file: png.encode(file, image()),
             "npz": lambda file: npz.encode(file, self.arrays(deterministic=deterministic)),
-            "depth": lambda file: depth_png.encode(file, self["Z"], scale, ("Frame.save", "depth_scale")),
+            "depth": lambda file: depth_png.encode(
+                file, self["Z"], saving["depth_scale"], ("Frame.save", "depth_scale")
+            ),
         }
         lines = frame_files.write_files(paths, encoders)
         line = why_unseen(self.rgba, self.scene, self.settings, self.stats)
@@ -347,14 +343,14 @@ class Frame(Picture):
         from ..images import exr
 
         device = None if saving["deterministic"] else self.stats.get("device")
-        record = drawing_record.record_of(self.scene, self.settings, saving, device=device, command=self.command)
+        record = record_of(self.scene, self.settings, saving, device=device, command=self.command)
         tiled = isinstance(self.scene.camera, PartCamera)  # its pixels can then be joined with those of other parts
         return exr.encode(
             file,
             self.channels(),
             compression=saving["compression"],
             half=saving["half"],
-            metadata=drawing_record.sealed(self.metadata(deterministic=saving["deterministic"]), record),
+            metadata=sealed(self.metadata(deterministic=saving["deterministic"]), record),
             window=None if tiled else "covered" if saving["crop"] else "drawn",
             parts={kind: (matte.channels, matte.metadata) for kind, matte in self.mattes.items()},
             tiled=tiled,
@@ -416,7 +412,6 @@ class Views(Picture):
         key : int or str
             Index of a view, or the name of a layer, which is then (K, M, N) or (K, M, N, components), see
             `Frame.__getitem__`.
-
         """
         if isinstance(key, bool) or not isinstance(key, (int, np.integer)):
             return self._layer(key)

@@ -1,19 +1,35 @@
-"""What is computed of a frame after it was drawn, and written into its files: its error and its optical flow."""
+"""What the files of a frame say of it besides its pixels: its error, its optical flow, and the record of how it was drawn,
+which `clshade verify` reads, with a seal; and why it shows nothing."""
 
 from __future__ import annotations
 
+import json
 import os
 import struct
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..base.arrays import Bools, Floats32
+from ..base.arrays import Bools, Floats32, Reals
 from ..base.atomic_files import write_bytes
+from ..base.json_values import plain
 from ..base.validation import path as checked_path
 from ..base.validation import value_error
-from ..scene.model import Scene, Settings
+from ..base.version import VERSION
+from ..images import exr, exr_limits
+from ..scene.camera import MAX_RESOLUTION
+from ..scene.description import digest_of, part_digests
+from ..scene.edges import Edges
+from ..scene.geometry import in_image
+from ..scene.ground import objects_of
+from ..scene.image_part import PartCamera
+from ..scene.model import Scene, Settings, default_tonemap
+from ..scene.scalars import Scalars
+from .frame_files import SavingOptions
+from .placements import mirroring
+from .struct_layout import SUBPIXEL_BITS, kernels_digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,3 +174,158 @@ class Flow:
         rows, columns = self.occluded.shape
         known = np.nan_to_num(self.vectors, nan=_UNKNOWN).astype("<f4")
         write_bytes(name, struct.pack("<fii", _TAG, columns, rows) + known.tobytes())
+
+
+RECORD, SEAL = "clshade", "clshadeSeal"  # names of the header's attributes
+STEPS = 1 << SUBPIXEL_BITS  # of snapped corners, per pixel
+# Types of the options of `Frame.save` that a record holds, those of the PNG in its member `png`.
+PNG = {"tonemap": str, "exposure": float, "colorbar": bool}
+EXR = {"half": bool, "compression": str, "crop": bool}
+# What the EXR's writer adds to the header is not sealed.
+NOT_SEALED = {*exr.PROTECTED, *exr.WRITTEN, *exr_limits.OUTSIDE.values(), SEAL}
+
+
+def record_of(
+    scene: Scene, settings: Settings, saving: SavingOptions, *, device: str | None = None, command: str | None = None
+) -> dict[str, Any]:
+    """Return the record of an image as JSON-compatible values. scene, settings: as drawn; fields of the settings are those
+    that differ from `Settings()`. saving: all options. The camera is None for a part of an image, and for one of more than
+    16384 pixels a side."""
+    is_part, usual = isinstance(scene.camera, PartCamera), vars(Settings())
+    options: dict[str, Any] = {**saving, "tonemap": saving["tonemap"] or default_tonemap(scene)}
+    png, storage = ({name: kind(options[name]) for name, kind in kinds.items()} for kinds in (PNG, EXR))
+    found = {
+        "version": VERSION,
+        "scene": part_digests(scene),
+        "name": scene.name,
+        "camera": None if is_part or max(scene.camera.resolution) > MAX_RESOLUTION else _values(scene.camera),
+        "settings": {name: plain_value(value) for name, value in vars(settings).items() if value != usual[name]},
+        "storage": {"png": png, **storage},
+        "kernels": kernels_digest(),
+        "subpixels": STEPS,
+        "device": device,
+        "command": command,
+    }
+    return {name: value for name, value in found.items() if value is not None or name == "camera"}
+
+
+def _values(instance: Any) -> dict[str, Any]:
+    return {each.name: plain(getattr(instance, each.name)) for each in fields(instance)}
+
+
+def plain_value(value: Any) -> Any:
+    """Return the value of a field of Settings as a record has it."""
+    return _values(value) if isinstance(value, (Edges, Scalars)) else plain(value)
+
+
+def sealed(metadata: Mapping[str, Any], record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the header's attributes with the record, as JSON, and the seal: the SHA-256 of all of them."""
+    text = json.dumps(record, ensure_ascii=False, separators=(",", ":"))
+    header = {**{name: value for name, value in metadata.items() if value is not None}, RECORD: text}
+    return {**header, SEAL: seal_of(header)}
+
+
+def seal_of(header: Mapping[str, Any]) -> str:
+    """Return the seal that belongs to a header, as it is written or as `exr.read` returns it."""
+    return digest_of({name: _stored(value) for name, value in header.items() if name not in NOT_SEALED})
+
+
+def _stored(value: Any) -> Any:
+    """Return an attribute as an EXR stores it."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode("utf-8")
+    if isinstance(value, (float, np.ndarray, np.floating)):
+        with np.errstate(over="ignore"):
+            return np.asarray(value, np.float32)
+    return value if isinstance(value, (bool, int)) else str(value)
+
+
+# Counters of a frame -> why a triangle that they count is not drawn.
+_NOT_DRAWN = {
+    "behind": "behind the camera",
+    "off_screen": "beside the image",
+    "back_facing": "seen from behind, which is not drawn",
+    "between_samples": "smaller than a pixel and between its samples",
+    "zero_area": "without area",
+}
+_BLOCK = 1 << 14  # triangles that are looked at together
+_FLAT = 1e-9  # an area in the image, as a share of the squares of two sides, that is the rounding of none
+
+
+def why_unseen(rgba: Reals, scene: Scene, settings: Settings, counts: Mapping[str, Any]) -> str:
+    """Return a line if the scene has triangles and the image shows none of them, with the likely reason; else "". A ground
+    does not count.
+
+    rgba: (M, N, 4). counts: `Frame.stats`, which the frames of other programs may lack.
+    """
+    if not counts.get("triangles") or isinstance(scene.camera, PartCamera):
+        return ""
+    objects, is_empty = objects_of(scene), not (rgba[::16, ::16, 3].any() or rgba[..., 3].any())
+    grounds = scene.face_count - objects.face_count
+    if is_empty or (grounds and objects.face_count and counts["visible"] <= grounds and settings.edges is None):
+        own = _object_counts(objects, settings) if grounds else counts
+        if is_empty or not own["visible"] or _is_clear(objects):
+            return f"nothing can be seen{'' if is_empty else ' but the ground'}: {_not_covered(objects, own)}"
+    few, rgb = rgba[::16, ::16, :3], rgba[..., :3]  # a few pixels tell it of most images
+    if not few.any() and not rgb.any():
+        return f"the image is black: {_dark(scene, settings)}"
+    background = scene.background if settings.background == "scene" else None
+    if background is not None and all((some == np.float32(background)).all() for some in (few, rgb)):
+        return "nothing can be seen: all that is drawn has the color of the background"
+    return ""
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _object_counts(scene: Scene, settings: Settings) -> dict[str, int]:
+    """Count triangles by why they cannot be seen, as `Frame.stats` does, up to the first block of which some may be."""
+    counts = {"triangles": scene.face_count, "visible": 0, **dict.fromkeys(_NOT_DRAWN, 0)}
+    placed = ((mesh, matrix) for mesh in scene.meshes for matrix in mesh.instances)
+    for mesh, matrix, first in ((*pair, first) for pair in placed for first in range(0, len(pair[0].faces), _BLOCK)):
+        corners = mesh.verts[mesh.faces[first : first + _BLOCK]].astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+        places, depths = in_image(scene.camera, corners.reshape(-1, 3) - scene.camera.eye)
+        places = places.reshape(-1, 3, 2)
+        one, other = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
+        area = one[:, 1] * other[:, 0] - one[:, 0] * other[:, 1]  # positive where counter-clockwise
+        beside: Any = (places < 0.0).all(axis=1) | (places > np.array(scene.camera.resolution)).all(axis=1)
+        culls = settings.cull or mesh.material.sides == "front"
+        left = np.ones(len(places), bool)
+        for name, fault in {
+            "behind": (depths.reshape(-1, 3) <= 0.0).all(axis=1),
+            "off_screen": beside.any(axis=1),
+            "zero_area": np.abs(area) <= _FLAT * (one * one + other * other).sum(axis=1),
+            "back_facing": (area > 0.0 if mirroring(matrix[None])[0] else area < 0.0) & culls,
+        }.items():
+            counts[name] += int((left & fault).sum())
+            left &= ~fault
+        counts["visible"] += int(left.sum())
+        if counts["visible"]:
+            break
+    return counts
+
+
+def _is_clear(scene: Scene) -> bool:
+    materials = [mesh.material for mesh in scene.meshes if len(mesh.faces)]
+    return all(material.blend and material.opacity == 0.0 for material in materials)
+
+
+def _not_covered(scene: Scene, counts: Mapping[str, Any]) -> str:
+    if counts["visible"]:
+        if _is_clear(scene):
+            return "the opacity of all materials is 0"
+        if any(mesh.blends or mesh.tests_alpha for mesh in scene.meshes):
+            return "alpha is 0, or below its cutoff, wherever there is a face"
+        return "no face covers a sample of a pixel"
+    most = max(_NOT_DRAWN, key=lambda name: counts[name])
+    if counts[most] == counts["triangles"]:
+        return f"every triangle is {_NOT_DRAWN[most]}"
+    return f"{counts[most]:,} of {counts['triangles']:,} triangles are {_NOT_DRAWN[most]}"
+
+
+def _dark(scene: Scene, settings: Settings) -> str:
+    if settings.shader == "nolight":
+        return "the colors and textures of all faces in view are black"
+    if np.any(scene.ambient) or (settings.shader == "pbr" and scene.environment is not None):
+        return "materials or colors of all faces in view are black"
+    if any(light.intensity.any() for light in scene.lights):
+        return "no light reaches the faces in view, and there is no ambient light"
+    return "the scene has no light"

@@ -19,7 +19,7 @@ from ..scene.tangents import mesh_tangents
 from .features import material_key, materials_of, replaces_colors, texture_applies
 from .light_points import typical_intensities
 from .placements import about_one, mirroring, placed_normals, placed_points, placed_tangents
-from .shading_tables import Real, joined, light_unit, map_of, material_table, split, textures_of, to_real
+from .shading_tables import Real, joined, light_unit, map_of, material_table, split_uvs, textures_of, to_real
 from .struct_layout import DOUBLE, MOST_POSITION, NAN_POSITION, SINGLE, WHITE_POSITION
 
 WHITE = Texture(np.ones((1, 1, 3)))  # multiplying by its texel changes no bit of a color
@@ -43,8 +43,7 @@ def map_positions(values: Array, color_map: ColorMap) -> Floats:
     narrow = width < _LEAST_WIDTH
     width = np.where(narrow, np.where(most > 0.0, most, 1.0), width)
     # The product first: where the quotient is a whole number, it is exact.
-    positions: Floats = apart * np.where(narrow, 1.0 / _LEAST_WIDTH, color_map.count) / width
-    return positions
+    return np.asarray(apart * np.where(narrow, 1.0 / _LEAST_WIDTH, color_map.count) / width)
 
 
 class ScalarTables:
@@ -74,8 +73,7 @@ class ScalarTables:
         missing = np.isnan(positions).any(axis=1, keepdims=True)
         most = np.where(missing, 0.0, np.abs(positions)).max(axis=1, keepdims=True)
         too_large = np.maximum(np.frexp(most)[1] - _MOST_BITS, 0)
-        held: Floats = np.where(missing, NAN_POSITION, np.ldexp(positions, -too_large))
-        return held
+        return np.asarray(np.where(missing, NAN_POSITION, np.ldexp(positions, -too_large)))
 
     def values(self, mesh: Mesh) -> Floats:
         """Return the scalars at the corners of a mesh's faces, (F, 3); NaN at all corners of faces that lack one."""
@@ -116,14 +114,14 @@ def _kind(mesh: Mesh, maps: bool) -> tuple[Any, ...] | None:
 class Copies:
     """The K copies of a mesh that are gathered, or of K consecutive meshes one of each.
 
-    numbers: of the meshes in their scene. mesh: the first, which has the same fields as all. count: copies of each mesh.
-    matrices: (K, 4, 4) placements. mirrored: (K,) bool, whether each mirrors. verts: (V, 3) of all meshes, without the
-    vertices in no face, which are not uploaded. sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
+    numbers: of the meshes in their scene. mesh: the first, which has the fields that all have. count: copies of each mesh.
+    matrices: (K, 4, 4) placements. mirrored: (K,) bool. verts: (V, 3) of all meshes, without those in no face, which are not
+    uploaded. sizes: (2, M) vertices in use and faces of each mesh. faces: (F, 3).
     """
 
     def __init__(self, numbers: Sequence[int], meshes: Sequence[Mesh]) -> None:
         self.numbers, self._meshes, self.mesh = numbers, meshes, meshes[0]
-        self.matrices: Floats = self._rows([np.asarray(mesh.instances) for mesh in meshes])
+        self.matrices: Floats = joined([np.asarray(mesh.instances) for mesh in meshes])
         self.mirrored, self.count = mirroring(self.matrices), len(self.matrices) // len(meshes)
         self.verts: Array = self._all("verts")
         self.faces: Array = self._all_indices("faces", "verts")
@@ -136,13 +134,9 @@ class Copies:
             self.verts, self.faces = self.verts[self._kept], (np.cumsum(used, dtype=np.int32) - np.int32(1))[self.faces]
             self.sizes[0] = np.diff(np.searchsorted(self._kept, np.cumsum(self.sizes[0])), prepend=0)
 
-    @staticmethod
-    def _rows(parts: Sequence[Array]) -> Array:
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
     def _all(self, name: str) -> Array:
         """Return the rows of all meshes."""
-        return self._rows([getattr(mesh, name) for mesh in self._meshes])
+        return joined([getattr(mesh, name) for mesh in self._meshes])
 
     def _all_indices(self, name: str, rows: str) -> Array:
         """Return indices of all meshes into the rows of all."""
@@ -196,21 +190,20 @@ class Copies:
         return (self.turned(index) + starts[:, None, None]).astype(np.int32).reshape(-1, 3)
 
     def of_vertices(self, name: str) -> Array:
-        """Return the rows of the vertices in use, of a field of all meshes that may have more rows."""
-        return self.own(self._rows([getattr(mesh, name)[: len(mesh.verts)] for mesh in self._meshes]))
+        """Return the rows of the vertices in use, of a field of all meshes that may have more rows, or is missing: 1."""
+        if getattr(self.mesh, name) is None:
+            return np.ones(len(self.verts))
+        return self.own(joined([getattr(mesh, name)[: len(mesh.verts)] for mesh in self._meshes]))
 
-    def uv_sets(self) -> list[Array]:
-        """Return the sets of texture coordinates: of the vertices in use, or all where faces have indices of their own."""
+    def uvs(self) -> tuple[list[Array], Array]:
+        """Return the sets of texture coordinates, of the vertices in use, or all where faces have indices of their own; and
+        their indices, (F, 3)."""
         every: list[tuple[Any, ...]] = [(mesh.uvs, *mesh.more_uvs) for mesh in self._meshes]
         if self.mesh.uv_faces is not None:
-            return [self._rows(rows) for rows in zip(*every, strict=True)]
+            return [joined(list(rows)) for rows in zip(*every, strict=True)], self._all_indices("uv_faces", "uvs")
         counts = [len(mesh.verts) for mesh in self._meshes]
         every = [tuple(rows[:count] for rows in own) for count, own in zip(counts, every, strict=True)]
-        return [self.own(self._rows(rows)) for rows in zip(*every, strict=True)]
-
-    def uv_indices(self) -> Array:
-        """Return the indices (F, 3) of `uv_sets`."""
-        return self.faces if self.mesh.uv_faces is None else self._all_indices("uv_faces", "uvs")
+        return [self.own(joined(list(rows))) for rows in zip(*every, strict=True)], self.faces
 
     def colors(self, real: Real) -> Array:
         """Return the colors of the vertices in use, (V, 4), but for the fourth component."""
@@ -344,20 +337,16 @@ class Gatherer:
 
     def alphas(self) -> Array:
         """Return the alphas of the vertices, (V,)."""
-        parts = []
-        for each in self.copies:
-            own = np.ones(len(each.verts)) if each.mesh.alphas is None else each.of_vertices("alphas")
-            parts.append(each.repeated(to_real(own, self._real)))
-        return joined(parts)
+        return joined([each.repeated(to_real(each.of_vertices("alphas"), self._real)) for each in self.copies])
 
     def corner_scalars(self) -> tuple[Array, int]:
         """Return the scalars at the corners of faces, (3F,), over a power of two, NAN_POSITION for none, and the power's
         exponent: 0 unless they are very large or very small."""
-        parts = []
-        for each in self.copies:
-            own = np.full(each.faces.shape, np.nan) if self.scalars is None else self.scalars.values(each.mesh)
-            parts.append(each.turned(own).reshape(-1))
-        values = np.concatenate(parts)
+
+        def own(each: Copies) -> Array:
+            return np.full(each.faces.shape, np.nan) if self.scalars is None else self.scalars.values(each.mesh)
+
+        values = np.concatenate([each.turned(own(each)).reshape(-1) for each in self.copies])
         own_exponent = int(np.frexp(np.abs(values[np.isfinite(values)]).max(initial=0.0))[1])
         most = np.finfo(self._real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
         large = own_exponent > _MOST_BITS
@@ -379,10 +368,10 @@ class Gatherer:
             if each.mesh.uvs is None or not (untextured or textures_of(each.mesh, maps=self._maps)):
                 own, faces = [np.zeros((len(each.verts), 2))] * sets, each.faces
             else:
-                own, faces = each.uv_sets()[:sets], each.uv_indices()
-                own += [np.zeros_like(own[0])] * (sets - len(own))
+                own, faces = each.uvs()
+                own = [*own, *[np.zeros_like(own[0])] * sets][:sets]
             for part, rows in zip(parts, own, strict=True):
-                part.append(each.repeated(split(rows, self._real)))
+                part.append(each.repeated(split_uvs(rows, self._real)))
             index.append((faces, len(own[0])))
         found = {"uvs": joined([part for each in parts for part in each])}
         return {**found, "uv_faces": self._indices(index)} if indexed else found

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from .camera_space import CameraSpace
 from .launches import Stages, items, stages_of
 from .light_points import RADII, sides_of, write_points
 from .opencl.device import Device
+from .shading_tables import split
 from .struct_layout import CURVE_BITS, HIERARCHY_RUN, SAMPLE_BITS, SHADOW_GRID, SHADOW_REACH, SINGLE, SIZE_BITS, Structs
 
 _WIDTH = 16  # triangles of a leaf, children of a node; arrays of receivers are padded to its multiples
@@ -43,11 +43,11 @@ class CasterFrame:
     @classmethod
     def around(cls, vertices: Floats) -> CasterFrame:
         """Return the frame of vertices (V, 3) float64, of which those count that are finite."""
-        low, high = _extremes(vertices)
-        if not np.isfinite([low, high]).all():
-            low, high = _extremes(vertices[np.isfinite(vertices).all(axis=1)])
-        if not (low <= high).all():
+        finite = np.isfinite(vertices).all(axis=1)
+        vertices = vertices if finite.all() else vertices[finite]
+        if not len(vertices):
             return cls(np.zeros(3), 1.0)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
         origin = low + (high - low) / 2
         reach = float(max((high - origin).max(), (origin - low).max()))
         exponent = math.frexp(reach)[1] if reach > 0.0 else 0
@@ -77,23 +77,6 @@ class CasterFrame:
             row["w"] = w if w >= _LEAST_W else 0.0
         row["high"][0], row["low"][0] = np.split(parts, 2)
         return row
-
-
-def _extremes(vertices: Floats) -> tuple[Floats, Floats]:
-    """Return the least and the largest coordinates, (3,) each; infinity and -infinity without vertices."""
-    many = len(vertices) // 64 * 64  # NumPy reduces long rows faster than columns of three
-    low, high = np.full((2, 3), np.inf) * [[1.0], [-1.0]]
-    for part in (vertices[:many].reshape(-1, 64 * 3), vertices[many:]):
-        if len(part):
-            low = np.minimum(low, part.min(axis=0).reshape(-1, 3).min(axis=0))
-            high = np.maximum(high, part.max(axis=0).reshape(-1, 3).max(axis=0))
-    return low, high
-
-
-def split(values: Floats) -> Floats32:
-    """Return the float32 nearest to each value, then those nearest to the remainders: (..., 2 N) of (..., N)."""
-    high = values.astype(np.float32)
-    return np.concatenate([high, (values - high).astype(np.float32)], axis=-1)
 
 
 class Hierarchy:
@@ -163,10 +146,6 @@ class Hierarchy:
         """Device memory of the hierarchy: what the faces need besides, a renderer has anyway."""
         return sum(buffer.array.nbytes for buffer in (self.vertices, self.leaves, self.nodes, self.casters))
 
-    @cached_property
-    def _stages(self) -> Stages:
-        return stages_of(self._device, "shadow.cl", self._lanes)
-
     def shadowed(self, points: Floats, faces: Array, light: Floats) -> Bools:
         """Return whether triangles hide a light from points, (K,).
 
@@ -174,7 +153,7 @@ class Hierarchy:
         asked. light: (4,) as of `CasterFrame.light`. Receivers are taken in their order, as many together as there are
         lanes.
         """
-        room, stages = max(-(-len(points) // _WIDTH), 1) * _WIDTH, self._stages
+        room, stages = max(-(-len(points) // _WIDTH), 1) * _WIDTH, stages_of(self._device, "shadow.cl", self._lanes)
         coordinates, receivers = np.zeros((6, room), np.float32), np.full(room, -1, np.int32)
         coordinates[:, : len(points)] = self.frame.pairs(points).T
         receivers[: len(points)] = faces
@@ -183,8 +162,7 @@ class Hierarchy:
         dark = Buffer.empty(self._device, room, np.int32)
         stages.run("shadow_rays", stages.runs(room, stages.lanes), values, dark=dark, stride=room)
         finish(self._device)
-        hidden: Bools = dark.to_host()[: len(points)] != 0
-        return hidden
+        return np.asarray(dark.to_host()[: len(points)] != 0)
 
 
 def _index_bits(count: int) -> int:

@@ -36,7 +36,7 @@ def scene_stages(
     program of surface_layers.cl, None if it is not needed. first: whether they may be those of `first_picture`."""
     everything = -1 if first else None
     geometry = build(device, features.compiled(_GEOMETRY_FEATURES), _GEOMETRY_FILES, needs=everything)
-    pixels = "pbr.cl" if features["PBR"] else "phong.cl" if features["PHONG"] else "gouraud.cl"
+    pixels = "phong.cl" if features["PBR"] or features["PHONG"] else "gouraud.cl"
     needs = features.needs | COMMON if first else None
     programs = [build(device, features.compiled(), (pixels,), lanes=lanes, needs=needs)]
     if layers is not None:
@@ -47,14 +47,9 @@ def scene_stages(
     return Stages(device, *programs, geometry)
 
 
-def lookup_stages(device: Device, features: Features, lanes: int | None = None) -> Stages:
-    """Return the stages that look up textures at given coordinates."""
-    return Stages(device, build(device, features.compiled(("DOUBLE",)), ("bilerp.cl",), lanes=lanes))
-
-
-def stages_of(device: Device, name: str, lanes: int | None = None) -> Stages:
-    """Return the stages of one kernel file alone, such as shadow.cl, which traces shadow rays by themselves."""
-    return Stages(device, build(device, Features.of(), (name,), lanes=lanes))
+def stages_of(device: Device, name: str, lanes: int | None = None, features: Features | None = None) -> Stages:
+    """Return the stages of one kernel file alone: shadow.cl traces shadow rays, bilerp.cl looks up textures."""
+    return Stages(device, build(device, features or Features.of(), (name,), lanes=lanes))
 
 
 def items(count: int, each: int = 1) -> Size:
@@ -134,8 +129,7 @@ class Stages:
         with first_use(self.device, program.stored if name in program.stored else None):
             event = cl.enqueue_nd_range_kernel(self.device.queue, program[name], size[:1], size[1:])
             event.wait()
-            if self.device.profiling:
-                this_thread.waited -= (event.profile.end - event.profile.start) * 1e-9
+            this_thread.waited -= (event.profile.end - event.profile.start) * 1e-9
             program.launched.add(code)
         program.keep()
         return event
@@ -150,12 +144,15 @@ class FrameInFlight:
     """
 
     values: dict[str, Any]
-    events: dict[str, Any] = field(default_factory=dict)  # of kernels, by name
+    events: dict[str, Any] = field(default_factory=dict)  # of kernels, by name; lists of those launched several times
     host_ms: dict[str, float] = field(default_factory=dict)  # of the host's stages
     visible: int = 0  # triangles to list
     is_sorted: bool = False  # whether those were sorted by depth
     counters: np.void | None = None  # as the host has read them
     room: int = 0  # entries that fitted in the tile lists when it was enqueued
+    space: CameraSpace = None  # type: ignore[assignment]  # of a scene's camera
+    streams: bool = False  # whether the image is written past the caches, if it has rows of 64 bytes
+    layers: dict[str, Buffer] = field(default_factory=dict)  # by name, where they are drawn
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -177,12 +174,3 @@ class FrameInFlight:
         """Set the counters to 0."""
         with self.values["counters"].writing() as rows:
             rows[:] = 0
-
-
-@dataclass
-class SceneFrame(FrameInFlight):
-    """A frame of a scene."""
-
-    space: CameraSpace = field(kw_only=True)  # of its camera
-    streams: bool = field(kw_only=True)  # whether the image is written past the caches, if it has rows of 64 bytes
-    layers: dict[str, Buffer] = field(default_factory=dict)  # by name, where they are drawn

@@ -16,9 +16,8 @@ from .buffers import Buffer, Pool
 from .camera_space import CameraSpace
 from .features import Features, uses_normal_indices
 from .gather import Gatherer
-from .launches import SceneFrame, Stages, items
-from .struct_layout import NAN_POSITION
-from .surface_inputs import LAYER_BITS, MIRRORED, parameters
+from .launches import FrameInFlight, Stages, items
+from .struct_layout import LAYER_BITS, MIRRORED, NAN_POSITION, surface_parameters
 
 _BAND = 1 << 13  # pixels
 
@@ -122,14 +121,14 @@ class Layers:
         self.kernel_types = {name: np.dtype(real) if name == "P" else kind for name, (_, kind) in self.kinds.items()}
         self._asked, self._scalar_exponent = tables.asked, tables.scalar_exponent
         self._own = {name: Buffer(stages.device, array) for name, array in tables.arrays.items()}
-        self._surface = {name: buffer for name, buffer in self._own.items() if name in parameters("INSTANCES")}
+        self._surface = {name: buffer for name, buffer in self._own.items() if name in surface_parameters("INSTANCES")}
 
     @property
     def nbytes(self) -> int:
         """Size of the tables that only layers read."""
         return sum(buffer.array.nbytes for buffer in self._own.values())
 
-    def draw(self, frame: SceneFrame) -> dict[str, Array]:
+    def draw(self, frame: FrameInFlight) -> dict[str, Array]:
         """Draw the layers of a frame that is drawn: by name, (M, N) or (M, N, K)."""
         drawn, owners = dict[str, Array](), frame.values["owners"]
         if owners is None:
@@ -146,7 +145,7 @@ class Layers:
         self.finish(drawn, arrays, owners.array, frame.space)
         return arrays
 
-    def enqueue(self, frame: SceneFrame) -> None:
+    def enqueue(self, frame: FrameInFlight) -> None:
         """Enqueue the drawing of the layers into the frame's buffers."""
         found, values, owners, stages = frame.layers, frame.values, frame.values["owners"], self._stages
         if owners is None or not found:

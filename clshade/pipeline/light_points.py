@@ -1,8 +1,8 @@
 """The lights of a scene as the kernels read them, for each frame anew; and the points that stand for those of finite size.
 
 Point i of N lies in the unit square at u = (i + 1/2)/N and v = 1/2 + (i - (N - 1)/2)/phi modulo 1, phi the golden ratio: the
-Kronecker sequence of sample_pattern.py, in fractions of 2^32. Each pixel shifts all of them, modulo 1, by its
-column and row times `struct_layout.LIGHT_SHIFTS`, in u by the height and in v by the distance from the left at which it is
+Kronecker sequence of camera_space.py, in fractions of 2^32. Each pixel shifts all of them, modulo 1, by its
+column and row times SHIFT_U_COLUMN and so on, in u by the height and in v by the distance from the left at which it is
 sampled, fractions of a pixel. On a rectangle u and v are coordinates; on a disc u is the square of the distance from the
 center, v the angle (H. Vogel, A better way to construct the sunflower head, Mathematical Biosciences 44, 1979).
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..base.arrays import Array, Floats
 from ..scene.lights import NARROWEST_EDGE, Light, PlacedLight
-from .sample_pattern import GOLDEN
+from .camera_space import GOLDEN
 from .shading_tables import light_exponents, relative_lights, to_real
 from .struct_layout import Structs
 

@@ -11,10 +11,9 @@ from ..base.arrays import Array, Bools, Floats, Integers
 from ..errors import DeviceError
 from ..scene.edges import Edges
 from ..scene.normals import welded
-from . import clip
-from .buffers import Buffer, wait
-from .camera_space import CameraSpace
-from .launches import SceneFrame, items
+from .buffers import Buffer, Scratch, wait
+from .camera_space import CameraSpace, cut_to_view, image_positions, scaled_w, snap
+from .launches import FrameInFlight, items
 from .struct_layout import LINE_INSET, SAMPLE_BITS, SNAP_LIMIT, SUBPIXEL_BITS
 from .triangle_source import TriangleSource
 
@@ -35,8 +34,7 @@ class MeshEdges:
     def sums(self, values: Array) -> Integers:
         """Return (E,): the sums of `values` (K,) over the faces of each edge."""
         total = np.concatenate([[0], np.cumsum(values, dtype=np.int64)])
-        summed: Integers = total[self.starts + self.counts] - total[self.starts]
-        return summed
+        return np.asarray(total[self.starts + self.counts] - total[self.starts])
 
 
 def mesh_edges(positions: Array, faces: Array) -> MeshEdges:
@@ -63,13 +61,11 @@ def face_normals(positions: Array, faces: Array) -> Floats:
     """Return (F, 3) float64: the cross products of the faces' sides, not of unit length."""
     p = positions[faces].astype(np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
-        normals: Floats = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    return normals
+        return np.asarray(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
 
 
 def _dot(a: Array, b: Array) -> Array:
-    product: Array = (a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]) + a[:, 2] * b[:, 2]
-    return product
+    return np.asarray((a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1]) + a[:, 2] * b[:, 2])
 
 
 def sharp(edges: MeshEdges, normals: Floats, angle: float) -> Bools:
@@ -107,15 +103,13 @@ def facing(positions: Array, faces: Array, normals: Floats, eye: Floats, axis: F
             eye - positions[faces[:, 0]].astype(np.float64) if axis is None else np.broadcast_to(-axis, normals.shape)
         )
         side = _dot(normals, toward)
-    sides: Integers = np.where((normals == 0.0).all(axis=1), 0, np.where(side > 0.0, 1, -1))
-    return sides
+    return np.asarray(np.where((normals == 0.0).all(axis=1), 0, np.where(side > 0.0, 1, -1)))
 
 
 def outlines(edges: MeshEdges, facing: Integers) -> Bools:
     """Return (E,) bool: the edges whose faces with an area all lie on the same side of them, as seen from the eye."""
     side = np.where(edges.forward, 1, -1) * facing[edges.faces]
-    one_side: Bools = np.abs(edges.sums(side)) == edges.sums(side != 0)
-    return one_side
+    return np.asarray(np.abs(edges.sums(side)) == edges.sums(side != 0))
 
 
 _LEAST_CELL, _LARGEST_CELL = 10, 12  # bits of 1/256 px: 4 to 16 px
@@ -131,24 +125,23 @@ def _on_line_grid(snapped: Integers) -> Integers:
 class Lines:
     """The edges of a scene that are drawn as lines, and the memory for their lists.
 
-    source: of the faces, which hide lines, with `painter` in painter's order. front_only: (F,) bool, those not drawn where
-    they are seen from behind. Raises DeviceError on a device without float64.
+    source: of the faces, which hide lines. front_only: (F,) bool, those not drawn where they are seen from behind. Raises
+    DeviceError on a device without float64.
     """
 
-    def __init__(self, source: TriangleSource, asked: Edges, front_only: Bools, *, painter: bool) -> None:
+    def __init__(self, source: TriangleSource, asked: Edges, front_only: Bools) -> None:
         device = source.stages.device
         if not device.has_fp64:
             raise DeviceError(f"{device.name}: expected a device with float64 for edges, found one without")
-        self._source, self._asked, self._front_only, self._painter = source, asked, front_only, painter
+        self._source, self._asked, self._front_only = source, asked, front_only
         self._positions, self._faces = source.positions.array, source.faces.array
         self._edges = mesh_edges(self._positions, self._faces)
         self._normals = face_normals(self._positions, self._faces)
         self._always = always_drawn(self._edges, asked, self._normals)
         self._edge_faces = Buffer(device, self._edges.faces.astype(np.int32))
-        lists = {"listed": np.dtype(np.uint32), "hiders": source.stages.structs.Hider}
-        self._lists = {name: Buffer.empty(device, 0, kind) for name, kind in lists.items()}
+        self._memory, self._kinds = Scratch(device), {"listed": np.uint32, "hiders": source.stages.structs.Hider}
 
-    def draw(self, frame: SceneFrame) -> None:
+    def draw(self, frame: FrameInFlight) -> None:
         """Write `shown`, (M, N, 2) uint64, row 0 at the top: a bit for each sample of a pixel at which a line shows, and for
         each at which a line along an edge of more than two faces does."""
         source, stages, device = self._source, self._source.stages, self._source.stages.device
@@ -170,10 +163,8 @@ class Lines:
                 raise DeviceError(f"{device.name}: edges: expected lists of less than 2^32 entries, found {begin[-1]}")
             with cursors.writing() as rows_of:
                 rows_of[:] = begin[:-1]
-            room = int(begin[-1])
-            if len(self._lists[name].array) < room:
-                self._lists[name] = Buffer.empty(device, room + room // 2, self._lists[name].array.dtype)
-            values |= {name: self._lists[name], starts: Buffer(device, begin.astype(np.uint32))}
+            values[name] = self._memory(name, int(begin[-1]), self._kinds[name])
+            values[starts] = Buffer(device, begin.astype(np.uint32))
             frame.events[kernel] = stages.run(kernel, items(count), values, writes=True)
         group = 1 if device.is_cpu else 64
         frame.events["line_samples"] = stages.run("line_samples", (cells * group, group), values)
@@ -187,7 +178,7 @@ class Lines:
         lines, index = self._segments(projected, space)
         lines["first_face"], lines["faces"] = edges.starts[index], edges.counts[index]
         lines["marked"] = edges.counts[index] > 2
-        if not self._painter:
+        if source.stages.features["DEPTH_TEST"]:
             return lines, np.zeros(0, np.int32)
         mean = source.mean_depths(projected, slice(None))
         ranks = np.empty(len(mean), np.int32)
@@ -206,18 +197,18 @@ class Lines:
         whole = (before & (np.abs(at) < SNAP_LIMIT).all(axis=1))[ends].all(axis=1)
         z = np.where(before, vertices["depth"], space.near)  # only those before the near plane are read
         index = np.flatnonzero(whole)
-        xy, w = _on_line_grid(at[ends[index]]), clip.scaled_w(z, space)[ends[index]]
+        xy, w = _on_line_grid(at[ends[index]]), scaled_w(z, space)[ends[index]]
         rest = np.flatnonzero(before[ends].any(axis=1) & ~whole)
         if len(rest):
             with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
                 points = space.points(self._positions[ends[rest]])
-                points, counts = clip.cut_to_view(points, space.camera, space.near, closed=False)
+                points, counts = cut_to_view(points, space.camera, space.near, closed=False)
             left = np.flatnonzero(counts)
             points = points[left, :2]
             index = np.concatenate([index, rest[left]])
-            snapped = clip.snap(clip.image_positions(points, space.camera), space.raster)
+            snapped = snap(image_positions(points, space.camera), space.raster)
             xy = np.concatenate([xy, _on_line_grid(snapped)])
-            w = np.concatenate([w, clip.scaled_w(points[..., 2], space)])
+            w = np.concatenate([w, scaled_w(points[..., 2], space)])
         size, reach = np.array(space.camera.resolution) << SAMPLE_BITS, (self._asked.steps + 1) // 2
         seen = ((xy.max(axis=1) >= -reach) & (xy.min(axis=1) <= size + reach)).all(axis=1)
         index, xy, w = index[seen], xy[seen], w[seen]

@@ -91,8 +91,7 @@ def about_one(values: Array) -> Floats:
     products neither overflow nor underflow."""
     wide = np.asarray(values, np.float64)
     axes = tuple(range(1, wide.ndim))
-    scaled: Floats = np.ldexp(wide, -np.frexp(np.abs(wide).max(axis=axes, keepdims=True, initial=0.0))[1])
-    return scaled
+    return np.asarray(np.ldexp(wide, -np.frexp(np.abs(wide).max(axis=axes, keepdims=True, initial=0.0))[1]))
 
 
 def _cofactors(matrices: Floats, mirrored: Bools) -> Floats:

@@ -19,13 +19,12 @@ import numpy as np
 
 from ..base import console
 from ..errors import DeviceError
-from . import surface_inputs
+from . import struct_layout
 from .features import Features, bit_definitions
-from .kernel_files import kernel_text
 from .opencl import environment, program_store
 from .opencl.device import Device
 from .opencl.program_store import BINARY, StoredProgram
-from .struct_layout import header
+from .struct_layout import header, kernel_text
 
 # Correctly rounded division and square root if the device offers them; every source turns contraction off by a pragma.
 _EXACT = "-cl-fp32-correctly-rounded-divide-sqrt"
@@ -63,26 +62,21 @@ def flatten_text(text: str, name: str = "text", seen: set[str] | None = None) ->
 
 @dataclass
 class Program:
-    """A built program.
-
-    kernels: by name. loaded: from `stored`, its copy on disk. folder, folders: PoCL's cache, and what of it belongs to the
-    program. warnings: the lines of the build log in which the compiler warns. source: its text. lock: held while a kernel's
-    arguments are set and it is launched. arguments: those of each kernel that were set last. launched: identifies the code
-    of each launch that has completed (`Stages.run`).
-    """
+    """A built program."""
 
     features: Features
     lanes: int
-    kernels: dict[str, Any]
-    loaded: bool
-    stored: StoredProgram
-    folder: Path | None
-    folders: set[Path]
-    warnings: tuple[str, ...]
+    kernels: dict[str, Any]  # by name
+    loaded: bool  # from its copy on disk
+    stored: StoredProgram  # that copy
+    folder: Path | None  # PoCL's cache
+    folders: set[Path]  # what of it belongs to the program
+    warnings: tuple[str, ...]  # the lines of the build log in which the compiler warns
     source: str
+    # held while arguments are set and a kernel is launched
     lock: threading.Lock = field(default_factory=threading.Lock)
-    arguments: dict[str, tuple[Any, ...]] = field(default_factory=dict)
-    launched: set[tuple[Any, ...]] = field(default_factory=set)
+    arguments: dict[str, tuple[Any, ...]] = field(default_factory=dict)  # by kernel, as they were set last
+    launched: set[tuple[Any, ...]] = field(default_factory=set)  # the code of completed launches, see `Stages.run`
     _parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
@@ -110,7 +104,7 @@ class Program:
                 yield name, None if "*" in kind else types[kind[-1]]
             elif name == "SURFACE_PARAMETERS":  # declared under conditions
                 conditions = [each for each in ("CASTERS", "INSTANCES") if self.features[each]]
-                yield from dict.fromkeys(surface_inputs.parameters(*conditions)).items()
+                yield from dict.fromkeys(struct_layout.surface_parameters(*conditions)).items()
             else:
                 macro = re.search(rf"#define {name}\b((?:.*\\\n)*.*)", self.source)
                 assert macro is not None, name
@@ -177,47 +171,39 @@ def built() -> tuple[Program, ...]:
     return tuple(_built.values())
 
 
-def build(
-    device: Device, features: Features, files: tuple[str, ...], *, lanes: int | None = None, needs: int | None = None
-) -> Program:
-    """Return the program of `files` for this device and what of `features` is compiled; built at most once per process.
-
-    lanes: 1, 4, 8 or 16 pixels processed together; None: what suits the device. needs: of a first picture, see
-    `first_picture`.
-    Raises DeviceError with the compiler's first error.
-    """
-    return _build(device, features, flatten(files), lanes or device.lanes, needs=needs)
-
-
-def build_text(
-    device: Device, features: Features, text: str, *, lanes: int | None = None, stored: bool = True
-) -> Program:
-    """Build a program from the caller's OpenCL C, whose `#include`s name kernel files: a few lines reach any device
-    function. stored: whether it may come from disk."""
-    return _build(device, features, flatten_text(text), lanes or device.lanes, stored=stored)
-
-
 def declarations(*, double_reals: bool = False, with_double: bool = True) -> str:
     """Return OpenCL C that the host puts before a program's files: structs, constants, features, arguments, layers."""
     structs = header(double_reals=double_reals, with_double=with_double)
-    return structs + bit_definitions() + surface_inputs.macros() + surface_inputs.layer_macros()
+    return structs + bit_definitions() + struct_layout.surface_macros() + struct_layout.layer_macros()
 
 
-def _build(
-    device: Device, features: Features, flat: str, lanes: int, *, stored: bool = True, needs: int | None = None
+def build(
+    device: Device,
+    features: Features,
+    source: tuple[str, ...] | str,
+    *,
+    lanes: int | None = None,
+    stored: bool = True,
+    needs: int | None = None,
 ) -> Program:
-    double = bool(features["DOUBLE"])
+    """Return the program of `source` for this device and what of `features` is compiled; built at most once per process.
+
+    source: names of kernel files; or OpenCL C, whose `#include`s name them: a few lines reach any device function. lanes: 1,
+    4, 8 or 16 pixels processed together; None: what suits the device. stored: whether it may come from disk. needs: of a
+    first picture, see `first_picture`. Raises DeviceError with the compiler's first error.
+    """
+    double, lanes = bool(features["DOUBLE"]), lanes or device.lanes
     if double and not device.has_fp64:
         raise DeviceError(f"{device.name}: expected a device with float64 for precision float64, found one without")
-    features = features.compiled()
+    features, flat = features.compiled(), flatten_text(source) if isinstance(source, str) else flatten(source)
     text = f"#pragma OPENCL FP_CONTRACT OFF\n{declarations(double_reals=double, with_double=device.has_fp64)}{flat}"
     lanes_of = f"-DLANES={lanes}", f"-DSETUP_RUN={device.setup_run}"
     options = [*features.options(), *lanes_of, *compiler_options(device)]
     with _building:
         key = device.context.int_ptr, text, *options
-        hurries = not os.environ.get(QUICK) and environment.pocl_folder() is not None
-        if needs is not None and hurries and not (key in _built or _stored_program(device, text, options).exists()):
-            options = [*features.options(needs), *lanes_of, *compiler_options(device, quick=True)]
+        hurried = None if os.environ.get(QUICK) else needs
+        if hurried is not None and not (key in _built or _stored_program(device, text, options).exists()):
+            options = [*features.options(hurried), *lanes_of, *compiler_options(device, quick=True)]
             this_thread.has_first = True
             key = device.context.int_ptr, text, *options
         if key not in _built:
@@ -227,13 +213,8 @@ def _build(
 
 
 def _stored_program(device: Device, text: str, options: list[str]) -> StoredProgram:
-    """Return where a program is kept on disk: nowhere if PoCL keeps it in a folder that the user has set.
-
-    A program from there skips the compiler's front end. PoCL would recompile all kernels of a binary: the files of its own
-    cache are stored instead.
-    """
-    if device.keeps_programs and environment.pocl_folder() is None:
-        return StoredProgram(None)
+    """Return where a program is kept on disk: from there it skips the compiler's front end. PoCL would recompile all kernels
+    of a binary, so the files of its own cache are stored."""
     parts = (text, *options, device.platform, device.name, device.version, device.driver)
     name = hashlib.sha256("\0".join(parts).encode("utf-8", "surrogatepass")).hexdigest()
     return StoredProgram(environment.cache_root() / "programs" / name)
@@ -257,9 +238,6 @@ def _built_or_loaded(
                 program = _without_log(cl.Program(device.context, [device.device], [files[BINARY]]))
         program = program or compiled(device, text, options)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-    if not kernels:
-        cache = os.environ.get("POCL_CACHE_DIR", "")
-        raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {cache}".rstrip())
     if not device.keeps_programs:
         stored.write({BINARY: program.binaries[0]})
     warned = _warnings(device, program)
@@ -285,16 +263,12 @@ def compiled(device: Device, text: str, options: list[str]) -> Any:
     except cl.Error as error:
         if _LESS_OPTIMIZED in options:
             return compiled(device, text, [option for option in options if option != _LESS_OPTIMIZED])
-        raise _build_error(device, error) from error
-
-
-def _build_error(device: Device, error: Exception) -> DeviceError:
-    lines = [line for line in str(error).splitlines() if "error" in line.lower()]
-    if not lines:
-        cache = os.environ.get("POCL_CACHE_DIR", "")
-        reason = environment.fault(Path(cache)) if device.keeps_programs else ""
-        lines = [f"POCL_CACHE_DIR, {cache}: {reason}" if reason else "no message from its compiler"]
-    return DeviceError(f"{device.name}: the kernels did not build: {lines[0]}")
+        lines = [line for line in str(error).splitlines() if "error" in line.lower()]
+        folder = environment.pocl_folder()
+        if not lines and device.keeps_programs and (reason := environment.fault(folder)):
+            lines = [f"{folder}: {reason}"]
+        told = lines[0] if lines else "no message from its compiler"
+        raise DeviceError(f"{device.name}: the kernels did not build: {told}") from error
 
 
 def compiler_options(device: Device, *, quick: bool = False) -> list[str]:

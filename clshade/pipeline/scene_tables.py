@@ -16,18 +16,29 @@ from ..errors import DeviceError, InputError
 from ..scene.environment import Environment
 from ..scene.geometry import half_diagonal
 from ..scene.model import Scene, Settings
-from . import sample_pattern, struct_layout, surface_inputs
+from . import struct_layout
 from .buffers import Buffer
-from .camera_space import CameraSpace, Extent
+from .camera_space import CameraSpace, Extent, sample_positions
 from .features import Features, casts_alpha, derive, looked_up_at_corners, looks_up
 from .gather import Gatherer
 from .hierarchy import Hierarchy, hemisphere_row, shadow_lights, write_shadow_view
-from .instances import Instances, InstanceTables, draws_from_one_copy, instance_tables, placed_extent
-from .launches import SceneFrame, Stages, lookup_stages
+from .launches import FrameInFlight, Stages, stages_of
 from .layers import LayerTables, layer_tables
 from .light_points import LightTable
 from .shading_tables import backdrop_table, environment_tables, texture_tables, to_real, write_backdrop_size
-from .triangle_source import TriangleSource
+from .triangle_source import (
+    Instances,
+    InstanceTables,
+    TriangleSource,
+    draws_from_one_copy,
+    instance_tables,
+    placed_extent,
+)
+
+MOST_VERTICES = (1 << 31) - 1  # faces name them by int32
+_LEAST_ROW = 12  # bytes: three float32 of a vertex, three int32 of a face
+_NARROWEST = 2.0**-40  # of the viewing direction's part of a ray: the part across the image is at most 1
+_MOST_CENTER = 1 << 30  # 1/256 px
 
 
 @dataclass(frozen=True)
@@ -35,21 +46,20 @@ class Packed:
     """A scene as arrays on the host.
 
     arrays: those that stay on the device, by the names of the kernels' parameters, see `Inputs` of kernels/surface.clh; and
-    positions, (V, 3) world space, float32 or float64. Those that the features leave out are missing.
-    corner_lookups: arguments of bilerp with texture_at vertex, a lookup for each corner of a face; none where texture_of is
-    -1. low, high: (3,) float64, bounding box of the vertices in use. light_unit: see `light_unit`; tinted ambient light is
-    expressed in it too. layers: further inputs of layers. instances: where they are drawn from one copy of their mesh; then
+    positions, (V, 3) world space, float32 or float64. Those that the features leave out are missing. With `instances`
     positions are float64, in object space, and F and V count each mesh once.
     """
 
-    features: Features
+    scene: Scene
+    settings: Settings
+    features: Features  # that these imply
     arrays: Mapping[str, Array]
-    corner_lookups: Mapping[str, Array]
-    low: Floats
+    corner_lookups: Mapping[str, Array]  # of bilerp with texture_at vertex: by corner, none where texture_of is -1
+    low: Floats  # (3,), of the bounding box of the vertices in use
     high: Floats
-    light_unit: float
-    layers: LayerTables
-    instances: InstanceTables | None
+    light_unit: float  # see `light_unit`; tinted ambient light is expressed in it too
+    layers: LayerTables  # further inputs of layers
+    instances: InstanceTables | None  # where they are drawn from one copy of their mesh
 
     def faces_with(self, *members: str) -> Bools:
         """Return which faces have a material with any of some members set, (F,) bool."""
@@ -58,11 +68,13 @@ class Packed:
 
 
 def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozenset(), has_fp64: bool = True) -> Packed:
-    """Return the arrays that a render of `scene` under `settings` needs, and the features they imply. forced: see
-    features.derive. has_fp64: whether the device has float64, without which instances are copies."""
+    """Return what a render of `scene` under `settings` needs. forced: see `Drawn`. has_fp64: whether the device has float64,
+    without which instances are copies. Raises InputError as `check_host`."""
     one_copy = has_fp64 and draws_from_one_copy(scene, settings, forced)
+    if not one_copy:
+        check_host(scene)
     gatherer = Gatherer(scene, settings, forced, one_copy=one_copy)
-    given, scene, structs = scene, gatherer.scene, gatherer.structs
+    given, scene, structs = (scene, settings), gatherer.scene, gatherer.structs
     positions, faces = gatherer.positions()
     corners = gatherer.scalars is not None and gatherer.scalars.at_corners
     how = {"double_positions": positions.dtype == np.float64, "scalars_at_corners": corners, "instanced": one_copy}
@@ -93,8 +105,8 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     if features["BACKDROP"] and scene.environment is not None:
         arrays["backdrop"] = backdrop_table(scene.environment, structs)
     instances = instance_tables(gatherer, structs) if one_copy else None
-    layers = layer_tables(gatherer, given, settings, features)
-    return Packed(features, arrays, lookups if at_corners else {}, low, high, unit, layers, instances)
+    layers = layer_tables(gatherer, *given, features)
+    return Packed(*given, features, arrays, lookups if at_corners else {}, low, high, unit, layers, instances)
 
 
 def _of_vertices(gatherer: Gatherer, features: Features) -> dict[str, Array]:
@@ -115,10 +127,6 @@ def _of_vertices(gatherer: Gatherer, features: Features) -> dict[str, Array]:
     return arrays
 
 
-MOST_VERTICES = (1 << 31) - 1  # faces name them by int32
-_LEAST_ROW = 12  # bytes: three float32 of a vertex, three int32 of a face
-
-
 def check_host(scene: Scene) -> None:
     """Refuse a scene whose placed meshes have too many vertices, or do not fit into this machine's memory. Raises
     InputError."""
@@ -131,53 +139,40 @@ def check_host(scene: Scene) -> None:
     host_memory.require("render", "scene", copied, f"{scene.face_count:,} triangles with instances")
 
 
-_NARROWEST = 2.0**-40  # of the viewing direction's part of a ray: the part across the image is at most 1
-_MOST_CENTER = 1 << 30  # 1/256 px
-
-
 class ResidentScene:
     """The buffers of a scene, for as long as it is drawn, and the tables of its frames. Each of those may be written while
     kernels run that do not read it.
 
-    Parameters are those of `SceneDrawing`, and of_layers: features of the layers' program, None without one. Raises
-    DeviceError if the scene does not fit into the device's memory.
+    features: of the kernels. of_layers: of the layers' program, None without one. Raises DeviceError if the scene does not
+    fit into the device's memory.
 
     extent: of the scene, None without faces. source: of its triangles. inputs: of the pixel stages, by name, all but those
     that a frame makes. casters: None where nothing casts shadows. nbytes: of device memory. places: where the next frames'
     pixels are sampled, see `Renderer.place_samples`.
     """
 
-    def __init__(
-        self,
-        stages: Stages,
-        scene: Scene,
-        settings: Settings,
-        features: Features,
-        packed: Packed,
-        of_layers: Features | None,
-    ) -> None:
-        self._stages, self._scene, self._settings, self._features = stages, scene, settings, features
-        self._device, self._structs = stages.device, stages.structs
+    def __init__(self, stages: Stages, packed: Packed, features: Features, of_layers: Features | None) -> None:
+        self._stages, self._features, self._device, self._structs = stages, features, stages.device, stages.structs
+        self._scene, self._settings = scene, settings = packed.scene, packed.settings
         self._check_memory(packed)
-        self.places = sample_pattern.positions(settings.samples)
+        self.places = sample_positions(settings.samples)
         # By tables of images, what they were written for.
         self._written = WeakKeyDictionary[Buffer, tuple[object, ...]]()
         self.extent = Extent.of(packed.low, packed.high) if len(packed.arrays["faces"]) else None
-        self._map_colors = len(packed.arrays["color_map"]) - 4 if "color_map" in packed.arrays else 0
+        self._map_colors = len(packed.arrays.get("color_map", range(4))) - 4
         self._lights = LightTable(scene.lights, packed.light_unit, self._structs, settings.light_samples)
         if packed.corner_lookups:
             self._color_corners(packed.arrays["colors"], packed.corner_lookups)
         buffers = {name: Buffer(self._device, array) for name, array in packed.arrays.items()}
         self.nbytes = sum(each.array.nbytes for each in buffers.values())
         positions = buffers.pop("positions")
-        self.inputs = surface_inputs.surface(**buffers)
+        self.inputs = struct_layout.surface_inputs(**buffers)
         self.source: TriangleSource
         if packed.instances is None:
             self.source = TriangleSource(stages, positions, buffers["faces"])
         else:
-            pixels, painter = math.prod(scene.camera.resolution), not features["DEPTH_TEST"]
-            meshes = positions, buffers["faces"]
-            self.source = Instances(stages, packed.instances, *meshes, pixels, painter=painter)
+            pixels = math.prod(scene.camera.resolution)
+            self.source = Instances(stages, packed.instances, positions, buffers["faces"], pixels)
             self.nbytes += self.source.resident_bytes
         self.casters: Hierarchy | None = None
         if features["CASTERS"] or (of_layers is not None and of_layers["CASTERS"]):
@@ -194,9 +189,9 @@ class ResidentScene:
         """
         device, structs = self._device, self._structs
         tables = {id(table): table for table in (*packed.arrays.values(), *packed.corner_lookups.values())}
+        faces, vertices = len(packed.arrays["faces"]), len(packed.arrays["positions"])
         needed = sum(table.nbytes for table in tables.values())
         needed += 0 if packed.instances is None else packed.instances.rows.nbytes
-        faces, vertices = len(packed.arrays["faces"]), len(packed.arrays["positions"])
         needed += vertices * (structs.Vertex.itemsize + 4 * np.dtype(structs.real).itemsize)
         if not device.is_cpu:
             needed += faces * (structs.Triangle.itemsize + structs.Bounds.itemsize + np.dtype(np.int32).itemsize)
@@ -208,13 +203,11 @@ class ResidentScene:
         trees = casters.casters.array
         of_lights = trees if self._settings.shadows else np.zeros_like(trees)
         rows, self._lights.shadow_factors = shadow_lights(self._scene.lights, casters.frame)
-        tables = {
-            "shadow_casters": np.concatenate([of_lights, trees]),
-            "shadow_lights": rows,
-            "shadow_hemisphere": hemisphere_row(self._settings, casters.frame, self._structs),
-        }
-        own = {"shadow_vertices": casters.vertices, "shadow_nodes": casters.nodes, "shadow_leaves": casters.leaves}
-        return {**own, **{name: Buffer(self._device, table) for name, table in tables.items()}}
+        hemisphere = hemisphere_row(self._settings, casters.frame, self._structs)
+        tables = {"casters": np.concatenate([of_lights, trees]), "lights": rows, "hemisphere": hemisphere}
+        own = {"vertices": casters.vertices, "nodes": casters.nodes, "leaves": casters.leaves}
+        own |= {name: Buffer(self._device, table) for name, table in tables.items()}
+        return {f"shadow_{name}": buffer for name, buffer in own.items()}
 
     def _color_corners(self, colors: Array, lookups: Mapping[str, Array]) -> None:
         """Multiply the (3F, 4) colors for texture_at vertex by the texel at each corner."""
@@ -224,24 +217,19 @@ class ResidentScene:
         own = {"textures": textures, **{name: lookups[name][rows] for name in ("uvs", "texture_of")}}
         values = {name: Buffer(self._device, array) for name, array in {**lookups, **own}.items()}
         looked_up = Buffer.empty(self._device, (len(rows), 4), self._structs.real)
-        stages = lookup_stages(self._device, self._features, self._stages.lanes)
+        stages = stages_of(self._device, "bilerp.cl", self._stages.lanes, self._features.compiled(("DOUBLE",)))
         stages.run("bilerp", stages.vectors(len(rows)), values, colors=looked_up, count=len(rows))
         colors[rows, :3] *= looked_up.to_host()[:, :3]
 
     def new_tables(self) -> dict[str, Buffer]:
         """Return what the host writes for a frame, and what its kernels count, by the names of their parameters; nothing is
         written yet. With two of these the host writes one while kernels use the other."""
-        structs = self._structs
+        structs, lights = self._structs, Buffer(self._device, np.zeros_like(self._lights.table))
         kinds = {"view": structs.View, "image": structs.Image, "counters": structs.Counters}
-        if self.casters is not None:
-            kinds["shadow_view"] = structs.ShadowView
-        rows = {
-            "lights": np.zeros_like(self._lights.table),
-            **{name: np.zeros(1, kind) for name, kind in kinds.items()},
-        }
-        return {name: Buffer(self._device, array) for name, array in rows.items()}
+        kinds |= {"shadow_view": structs.ShadowView} if self.casters is not None else {}
+        return {"lights": lights, **{name: Buffer(self._device, np.zeros(1, kind)) for name, kind in kinds.items()}}
 
-    def write_view(self, frame: SceneFrame) -> None:
+    def write_view(self, frame: FrameInFlight) -> None:
         """Write what the projection reads, and set the counters to 0."""
         with frame.values["view"].writing(waits=False) as table:
             frame.space.write_view(table[0])
@@ -249,7 +237,7 @@ class ResidentScene:
         with frame.values["counters"].writing(waits=False) as table:
             table[:] = 0
 
-    def write_image(self, frame: SceneFrame, room: int) -> None:
+    def write_image(self, frame: FrameInFlight, room: int) -> None:
         """Write what setup and later stages read. room: entries that the tile lists have room for."""
         settings, background, real = self._settings, self._scene.background, self._structs.real
         columns, rows = resolution = frame.resolution
@@ -288,7 +276,7 @@ class ResidentScene:
             image["layer_alpha"] = to_real(np.float64(settings.layer_alpha), real)
         self._written[frame.values["image"]] = known
 
-    def write_lights(self, frame: SceneFrame) -> None:
+    def write_lights(self, frame: FrameInFlight) -> None:
         """Write what only shading reads: lights and shadows, relative to the eye."""
         if self._lights.count:
             rows = self._lights.rows(frame.space.camera.eye, frame.space.scale)

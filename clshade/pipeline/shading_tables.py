@@ -44,13 +44,16 @@ def to_real(values: Array, real: Real = np.float32) -> Array:
 
 
 def split(values: Array, real: Real = np.float32) -> Array:
-    """Split (K, 2) float64 into (K, 4) reals: rounded values and their rounding errors. Values that are not finite
-    become 0."""
-    values = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
+    """Return the real nearest to each value, then those nearest to the remainders: (..., 2 N) of (..., N) float64."""
+    high = values.astype(real)
+    return np.concatenate([high, (values - high).astype(real)], axis=-1)
+
+
+def split_uvs(values: Array, real: Real = np.float32) -> Array:
+    """Split texture coordinates (K, 2) into (K, 4) reals. Those that are not finite become 0."""
     # Beyond 2^24 float32 no longer distinguishes texels; keep the arithmetic finite.
-    values = np.clip(values, -(2.0**40), 2.0**40)
-    rounded = values.astype(real)
-    return np.concatenate([rounded, (values - rounded).astype(real)], axis=1)
+    finite = np.where(np.isfinite(values), values, 0.0).astype(np.float64)
+    return split(np.clip(finite, -(2.0**40), 2.0**40), real)
 
 
 def joined(parts: list[Array], dtype: type | None = None) -> Array:
@@ -160,8 +163,7 @@ def relative_lights(positions: Array, eye: Array, scale: float, most: Array | in
     """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^most (half of
     that along an axis) only the direction is kept. most: a number, or (L,)."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
-    relative: Floats = np.ldexp(half, light_exponents(positions, eye, scale, most)[:, None] + 1)
-    return relative
+    return np.asarray(np.ldexp(half, light_exponents(positions, eye, scale, most)[:, None] + 1))
 
 
 def light_exponents(

@@ -12,13 +12,12 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..scene.model import Material, Texture
 from ..scene.settings import Shader
-from . import shading_tables, struct_layout, surface_inputs
+from . import shading_tables, struct_layout
 from .buffers import Buffer, TriangleBuffers
 from .draw import TileLists
 from .features import Features, derive_alone
-from .launches import FrameInFlight, Stages, lookup_stages, scene_stages
+from .launches import FrameInFlight, scene_stages, stages_of
 from .opencl.device import Device
-from .programs import build
 from .triangle_source import set_up_pieces
 
 _SUBPIXELS = 1 << struct_layout.SUBPIXEL_BITS
@@ -59,14 +58,7 @@ def _lit(around: PointLighting, colors: Array) -> dict[str, Any]:
     return {"points": points, "lights": lights, "materials": materials, "light_count": count, "unit": light_unit}
 
 
-def _features(shader: Shader, around: PointLighting, bright: bool = False) -> Features:
-    """Return the features of `derive_alone`, see there for `bright`."""
-    return derive_alone(shader, around.material, bool(around.intensities.any()), bright)
-
-
-@cache
-def _light_stages(device: Device, features: Features) -> Stages:
-    return Stages(device, build(device, features, ("light.cl",)))
+_light_stages = cache(lambda device, features: stages_of(device, "light.cl", features=features))
 
 
 def _four(vectors: Array) -> Array:
@@ -86,37 +78,34 @@ def unit(vectors: Array) -> Floats:
     size = np.ldexp(1.0, -np.frexp(np.abs(vectors).max(axis=1, keepdims=True))[1])
     scaled = vectors * np.minimum(size, 2.0**1000)
     length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-    units: Floats = scaled / np.where(length > 0.0, length, 1.0)
-    return units
+    return np.asarray(scaled / np.where(length > 0.0, length, 1.0))
 
 
 def light_point(device: Device, around: PointLighting, normal: Floats, color: Floats) -> Floats:
     """Return the light that a point sends to the eye, (3,) float64. normal: any length, 0 reflects nothing. color:
     (3,)."""
-    features = _features("phong", around)
+    features = derive_alone("phong", around.material, bool(around.intensities.any()))
     vectors = {"normals": _four(unit(normal[None])), "colors": _four(color[None]), "lit": np.zeros((1, 4), np.float32)}
     values = _on_device(device, {**_lit(around, color), **vectors})
     _light_stages(device, features).run("light", (1, 1), values, needs=features.needs, count=1)
-    lit: Floats = values["lit"].to_host()[0, :3].astype(np.float64)
-    return lit
+    return np.asarray(values["lit"].to_host()[0, :3].astype(np.float64))
 
 
 class Lookup:
     """A texture that stays on the device."""
 
     def __init__(self, device: Device, texture: Texture) -> None:
-        self._stages = lookup_stages(device, _features("nolight", NOWHERE))
+        self._stages = stages_of(device, "bilerp.cl")
         table, texels = shading_tables.texture_tables([texture])
         self._tables = _on_device(device, {"textures": table, "texels": texels})
 
     def __call__(self, uvs: Floats) -> Floats:
         """Return the colors (K, 3), float64, at texture coordinates (K, 2)."""
         count = len(uvs)
-        arrays = {"uvs": shading_tables.split(uvs), "texture_of": np.zeros(count, np.int32)}
+        arrays = {"uvs": shading_tables.split_uvs(uvs), "texture_of": np.zeros(count, np.int32)}
         values = _on_device(self._stages.device, {**arrays, "colors": np.zeros((count, 4), np.float32)})
         self._stages.run("bilerp", self._stages.vectors(count), {**self._tables, **values}, count=count)
-        colors: Floats = values["colors"].to_host()[:, :3].astype(np.float64)
-        return colors
+        return np.asarray(values["colors"].to_host()[:, :3].astype(np.float64))
 
 
 # One triangle
@@ -185,7 +174,8 @@ def draw_triangle(
     pieces["y"] -= rows.start * _SUBPIXELS
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
     arrays = {**_lit(around, colors), "normals": _four(normals), "colors": _four(colors)}
-    features = _features(shader, around, bool((np.abs(colors) > 1.0).any()))
+    shines, bright = (bool(found.any()) for found in (around.intensities, np.abs(colors) > 1.0))
+    features = derive_alone(shader, around.material, shines, bright)
     rgba = _draw(device, features, pieces, arrays, target.shape[:2])
     if rgba is not None:
         upward = rgba[::-1]
@@ -205,13 +195,10 @@ def _draw(
     image["tiles_x"] = -(-columns // struct_layout.TILE_SIZE)
     image["tiles"] = image["tiles_x"] * -(-rows // struct_layout.TILE_SIZE)
     # All corners are at the point, and so is the triangle's centroid.
-    arrays |= {
-        "image": image,
-        "relative": np.repeat(arrays["points"], 3, axis=0),
-        "rgba": np.empty((*shape, 4), np.float32),
-    }
-    arrays |= {"counters": np.zeros(1, struct_layout.SINGLE.Counters), "faces": np.arange(3, dtype=np.int32)[None]}
-    values = {**surface_inputs.surface(**_on_device(device, arrays)), "owners": None, "shown": None}
+    arrays |= {"relative": np.repeat(arrays["points"], 3, axis=0), "faces": np.arange(3, dtype=np.int32)[None]}
+    arrays |= {"counters": np.zeros(1, struct_layout.SINGLE.Counters), "rgba": np.empty((*shape, 4), np.float32)}
+    arrays["image"] = image
+    values = {**struct_layout.surface_inputs(**_on_device(device, arrays)), "owners": None, "shown": None}
     values |= {**made.values, "keys": made.keys, "sorted": made.sorted_bounds}
     frame = FrameInFlight(values)
     set_up_pieces(stages, Buffer(device, pieces), frame, 1)
@@ -219,5 +206,4 @@ def _draw(
     if not frame.visible:
         return None
     TileLists(stages).draw_sorted(frame)
-    rgba: Array = values["rgba"].to_host()
-    return rgba
+    return np.asarray(values["rgba"].to_host())

@@ -17,7 +17,7 @@ from .features import Features
 from .launches import Stages
 from .opencl.device import Device, open_untested
 from .opencl.probe import LANES, RIGHT, WRONG
-from .programs import build_text, first_picture
+from .programs import build, first_picture
 from .renderer import Renderer
 
 # (1 + 2^-12)^2 - (1 + 2^-11) is 2^-24 if it is rounded once, and 0 if the product is rounded too.
@@ -42,7 +42,7 @@ def main(index: str, name: str, lanes: str) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # an abort is expected: no core file
     device = open_untested(index, name, int(lanes))
     print(f"{LANES}{device.lanes}", flush=True)
-    program = build_text(device, Features.of(), FUSED, stored=False)  # to see whether the compiler works
+    program = build(device, Features.of(), FUSED, stored=False)  # to see whether the compiler works
     x = np.repeat(np.array([1 + 2.0**-12, 1 + 2.0**-11], np.float32), device.lanes)
     y = Buffer(device, np.zeros(device.lanes, np.float32))
     Stages(device, program).run("fused_lanes", (1, 1), x=Buffer(device, x), y=y)

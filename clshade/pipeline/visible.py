@@ -1,14 +1,15 @@
-"""How much of each instance an image shows: a table of shares, and amodal masks."""
+"""How much of each instance an image shows, as a table of shares and amodal masks, and what each sample of a frame's pixels
+shows, as Cryptomatte layers."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -16,15 +17,18 @@ from ..base.arrays import Array, Bools, Floats
 from ..base.atomic_files import write_bytes
 from ..base.json_values import plain
 from ..base.text_tables import as_csv
-from ..base.validation import flag, integer, value_error
+from ..base.validation import arguments, choice, flag, integer, sequence, value_error
 from ..base.validation import path as checked_path
+from ..images.cryptomatte import MATTES, MAX_RANKS, RANKS, Matte, MatteKind, hashes, matte
 from ..scene.camera import Camera
 from ..scene.geometry import in_image
 from ..scene.model import Material, Mesh, Scene, Settings
 from ..scene.objects import first_instances, instance_names, object_numbers
-from ..scene.settings import Preset, RenderOptions
-from .camera_space import near_plane
+from ..scene.settings import Layer, Preset, RenderOptions
+from .camera_space import near_plane, sample_positions
 from .effective_settings import effective_settings, numbers_alone
+from .frame import Frame
+from .layers import number_names
 from .opencl.device import Device
 from .renderer import Renderer
 
@@ -83,6 +87,11 @@ def visible(
 ) -> Visible:
     """Return how much of each instance the image shows, and how much of it would be in the image.
 
+    Pixels are counted at their centers, as those of the layer instance_id with one sample. Each instance
+    is drawn alone with the near plane of the whole scene, hence with the very coverage that it has in
+    the image: ``pixels <= alone <= whole``. Instances whose boxes in the image do not overlap share a
+    frame; those that cross the border of the image take more.
+
     Parameters
     ----------
     scene : Scene
@@ -95,13 +104,6 @@ def visible(
     preset, device, settings, **fields
         See `clshade.Renderer`. What decides which triangles are seen counts, such as ``cull``, ``near``
         and ``layer_alpha``; shading does not.
-
-    Notes
-    -----
-    Pixels are counted at their centers, as those of the layer instance_id with one sample. Each instance
-    is drawn alone with the near plane of the whole scene, hence with the very coverage that it has in
-    the image: ``pixels <= alone <= whole``. Instances whose boxes in the image do not overlap share a
-    frame; those that cross the border of the image take more.
 
     Examples
     --------
@@ -231,3 +233,60 @@ def _drawn(
                 x, y = camera.principal
                 beside = replace(camera, principal=(x - right, y + down)) if right or down else camera
                 yield (right, down), renderer.render(beside)["instance_id"]
+
+
+@arguments(frame=Frame)
+def cryptomatte(
+    frame: Frame, kinds: Sequence[MatteKind] = MATTES, *, ranks: int = RANKS, device: Device | str | None = None
+) -> dict[MatteKind, Matte]:
+    """Return Cryptomatte layers of a frame: for each pixel the things that its samples show, and the share of each.
+
+    For each kind these are `channels`, arrays (M, N) float32 such as ``CryptoObject00.R``, and `metadata` for
+    the header of an EXR file. Shares are exact: numbers of samples over all. What blends counts as layers do,
+    by `layer_alpha`. Raises InputError without mmh3.
+
+    Parameters
+    ----------
+    frame : Frame
+        As `Renderer.render` draws it. Its scene is drawn again, unlit, for each sample of its
+        settings.
+    kinds : sequence of {"object", "material", "instance"}, default all
+        What has masks: meshes, materials, placements of meshes. Unnamed ones are called ``object
+        1``, ``material 1``, ``instance 1`` and so on, after the layers `object_id`, `material_id`
+        and `instance_id`.
+    ranks : int, 1 to 64, default 6
+        Things that a pixel lists at most: those that most of its samples show.
+    device : Device or str, optional
+        As for `Renderer`. The masks are the same on every device.
+    """
+    asked = check_mattes(kinds)
+    integer("cryptomatte", "ranks", ranks, 1, MAX_RANKS)
+    scene, settings = frame.scene, frame.settings
+    layers: dict[MatteKind, Layer] = {kind: cast("Layer", f"{kind}_id") for kind in MATTES if kind in asked}
+    numbers: dict[MatteKind, list[Array]] = {kind: [] for kind in layers}
+    with Renderer(scene, settings=numbers_alone(settings, tuple(layers.values())), device=device) as renderer:
+        for place in sample_positions(settings.samples):  # nearest to the center first
+            if settings.samples > 1:
+                renderer.place_samples(place[None])
+            drawn = renderer.render()
+            for kind, layer in layers.items():
+                numbers[kind].append(drawn[layer])
+    mattes = {}
+    for kind, layer in layers.items():
+        names = {number: name or f"{kind} {number}" for number, name in number_names(scene, layer)}
+        mattes[kind] = matte(f"Crypto{kind.capitalize()}", np.array(numbers[kind]), names, ranks)
+    return mattes
+
+
+def check_mattes(kinds: Sequence[MatteKind], files: Container[str] = ("exr",)) -> tuple[MatteKind, ...]:
+    """Return kinds of `frame.mattes`. Raises InputError for others, without mmh3, and if these files of `Frame.save` do not
+    hold them."""
+    asked = None if isinstance(kinds, str) else sequence(kinds)
+    if not asked:
+        raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
+    for kind in asked:
+        choice("cryptomatte", "kinds", kind, MATTES)
+    hashes(())  # before anything is drawn: raises without mmh3
+    if "exr" not in files:
+        raise value_error("cryptomatte", "files", "exr among them, which holds it", files)
+    return tuple(asked)

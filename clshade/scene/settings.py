@@ -196,7 +196,7 @@ class Settings:
         1,
         MAX_SAMPLES,
         "samples per pixel",
-        "They lie at `clshade.pipeline.sample_pattern.positions`. A triangle is lit once per pixel, at the mean of the "
+        "They lie at `clshade.pipeline.camera_space.sample_positions`. A triangle is lit once per pixel, at the mean of the "
         "samples that it covers. Layers are those of the sample nearest the center.",
     )
     sample_shading: bool = declare.flag(False, "light every sample")

@@ -23,9 +23,9 @@ from ..farm.running import Run, draw_frames
 from ..images import exr, exr_tiles, png
 from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
-from ..pipeline.drawing_record import record_of, sealed
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, SavingOptions
+from ..pipeline.frame_results import record_of, sealed
 from ..scene.camera import Camera
 from ..scene.image_part import PartCamera, part_of, whole_camera
 from ..scene.model import Scene

@@ -21,7 +21,7 @@ from clshade.base import console, interrupts
 from clshade.cli import DONE, render
 from clshade.cli.main import COMMANDS, _parser, main
 from clshade.images import exr, png
-from clshade.pipeline.drawing_record import RECORD, SEAL
+from clshade.pipeline.frame_results import RECORD, SEAL
 
 SIZE = ("--resolution", "32,24")
 COUNTED = ("inspect", "view", "coco", "grade", "verify")

@@ -9,7 +9,7 @@ from command_line import assert_refused, needs_device, run
 
 from clshade.images import exr
 from clshade.pipeline import renderer
-from clshade.pipeline.drawing_record import RECORD, sealed
+from clshade.pipeline.frame_results import RECORD, sealed
 
 CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 SMALL = ("--resolution", "64,48", "--samples", "1", "-q")

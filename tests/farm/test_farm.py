@@ -17,8 +17,8 @@ from clshade.farm.camera_files import FIELDS, read_cameras
 from clshade.farm.cameras import orbit
 from clshade.farm.frames import parse_frames, parse_pattern, pattern_of_eye
 from clshade.images import exr
-from clshade.pipeline.drawing_record import RECORD, SEAL
 from clshade.pipeline.flow import flow
+from clshade.pipeline.frame_results import RECORD, SEAL
 from clshade.pipeline.renderer import render
 from clshade.pipeline.visible import visible
 from clshade.scene.builtin.scenes import builtin

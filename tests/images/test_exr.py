@@ -15,7 +15,7 @@ import pytest
 
 from clshade.errors import InputError
 from clshade.images import exr
-from clshade.pipeline import clip
+from clshade.pipeline.camera_space import image_positions
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes, camera_matrices, camera_metadata
 
@@ -230,7 +230,7 @@ def test_camera_matrices_put_points_where_the_renderer_does(camera):
     found = ndc[:, :3] / ndc[:, 3:]
     depth = inside[:, 2]
     assert np.allclose(found[:, 2], depth if camera.orthographic else 1 - camera.focal / depth, rtol=1e-12)
-    u, v = clip.image_positions(inside, camera).T
+    u, v = image_positions(inside, camera).T
     assert np.allclose(found[:, 0], u / camera.resolution[0], rtol=1e-11, atol=1e-11)
     assert np.allclose(found[:, 1], 1.0 - v / camera.resolution[1], rtol=1e-11, atol=1e-11)
 

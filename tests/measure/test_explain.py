@@ -213,7 +213,7 @@ def test_a_program_is_compiled_once_and_then_loaded(opened, tmp_path, monkeypatc
     loaded = []
     for _ in range(2):
         programs._built.clear()
-        program = programs.build_text(opened, Features.of(), text)
+        program = programs.build(opened, Features.of(), text)
         loaded.append(program.loaded)
     assert loaded == [False, True]
 

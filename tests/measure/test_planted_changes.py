@@ -18,7 +18,7 @@ from clshade.measure.check import oracle_bounds
 from clshade.measure.verify.confidence import sampled
 from clshade.measure.verify.recorded_image import nearest_stored, read_recorded
 from clshade.measure.verify.verify import as_drawn, verified
-from clshade.pipeline.drawing_record import NOT_SEALED, RECORD, SEAL
+from clshade.pipeline.frame_results import NOT_SEALED, RECORD, SEAL
 from clshade.scene.builtin import scenes
 from clshade.scene.model import Mesh, Scene, Settings, with_materials
 

@@ -17,7 +17,7 @@ from clshade.measure.report.model_errors import ModelErrors
 from clshade.measure.report.power_law import fitted
 from clshade.measure.report.reference_image import STEPS, averaged, first_step, reference, tiles
 from clshade.measure.report.variants import BASE, base_settings, named, variants_for
-from clshade.pipeline import sample_pattern
+from clshade.pipeline.camera_space import sample_positions
 from clshade.pipeline.renderer import render
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings
@@ -89,7 +89,7 @@ def test_tiles_make_the_same_image(device, monkeypatch):
 def places(scale: int, samples: int) -> set[tuple[float, float]]:
     """Return the sample positions within a pixel that is divided into scale x scale pixels."""
     cells = itertools.product(range(scale), repeat=2)
-    own = sample_pattern.positions(samples) / 256.0
+    own = sample_positions(samples) / 256.0
     return {((i + x) / scale, (j + y) / scale) for i, j in cells for x, y in own.tolist()}
 
 

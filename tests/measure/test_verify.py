@@ -17,7 +17,7 @@ from clshade.errors import InputError
 from clshade.images import exr, png
 from clshade.measure.verify.confidence import upper_bound
 from clshade.measure.verify.recorded_image import nearest_stored, read_record, stored_range
-from clshade.pipeline.drawing_record import RECORD, seal_of, sealed
+from clshade.pipeline.frame_results import RECORD, seal_of, sealed
 from clshade.scene.builtin import scenes
 from clshade.scene.description import PARTS
 from clshade.scene.model import Material, Mesh, Scene, Settings

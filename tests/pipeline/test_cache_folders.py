@@ -14,6 +14,7 @@ import threading
 from pathlib import Path
 from types import SimpleNamespace
 
+import pyopencl as cl
 import pytest
 from processes import ROOT
 
@@ -81,14 +82,20 @@ def test_a_limit_of_files_is_named(disks, monkeypatch):
         environment.cache_home()
 
 
-def test_a_build_without_a_message_names_the_cache_that_is_full(tmp_path, monkeypatch):
+def test_a_build_without_a_message_names_the_cache_that_is_full(opened, tmp_path, monkeypatch):
     """As where the user's quota ends during the build."""
+
+    def refuse(*_: object) -> None:
+        raise cl.RuntimeError("x")
+
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
-    pocl = SimpleNamespace(name="CPU", keeps_programs=True)
-    assert str(programs._build_error(pocl, Exception("x"))).endswith("did not build: no message from its compiler")
+    monkeypatch.setattr(programs, "_without_log", refuse)
+    pocl = SimpleNamespace(name="CPU", keeps_programs=True, context=opened.context)
+    with pytest.raises(DeviceError, match=r"did not build: no message from its compiler$"):
+        programs.compiled(pocl, "", [])
     monkeypatch.setattr(tempfile, "TemporaryFile", no_space)
-    told = str(programs._build_error(pocl, Exception("x")))
-    assert told.endswith(f"did not build: POCL_CACHE_DIR, {tmp_path}: No space left on device")
+    with pytest.raises(DeviceError, match=f"did not build: {tmp_path}: No space left on device$"):
+        programs.compiled(pocl, "", [])
 
 
 def test_full_disks_are_named(disks, tmp_path):
@@ -104,18 +111,19 @@ def test_full_disks_are_named(disks, tmp_path):
 
 def test_a_folder_of_the_process_that_cannot_be_made(fresh_cache, monkeypatch):
     monkeypatch.setattr(tempfile, "mkdtemp", no_space)
-    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
+    monkeypatch.setattr(environment, "_prepared", False)
     with pytest.raises(DeviceError, match=r"the cache folder .* cannot be used: No space left on device"):
-        environment._set_pocl_folder()
+        environment.prepare()
 
 
 def test_folders_of_earlier_versions_go_unless_one_of_their_processes_runs(fresh_cache, monkeypatch, capfd):
-    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
+    monkeypatch.setattr(environment, "_prepared", False)
+    monkeypatch.setenv("POCL_CACHE_DIR", "")
     for name in ("slot-0", "slot-1", "probe-x", "programs"):
         (fresh_cache / name / "pocl").mkdir(parents=True)
         (fresh_cache / name / "lock").touch()
     lock = lock_file(fresh_cache / "slot-1" / "lock")
-    environment._set_pocl_folder()
+    environment.prepare()
     os.close(lock)
     assert {path.name.partition("-")[0] for path in fresh_cache.iterdir()} == {"slot", "programs", "pocl"}
     assert (fresh_cache / "slot-1" / "pocl").is_dir()

@@ -155,16 +155,6 @@ def test_parameters_are_read_from_the_source(device: Device, feature: str) -> No
     assert ("shadow_nodes" in surface, "object_normals" in surface) == (feature == "CASTERS", feature == "INSTANCES")
 
 
-def test_a_program_without_kernels_is_refused(opened: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As PoCL creates from an emptied file in a folder of the user's."""
-    monkeypatch.setattr(programs, "_built", {})
-    monkeypatch.setattr(programs, "_without_log", lambda *_: SimpleNamespace(all_kernels=list, binaries=[b""]))
-    monkeypatch.setenv("POCL_CACHE_DIR", "/users/own")
-    features = Features.of()
-    with pytest.raises(clshade.errors.DeviceError, match=r"no kernels: empty the kernel cache /users/own$"):
-        programs.build(opened, features, ("bilerp.cl",))
-
-
 def test_a_build_is_tried_again_without_options_that_are_refused(
     opened: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,10 +184,8 @@ def test_a_warning_of_the_compiler_is_said_and_fails_a_test(
     text = "#warning planted\nkernel void warned(global int *x) { x[0] = 1; }"
     for _ in range(2 if opened.keeps_programs else 1):
         with console.at_level(console.VERBOSE), pytest.raises(AssertionError, match=r"text:1:.*planted"):
-            programs.build_text(opened, features, text)
+            programs.build(opened, features, text)
         assert "clshade: the compiler warns: " in capfd.readouterr().err
-        (key,) = (key for key, program in programs._built.items() if "warned" in program.kernels)
-        del programs._built[key]
 
 
 def test_a_warning_about_nvidias_own_mark_is_none() -> None:

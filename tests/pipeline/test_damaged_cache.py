@@ -42,15 +42,14 @@ def run(folder: Path, device: str, *options: str, before: str = "") -> Run:
     """Run with the cache in `folder`. before: Python code to run first."""
     for name in ("image.exr", "image.png"):
         (folder / name).unlink(missing_ok=True)
-    environment = {name: value for name, value in os.environ.items() if "POCL_CACHE_DIR" not in name}
     # Without a writable cache the temporary folder is used, which tests must not share.
-    environment |= {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder)}
+    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder)}
     code = f"import sys, resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); sys.argv[0] = 'clshade'\n{before}"
     code += "\nfrom clshade.base import console; console.SLOW = 1e6  # no word about slow steps"
     code += "\nfrom clshade.__main__ import entry; entry()"
     done = subprocess.run(
         [sys.executable, "-c", code, *SMALL, "--device", device, *options],
-        env=environment,
+        env={**os.environ, **own},
         cwd=folder,
         capture_output=True,
         text=True,

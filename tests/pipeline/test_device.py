@@ -184,7 +184,6 @@ def test_real_probe_finds_that_the_device_works(opened: device.Device, fresh_cac
     assert calls == [0]
     assert len(list((fresh_cache / "verdicts").iterdir())) == 1
     assert first.lanes == opened.lanes
-    assert not first.profiling
 
 
 def test_verdict_is_remembered_until_the_system_changes(
@@ -252,7 +251,7 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
 
     monkeypatch.setattr(probe, "probe_command", command)
     monkeypatch.setattr(device, "found_devices", lambda name: [INTEL, POCL])
-    monkeypatch.setattr(device, "_connect", lambda info, profiling: info.index)
+    monkeypatch.setattr(device, "_connect", lambda info: info.index)
     assert device.open_device("") == "2:0"
     assert tried == ["0:0", "2:0"]
     assert device.open_device("") == "2:0"
@@ -268,7 +267,7 @@ def test_the_next_device_is_taken_when_the_first_is_broken(fresh_cache: Path, mo
 def test_a_test_that_began_early_is_the_only_one(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = probe_that(f"print('{probe.RIGHT}')", monkeypatch)
     monkeypatch.setattr(device, "found_devices", lambda name: [POCL])
-    monkeypatch.setattr(device, "_connect", lambda info, profiling: info.index)
+    monkeypatch.setattr(device, "_connect", lambda info: info.index)
     device.try_out_soon("intel")  # there is none: `open_device` says so
     device.try_out_soon()
     assert device.open_device() == "0:0"
@@ -315,7 +314,7 @@ def test_fewer_lanes_are_taken_where_more_fail(
     monkeypatch.setattr(probe, "PROBE_SECONDS", 0.5 if "sleep" in fault else 30.0)
     tried = probe_that(FAILING.format(lanes=probe.LANES, working=working, fault=fault, right=probe.RIGHT), monkeypatch)
     monkeypatch.setattr(device, "found_devices", lambda name: [POCL])
-    monkeypatch.setattr(device, "_connect", lambda info, profiling: info.lanes)
+    monkeypatch.setattr(device, "_connect", lambda info: info.lanes)
     attempts = {8: 2, 1: 4, 0: 4}[working]
     if working == 0:
         with pytest.raises(DeviceError) as caught:

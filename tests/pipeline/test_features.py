@@ -11,7 +11,7 @@ from clshade.errors import InputError
 from clshade.pipeline import features
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
-from clshade.scene.material import POWERED, TERMS
+from clshade.scene.material import TERMS
 from clshade.scene.model import (
     DirectionalLight,
     Environment,
@@ -39,7 +39,7 @@ CUT = replace(TEXTURED, colors=None, uv_faces=[[0, 0, 0]], material=Material(tex
 ONE_TEXEL = replace(TEXTURED, material=Material(texture=Texture(np.ones((1, 1, 3)))))
 SKY, BLACK = Environment(np.ones((2, 4, 3))), Environment(np.zeros((2, 4, 3)))
 NO_LEVELS, TRILINEAR = "textures of one texel or with the course's lookup", {"texture_filter": "trilinear"}
-NO_TERM, NO_POWER = features.are_zero(list(TERMS)), f"no specular term: {features.are_zero(POWERED)}"
+NO_TERM, NO_POWER = "kd and ks are 0", "no specular term: ks is 0"
 NOLIGHT, AT_VERTEX = "shader nolight", {"texture_at": "vertex"}
 OCCLUDED = {"ambient_occlusion": 4}
 
@@ -215,8 +215,3 @@ def test_normals_that_are_read_keep_their_indices():
 def test_an_unknown_feature_is_refused():
     with pytest.raises(InputError, match=r"^Renderer: forced: DEPTH_TEST: expected one of LIT, "):
         Renderer(scene(PLAIN), forced={"DEPTH_TEST"})
-
-
-def test_names_that_are_zero():
-    assert features.are_zero(["a"]) == "a is 0"
-    assert features.are_zero(["a", "b", "c"]) == "a, b and c are 0"

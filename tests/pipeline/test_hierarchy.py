@@ -11,7 +11,7 @@ from clshade.pipeline import hierarchy as hierarchy_module
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.hierarchy import CasterFrame, Hierarchy
 from clshade.pipeline.launches import Stages
-from clshade.pipeline.programs import build_text
+from clshade.pipeline.programs import build
 from clshade.pipeline.struct_layout import HIERARCHY_RUN, SHADOW_GRID, SHADOW_REACH
 
 Array = np.ndarray
@@ -43,7 +43,7 @@ def one_by_one(device, hierarchy: Hierarchy, points: Array, receivers: Array, li
     rays = np.ascontiguousarray(frame.pairs(points).T), receivers.astype(np.int32), frame.light(light)
     values = dict(zip(("points", "receivers", "lights"), (Buffer(device, each) for each in rays), strict=True))
     dark = Buffer.empty(device, count, np.int32)
-    stages = Stages(device, build_text(device, mask(), ONE_BY_ONE, lanes=16))
+    stages = Stages(device, build(device, mask(), ONE_BY_ONE, lanes=16))
     more = {"dark": dark, "face_count": len(hierarchy.faces.array), "stride": count}
     stages.run("one_by_one", (count // 16, 1), {**vars(hierarchy), **values}, **more)
     return dark.to_host() != 0

@@ -13,7 +13,7 @@ from mapped_scenes import mapped_scene, sheet
 
 import clshade
 from clshade import Camera, Material, Mesh, PointLight, Scene
-from clshade.pipeline import buffers, instances, placements, scene_tables
+from clshade.pipeline import buffers, placements, scene_tables, triangle_source
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
@@ -30,7 +30,7 @@ def draw(device, monkeypatch) -> Callable[..., list[Frame]]:
     def drawn(scene: Scene, **options: object) -> list[Frame]:
         found = []
         for least in (1 << 40, 0):
-            monkeypatch.setattr(instances, "LEAST_COPIES", least)
+            monkeypatch.setattr(triangle_source, "LEAST_COPIES", least)
             with Renderer(scene, device=device, **options) as renderer:
                 found.append(renderer.render())
                 if least == 0:
@@ -65,7 +65,7 @@ def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
         expected = [renderer.render(camera) for camera in cameras]
     small = {"_LEAST_ROOM": 5, "_ROOM_A_PIXEL": 0, "_ROOM_A_PIXEL_OF_GPU": 0, "_BLOCK": 100, "_BLOCK_OF_GPU": 100}
     for name, value in {"LEAST_COPIES": 0, **small}.items():
-        monkeypatch.setattr(instances, name, value)
+        monkeypatch.setattr(triangle_source, name, value)
     for is_copied in (False, True):
         if is_copied:
             monkeypatch.setattr(buffers, "_coherent", lambda *_: False)
@@ -90,8 +90,8 @@ def test_other_scenes_keep_copies():
 
     def of(least: int, given: Scene = scene, forced: tuple[str, ...] = (), **fields: object) -> bool:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(instances, "LEAST_COPIES", least)
-            return instances.draws_from_one_copy(given, Settings(**fields), forced)
+            patch.setattr(triangle_source, "LEAST_COPIES", least)
+            return triangle_source.draws_from_one_copy(given, Settings(**fields), forced)
 
     many = (300 - 1) * 14 + (20 - 1) * 3
     assert of(many)
@@ -109,7 +109,7 @@ def test_box_of_all_copies_is_exact():
     for scene in (crowd(500), crowd(3)):
         packed = scene_tables.pack(scene, Settings())
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(instances, "LEAST_COPIES", 0)
+            patch.setattr(triangle_source, "LEAST_COPIES", 0)
             found = scene_tables.pack(scene, Settings())
         assert packed.instances is None
         assert np.array_equal(found.low, packed.low)
@@ -122,13 +122,13 @@ def test_culled_instances_show_nothing(orthographic):
     """Their faces lie all behind the eye, or all beside the image on one side."""
     scene, rng = crowd(500), np.random.default_rng(3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(instances, "LEAST_COPIES", 0)
+        patch.setattr(triangle_source, "LEAST_COPIES", 0)
         tables = scene_tables.pack(scene, Settings()).instances
     for _ in range(5):
         eye, lookat = rng.uniform(-4, 4, (2, 3))
         camera = Camera(eye, lookat, (0, 1, 0), 1.0, (1.0, 1.5), (48, 32), orthographic=orthographic)
         space = CameraSpace.of(camera, Extent((-7.0,) * 3, (7.0,) * 3, 12.0), None)
-        behind, beside = instances.outside(tables, space)
+        behind, beside = triangle_source.outside(tables, space)
         assert not (behind & beside).any()
         culled = inside = 0
         meshes = [mesh for mesh in scene.meshes if len(mesh.faces)]
@@ -175,7 +175,7 @@ def test_normal_maps_and_transparency(draw):
 @pytest.mark.long
 def test_without_float64_there_are_copies(device, monkeypatch):
     needs_float64(device)
-    monkeypatch.setattr(instances, "LEAST_COPIES", 0)
+    monkeypatch.setattr(triangle_source, "LEAST_COPIES", 0)
     frames = []
     for each in (device, replace(device, has_fp64=False)):
         frames.append(rendered(crowd(), device=each, shader="nolight", layers=("Z", "id")))

@@ -176,7 +176,7 @@ def test_host_and_oracle_mean_the_same_points(points):
 
 def test_the_shifts_are_those_of_the_constants():
     place = np.array([[256, 0], [0, 256], [5 * 256 + 64, 7 * 256 + 192]])
-    named = struct_layout.LIGHT_SHIFTS
+    named = struct_layout.CONSTANTS
     column, row = (np.array([named[f"SHIFT_{c}_{way}"] for c in "UV"]) for way in ("COLUMN", "ROW"))
     shifts = points_of_oracle.shifts(place) / 2**8
     assert shifts[:2].tolist() == [column.tolist(), row.tolist()]

@@ -102,6 +102,6 @@ def test_an_empty_scene(device):
 )
 def test_what_is_refused_before_anything_is_drawn(opened, monkeypatch, change, part):
     frame = clshade.render(Scene((), CAMERA), device=opened)
-    monkeypatch.setattr("clshade.pipeline.mattes.Renderer", None)
+    monkeypatch.setattr("clshade.pipeline.visible.Renderer", None)
     with pytest.raises(InputError, match=part):
         clshade.cryptomatte(frame, **change)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from processes import python
 
-from clshade.pipeline.opencl import pocl_target
+from clshade.pipeline.opencl import environment
 from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.opencl.pocl_target import level_of, target_for
+from clshade.pipeline.opencl.environment import level_of, target_for
 
 PYOPENCL = importlib.util.find_spec("pyopencl")
 PYPI_POCL = PYOPENCL is not None and list(Path(PYOPENCL.origin or "").parent.glob(".libs/libpocl*"))
@@ -66,7 +66,7 @@ def test_targets(name: str, flags: set[str], target: str) -> None:
 @pytest.mark.skipif(not PYPI_POCL, reason="this is not PyPI's PoCL")
 @pytest.mark.parametrize(("target", "lanes"), [("nehalem", 4), ("haswell", 8)])
 def test_another_target_is_compiled_for(target: str, lanes: int, tmp_path: Path, opened: Device) -> None:
-    done = python(VERSION, tmp_path, **{pocl_target.FORCED: target})
+    done = python(VERSION, tmp_path, **{environment.FORCED: target})
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[0] == str(lanes)
     assert done.stdout.strip().endswith(f"-{target}")
@@ -84,6 +84,6 @@ def test_memory_that_cannot_be_changed_changes_nothing(monkeypatch: pytest.Monke
     def refuse(*_: object) -> None:
         raise PermissionError
 
-    monkeypatch.setattr(pocl_target, "_replace_result", refuse)
-    monkeypatch.setenv(pocl_target.FORCED, "nehalem")
-    assert pocl_target.set_target.__wrapped__() == ""
+    monkeypatch.setattr(environment, "_replace_result", refuse)
+    monkeypatch.setenv(environment.FORCED, "nehalem")
+    assert environment.set_target.__wrapped__() == ""

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from processes import ROOT, python
 
-from clshade.pipeline.opencl import pocl_target
+from clshade.pipeline.opencl import environment
 from clshade.pipeline.programs import QUICK
 
 # A child process that draws scenes which need all kernels between them, and prints a digest of each image.
@@ -70,6 +70,11 @@ for scene, options in cases:
         images.append(digest(renderer.render()))
 """
 FACTS = """
+import shutil
+
+from clshade.pipeline.opencl import environment
+
+shutil.copytree(environment.pocl_folder(), environment.cache_root() / "compiled")
 warnings = [line for program in programs.built() for line in program.warnings]
 target = device.version.rpartition("gnu-")[2]
 print(json.dumps({"target": target, "images": images, "warnings": warnings}))
@@ -87,7 +92,7 @@ text = "kernel void planted(global float16 *x) { int i = 1.5f; x[i] = _cl_fma(x[
 info, *_ = found_devices("pocl")
 device, images = open_untested(info.index, info.name), []
 numbers = Buffer.empty(device, (3, 16), "f4")
-programs.build_text(device, Features.of(), text)["planted"](device.queue, (1,), (1,), numbers.memory).wait()
+programs.build(device, Features.of(), text)["planted"](device.queue, (1,), (1,), numbers.memory).wait()
 """
 # Its name in LLVM 14, and the library of PoCL's functions, kernel-*-LIBRARY.bc. A processor with AVX2 runs them all.
 MODELS = {
@@ -105,7 +110,7 @@ def packages() -> Path:
     """Return the folder of PyPI's packages."""
     spec = importlib.util.find_spec("pyopencl")
     folder = Path(spec.origin).parents[1]
-    if pocl_target.level_of(pocl_target.processor_flags()) < 3 or not (folder / "pocl_binary_distribution").is_dir():
+    if environment.level_of(environment.processor_flags()) < 3 or not (folder / "pocl_binary_distribution").is_dir():
         pytest.skip("expected x86-64 with AVX2, and PyPI's PoCL, `pip install 'pyopencl[pocl]'`")
     return folder
 
@@ -125,14 +130,13 @@ def variables_of(target: str, library: str, source: Path, folder: Path) -> dict[
         path.symlink_to(chosen)
     (folder / "no-vendors").mkdir()
     search = os.pathsep.join(map(str, (folder, ROOT, *filter(None, sys.path))))
-    return {"PYTHONPATH": search, "OCL_ICD_VENDORS": str(folder / "no-vendors"), pocl_target.FORCED: target}
+    return {"PYTHONPATH": search, "OCL_ICD_VENDORS": str(folder / "no-vendors"), environment.FORCED: target}
 
 
 def drawn(code: str, cache: Path, **variables: str) -> dict[str, Any]:
     """Return what a child process prints, its further messages, and the functions that compiled kernels call: of PoCL's
     library, and of the C library."""
-    own = {QUICK: "", "POCL_CACHE_DIR": str(cache / "pocl")}
-    done = python(code + FACTS, cache, timeout=1800.0, CLSHADE_DEVICE="pocl", **{**own, **variables})
+    done = python(code + FACTS, cache, timeout=1800.0, CLSHADE_DEVICE="pocl", **{QUICK: "", **variables})
     assert done.returncode == 0, done.stderr
     compiled = [path.read_bytes() for path in cache.rglob("*.so")]
     return {

@@ -16,7 +16,8 @@ from view_cameras import cloud, looking
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import ClshadeError, InputError
-from clshade.pipeline import buffers, frame_queue
+from clshade.pipeline import buffers
+from clshade.pipeline import renderer as renderer_module
 from clshade.pipeline.buffers import aligned
 from clshade.pipeline.frame import Frame, Views, same_bits
 from clshade.pipeline.launches import Stages
@@ -91,9 +92,9 @@ def test_the_next_frame_is_enqueued_before_the_last_is_complete(device, monkeypa
             happened.append("wait")
             return wait(*arguments)
 
-        wait = frame_queue.wait
+        wait = renderer_module.wait
         monkeypatch.setattr(Stages, "run", noted)
-        monkeypatch.setattr(frame_queue, "wait", waited)
+        monkeypatch.setattr(renderer_module, "wait", waited)
         renderer.render_many(cameras)
     notable = [name for name in happened if name in ("project", "layer_z", "wait")]
     assert notable == ["project", "layer_z"] + 3 * ["project", "layer_z", "wait"] + ["wait"]
@@ -129,7 +130,7 @@ def test_arrays_of_the_caller(device, tmp_path, kind, size):
 
 def test_images_that_cannot_be_written_past_the_caches(device, monkeypatch):
     """Whole rows of 64 bytes are, where all images begin at a multiple of that."""
-    monkeypatch.setattr(frame_queue, "STREAMED_PIXELS", 1)
+    monkeypatch.setattr(renderer_module, "STREAMED_PIXELS", 1)
     numbers, shape = 4 * SIZE * SIZE, (3, SIZE, SIZE, 4)
     wide = aligned((3, numbers + 4), np.dtype(np.float32))
     cameras = [looking(back) for back in FAR]

@@ -17,10 +17,10 @@ from processes import PEAK
 
 import clshade
 from clshade.errors import ClshadeError, DeviceError, InputError
-from clshade.pipeline import draw, renderer, scene_tables
+from clshade.pipeline import draw, scene_tables
 from clshade.pipeline.buffers import Buffer, Pool, aligned
 from clshade.pipeline.launches import Stages
-from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.renderer import Renderer, trial_of
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
 from clshade.scene.metallic_roughness import MetallicRoughness
@@ -40,12 +40,12 @@ def test_a_trial_frame_takes_the_programs_of_the_scene():
     mesh = replace(TRIANGLE, uvs=np.zeros((3, 2)), material=Material(texture=texture, pbr=pbr))
     scene = Scene((mesh, mesh), CAMERA, environment=Environment(sky), preset="pbr")
     settings = Settings.from_preset("pbr")
-    trial = pickle.loads(renderer.trial_of(scene, settings, ()))[0]["scene"]
+    trial = pickle.loads(trial_of(scene, settings, ()))[0]["scene"]
     features = [scene_tables.pack(each, settings, forced=(), has_fp64=True).features for each in (scene, trial)]
     assert features[0] == features[1]
     assert trial.meshes[0].material.texture.image.shape == trial.environment.image.shape[:2] + (4,) == (2, 2, 4)
     own = type("OwnMaterial", (Material,), {"__init__": lambda self: Material.__init__(self)})()
-    assert renderer.trial_of(Scene((replace(TRIANGLE, material=own),), CAMERA), settings, ()) == b""
+    assert trial_of(Scene((replace(TRIANGLE, material=own),), CAMERA), settings, ()) == b""
 
 
 @pytest.mark.parametrize("shape", [(7,), (5, 3), (5, 4), (2, 8)])
@@ -192,7 +192,7 @@ FRAMES = f"""{PEAK}
 from dataclasses import replace
 import numpy as np
 import clshade
-from clshade.pipeline.renderer import Renderer
+from clshade.pipeline.renderer import Renderer, trial_of
 scene = clshade.builtin("icosphere")
 camera = scene.camera.with_resolution((64, 48))
 with Renderer(scene, layers=("Z", "id")) as renderer:

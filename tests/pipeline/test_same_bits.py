@@ -188,7 +188,7 @@ import sys
 sys.path[:0] = sys.argv[1:2]
 from clshade.pipeline.opencl.device import open_device
 from golden import GOLDEN, digest, draw
-device = open_device(sys.argv[2], profiling=True)
+device = open_device(sys.argv[2])
 assert device.compute_units == 1, device.compute_units
 key = ("torus_knot", "standard", "phong")
 assert digest(draw(device, *key)) == GOLDEN[key]

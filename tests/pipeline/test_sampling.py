@@ -14,7 +14,8 @@ from clshade import oracle
 from clshade.errors import InputError
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, blob
 from clshade.oracle.coverage import places
-from clshade.pipeline import programs, sample_pattern
+from clshade.pipeline import programs
+from clshade.pipeline.camera_space import sample_positions
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
@@ -45,7 +46,7 @@ def test_places():
     """On the grid of 1/256 px, all different, symmetric about the center, the nearest to it first, and the oracle's. A
     triangle that covers them all is lit at the center; one sample is there."""
     for samples in range(1, 65):
-        found = sample_pattern.positions(samples)
+        found = sample_positions(samples)
         assert found.shape == (samples, 2)
         assert found.min() >= 0, samples
         assert found.max() <= 255, samples
@@ -61,7 +62,7 @@ def test_every_column_and_nearly_every_row_of_strips_has_a_sample(samples, rows)
     """Each of S columns has exactly one sample, and so has each row of a rotated grid; of S rows, the golden ratio's
     multiples leave less than a third empty: at most three different gaps occur between them, the widest 1.9 times the
     mean."""
-    x, y = sample_pattern.positions(samples).T * samples // 256
+    x, y = sample_positions(samples).T * samples // 256
     assert sorted(x) == list(range(samples))
     assert len(set(y)) >= rows
 
@@ -208,7 +209,7 @@ def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):
     scene = Scene((blob(),), CAMERA.with_resolution((64, 48)), LIGHTS)
     frame = draw(device, scene, samples=8)
     assert np.array_equal(frame["id"] > 0, np.isfinite(frame["Z"]))
-    x, y = sample_pattern.positions(8)[0]
+    x, y = sample_positions(8)[0]
     columns, rows = scene.camera.resolution
     # The same camera with a shifted image, so that pixel centers are where the samples were.
     principal = scene.camera.principal
@@ -220,7 +221,7 @@ def test_id_and_depth_are_those_of_the_sample_nearest_the_center(device):
 
 def needles(samples: int, length: float) -> Scene:
     """Return colored triangles, some 1/2000 px wide, that cover at least two samples of a pixel each."""
-    places, rng = sample_pattern.positions(samples) / 256, np.random.default_rng(samples)
+    places, rng = sample_positions(samples) / 256, np.random.default_rng(samples)
     points = []
     for row in range(2, HEIGHT, 3):
         a, b = places[rng.choice(samples, 2, replace=False)] + [WIDTH // 2, row]

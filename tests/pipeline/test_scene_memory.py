@@ -15,6 +15,7 @@ from clshade.base.validation import indices
 from clshade.errors import DeviceError, InputError
 from clshade.pipeline import buffers, draw, hierarchy, scene_tables, struct_layout
 from clshade.pipeline.draw import TileLists
+from clshade.pipeline.launches import FrameInFlight
 from clshade.pipeline.renderer import Renderer
 from clshade.scene import model
 from clshade.scene.model import Scene
@@ -110,10 +111,10 @@ def test_entries_of_tile_lists_that_the_kernels_do_not_count(device, monkeypatch
         expected = renderer.render()
         entries = renderer._drawing._lists.room
         monkeypatch.setattr(draw, "_MOST_ENTRIES", entries)
-        lists = TileLists(renderer.stages)
-        lists.make_room(entries)
+        lists, frame = TileLists(renderer.stages), FrameInFlight(renderer._drawing.tables)
+        lists.make_room(entries, frame)
         assert lists.room == entries
         line = rf"the lists of all tiles need {entries + 1} entries, {entries} are allowed"
         with pytest.raises(DeviceError, match=line):
-            lists.make_room(entries + 1)
+            lists.make_room(entries + 1, frame)
         assert np.array_equal(renderer.render().rgba, expected.rgba)

@@ -82,14 +82,14 @@ def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
     meshes = [square(z, color=(RED, GREEN, BLUE)[z % 3], opacity=0.3) for z in range(12)]
     given = scene(*meshes, square(12, color=RED, blend=False))
     expected = draw(device, given, visibility="painter")
-    write_ranks = TileLists._write_ranks
+    sort = TileLists.sort
 
-    def further(self, *arguments):
-        write_ranks(self, *arguments)
-        with self.ranks.writing() as ranks:
+    def further(self, frame):
+        sort(self, frame)
+        with frame.values["ranks"].writing() as ranks:
             ranks += first
 
-    monkeypatch.setattr(TileLists, "_write_ranks", further)
+    monkeypatch.setattr(TileLists, "sort", further)
     assert same_bits(draw(device, given, visibility="painter"), expected)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from devices import rendered
 
+from clshade.pipeline.frame_results import why_unseen
 from clshade.pipeline.renderer import Renderer
-from clshade.pipeline.unseen import why_unseen
 from clshade.scene.camera import Camera
 from clshade.scene.ground import with_ground
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture

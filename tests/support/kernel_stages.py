@@ -10,13 +10,13 @@ import pyopencl as cl
 import pytest
 
 from clshade.oracle import transform
-from clshade.pipeline import struct_layout, surface_inputs
+from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers, VertexBuffers
 from clshade.pipeline.draw import front_to_back
 from clshade.pipeline.features import FEATURES, Features
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.programs import build, build_text
+from clshade.pipeline.programs import build
 from clshade.pipeline.triangle_source import TriangleSource
 from clshade.scene.camera import Camera
 from clshade.scene.material import TERMS
@@ -81,7 +81,7 @@ class Probe:
     """
 
     def __init__(self, device: Device, text: str, *, lanes: int | None = None, **features: int) -> None:
-        self._device, self._program = device, build_text(device, mask(**features), text, lanes=lanes)
+        self._device, self._program = device, build(device, mask(**features), text, lanes=lanes)
 
     def __call__(self, name: str, *inputs: Array, width: int | None = None, dtype: Any = np.float32) -> Array:
         """Run a kernel; return its output, (K,) or, with a width, (K, width)."""
@@ -275,7 +275,7 @@ class Pipeline:
             "image": self.image,
         }
         given = {name: Buffer(self.device, array) for name, array in arrays.items()}
-        return surface_inputs.surface(**own, **given)
+        return struct_layout.surface_inputs(**own, **given)
 
     def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
         """Run the pixel stage; return rgba (M, N, 4) and, with OWNERS, triangles (M, N), both with row 0 at the TOP."""

@@ -20,7 +20,7 @@ from oracle_asserts import assert_layers
 
 from clshade import course, oracle
 from clshade.measure.stability.cases import lit
-from clshade.pipeline import buffers, instances, launches, programs
+from clshade.pipeline import buffers, launches, programs, triangle_source
 from clshade.pipeline import draw as stages
 from clshade.pipeline.hierarchy import Hierarchy
 from clshade.pipeline.opencl.device import Device, open_device
@@ -92,7 +92,7 @@ def prepare() -> None:
     buffers.Buffer.empty = classmethod(empty)  # type: ignore[assignment, method-assign]
     # With the default sizes, so few triangles would fit in one chunk.
     stages._LEAST_CHUNK, stages._SCAN_RUN = 8, 2
-    instances.LEAST_COPIES, instances._BLOCK, instances._BLOCK_OF_GPU = 1, 40, 40
+    triangle_source.LEAST_COPIES, triangle_source._BLOCK, triangle_source._BLOCK_OF_GPU = 1, 40, 40
 
 
 def scenes() -> list[tuple[Scene, dict[str, Any]]]:

@@ -8,10 +8,11 @@ import numpy as np
 from kernel_stages import mask
 
 from clshade.pipeline.buffers import Buffer
-from clshade.pipeline.hierarchy import Hierarchy, split
+from clshade.pipeline.hierarchy import Hierarchy
 from clshade.pipeline.launches import Stages
 from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.programs import build_text
+from clshade.pipeline.programs import build
+from clshade.pipeline.shading_tables import split
 from clshade.pipeline.struct_layout import SHADOW_REACH
 
 Array = np.ndarray
@@ -35,8 +36,10 @@ kernel void fans(global const float *points, global const int *receivers, global
         fixeds hit = (fixeds)(0);
         if (face_count)
             find_planes(&block);
-        else
-            hit = TO_FIXEDS(hidden_from(&block, (ints)(-1)));
+        else {
+            trace_block(&block, casters, (ints)(-1));
+            hit = TO_FIXEDS(TO_INTS(block.dark));
+        }
         for (int triangle = 0; triangle < face_count; ++triangle)
             hit |= casts_shadow(&block.ray, w, vertices, faces, triangle, (fixeds)(-1));
         STORE_LANES(hit, dark + row * many + j);
@@ -72,5 +75,5 @@ def hidden(
     values = {**vars(hierarchy), **{name: Buffer(device, array) for name, array in arrays.items()}, "dark": dark}
     values |= {"w": 0.0 if directional else w, "many": parts.shape[2]}
     face_count = len(hierarchy.faces.array) if one_by_one else 0
-    Stages(device, build_text(device, mask(), FANS, lanes=lanes)).run("fans", (count, 1), values, face_count=face_count)
+    Stages(device, build(device, mask(), FANS, lanes=lanes)).run("fans", (count, 1), values, face_count=face_count)
     return dark.to_host()[:, :many] != 0

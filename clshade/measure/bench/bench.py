@@ -49,7 +49,7 @@ def run(
     """
     if out is not None:
         check_files(files(out))
-    opened = open_device(device, profiling=True)
+    opened = open_device(device)
     if against is not None:
         open_context(against).release()
     timed, errors = measure_all(opened, workloads, frames, against)

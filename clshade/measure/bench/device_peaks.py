@@ -9,7 +9,7 @@ import numpy as np
 from ...pipeline.buffers import Buffer
 from ...pipeline.features import Features
 from ...pipeline.opencl.device import Device
-from ...pipeline.programs import build_text
+from ...pipeline.programs import build
 
 FILLED = 1 << 26  # bytes: more than caches hold
 CHAINS = 10  # independent, to hide the latency of an fma, four or five cycles
@@ -61,7 +61,7 @@ class Peaks(NamedTuple):
 def peaks(device: Device) -> Peaks:
     """Measure the peaks of a device with a profiling queue: the best of several rounds."""
     width = max(device.lanes, 4)
-    program = build_text(device, Features.of(), f"#define VECTOR float{width}\n{SOURCE}")
+    program = build(device, Features.of(), f"#define VECTOR float{width}\n{SOURCE}")
     items, vectors = ITEMS[device.is_cpu] * device.compute_units, FILLED // (4 * width)
     target, sums = (Buffer.empty(device, (n, width), np.float32) for n in (vectors, items))
     fmas = sums.memory, np.float32(0.5), np.int32(FMAS)

@@ -148,7 +148,7 @@ def select(
     if (budget is None) == (tolerance is None):
         raise InputError("expected either a budget or a tolerance, found both or none")
     start = time.perf_counter()
-    opened = device if isinstance(device, Device) else shared_device(device, profiling=True)  # as `render` opens it
+    opened = device if isinstance(device, Device) else shared_device(device)  # as `render` opens it
     scene, base = effective_settings(scene, preset, resolution=resolution, **fields)
     fixed = set(fields)
     if preset is not None or scene.preset != BASE:

@@ -62,8 +62,8 @@ def listing() -> str:
 def devices(name: str | None) -> list[Device]:
     """Return the device of that name, or all working devices for `all`."""
     if name != "all":
-        return [open_device(name, profiling=True)]
-    opened = [open_device(info.index, profiling=True) for info in list_devices() if info.works]
+        return [open_device(name)]
+    opened = [open_device(info.index) for info in list_devices() if info.works]
     if not opened:
         raise DeviceError("stability: --device all: no OpenCL device works: see `python -m clshade devices`")
     return opened

@@ -19,7 +19,7 @@ from ...errors import InputError
 from ...images import exr, exr_limits
 from ...images.layers import LAYER_TABLE
 from ...images.tonemap import Operator, checked
-from ...pipeline.drawing_record import EXR, PNG, RECORD, SEAL, STEPS, seal_of
+from ...pipeline.frame_results import EXR, PNG, RECORD, SEAL, STEPS, seal_of
 from ...scene.camera import Camera
 from ...scene.description import PARTS
 from ...scene.edges import Edges

@@ -23,7 +23,7 @@ from ...oracle import OracleFrame, OracleLayers
 from ...pipeline import frame_files
 from ...pipeline.effective_settings import effective_settings
 from ...pipeline.frame import Frame
-from ...pipeline.kernel_files import kernels_digest
+from ...pipeline.struct_layout import kernels_digest
 from ...scene.builtin import scenes
 from ...scene.description import part_digests
 from ...scene.model import Scene

@@ -18,23 +18,15 @@ from .probe import NOT_TRIED, RUNTIMES, DeviceInfo, device_fault, install_advice
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Device(DeviceInfo):
-    """An open device.
+    """An open device. lanes: pixels that a work-item processes together: as many as a CPU's vectors have float32 numbers, 1
+    on a GPU and where the runtime vectorizes work-items."""
 
-    device, context, queue: pyopencl's objects; the queue is in-order.
-    lanes: pixels that a work-item processes together: as many as a CPU's vectors have float32 numbers, 1 on a GPU and
-        where the runtime vectorizes work-items.
-    max_allocation: bytes per buffer.
-    setup_run: faces that a work-item of the setup kernel processes in sequence.
-    keeps_programs: whether the runtime finds programs that it has built before by their source.
-    """
-
-    device: Any
+    device: Any  # pyopencl's
     context: Any
-    queue: Any
-    max_allocation: int
-    setup_run: int
-    keeps_programs: bool
-    profiling: bool
+    queue: Any  # in-order, with events that carry times
+    max_allocation: int  # bytes per buffer
+    setup_run: int  # faces that a work-item of the setup kernel processes in sequence
+    keeps_programs: bool  # whether the runtime finds programs that it has built before by their source
 
     __eq__, __hash__ = object.__eq__, object.__hash__
 
@@ -114,7 +106,7 @@ def open_untested(index: str, name: str, lanes: int = 0) -> Device:
     """Open a device that another process found under this index, as one that tests it does. lanes: 0 for its own number."""
     for info in found_devices(name):
         if info.index == index and info.name == name:
-            return _connect(replace(info, lanes=lanes), False)
+            return _connect(replace(info, lanes=lanes))
     raise RuntimeError(f"{name!r} is not found at {index}")
 
 
@@ -141,14 +133,11 @@ def named(name: str | None) -> str:
     return (os.environ.get("CLSHADE_DEVICE", "") if name is None else name).strip()
 
 
-def open_device(
-    name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
-) -> Device:
+def open_device(name: str | None = None, *, trial: Callable[[], bytes] | None = None) -> Device:
     """Open a device that works; of several that the name can mean, the first that does.
 
     name: `pocl`, `intel`, `nvidia`, `amd`, `rusticl`, any part of a platform's name or else of a device's, or "P:D"
         (indices of platform and device). None: the environment's CLSHADE_DEVICE, or else PoCL, Intel, any.
-    profiling: whether the queue's events carry times.
     trial: returns what the device is tested with, the first time on a machine: see `probe.tried_out`.
 
     Raises DeviceError, with one line that says what to install or change, if there is none.
@@ -165,28 +154,26 @@ def open_device(
             if info.narrowed:
                 console.warning(info.narrowed)
         try:
-            return _connect(info, profiling)
+            return _connect(info)
         except DeviceError as error:
             problems[info.index] = str(error)
     others = f" ({len(problems) - 1} more broken: see `python -m clshade devices`)" if len(problems) > 1 else ""
     raise DeviceError(problems[chosen[0].index] + others)
 
 
-_shared: dict[tuple[int, str, bool], Device] = {}
+_shared: dict[tuple[int, str], Device] = {}
 
 
-def shared_device(
-    name: str | None = None, *, profiling: bool = False, trial: Callable[[], bytes] | None = None
-) -> Device:
+def shared_device(name: str | None = None, *, trial: Callable[[], bytes] | None = None) -> Device:
     """Open a device as `open_device` does, but once per process, so that programs built for it are found again."""
     if not isinstance(name, str | None):
         expected = "a Device, a name such as pocl or 0:0, or None"
         raise InputError(f"render: device: expected {expected}, found {one_line(repr(name))}")
-    key = (os.getpid(), named(name), profiling)
+    key = (os.getpid(), named(name))
     with environment.guard:
         if key not in _shared:
             start = time.perf_counter()
-            _shared[key] = device = open_device(name, profiling=profiling, trial=trial)
+            _shared[key] = device = open_device(name, trial=trial)
             probe.end_all()  # of devices that another process has tested meanwhile, or that come later
             console.detail(f"opened {device.title}, {(time.perf_counter() - start) * 1e3:.0f} ms")
         return _shared[key]
@@ -227,15 +214,14 @@ def _own_lanes(info: DeviceInfo, context: Any, handle: Any) -> int:
     return handle.native_vector_width_float if handle.native_vector_width_float in (4, 8, 16) else 16
 
 
-def _connect(info: DeviceInfo, profiling: bool) -> Device:
+def _connect(info: DeviceInfo) -> Device:
     import pyopencl as cl
 
     platform, number = map(int, info.index.split(":"))
     try:
         handle = cl.get_platforms()[platform].get_devices()[number]
         context = cl.Context([handle])
-        options = {"properties": cl.command_queue_properties.PROFILING_ENABLE} if profiling else {}
-        queue = cl.CommandQueue(context, handle, **options)
+        queue = cl.CommandQueue(context, handle, properties=cl.command_queue_properties.PROFILING_ENABLE)
     except cl.Error as error:
         raise DeviceError(device_fault(info, f"cannot be opened ({one_line(str(error))})")) from None
     return Device(
@@ -246,7 +232,6 @@ def _connect(info: DeviceInfo, profiling: bool) -> Device:
         max_allocation=handle.max_mem_alloc_size,
         setup_run=256 if info.is_cpu else 1,
         keeps_programs=is_runtime(info, "pocl"),
-        profiling=profiling,
     )
 
 

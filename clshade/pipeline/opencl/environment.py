@@ -1,14 +1,25 @@
-"""The environment that OpenCL needs before it starts: a folder of this process for PoCL's cache, and all runtimes visible.
+"""The environment that OpenCL needs before it starts: a folder of this process for PoCL's cache, all runtimes visible, and
+the processor that PyPI's PoCL compiles for.
 
 Nothing here imports pyopencl: its ICD loader and PoCL read the environment once, when OpenCL starts. `prepare` sets it
-up, and leaves alone whatever the user has set. Environment variables set here are inherited by child processes; each is
-noted in `CLSHADE_SET_<name>`, by which a child tells them from the user's own and replaces them.
+up, and leaves alone what the user has set but PoCL's cache. Environment variables set here are inherited by child processes;
+each is noted in `CLSHADE_SET_<name>`, by which a child tells them from the user's own and replaces them.
+
+PoCL 3.0 asks its LLVM, version 14 of 2022, for the processor's name. LLVM calls what it does not know `generic`, for which
+clang refuses to compile (AMD Zen 5), and it gives names by family and model whose instructions the processor may lack
+(virtual machines without AVX-512) or exceed: Zen 4 is `znver3`, without AVX-512, while PoCL links the kernels with its
+AVX-512 library, and LLVM aborts the process. Such a processor is given the name of its level of the x86-64 psABI.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import glob
+import importlib.util
+import mmap
 import os
+import platform
 import shutil
 import site
 import stat
@@ -16,14 +27,14 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 
 from ...base import console, interrupts
 from ...base.atomic_files import lock_file
 from ...base.host_memory import limit
 from ...errors import DeviceError
-from . import pocl_target
 
 # Number of threads that a CPU's OpenCL runtime starts, by default one per processor: PoCL's older and newer variable,
 # Intel's.
@@ -197,21 +208,9 @@ def _own_folder(prefix: str, files: Mapping[str, str]) -> Path:
         raise DeviceError(f"the cache folder {cache_root()} cannot be used: {error.strerror or error}") from None
 
 
-def _set_pocl_folder() -> None:
-    """Give PoCL's cache of this process a folder of its own, as two processes that share one can crash."""
-    _remove_left(path for pattern in FORMER for path in cache_root().glob(pattern))
-    if is_users("POCL_CACHE_DIR"):
-        reason = fault(Path(os.environ["POCL_CACHE_DIR"]))
-        if not reason:
-            return
-        instead = f"compiled kernels are kept in {cache_root()}: set it to a folder that can be written, or unset it"
-        console.warning(f"POCL_CACHE_DIR, {os.environ['POCL_CACHE_DIR']}: {reason}; {instead}")
-    _set("POCL_CACHE_DIR", str(_own_folder("pocl-", {})))
-
-
-def pocl_folder() -> Path | None:
-    """Return the folder of PoCL's cache of this process; None if the user has set one, which other processes may share."""
-    return None if is_users("POCL_CACHE_DIR") else Path(os.environ["POCL_CACHE_DIR"])
+def pocl_folder() -> Path:
+    """Return the folder of PoCL's cache, of this process alone, as two that share one can crash."""
+    return Path(os.environ["POCL_CACHE_DIR"])
 
 
 def _forget() -> None:
@@ -284,7 +283,8 @@ def prepare(name: str = "") -> None:
     with guard:
         if _prepared:
             return
-        _set_pocl_folder()
+        _remove_left(path for pattern in FORMER for path in cache_root().glob(pattern))
+        os.environ["POCL_CACHE_DIR"] = str(_own_folder("pocl-", {}))
         expose_runtimes()
         # pyopencl looks this up unguarded if its cache fails; if empty, it warns and continues without the cache.
         os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")
@@ -305,5 +305,91 @@ def starting() -> None:
         )
     if _started_in is None:
         _pin_threads()
-        pocl_target.set_target()
+        set_target()
     _started_in = os.getpid()
+
+
+# The processor that PoCL compiles for
+
+# Names in LLVM 14 of processors with the instructions of level 4 (AVX-512) and of level 3 (AVX2, FMA).
+_AVX512 = (
+    "skylake-avx512 cascadelake cooperlake cannonlake icelake-client icelake-server tigerlake rocketlake sapphirerapids"
+)
+_AVX2 = "haswell broadwell skylake alderlake znver1 znver2 znver3"
+
+# What Linux calls the instructions of each level (x86-64 psABI, "Microarchitecture levels").
+_LEVELS = (
+    (2, "cx16 lahf_lm popcnt sse4_1 sse4_2 ssse3"),
+    (3, "abm avx avx2 bmi1 bmi2 f16c fma movbe xsave"),
+    (4, "avx512f avx512bw avx512cd avx512dq avx512vl"),
+)
+# Environment variable: LLVM's name of another processor, to try out what is compiled for it.
+FORCED = "CLSHADE_POCL_TARGET"
+
+
+@cache
+def pyopencl_folder() -> str:
+    """Return pyopencl's folder, which holds PyPI's PoCL; "" if it is not installed."""
+    spec = importlib.util.find_spec("pyopencl")
+    return os.path.dirname(spec.origin or "") if spec is not None else ""
+
+
+def level_of(flags: Collection[str]) -> int:
+    """Return the highest level of the x86-64 psABI, 1 to 4, whose instructions are all among the processor's flags."""
+    lacking = (level for level, words in _LEVELS if not set(words.split()) <= set(flags))
+    return next(lacking, 5) - 1
+
+
+def target_for(name: str, flags: Collection[str]) -> str:
+    """Return the name to compile for, where LLVM gives the processor `name` and Linux gives it `flags`: mostly the same."""
+    level = level_of(flags)
+    named = 4 if name in _AVX512.split() else 3 if name in _AVX2.split() else None
+    if name == "generic" or (named is not None and named != level):
+        return "x86-64" if level == 1 else f"x86-64-v{level}"
+    return name
+
+
+def processor_flags() -> set[str]:
+    """Return what Linux calls this processor's instructions; nothing where there is no /proc/cpuinfo of x86."""
+    try:
+        with open("/proc/cpuinfo") as file:
+            return next((set(line.split(":", 1)[1].split()) for line in file if line.startswith("flags")), set())
+    except OSError:
+        return set()
+
+
+def _replace_result(function: ctypes._NamedFuncPointer, name: str) -> None:
+    """Overwrite a function of a loaded library so that it returns `name`, as a C string that its caller frees."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.strdup.restype = ctypes.c_void_p
+    text, strdup = libc.strdup(name.encode()), ctypes.cast(libc.strdup, ctypes.c_void_p).value or 0
+    # mov rdi, text; mov rax, strdup; jmp rax
+    code = b"\x48\xbf" + text.to_bytes(8, "little") + b"\x48\xb8" + strdup.to_bytes(8, "little") + b"\xff\xe0"
+    address = ctypes.cast(function, ctypes.c_void_p).value or 0
+    page = address - address % mmap.PAGESIZE
+    length = ctypes.c_size_t(address + len(code) - page)
+    if libc.mprotect(ctypes.c_void_p(page), length, mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    ctypes.memmove(address, code, len(code))
+    libc.mprotect(ctypes.c_void_p(page), length, mmap.PROT_READ | mmap.PROT_EXEC)
+
+
+@cache
+def set_target() -> str:
+    """Make PoCL compile for a name that suits the processor; return it, "" if LLVM's own choice stays. Call it before
+    OpenCL starts. Where memory of code cannot be changed nothing happens: the test of the device then finds the fault."""
+    if not sys.platform.startswith("linux") or platform.machine() != "x86_64" or not pyopencl_folder():
+        return ""
+    chosen = ""
+    for path in glob.glob(os.path.join(pyopencl_folder(), ".libs", "libpocl*.so*")):
+        try:
+            function = ctypes.CDLL(path).pocl_get_llvm_cpu_name
+            function.restype = ctypes.c_char_p
+            name = (function() or b"").decode(errors="replace")
+            target = os.environ.get(FORCED) or target_for(name, processor_flags())
+            if target != name:
+                _replace_result(function, target)
+                chosen = target
+        except (OSError, AttributeError):
+            continue
+    return chosen

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING
 from ...base import atomic_files, interrupts
 from ...errors import DeviceError, OutputError
 from . import environment
-from .pocl_target import pyopencl_folder
 
 if TYPE_CHECKING:
     from subprocess import Popen
@@ -50,32 +49,22 @@ GET_CONDA = "PoCL from conda-forge (`conda install -c conda-forge pyopencl pocl`
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """A device that was found.
+    """A device that was found."""
 
-    index: "P:D", the platform's and the device's index.
-    platform_version: the runtime's own version text.
-    version: the device's OpenCL version text; PoCL's ends with the processor that it compiles for.
-    memory: bytes.
-    works: it drew a frame and the result was right.
-    problem: why it does not work, one line with the remedy; "" if it works.
-    lanes: pixels that were processed together; 0 if that is not known.
-    narrowed: why they are fewer than the device's own number, one line with the remedy; "" if they are not.
-    """
-
-    index: str
+    index: str  # "P:D", the platform's and the device's index
     platform: str
     name: str
-    platform_version: str = ""
-    version: str = ""
+    platform_version: str = ""  # the runtime's own version text
+    version: str = ""  # the device's OpenCL version text; PoCL's ends with the processor that it compiles for
     driver: str = ""
     is_cpu: bool = True
     has_fp64: bool = True
     compute_units: int = 1
-    memory: int = 0
-    works: bool = False
-    problem: str = NOT_TRIED
-    lanes: int = 0
-    narrowed: str = ""
+    memory: int = 0  # bytes
+    works: bool = False  # it drew a frame and the result was right
+    problem: str = NOT_TRIED  # why it does not work, one line with the remedy; "" if it works
+    lanes: int = 0  # pixels that were processed together; 0 if that is not known
+    narrowed: str = ""  # why these are fewer than the device's own number, one line with the remedy; "" if they are not
 
     @property
     def title(self) -> str:
@@ -179,10 +168,9 @@ def start(info: DeviceInfo, lanes: int = 0, *, waits: bool = True) -> None:
     """
     from subprocess import DEVNULL, PIPE, Popen
 
-    variables = {name: value for name, value in os.environ.items() if name != "POCL_CACHE_DIR"}
-    variables["PYOPENCL_NO_CACHE"] = "1"
     end(info.index)
     stdin, command = PIPE if waits else DEVNULL, [*probe_command(info), str(lanes)]
+    variables = {**os.environ, "PYOPENCL_NO_CACHE": "1"}
     try:
         _running[info.index] = Popen(command, env=variables, stdin=stdin, stdout=PIPE, stderr=PIPE)
         _deadlines[info.index] = math.inf if waits else time.monotonic() + PROBE_SECONDS
@@ -255,7 +243,7 @@ def _verdict_file(info: DeviceInfo) -> Path:
     """Return the file of a device's verdict. Its name is a digest of what the device's working depends on, at little cost:
     driver, time of the runtimes' libraries in pip's folders, of `ld`, and of the C library's linker script and compiler
     support files, which PyPI's PoCL links its kernels with."""
-    package = pyopencl_folder()
+    package = environment.pyopencl_folder()
     paths = [*glob.glob(os.path.join(package, ".libs", "libpocl*")), str(environment.intel_library() or "")]
     paths += [shutil.which("ld") or "", shutil.which("x86_64-unknown-linux-gnu-ld") or ""]
     for pattern in ("/libc.so", "64/libc.so", "/*-linux-gnu*/libc.so", "/gcc*/*/*/libgcc.a"):
