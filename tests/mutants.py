@@ -122,7 +122,6 @@ TESTS = {
     "clshade/scene/formats/course_npy.py": "course_files course_refusals limits",
     "clshade/scene/formats/safe_pickle.py": "course_files inert_pickle limits",
     "clshade/scene/triangulate.py": "triangulation obj gltf ply_stl",
-    "clshade/scene/ear_clipping.py": "triangulation",
     "clshade/scene/formats/load.py": "loading course_files",
     "clshade/images/decode.py": "images deep_images limits",
     "clshade/measure/grade/reading.py": "grade_files grade",

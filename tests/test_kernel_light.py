@@ -11,7 +11,7 @@ import pytest
 from kernel_stages import OTHER_LANES, bits, float32, light_rows, mask, material_rows, reflected
 
 from clshade.measure.stability.cases.light import in_the_lobe, unit
-from clshade.oracle import OracleFrame, shade, terms
+from clshade.oracle import OracleFrame, shade
 from clshade.oracle.lights import POINT, Interaction, Lights, Shape
 from clshade.scene.material import TERMS
 
@@ -38,13 +38,13 @@ def reflect(
 # Highlights
 
 
-def directions(points, normals, light) -> terms.Directions:
-    return terms.Directions.at(*(a.astype(np.float64) for a in (points, normals, EYE, light)))
+def directions(points, normals, light) -> shade.Directions:
+    return shade.Directions.at(*(a.astype(np.float64) for a in (points, normals, EYE, light)))
 
 
 def exact_highlight(points, normals, light, n) -> tuple[np.ndarray, np.ndarray]:
     """Return (R.V)^n in float64 and where it is inside the lobe, both (K,)."""
-    value = terms.specular(directions(points, normals, light), np.float64(n))
+    value = shade.specular(directions(points, normals, light), np.float64(n))
     return value, value >= math.exp(-1.0)
 
 
@@ -84,7 +84,7 @@ def test_a_naive_power_would_not_pass(device):
     """(R.V)^n from R.V in float32: beyond n = 1e5 the bound above rejects it."""
     points, normals, light = in_the_lobe(1e6)
     expected, inside = exact_highlight(points, normals, light, 1e6)
-    r_v, _ = terms.mirrored(directions(points, normals, light))
+    r_v, _ = shade.mirrored(directions(points, normals, light))
     naive = float32(r_v).astype(np.float64) ** 1e6
     assert np.abs(naive / expected - 1.0)[inside].max() > 16.0 * math.sqrt(1e6) * HALF_ULP
 
@@ -111,7 +111,7 @@ def test_light_at_random_points(device, n):
     material = {"n": n, **k}
     found = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
     p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
-    surface = terms.Surface(np.float64(n), k={name: each.astype(np.float64) for name, each in k.items()})
+    surface = shade.Surface(np.float64(n), k={name: each.astype(np.float64) for name, each in k.items()})
     at = Interaction(p, m, EYE, Lights(l_pos, l_int), np.abs(p).max(axis=1), np.ones(count))
     steepness = shade.steepness(at, surface)
     expected = OracleFrame(
@@ -128,7 +128,7 @@ def test_light_at_random_points(device, n):
     )
     steep = np.zeros((1, count), bool)
     if 0.0 < n < 1.0:
-        r_v = np.array([terms.mirrored(directions(p, m, light))[0] for light in l_pos])
+        r_v = np.array([shade.mirrored(directions(p, m, light))[0] for light in l_pos])
         steep[0] = ((r_v > -0.001) & (r_v < 0.02)).any(axis=0)
     assert steep.mean() < 0.05
     assert oracle_asserts.assert_colors_within(found[None], expected, skip=steep) < 8.0
@@ -224,7 +224,7 @@ def test_shapes_at_random_points(device, fields, shape):
     p, m = points.astype(np.float64), normals.astype(np.float64)
     given = [np.atleast_2d(a.astype(np.float64)) for a in (light, intensity)]
     extent, one, n, white = np.abs(p).max(axis=1), np.ones(count), np.float64(20.0), np.ones(3)
-    surface = terms.Surface(n, k={"kd": white, "ks": white})
+    surface = shade.Surface(n, k={"kd": white, "ks": white})
     at = Interaction(p, m, EYE, Lights(*given, [shape]), extent, one)
     expected = OracleFrame(
         rgb=shade.reflected(at, surface)[None],

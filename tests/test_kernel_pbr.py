@@ -11,8 +11,7 @@ from kernel_stages import OTHER_LANES, Probe, bits, float32, light_rows, mask, m
 from reflection_quadrature import lost_energy
 
 from clshade.oracle import OracleFrame, microfacet, shade
-from clshade.oracle.lights import Interaction, Lights
-from clshade.oracle.terms import Directions
+from clshade.oracle.lights import Directions, Interaction, Lights
 from clshade.scene.metallic_roughness import LEAST_ROUGHNESS, from_phong
 from clshade.scene.model import Material, MetallicRoughness
 

@@ -32,7 +32,7 @@ def faded(color: Color) -> Color:
 def triad(axes: Array, side: int) -> Bytes:
     """Draw the axes of world space as a camera sees them, (side, side, 3) uint8 on white.
 
-    axes: (3, 3), the camera's right, up and forward in rows, as `geometry.look_at` returns them. An axis that points
+    axes: (3, 3), the camera's right, up and forward in rows, as `geometry.camera_axes` returns them. An axis that points
     away from the eye is lighter; one along the line of sight is a dot (towards the eye) or a ring (away).
     """
     from PIL import Image

@@ -1,7 +1,7 @@
 """Clipping in camera space: near plane and guard band. Triangles that need neither pass through unchanged.
 
 A crossing is computed from the edge's end points in a canonical order (nearer the plane, then smaller (x, y, z),
-first), so that the triangles on both sides of an edge get the same point. What a clip point inherits is kept as its
+first), so that the triangles on both sides of an edge share it. Attributes at clip points are interpolated by their
 barycentric coordinates in the original triangle.
 """
 

@@ -1,10 +1,10 @@
-"""The scene as flat tables with one row per face, in the scene's face order: mesh, then instance, then face."""
+"""The scene as flat tables with one row per face, in the scene's face order: mesh, then instance, then face. Normals of
+vertices, how they are placed, and tangents at the corners of faces as MikkTSpace defines them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,9 +12,9 @@ import numpy as np
 from ..base.arrays import Array, Bools, Floats, Integers, Reals
 from ..scene.model import Mesh, Scene, Texture
 from ..scene.scalar_colors import at_corners
-from .normals import corner_tangents, placed_normals, vertex_normals
-from .transform import cross, length, mirroring, power_of_two, unit, world_vertices
+from .transform import cross, dot, is_identity, length, mirroring, power_of_two, unit, world_vertices
 
+CANCELED = 2.0**-40  # relative to the sizes of a vertex's faces: a smaller sum has no direction left
 MAX_BEND, THINNEST = 0.25, 2.0**-20
 FACES = 1 << 14  # placed at a time
 MAX_UV = 2.0**40  # beyond 2^24 float32 no longer distinguishes texels
@@ -76,11 +76,14 @@ def usable_uvs(uvs: Reals) -> Floats:
     return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MAX_UV, MAX_UV).astype(np.float64)
 
 
-def _uv_sets(mesh: Mesh) -> list[Floats]:
-    """Return the sets of texture coordinates at the corners of a mesh, (F, 3, 2) each; the first is 0 without any."""
+def _uv_sets(mesh: Mesh, sets: int) -> Floats:
+    """Return as many sets of texture coordinates at the corners of a mesh, (F, 3, sets, 2), 0 for those it has not."""
     faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
-    first = np.zeros((len(mesh.faces), 3, 2)) if mesh.uvs is None else usable_uvs(mesh.uvs)[faces]
-    return [first, *(usable_uvs(uvs)[faces] for uvs in mesh.more_uvs)]
+    rows = np.zeros((len(mesh.faces), 3, sets, 2))
+    for k, uvs in enumerate((mesh.uvs, *mesh.more_uvs)):
+        if uvs is not None:
+            rows[:, :, k] = usable_uvs(uvs)[faces]
+    return rows
 
 
 def has_uvs(mesh: Mesh, texture: Texture | None) -> bool:
@@ -103,9 +106,8 @@ def mesh_tangents(mesh: Mesh) -> Floats:
         normals, _, index = _mesh_normals(mesh, compute=False)
         corners = np.asarray(mesh.verts, np.float64)[mesh.faces]
         normals = normals if mesh.normals is None else unit(np.asarray(normals, np.float64))
-        _tangents[mesh] = corner_tangents(
-            corners, np.asarray(normals[index], np.float64), _uv_sets(mesh)[texture.coordinates]
-        )
+        uvs = _uv_sets(mesh, 1 + len(mesh.more_uvs))[:, :, texture.coordinates]
+        _tangents[mesh] = corner_tangents(corners, np.asarray(normals[index], np.float64), uvs)
     return _tangents[mesh]
 
 
@@ -132,57 +134,51 @@ def placed_tangents(tangents: Floats, matrices: Floats) -> Floats:
 
 def _of_copies(rows: Array, mirrored: Bools) -> Array:
     """Return corners of the faces of K copies of a mesh, (K F, 3, ...), from rows for each copy, (K, F, 3, ...), or for
-    all, (1, F, 3, ...). A placement that mirrors reverses the winding: what was the front stays the front."""
+    all, (1, F, 3, ...). Winding is reversed by placements that mirror, so that the front stays the front."""
     copies = np.broadcast_to(rows, (len(mirrored), *rows.shape[1:]))
     turned = mirrored.reshape(-1, *[1] * (rows.ndim - 1))
     return np.where(turned, copies[:, :, [0, 2, 1]], copies).reshape(-1, *rows.shape[2:])
 
 
-def _placed(mesh: Mesh, computed: bool, scalars: str | None, bent: bool, sets: int) -> Iterator[list[Array]]:
-    """Yield the fields of `Corners` but `mesh`, (F, ...), of copies of a mesh; of texture coordinates as many sets."""
+def _placed(mesh: Mesh, computed: bool, scalars: str | None, bent: bool, sets: int) -> Iterator[dict[str, Array]]:
+    """Yield the fields of `Corners` but `mesh`, (F, ...), of copies of a mesh; as `uvs` as many sets, (F, 3, sets, 2)."""
     count, placements = len(mesh.faces), np.asarray(mesh.instances)
-    uv_sets = _uv_sets(mesh) + [np.zeros((count, 3, 2))] * (sets - 1 - len(mesh.more_uvs))
-    colors = np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64)
-    values = at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan)
-    alphas = np.ones((count, 3)) if mesh.alphas is None else mesh.alphas[mesh.faces].astype(np.float64)
+    shared = {
+        "colors": np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64),
+        "scalars": at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan),
+        "alphas": np.ones((count, 3)) if mesh.alphas is None else mesh.alphas[mesh.faces].astype(np.float64),
+        "uvs": _uv_sets(mesh, sets),
+    }
     tangents = mesh_tangents(mesh)
     normals, errors, index = _mesh_normals(mesh, computed)
     many = max(1, FACES // max(count, 1))
     for first in range(0, len(placements), many):
         matrices = placements[first : first + many]
-        mirrored = mirroring(matrices)
         world = world_vertices(mesh.verts, matrices)[:, mesh.faces]
         normal, error = (part[:, index] for part in placed_normals(normals, matrices, errors))
         bends = np.zeros((len(matrices), count, 3))
         if bent:
             bends = np.stack([placed_bends(*copy, index) for copy in zip(world, normal, strict=True)])
-        constant = (_of_copies(rows[None], mirrored) for rows in (colors, values, alphas))
-        yield [
-            _of_copies(world, mirrored),
-            _of_copies(normal, mirrored),
-            error.max(axis=2, initial=0.0).reshape(-1),
-            *constant,
-            _of_copies(bends, mirrored),
-            _of_copies(placed_tangents(tangents, matrices), mirrored),
-            *(_of_copies(uvs[None], mirrored) for uvs in uv_sets),
-        ]
+        rows = {"world": world, "normals": normal, "bends": bends, "tangents": placed_tangents(tangents, matrices)}
+        rows |= {name: values[None] for name, values in shared.items()}
+        mirrored, errors_of_faces = mirroring(matrices), error.max(axis=2, initial=0.0).reshape(-1)
+        yield {"normal_error": errors_of_faces} | {name: _of_copies(part, mirrored) for name, part in rows.items()}
 
 
 def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> Corners:
     """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed.
     scalars: the name of those to gather. bent: whether bends are needed; else they are 0."""
     sets = max((1 + len(mesh.more_uvs) for mesh in scene.meshes), default=1)
-    shapes = ((3, 3), (3, 3), (), (3, 3), (3,), (3,), (3,), (3, 4), *[(3, 2)] * sets)
-    parts: list[list[Array]] = [[np.zeros((0, *shape)) for shape in shapes]]
-    meshes = [np.zeros(0, np.int64)]
+    vectors, numbers = ("world", "normals", "colors"), ("scalars", "alphas", "bends")
+    shapes = dict.fromkeys(vectors, (3, 3)) | dict.fromkeys(numbers, (3,)) | {"tangents": (3, 4), "uvs": (3, sets, 2)}
+    parts: list[dict[str, Array]] = [{name: np.zeros((0, *shape)) for name, shape in shapes.items()}]
+    parts[0] |= {"mesh": np.zeros(0, np.int64), "normal_error": np.zeros(0)}
     for number, mesh in enumerate(scene.meshes):
         for part in _placed(mesh, scene.preset == "course", scalars, bent, sets):
-            parts.append(part)
-            meshes.append(np.full(len(part[0]), number))
-    attributes: list[Any] = [np.concatenate(rows) for rows in zip(*(part[:8] for part in parts), strict=True)]
-    uv_sets = [np.concatenate([part[k] for part in parts]) for k in range(8, 8 + sets)]
-    attributes += [np.concatenate(meshes), uv_sets[0], tuple(uv_sets[1:])]
-    return Corners(scene, *attributes)
+            parts.append({"mesh": np.full(len(part["world"]), number), **part})
+    fields = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    uvs, *more_uvs = np.moveaxis(fields.pop("uvs"), 2, 0).copy()
+    return Corners(scene, **fields, uvs=uvs, more_uvs=tuple(more_uvs))
 
 
 def from_first(weights: Floats, values: Floats) -> Floats:
@@ -202,3 +198,169 @@ def blend(weights: Floats, values: Floats) -> Floats:
     """Return the weighted sums of values (K, 3, C) at corners, in their order: (K, C). weights: (K, 3)."""
     a, b, c = (weights[:, corner, None] * values[:, corner] for corner in range(3))
     return (a + b) + c
+
+
+# Normals
+
+
+def vertex_normals(verts: Reals, faces: Array) -> tuple[Floats, Floats]:
+    """Return the normals of a mesh from its shape: at each vertex the sum of its faces' cross products, normalized. Also
+    return how far two computations in float64 may differ: (V,), absolute; 0 where there is no normal.
+
+    verts: (V, 3), faces: (F, 3) indices. Normals are (V, 3): unit vectors, or 0 at a vertex that has no face, only faces
+    without area, or faces that cancel up to rounding (2^-40 of their sizes). A larger face weighs more: its cross
+    product is twice its area.
+
+    A component of a x b is a difference of two products whose factors are rounded differences of coordinates: each
+    product is accurate to 3 units of 2^-53, the difference to one more, so the vector to sqrt(2)*3 + 1 < 6 units of
+    |a| |b|. That is much more than of |a x b| if a face is a sliver. A sum of m of them rounds m - 1 times. All this
+    is relative to the length of the sum, and counts for both sides.
+    """
+    corners = np.asarray(verts, dtype=np.float64)[faces]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    scale = power_of_two(np.maximum(np.abs(first), np.abs(second)).max(axis=0, initial=0.0))
+    first, second = first / scale, second / scale  # no product overflows
+    products = cross(first, second)
+    total, areas, sizes, count = np.zeros((len(verts), 3)), *np.zeros((3, len(verts)))
+    np.add.at(total, faces, products[:, None, :])
+    np.add.at(areas, faces, np.abs(products).sum(axis=1)[:, None])
+    np.add.at(sizes, faces, (length(first) * length(second))[:, None])
+    np.add.at(count, faces, 1.0)
+    canceled = np.abs(total).max(axis=1) <= CANCELED * areas
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = 2.0 * 2.0**-53 * (6.0 + count) * sizes / length(total)
+    return unit(np.where(canceled[:, None], 0.0, total)), np.where(canceled, 0.0, errors)
+
+
+def placed_normals(normals: Reals, matrix: Floats, error: Floats | float = 0.0) -> tuple[Floats, Floats]:
+    """Transform normals (K, 3) by placements (..., 4, 4) and normalize them, (..., K, 3): directions go by the inverse
+    transpose. Also return how far two computations in float64 may differ: (..., K), absolute; 0 where there is no normal.
+    error: how far the normals themselves may differ, (K,).
+
+    The inverse transpose is the matrix of cofactors divided by the determinant, of which only the sign matters here: a
+    singular placement needs no special case. Zero normals stay zero.
+
+    A cofactor is a difference of two products, accurate to 2 units of 2^-53 of the sum of their sizes, which is much more
+    than the cofactor where the placement is nearly singular. A component of the normal is a sum of three products with
+    a normalized direction: 4 units of the direction's components, 1 of each product and 2 of the sums add up to 9. All
+    this is relative to the length of the sum, and counts for both sides. What the normals differ by themselves grows at
+    most as the cofactors' norm.
+    """
+    directions, same = unit(np.asarray(normals, dtype=np.float64)), is_identity(matrix)[..., None]
+    rows = matrix[..., :3, :3] / power_of_two(np.abs(matrix[..., :3, :3]).max(axis=-2))[..., None, None]
+    a, b = rows[..., [1, 2, 0], :], rows[..., [2, 0, 1], :]
+    cofactors = np.swapaxes(cross(a, b), -2, -1)
+    placed = unit(directions @ np.where(mirroring(matrix)[..., None, None], -cofactors, cofactors))
+    after, before = (np.roll(np.abs(a), -k, axis=-1) * np.roll(np.abs(b), k, axis=-1) for k in (1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rounding = 2.0 * 2.0**-53 * 9.0 * length(np.abs(directions) @ np.swapaxes(after + before, -2, -1))
+        growth = np.linalg.norm(cofactors, axis=(-2, -1))[..., None]
+        errors = np.where(placed.any(axis=-1), (rounding + error * growth) / length(directions @ cofactors), 0.0)
+    return np.where(same[..., None], directions, placed), np.where(same, error, errors)
+
+
+# Tangents
+
+
+def corner_tangents(points: Floats, normals: Floats, uvs: Floats) -> Floats:
+    """Return tangents (F, 3, 4) at the corners of F faces, 0 where they have none.
+
+    points, normals (unit or 0): (F, 3, 3), uvs: (F, 3, 2) at the corners; v = 0 is the top row of the image, and the
+    bitangent w * cross(normal, tangent) points up in it. After M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited"
+    (2008), section 3.2 and appendix C, with the default threshold of 180 degrees.
+    """
+    tangents = np.zeros((len(points), 3, 4))
+    if not len(points):
+        return tangents
+    vertex = _vertices(points, normals, uvs)
+    faces = [f for f in range(len(points)) if len({tuple(p) for p in points[f].tolist()}) == 3]
+    along, counter_clockwise, free = _directions(points, uvs)
+    shares = np.where(np.array(free)[:, None, None], 0.0, _shares(points, normals, along))
+    for members in _groups(vertex, faces, counter_clockwise, free):
+        tangent = unit(np.sum([shares[member] for member in members], axis=0))
+        if tangent.any():
+            side = -1.0 if counter_clockwise[members[0][0]] else 1.0
+            for face, corner in members:
+                tangents[face, corner] = *tangent, side
+    return tangents
+
+
+def _vertices(points: Floats, normals: Floats, uvs: Floats) -> list[list[int]]:
+    """Return the number of the vertex at each corner; equal corners are one."""
+    seen: dict[tuple[float, ...], int] = {}
+    rows = np.concatenate([points, normals, uvs.astype(np.float32)], axis=2) + 0.0
+    return [[seen.setdefault(tuple(corner), len(seen)) for corner in face] for face in rows.tolist()]
+
+
+def _directions(points: Floats, uvs: Floats) -> tuple[Floats, list[bool], list[bool]]:
+    """Return per face the unit direction in which u grows, whether its texture coordinates are counter-clockwise, and
+    whether they have no area and leave both open. That is decided in float32, as the reference does."""
+    texture = uvs.astype(np.float32)
+    t1, t2 = texture[:, 1] - texture[:, 0], texture[:, 2] - texture[:, 0]
+    area = t1[:, 0] * t2[:, 1] - t1[:, 1] * t2[:, 0]
+    t1, t2 = t1.astype(np.float64), t2.astype(np.float64)
+    d1, d2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
+    along = t2[:, 1, None] * d1 - t1[:, 1, None] * d2
+    down = t1[:, 0, None] * d2 - t2[:, 0, None] * d1
+    free = (area == 0.0) | ~along.any(axis=1) | ~down.any(axis=1)
+    return unit(np.where(area > 0.0, 1.0, -1.0)[:, None] * along), (area > 0.0).tolist(), free.tolist()
+
+
+def _neighbors(vertex: list[list[int]], faces: list[int]) -> dict[tuple[int, int], tuple[int, int]]:
+    """Return for the edge from a face's corner to the next, (face, corner), the edge of another face that runs the
+    other way. An edge that more faces share goes to the first that are free."""
+    waiting: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    opposite = {}
+    for face in faces:
+        for corner in range(3):
+            start, end = vertex[face][corner], vertex[face][(corner + 1) % 3]
+            others = waiting.get((end, start), [])
+            if others:
+                other = others.pop(0)
+                opposite[face, corner], opposite[other] = other, (face, corner)
+            else:
+                waiting.setdefault((start, end), []).append((face, corner))
+    return opposite
+
+
+def _groups(
+    vertex: list[list[int]], faces: list[int], counter_clockwise: list[bool], free: list[bool]
+) -> list[list[tuple[int, int]]]:
+    """Return the groups of corners (face, corner) that share a tangent. A free face takes the side of the first group that
+    reaches it, which is noted in `counter_clockwise`."""
+    neighbor = _neighbors(vertex, faces)
+    assigned: set[tuple[int, int]] = set()
+    groups = []
+    for face in faces:
+        for corner in range(3):
+            if free[face] or (face, corner) in assigned:
+                continue
+            side, members, todo = counter_clockwise[face], [], [(face, corner)]
+            while todo:
+                f, k = todo.pop()
+                if (f, k) in assigned:
+                    continue
+                if free[f] and not any((f, c) in assigned for c in range(3)):
+                    counter_clockwise[f] = side
+                if counter_clockwise[f] != side:
+                    continue
+                assigned.add((f, k))
+                members.append((f, k))
+                for edge in ((f, k), (f, (k + 2) % 3)):  # the two edges at this corner
+                    if edge in neighbor:
+                        other = neighbor[edge][0]
+                        todo.append((other, vertex[other].index(vertex[face][corner])))
+            groups.append(members)
+    return groups
+
+
+def _shares(points: Floats, normals: Floats, along: Floats) -> Floats:
+    """Return (F, 3, 3) the direction of u in the plane of each corner's normal, normalized, times the face's angle
+    there."""
+    first, second = (unit(_in_plane(points[:, [k % 3 for k in (n, n + 1, n + 2)]] - points, normals)) for n in (1, 2))
+    angle = np.arccos(np.clip(dot(first, second), -1.0, 1.0))
+    return np.asarray(unit(_in_plane(along[:, None], normals)) * angle[..., None])
+
+
+def _in_plane(vector: Floats, normal: Floats) -> Floats:
+    return vector - dot(vector, normal)[..., None] * normal

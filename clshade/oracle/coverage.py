@@ -6,6 +6,7 @@ bottom) has its center at (65536*c + 32768, 65536*r + 32768).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -165,11 +166,8 @@ def places(count: int) -> Integers:
         if rows is not None:
             y = (i % rows + 1.0 - x) / rows
         positions.append([min(int(np.rint(t * SAMPLE_STEPS)), SAMPLE_STEPS - 1) for t in (x, y)])
-    center = SAMPLE_STEPS // 2
-    positions.sort(
-        key=lambda place: (place[0] - center) ** 2 + (place[1] - center) ** 2
-    )  # keeps the order of equal ones
-    return np.array(positions)
+    center = (SAMPLE_STEPS // 2, SAMPLE_STEPS // 2)
+    return np.array(sorted(positions, key=lambda place: math.dist(place, center)))  # keeps the order of equal ones
 
 
 def mean_place(lit: Bools) -> Integers:

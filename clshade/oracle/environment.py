@@ -1,5 +1,5 @@
-"""Environments: what surfaces reflect of them, by the split sum as the kernels take it, and what is seen behind surfaces,
-with how far rounding may change it.
+"""Environments: their light reflected by surfaces, by the split sum as the kernels take it, and the background that they
+are, with how far rounding may change both.
 
 Functions broadcast over leading axes: normals and directions are (..., 3).
 """
@@ -25,26 +25,19 @@ def extended(level: Floats) -> Floats:
     return np.concatenate([wide[1::-1, ::-1], wide, wide[:-3:-1, ::-1]], axis=0)
 
 
-def octahedral_place(direction: Floats, side: int) -> tuple[Floats, Floats]:
-    """Return where directions (..., 3) lie in an octahedral map, in texels, with texel i's center at i."""
-    d = direction / np.abs(direction).sum(axis=-1, keepdims=True)
-    sign = np.where(d[..., :2] < 0.0, -1.0, 1.0)
-    outside = (1.0 - np.abs(d[..., 1::-1])) * sign
-    place = np.where(d[..., 2:] < 0.0, outside, d[..., :2])
-    x, y = np.moveaxis(place * (side / 2.0) + (side / 2.0 - 0.5), -1, 0)
-    return x, y
-
-
 def lookup(level: Floats, direction: Floats, reach: Floats) -> tuple[Floats, Floats]:
-    """Return the bilinear means (..., 3) of a map, and how far they may be off if directions are within `reach` (...).
+    """Return the bilinear means (..., 3) of an octahedral map in directions (..., 3), and how far they may be off if
+    these are within `reach` (...).
 
     A unit vector that turns by r moves by at most 1.4 S r texels in a map of S texels a side: |d|_1 is 1 to sqrt(3), and
     the place changes by at most (1 + sqrt(3)) r of the half side S/2. The middle of a lobe is at least sqrt(1/2) long, so
     that it turns by up to 1.4 times as much: 2 S r in all. Less than a texel away the mean changes by at most the range of
     the 4 x 4 texels around it times twice the distance in texels; else by the range of the whole map.
     """
-    side = len(level)
-    x, y = octahedral_place(direction, side)
+    side, d = len(level), direction / np.abs(direction).sum(axis=-1, keepdims=True)
+    outside = (1.0 - np.abs(d[..., 1::-1])) * np.where(d[..., :2] < 0.0, -1.0, 1.0)
+    place = np.where(d[..., 2:] < 0.0, outside, d[..., :2])
+    x, y = np.moveaxis(place * (side / 2.0) + (side / 2.0 - 0.5), -1, 0)  # in texels, texel i's center at i
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     part_x, part_y = x - column, y - row
     rows, columns = (first[..., None] + np.arange(1, 5) for first in (row, column))
@@ -81,7 +74,7 @@ def shares(n_v: Floats, roughness: Floats) -> tuple[Floats, Floats]:
 def reflected(
     environment: Environment, normal: Floats, view: Floats, facets: Facets, max_color: Floats, reach: Floats
 ) -> Reflected:
-    """Return what surfaces reflect of an environment by the split sum, as `microfacet.reflected` does of lights.
+    """Return the light of an environment that surfaces reflect, by the split sum; `microfacet.reflected` is for lights.
 
     normal, view: (..., 3) unit or 0, view toward the eye. max_color: (..., 3) the largest color that errors are relative
     to. reach: (...) how far rounding may turn a direction.

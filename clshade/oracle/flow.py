@@ -24,7 +24,7 @@ class OracleFlow:
 
     vectors: (K, 2) pixels to the right and down, NaN where the point is not in front of the other near plane. occluded:
     (K,) where the other image does not show it. off: (K,) pixels, how far rounding may move a vector. unsure: (K,) where
-    rounding may change what is occluded.
+    rounding may change `occluded`.
     """
 
     vectors: Floats
@@ -41,8 +41,8 @@ def flow(
     face: Integers,
     pixel: tuple[Integers, Integers],
 ) -> OracleFlow:
-    """Return the flow from a scene's camera to that of another one, of what shows faces (K,) at pixels (rows from the TOP,
-    columns), (K,) each."""
+    """Return the flow from a scene's camera to another scene's, at pixels (rows from the TOP, columns), (K,) each, that
+    show faces (K,)."""
     start, end = _corners(scene), _corners(other)
     casters, corners = Casters.of(gather(scene)), gather(other)
     place, (rows, columns) = places(settings.samples)[0], pixel
@@ -67,10 +67,10 @@ def flow(
     culled = _culled(corners, other_settings)
     hiding = Casters.of(corners, culled | _clear(corners, other_settings, near))
     point = (weights * (end[face] - hiding.origin)).sum(axis=1) / hiding.scale
-    receivers = Receivers(point, face, off / hiding.scale + OFF)
+    receivers = Receivers(hiding, point, face, off / hiding.scale + OFF)
     axis = camera_frame(other.camera)[2]
     eye = DirectionalLight(axis) if other.camera.orthographic else PointLight(other.camera.eye)
-    hidden, doubtful = met(Rays.to(hiding, eye, receivers))
+    hidden, doubtful = met(Rays.to(eye, receivers))
     return OracleFlow(
         vectors=np.where(ahead[:, None], place_after - place_before, np.nan),
         occluded=~ahead | ~inside | culled[face] | hidden,

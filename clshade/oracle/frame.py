@@ -124,7 +124,7 @@ def render(
 
 
 def whole_image(scene: Scene, settings: Settings, draw: Callable[..., _Drawn]) -> _Drawn:
-    """Return what is drawn of all pixels (K,) with leading axes (M, N)."""
+    """Draw all pixels of an image, and return the result with leading axes (M, N) in place of (K,)."""
     columns, rows = scene.camera.resolution
     flat: Any = draw(scene, settings, *np.divmod(np.arange(rows * columns), columns))
     shaped = {name: values.reshape(rows, columns, *values.shape[1:]) for name, values in vars(flat).items()}
@@ -133,8 +133,8 @@ def whole_image(scene: Scene, settings: Settings, draw: Callable[..., _Drawn]) -
 
 
 @dataclass(frozen=True, eq=False)
-class _Lit:
-    """Fragments as they are lit: colors and measures, and alphas, see `transparency.alphas`."""
+class _Lit(Fragments):
+    """Fragments with their colors and measures, and alphas, see `transparency.alphas`."""
 
     shaded: Shaded
     alpha: Floats
@@ -164,7 +164,7 @@ class Pixels:
 
     @cached_property
     def lines(self) -> Integers:
-        """(S, K) what lines the samples show, see `lines`; 0 for none."""
+        """(S, K) the kinds of lines that the samples show, see `lines`; 0 for none."""
         if self.shot.settings.edges is None:
             return np.zeros_like(self.owner)
         return samples_with_lines(self.shot, self.column, self.row)
@@ -179,7 +179,7 @@ class Pixels:
         return edges is not None and edges.only
 
     def background(self, place: Integers) -> OracleFrame:
-        """Return what is behind the surfaces at a place of the pixels, (2,)."""
+        """Return the background at a place in the pixels, (2,)."""
         scene = self.shot.scene
         frame = plain(np.zeros(3) if scene.background is None else scene.background, len(self.column))
         if self.shot.settings.background != "environment" or scene.environment is None:
@@ -224,11 +224,11 @@ class Pixels:
         shown, unsure = self.owner[0], np.zeros(len(self.column), bool)
         for s, frame in enumerate(frames):
             if self.blends:
-                fragments, lit = self.fragments(s)
-                composite(frame, fragments, lit)
+                fragments = self.fragments(s)
+                composite(frame, fragments)
                 unsure |= fragments.unsure
                 if s == 0:
-                    shown, doubtful = self.shown(fragments, lit)
+                    shown, doubtful = self.shown(fragments)
                     unsure |= doubtful
             if self.lines_alone:
                 frame = frames[s] = self.background(self.shot.samples[s].place)
@@ -242,13 +242,13 @@ class Pixels:
     def put_lines(self, frame: OracleFrame, lines: Integers) -> None:
         """Put lines (K,) over a sample of the pixels, in place."""
         for kind, color in ((LINE, "color"), (MARKED, "nonmanifold_color")):
-            mine = lines == kind
-            if mine.any():
-                line = plain(np.array(getattr(self.shot.settings.edges, color)), int(mine.sum()), alpha=1.0)
+            shown = np.flatnonzero(lines == kind)
+            if len(shown):
+                line = plain(np.array(getattr(self.shot.settings.edges, color)), len(shown), alpha=1.0)
                 for name in ("rgb", "alpha", "alpha_error", "budget", "conditions", "jump", "exponent"):
-                    getattr(frame, name)[mine] = getattr(line, name)
+                    getattr(frame, name)[shown] = getattr(line, name)
 
-    def fragments(self, s: int) -> tuple[Fragments, _Lit]:
+    def fragments(self, s: int) -> _Lit:
         """Return the transparent fragments of sample s, lit at the mean of the samples that their pieces cover in a pixel;
         with sample_shading at s."""
         fragments = fragments_at(self.shot.samples[s], self.owner[s], self.column, self.row)
@@ -266,20 +266,23 @@ class Pixels:
             for name, values in vars(shade_pixels(hits)).items():
                 getattr(shaded, name)[some] = values
             alpha[some], magnitude[some], varies[some] = alphas(self.shot.corners, hits.face, hits.weights)
-        return fragments, _Lit(shaded, np.clip(alpha, 0.0, 1.0), magnitude, varies)
+        return _Lit(
+            **vars(fragments), shaded=shaded, alpha=np.clip(alpha, 0.0, 1.0), magnitude=magnitude, varies=varies
+        )
 
     def layer_owner(self) -> tuple[Integers, Bools]:
         """Return the pieces that layers show, (K,), -1 for none, and where rounding may change them."""
         owner = self.owner[0]
-        return self.shown(*self.fragments(0)) if self.blends else (owner, np.zeros(len(owner), bool))
+        return self.shown(self.fragments(0)) if self.blends else (owner, np.zeros(len(owner), bool))
 
-    def shown(self, fragments: Fragments, lit: _Lit) -> tuple[Integers, Bools]:
-        """Return what `layer_owner` does, from the fragments of the sample nearest the center."""
+    def shown(self, fragments: _Lit) -> tuple[Integers, Bools]:
+        """Return the pieces that layers show, (K,), -1 for none, and where rounding may change them, from the fragments of
+        the sample nearest the center."""
         shown, limit = self.owner[0].copy(), self.shot.settings.layer_alpha
-        enough = np.flatnonzero(lit.alpha >= limit)[::-1]  # the nearest is assigned last
+        enough = np.flatnonzero(fragments.alpha >= limit)[::-1]  # the nearest is assigned last
         shown[fragments.pixel[enough]] = fragments.piece[enough]
         unsure = np.zeros(len(shown), bool)
-        unsure[fragments.pixel[lit.varies & (np.abs(lit.alpha - limit) <= DOUBT)]] = True
+        unsure[fragments.pixel[fragments.varies & (np.abs(fragments.alpha - limit) <= DOUBT)]] = True
         return shown, unsure
 
 
@@ -291,7 +294,9 @@ def mean(shot: Shot, samples: list[OracleFrame]) -> OracleFrame:
     weight = [weights(sample.rgb, resolve) / count for sample in samples]
     alpha, alpha_error = (np.mean([getattr(s, name) for s in samples], axis=0) for name in ("alpha", "alpha_error"))
     total: Floats = np.sum(weight, axis=0)
-    if resolve == "weighted" and shot.scene.background is None:  # what is covered counts, and the mean is premultiplied
+    if (
+        resolve == "weighted" and shot.scene.background is None
+    ):  # uncovered samples do not count, and the mean is premultiplied
         seen = np.sum([part * sample.alpha for part, sample in zip(weight, samples, strict=True)], axis=0)
         total = np.where(alpha > 0.0, seen / np.where(alpha > 0.0, alpha, 1.0), 1.0)
     share = [(part / total)[:, None] for part in weight]
@@ -328,16 +333,16 @@ def weights(rgb: Floats, resolve: str) -> Floats:
     return 1.0 / (1.0 + np.clip(rgb @ [0.2126, 0.7152, 0.0722], 0.0, 2.0**96))
 
 
-def composite(base: OracleFrame, fragments: Fragments, lit: _Lit) -> None:
+def composite(base: OracleFrame, lit: _Lit) -> None:
     """Composite fragments over pixels of one sample, in place, the farthest first.
 
-    An error of an alpha changes the color by as much of the difference between the fragment and what lies behind.
+    An error of an alpha changes the color by as much of the difference between the fragment and its background.
     """
-    count = np.bincount(fragments.pixel, minlength=len(base.alpha))
+    count = np.bincount(lit.pixel, minlength=len(base.alpha))
     error, total = np.zeros(len(base.alpha)), np.abs(base.rgb)
     for rank in range(int(count.max(initial=0)) - 1, -1, -1):
-        k = np.flatnonzero(fragments.rank == rank)
-        at, alpha, magnitude = fragments.pixel[k], lit.alpha[k, None], lit.magnitude[k, None]
+        k = np.flatnonzero(lit.rank == rank)
+        at, alpha, magnitude = lit.pixel[k], lit.alpha[k, None], lit.magnitude[k, None]
         color, behind = lit.shaded.rgb[k], base.rgb[at].copy()
         base.budget[at] = (
             alpha * lit.shaded.budget[k]
@@ -367,13 +372,11 @@ def depth_at(scene: Scene, settings: Settings, face: Integers, row: Integers, co
     shot = prepare(scene, settings).samples[0]
     cut, depth = shot.pieces, np.full(len(face), np.inf)
     first, last = np.searchsorted(cut.face, face, "left"), np.searchsorted(cut.face, face, "right")
-    for step in range(int((last - first).max(initial=0))):
-        query = np.flatnonzero(first + step < last)
-        piece = first[query] + step
-        edges = coverage.edge_functions(cut.xy[piece], column[query], scene.camera.resolution[1] - 1 - row[query])
-        hit = coverage.covered(cut.xy[piece], edges) & ~shot.setup.culled[piece]
-        z = shade.depth(edges[hit], cut.z[piece[hit]], scene.camera.orthographic)
-        depth[query[hit]] = np.minimum(depth[query[hit]], z)
+    query = np.repeat(np.arange(len(face)), last - first)
+    piece = np.arange(len(query)) + np.repeat(last - np.cumsum(last - first), last - first)
+    edges = coverage.edge_functions(cut.xy[piece], column[query], scene.camera.resolution[1] - 1 - row[query])
+    hit = coverage.covered(cut.xy[piece], edges) & ~shot.setup.culled[piece]
+    np.minimum.at(depth, query[hit], shade.depth(edges[hit], cut.z[piece[hit]], scene.camera.orthographic))
     return depth
 
 

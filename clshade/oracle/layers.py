@@ -14,9 +14,9 @@ from .microfacet import REACH, maps, shading_normals
 from .pixels import shade_pixels
 from .shot import Hits
 from .transform import mirroring, unit
-from .visibility import AmbientVisibility, Visibility, ambient_visibility
+from .visibility import AmbientVisibility, ambient_visibility, pixel_receivers
 
-# The background of what is not 0 there.
+# Values at the background, of layers whose value there is not 0.
 BACKGROUND = {"scalar": np.nan, "normal_length": 1.0, "weight_condition": 1.0, "open_rounding": 1.0}
 
 
@@ -90,7 +90,7 @@ def material_numbers(scene: Scene) -> UInt32s:
 
 
 def objects(scene: Scene) -> UInt32s:
-    """Return (meshes, 2) uint32: the number of each mesh's object, and that of its first instance, both from 1."""
+    """Return (meshes, 2) uint32: the numbers of each mesh's object and of its first instance, both from 1."""
     numbers = np.zeros((len(scene.meshes), 2), np.uint32)
     parts: dict[str | int, list[int]] = {}
     for number, mesh in enumerate(scene.meshes):
@@ -151,7 +151,7 @@ def _layers_of(hits: Hits, scene: Scene) -> OracleLayers:
     scalars = np.clip(corners.scalars[face], -limit, limit)
     open_ = AmbientVisibility(np.zeros(len(face)), np.zeros(len(face)), 1.0)
     if "AO" in settings.layers:
-        open_ = ambient_visibility(Visibility.of_pixels(hits), settings, REACH[settings.precision], hits.position)
+        open_ = ambient_visibility(pixel_receivers(hits), settings, REACH[settings.precision], hits.position)
     return OracleLayers(
         N=unit(normal),
         P=camera.eye + blend(in_space, corners.world[face] - camera.eye),

@@ -1,4 +1,4 @@
-"""Lights: the points that stand for those of finite size, and what arrives from each at the points that it lights.
+"""Lights: the sample points of area lights, and the light that arrives from each at the points that it lights.
 
 Points and positions are (..., 3), relative to the eye; results are (...). Coordinates on a light are integers in units of
 2^-32, modulo 2^32, which kernels and oracle have in common; where they lie, as seen from a receiver, is computed here.
@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from ..base.arrays import Array, Floats, Integers
 from ..scene.lights import Light, PlacedLight, PointLight, RectangleLight
 from ..scene.model import Scene
 from .coverage import GOLDEN_RATIO
-from .terms import Directions
 from .transform import SAMPLE_STEPS, cross, dot, length, unit
 
 NARROWEST_EDGE = 1e-3  # of a cone, in cosines (KHR_lights_punctual)
@@ -44,8 +44,8 @@ def coordinates(points: int) -> Integers:
 
 
 def shifts(place: Integers) -> Integers:
-    """Return by how much the pixels shift u and v, (K, 2). place: (K, 2) where they are lit, 1/256 px from the lower left
-    corner of the image."""
+    """Return the shifts of u and v at pixels, (K, 2). place: (K, 2) where they are lit, 1/256 px from the lower left corner
+    of the image."""
     pixel, part = np.divmod(np.asarray(place, np.int64), SAMPLE_STEPS)
     step = [2**8 * round(2**24 / GENERALIZED_RATIO**power) for power in (1, 2, 3, 4)]
     u = pixel[:, 0] * step[0] + pixel[:, 1] * step[3] + part[:, 1] * (TURN // SAMPLE_STEPS)
@@ -83,15 +83,31 @@ def amplified(to_receiver: Floats, size: Array) -> Floats:
         return np.asarray(1.0 + 4.0 * direction / length(POLE + unit(to_receiver)))
 
 
+class Directions(NamedTuple):
+    """Directions at points, unit vectors or 0: the normal, to the light, to the eye."""
+
+    normal: Floats
+    to_light: Floats
+    to_eye: Floats
+
+    @classmethod
+    def at(cls, point: Floats, normal: Floats, eye: Floats, light: Floats) -> Directions:
+        return cls(unit(normal), unit(light - point), unit(eye - point))
+
+    @property
+    def n_l(self) -> Floats:
+        """The cosine N.L, (...)."""
+        return dot(self.normal, self.to_light)
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """How a light differs from a point light without attenuation.
 
-    parallel: whether its position is a unit vector toward it, the same everywhere. axis: (3,) unit, of its cone, away from
-    the light; None without. inner, outer: cosines of the cone's angles. attenuates: with the square of the distance, and
-    ends at `range`. points: that stand for a light of finite size, 0 for others. radius: of a sphere. sides: (2, 3) half
-    the sides of a rectangle. front: (3,) unit, the normal of the side of a rectangle that shines. shift: (..., 2) of the
-    points, see `shifts`.
+    parallel: whether its position is a constant unit vector toward it. axis: (3,) unit, of its cone, away from the light;
+    None without. inner, outer: cosines of the cone's angles. attenuates: with the square of the distance, and ends at
+    `range`. points: sample points of an area light, 0 for others. radius: of a sphere. sides: (2, 3) half the sides of a
+    rectangle. front: (3,) unit normal of the side of a rectangle that shines. shift: (..., 2) of the points, see `shifts`.
     """
 
     parallel: bool = False
@@ -111,7 +127,7 @@ POINT = Shape()
 
 
 def shape_of(light: Light, points: int = 1) -> Shape:
-    """Return the shape of a light. points: how many stand for one of finite size."""
+    """Return the shape of a light. points: of an area light."""
     if not isinstance(light, PlacedLight):
         return Shape(parallel=True)
     end, attenuates = math.inf if light.range is None else light.range, light.attenuation == "inverse-square"
@@ -147,8 +163,8 @@ def shining(scene: Scene) -> list[Light]:
 
 
 def scene_lights(scene: Scene, points: int, place: Integers | None = None) -> Lights:
-    """Return the lights of non-zero intensity, relative to the eye. points: that stand for one of finite size. place: (K,
-    2) of the pixels that are lit, 1/256 px; None for corners of faces."""
+    """Return the lights of non-zero intensity, relative to the eye. points: of an area light. place: (K, 2) of the pixels
+    that are lit, 1/256 px; None for corners of faces."""
     lights, shift = shining(scene), 0 if place is None else shifts(place)
     positions = np.array([position_of(light, scene.camera.eye) for light in lights]).reshape(-1, 3)
     shapes = [replace(shape_of(light, points), shift=shift) for light in lights]
@@ -160,12 +176,11 @@ NO_LIGHTS = Lights(np.zeros((0, 3)), np.zeros((0, 3)))
 
 @dataclass(frozen=True, eq=False)
 class Interaction:
-    """Points of surfaces (..., 3) that lights reach, with their normals (..., 3) of any length, the eye, and what their
-    errors depend on.
+    """Surface points (..., 3) with normals (..., 3) of any length, the lights and the eye, and what their errors depend on.
 
     extent: (...) the largest coordinate that a point is interpolated from, relative to the eye. normal_length: (...) before
-    normalizing. parallel: whether directions to the eye are the same everywhere, hence exact; coordinates are then relative
-    to the origin.
+    normalizing. parallel: whether the direction to the eye is constant, hence exact; coordinates are then relative to the
+    origin.
     """
 
     point: Floats
@@ -203,8 +218,7 @@ class Interaction:
 
     @cached_property
     def samples(self) -> list[LightSample]:
-        """The lights as they light the points: of a light of finite size each of its points, with its part of the
-        intensity."""
+        """The lights, and in place of area lights their sample points with equal parts of the intensity."""
         samples = []
         shapes = self.lights.shapes or [POINT] * len(self.lights.positions)
         rows = zip(self.lights.positions, self.lights.intensities, shapes, strict=True)
@@ -228,9 +242,9 @@ class Interaction:
 
 @dataclass(frozen=True, eq=False)
 class LightSample:
-    """A light, or a point of one of finite size, as it lights the points `at`. number, of_light: of the light, and its
-    intensity. offset: (..., 3) from its position; None if it has no size. blur: (...) how far rounding may move it, in
-    units of which one is an error 2^-24."""
+    """A light, or a sample point of an area light, as it lights the points `at`. number, of_light: index and intensity of
+    the light. offset: (..., 3) from its position; None without a size. blur: (...) how far rounding may move it, in units
+    of which one is an error 2^-24."""
 
     at: Interaction
     number: int
@@ -269,7 +283,7 @@ class LightSample:
 
     @property
     def condition(self) -> Floats:
-        """The term s/|P-L| of kappa, (...): 0 if the direction is the same everywhere."""
+        """The term s/|P-L| of kappa, (...): 0 if the direction is constant."""
         if self.shape.parallel:
             return np.zeros(np.shape(self.at.point)[:-1])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -287,8 +301,8 @@ class LightSample:
 
     @property
     def share(self) -> Floats:
-        """What part of the intensity arrives: cone times attenuation, of a rectangle times the cosine to its normal; 0 at a
-        distance of 0 with attenuation."""
+        """The part of the intensity that arrives: cone times attenuation, for a rectangle times the cosine to its normal; 0
+        at a distance of 0 with attenuation."""
         share, shape = np.ones(np.shape(self.at.point)[:-1]), self.shape
         if shape.axis is not None:
             share = share * np.clip(self._fading(shape.axis), 0.0, 1.0) ** 2
@@ -314,7 +328,7 @@ class LightSample:
             return np.asarray(intensity * np.minimum((1.0 / nearest) ** 2, MAX_SHARE)[..., None])
 
     def sensitivity(self, turned: Floats) -> Floats:
-        """Return how much an error of the direction, or a relative one of the distance, changes what arrives: 1 + the
+        """Return how much an error of the direction, or a relative one of the distance, changes the light: 1 + the
         slopes of attenuation, cone and a rectangle's cosine, relative to `max_arriving`. turned: (...) error of the
         direction by which the cone's edge may be missed."""
         slopes, shape = np.ones(np.shape(self.at.point)[:-1]), self.shape

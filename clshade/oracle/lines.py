@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.arrays import Bools, Floats, Integers
-from ..scene.camera import Camera
 from ..scene.model import Edges
 from .clip import GUARD, beyond_guard, clip_guard, clip_near
 from .coverage import painter_order, places, signed_area
@@ -26,7 +25,7 @@ ROUNDED_TWICE = 1.0 + 2.0**-8  # 1/256 px and 1/65536 px, in 1/256 px
 EQUAL = 2.0**-40  # relative difference of 1/depths that count as equal
 CELLS = (128, 8)  # pixels looked at together: of large cells the small ones
 BATCH = 1 << 20  # pairs compared at a time
-NONE, LINE, MARKED = 0, 1, 2  # what a sample shows; marked: an edge of more than two faces
+NONE, LINE, MARKED = 0, 1, 2  # kinds of lines at samples; marked: an edge of more than two faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +113,6 @@ def _sharp(edges: MeshEdges, normal: Floats, count: Integers, angle: float) -> B
     return sharp
 
 
-def clip_segment(points: Floats, near: float, camera: Camera) -> Floats:
-    """Clip a segment (2, 3), camera space, as a polygon of two corners, to the near plane and, if it exceeds it, to the
-    guard band: (2, 3), or (0, 3)."""
-    points, weights = clip_near(points, np.zeros((2, 0)), near)
-    if len(points) and beyond_guard(project(points, camera)):
-        points, _ = clip_guard(points, weights, camera)
-    return points[:2]
-
-
 def lines_of(ends: Floats, edge: Integers, shot: Shot) -> Lines:
     """Return the lines of edges (E, 2, 3) with these numbers (E,), as far as they lie before the near plane."""
     camera, corners = shot.scene.camera, shot.corners.world.reshape(-1, 3)
@@ -131,9 +121,11 @@ def lines_of(ends: Floats, edge: Integers, shot: Shot) -> Lines:
         simple = (points[..., 2] >= near).all(axis=1) & ~beyond_guard(project(points, camera))
         kept, numbers = [points[simple]], [edge[simple]]
         for k in np.flatnonzero(~simple):
-            cut = clip_segment(points[k], near, camera)
+            cut, weights = clip_near(points[k], np.zeros((2, 0)), near)  # as a polygon of two corners
+            if len(cut) and beyond_guard(project(cut, camera)):
+                cut, _ = clip_guard(cut, weights, camera)
             if len(cut):
-                kept.append(cut[None])
+                kept.append(cut[None, :2])
                 numbers.append(edge[k : k + 1])
     points = np.concatenate(kept)
     w = -points[..., 2] if camera.orthographic else 1.0 / points[..., 2]
@@ -147,7 +139,7 @@ def on_line_grid(xy: Integers) -> Integers:
 
 
 def samples_with_lines(shot: Shot, column: Integers, row: Integers) -> Integers:
-    """Return what each sample of pixels (columns and rows from the BOTTOM), (K,), shows, NONE, LINE or MARKED: (S, K)."""
+    """Return the kinds of lines at the samples of pixels (columns and rows from the BOTTOM), (K,): (S, K)."""
     style, offsets, faces = shot.settings.edges, places(shot.settings.samples), len(shot.corners.world)
     shown = np.zeros((len(offsets), len(column)), np.int64)
     edges = mesh_edges(shot.corners.world)

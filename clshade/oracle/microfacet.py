@@ -15,9 +15,8 @@ import numpy as np
 from ..base.arrays import Bools, Floats
 from ..scene.model import LEAST_ROUGHNESS, Material
 from .corners import blend
-from .lights import Interaction, LightSample
+from .lights import Directions, Interaction, LightSample
 from .shot import Hits
-from .terms import Directions
 from .texture import Texels, texels
 from .transform import cross, dot, length
 
@@ -130,7 +129,7 @@ def reflected(
     wear: Floats | float = 0.0,
     reaching: Floats | None = None,
 ) -> Reflected:
-    """Return what surfaces reflect, and how far rounding may change it.
+    """Return the light that surfaces reflect, and how far rounding may change it.
 
     max_color: (..., 3) the largest color that errors are relative to. reach: see `REACH`. wear: (...) how far the roughness
     and the metallic part may be off, over `reach`. reaching: factors of `at.samples`, (L, ...), which `spread` does not
@@ -155,7 +154,7 @@ def reflected(
 
 
 def _reflected_of(arriving: Floats, at: Angles, facets: Facets) -> tuple[Floats, Floats, Floats]:
-    """Return what surfaces reflect of a light, (..., 3) each: diffuse, the metal's lobe, which the color tints as well, and
+    """Return the light that surfaces reflect, (..., 3) each: diffuse, in the metal's lobe, both tinted by the color, and in
     the dielectric's."""
     alpha, dielectric = alpha_of(facets.roughness), 1.0 - facets.metallic
     f0, f90 = dielectric[..., None] * facets.f0, dielectric * facets.f90
@@ -171,7 +170,7 @@ def _reflected_of(arriving: Floats, at: Angles, facets: Facets) -> tuple[Floats,
 
 
 def _spread_of(sample: LightSample, facets: Facets, max_color: Floats, reach: float, wear: Floats) -> Floats:
-    """Return what a light of intensity 1 adds to `Reflected.spread`."""
+    """Return the contribution of a light of intensity 1 to `Reflected.spread`."""
     alpha, dielectric = alpha_of(facets.roughness), 1.0 - facets.metallic
     f0, f90 = dielectric[..., None] * facets.f0, dielectric * facets.f90
     at, color = angles(sample.directions), np.maximum(np.abs(max_color), 1.0)
@@ -186,8 +185,8 @@ def _spread_of(sample: LightSample, facets: Facets, max_color: Floats, reach: fl
 
 
 def _lobe_range(at: Angles, alpha: Floats, f0: Floats, f90: Floats, r: Floats) -> tuple[Floats, Floats]:
-    """Return the least and the largest reflected light, (..., 3) each, with cosines within r (...). The half vector, which
-    is divided by |L + V| = 2 V.H, moves by r/V.H."""
+    """Return the minimum and maximum of the reflected light, (..., 3) each, with cosines within r (...). The half vector,
+    which is divided by |L + V| = 2 V.H, moves by r/V.H."""
     turned = r / np.maximum(at.v_h, 1e-300)
     peak = (
         distribution(np.maximum(at.beside - turned, 0.0), alpha),
@@ -205,7 +204,7 @@ def _lobe_range(at: Angles, alpha: Floats, f0: Floats, f90: Floats, r: Floats) -
 
 
 def budget(ka_Ia: Floats, max_color: Floats, emission: Floats, spread: Floats, tinted: bool) -> Floats:
-    """Return what errors are counted against, B (..., 3): the ambient and emitted light, and `Reflected.spread`."""
+    """Return the budget B (..., 3) that errors are relative to: ambient and emitted light, and `Reflected.spread`."""
     brightest = np.maximum(np.abs(max_color), 1.0) if tinted else 1.0
     return np.asarray(np.abs(ka_Ia) * brightest + emission + spread)
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.arrays import Floats, Integers
-from . import environment, microfacet, shade
+from . import environment, microfacet, shade, visibility
 from .corners import blend
 from .lights import Interaction, scene_lights
 from .microfacet import Reflected
+from .shade import RIGHT, Steps, Surface
+from .shadows import Receivers
 from .shot import Hits
-from .terms import RIGHT, Steps, Surface
 from .texture import corner_colors, map_colors, texels
 from .transform import camera_frame, length, unit
-from .visibility import MAX_BEND, AmbientVisibility, Visibility, ambient_visibility, light_visibility
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,27 +115,29 @@ class _Lit(_Unlit):
         return Interaction(point, normal, eye, lights, extent, normal_length, camera.orthographic)
 
     @property
-    def seen(self) -> Visibility:
-        """What reaches the points."""
-        return Visibility.of_pixels(self.hits)
+    def receivers(self) -> Receivers:
+        """The points as shadow rays start there."""
+        return visibility.pixel_receivers(self.hits)
 
-    def ambient_visibility(self, at_corners: bool = False) -> AmbientVisibility | None:
-        """Return what of the ambient light arrives at pixels or corners; None without ambient occlusion."""
+    def ambient_visibility(self, at_corners: bool = False) -> visibility.AmbientVisibility:
+        """Return how much of the ambient light arrives at pixels or corners."""
         if not self.settings.ambient_occlusion:
-            return None
-        seen, place = (self.seen, None) if at_corners else (Visibility.of_pixels(self.hits), self.hits.position)
-        return ambient_visibility(seen, self.settings, self.reach, place)
+            return visibility.AmbientVisibility(np.ones(()), np.zeros(()), 1.0)
+        at, place = (
+            (self.receivers, None) if at_corners else (visibility.pixel_receivers(self.hits), self.hits.position)
+        )
+        return visibility.ambient_visibility(at, self.settings, self.reach, place)
 
     def shaded(self) -> Shaded:
-        """Light the points, then count what rounding may change, also in what shadows leave of the light."""
+        """Light the points, then bound the effects of rounding, on the visibility of lights too."""
         left = None
         if self.settings.shadows and len(self.at.lights.positions):
-            left = light_visibility(self.seen, self.at, self.smooth, self.bend, self.reach)
-        rgb, budget, jump = self.light(None if left is None else left.share)
-        if left is not None:
+            left = visibility.light_visibility(self.receivers, self.at, self.smooth, self.bend, self.reach)
+        rgb, budget, jump = self.light(left and left[0])
+        if left:
             brightest = replace(self.at, lights=self.at.lights.magnitudes())
-            budget = sum(self.magnitudes(brightest, left.changes), budget)
-            jump = sum(self.magnitudes(brightest, left.doubtful), jump)
+            budget = sum(self.magnitudes(brightest, left[1]), budget)
+            jump = sum(self.magnitudes(brightest, left[2]), jump)
         return Shaded(rgb, budget, self.conditions(), jump, self.exponent())
 
     def light(self, reaching: Floats | None) -> tuple[Floats, Floats, Floats]:
@@ -170,14 +172,12 @@ class _Lit(_Unlit):
         return self.vertex_color * factor, self.color * factor
 
     def ambient(self) -> tuple[Floats, Floats, Floats]:
-        """Return the ambient light (..., 3) that arrives, or that of pixels if it is not tinted, by how much rounding may
-        change it where it decides whether rays meet triangles, and what its budget is more than without occlusion."""
+        """Return the ambient light (..., 3) that arrives, at pixels if it is not tinted; by how much rounding may change it
+        where it decides whether rays meet triangles; and by how much occlusion raises its budget."""
         return self.arriving(self.pixel_surface.ka_Ia, self.ambient_visibility())
 
     @staticmethod
-    def arriving(ambient: Floats, part: AmbientVisibility | None) -> tuple[Floats, Floats, Floats]:
-        if part is None:
-            return ambient, np.zeros(3), np.zeros(3)
+    def arriving(ambient: Floats, part: visibility.AmbientVisibility) -> tuple[Floats, Floats, Floats]:
         magnitude, share, spread = np.abs(ambient), part.share[..., None], part.spread[..., None]
         return ambient * share, magnitude * spread, magnitude * (part.rounding - 1.0)
 
@@ -195,8 +195,8 @@ class _Gouraud(_Lit):
         self.bend, self.lit_surface = self.corners.bends[self.faces].reshape(-1), self.surface[of_corners]
 
     @property
-    def seen(self) -> Visibility:
-        return Visibility.of_corners(self.hits, self.faces, self.where)
+    def receivers(self) -> Receivers:
+        return visibility.corner_receivers(self.hits, self.faces, self.where)
 
     def worst(self, values: Floats) -> Floats:
         at_corners = np.broadcast_to(values, (3 * len(self.faces), 3)).reshape(-1, 3, 3)
@@ -212,7 +212,7 @@ class _Gouraud(_Lit):
         return self.arriving(self.lit_surface.ka_Ia, self.ambient_visibility(at_corners=True))
 
     def conditions(self) -> Floats:
-        """Return those of the worst corner."""
+        """Return the conditions of the worst corner."""
         conditions = super().conditions().reshape(-1, 3, 4)
         worst = shade.condition_number(conditions).argmax(axis=1)
         return np.take_along_axis(conditions, worst[:, None, None], axis=1)[:, 0][self.where]
@@ -229,7 +229,7 @@ class _Phong(_Lit):
         self.at = self.interaction(point, normal, self.extent[self.where], normal_length, hits.position)
         mean = blend(weights, self.corners.bends[hits.face][..., None])[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            self.bend = np.nan_to_num(np.minimum(mean / length(self.smooth), MAX_BEND))
+            self.bend = np.nan_to_num(np.minimum(mean / length(self.smooth), visibility.MAX_BEND))
 
     def brightest(self) -> Floats:
         # Corners whose colors differ in sign are each rounded separately.
@@ -243,10 +243,8 @@ class _Pbr(_Phong):
         return microfacet.reflected(at, self.maps.facets, self.max_color, self.reach, self.maps.wear, reaching)
 
     def light(self, reaching: Floats | None) -> tuple[Floats, Floats, Floats]:
-        ka_Ia, open_, open_spread, sums = self.pixel_surface.ka_Ia, self.maps.open, self.maps.open_spread, 1.0
-        part = self.ambient_visibility()
-        if part is not None:
-            open_, open_spread, sums = open_ * part.share, open_spread + part.spread, part.rounding
+        ka_Ia, part = self.pixel_surface.ka_Ia, self.ambient_visibility()
+        open_, open_spread = self.maps.open * part.share, self.maps.open_spread + part.spread
         ambient, lit = ka_Ia * open_[:, None], self.reflected(self.at, reaching)
         hideable = np.abs(ka_Ia * self.color if self.tinted else ka_Ia)
         if self.scene.environment is not None:
@@ -260,7 +258,7 @@ class _Pbr(_Phong):
         per_color = lit.tinted + ambient if self.tinted else lit.tinted
         budget = microfacet.budget(ka_Ia, self.max_color, self.maps.emission, lit.spread, self.tinted)
         jump = self.flips(self.vertex_color * per_color) + hideable * open_spread[:, None]
-        return rgb, budget + hideable * (sums - 1.0), jump + self.maps.jump
+        return rgb, budget + hideable * (part.rounding - 1.0), jump + self.maps.jump
 
     def magnitudes(self, brightest: Interaction, reaching: Floats) -> Iterator[Floats]:
         light = self.reflected(brightest, reaching)

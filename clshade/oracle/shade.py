@@ -1,17 +1,22 @@
-"""Interpolation weights, the light of the Phong reflection model of terms.py, and its condition number.
+"""Interpolation weights, Phong's reflection model, its terms with the effects of rounding on them, and its condition number
+at a point.
 
-Every function broadcasts over leading axes: points, directions and colors are (..., 3).
+Every function broadcasts over leading axes: points, directions and colors are (..., 3), exponents (...). Terms are of a
+white surface with a coefficient of 1, lit by a light of intensity 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from .lights import GATE, Interaction
-from .terms import RIGHT, TERMS, Steps, Surface
+from ..scene.model import Material
+from .lights import GATE, Directions, Interaction
+from .transform import dot
 
 CONDITIONS = ("normals", "eye", "light", "steepness")  # the last axis of `conditions`
 
@@ -48,6 +53,106 @@ def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
     return np.asarray(first[..., 0] + mean if orthographic else first[..., 0] / (1.0 + mean))
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Materials at points: exponent (...), ka*Ia (..., 3), and the coefficients of TERMS by name, (..., 3); others are
+    0."""
+
+    n: Floats
+    ka_Ia: Floats = field(default_factory=lambda: np.zeros(3))
+    k: dict[str, Floats] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, materials: Sequence[Material], ambient: Floats) -> Surface:
+        """Return materials in a row."""
+        k = {name: np.array([getattr(material, name) for material in materials]) for name in TERMS}
+        ambients = np.array([material.ka * ambient for material in materials])
+        return cls(np.array([material.n for material in materials]), ambients, k)
+
+    def __getitem__(self, index: Any) -> Surface:
+        return Surface(self.n[index], self.ka_Ia[index], {name: k[index] for name, k in self.k.items()})
+
+    def magnitudes(self) -> Surface:
+        """Return the surface with the magnitudes of its coefficients."""
+        return Surface(self.n, np.abs(self.ka_Ia), {name: np.abs(k) for name, k in self.k.items()})
+
+
+class Term(NamedTuple):
+    """A term of the model.
+
+    value: at most 1, from directions and exponent, (...). jump: by how much rounding may change it where it decides whether
+    there is anything at all, if cosines are right to `reach` (...). steepness: how much it amplifies an error of
+    directions, at least 1, beyond what the exponent's square root stands for.
+    """
+
+    value: Callable[[Directions, Floats], Floats]
+    jump: Callable[[Directions, Floats, Floats], Floats] = lambda at, n, reach: np.zeros(())
+    steepness: Callable[[Directions, Floats], Floats] = lambda at, n: np.ones(())
+
+
+def mirrored(at: Directions) -> tuple[Floats, Floats]:
+    """Return R.V and |R-V|^2, each (...), with R = 2N(N.L) - L."""
+    mirror = 2.0 * at.normal * at.n_l[..., None] - at.to_light
+    difference = mirror - at.to_eye
+    return dot(mirror, at.to_eye), dot(difference, difference)
+
+
+def power(cosine: Floats, distance2: Floats, n: Floats) -> Floats:
+    """Return cosine^n where the cosine is above 0, else 0, from it and the squared distance of its two unit vectors; 0^0
+    does not occur.
+
+    Near 1 the power is taken of 1 - distance2/2, which is the cosine without the cancellation: with n = 1e9 the rounding
+    of the cosine itself would cost seven digits.
+    """
+    base = np.where(cosine > 0.0, cosine, 1.0)
+    logarithm = np.where(distance2 < 1.0, np.log1p(-0.5 * np.minimum(distance2, 1.0)), np.log(base))
+    return np.where(cosine > 0.0, np.exp(n * logarithm), 0.0)
+
+
+def specular(at: Directions, n: Floats) -> Floats:
+    """Return (R.V)^n. No highlight where N.L <= 0 or R.V <= 0."""
+    return np.where(at.n_l > 0.0, power(*mirrored(at), n), 0.0)
+
+
+def _specular_jump(at: Directions, n: Floats, reach: Floats) -> Floats:
+    """Return the highlight behind N.L = 0 or R.V = 0: the largest power of an R.V that is right to reach."""
+    r_v, distance2 = mirrored(at)
+    near = (at.n_l > -reach) & ((at.n_l < reach) | (np.abs(r_v) < reach))
+    largest = np.clip(r_v + reach, 0.0, 1.0)
+    highlight = np.where(r_v >= reach, power(r_v, distance2, n), np.where(largest > 0.0, largest**n, 0.0))
+    return np.where(near, highlight, 0.0)
+
+
+def _specular_steepness(at: Directions, n: Floats) -> Floats:
+    """Return the slope n*x^(n-1) of x^n with 0 < n < 1, which is unbounded as x goes to 0, else 1: for n >= 1 it is at most
+    n, and where it is n, x is as accurate as sqrt(n) requires."""
+    steep = (n > 0.0) & (n < 1.0)
+    if not steep.any():
+        return np.ones(())
+    cosine, _ = mirrored(at)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return np.where((at.n_l > 0.0) & (cosine > 0.0) & steep, n * cosine ** (n - 1.0), 1.0)
+
+
+TERMS = {  # by coefficient
+    "kd": Term(lambda at, n: np.maximum(at.n_l, 0.0)),
+    "ks": Term(specular, _specular_jump, _specular_steepness),
+}
+_VALUES = {name: term.value for name, term in TERMS.items()}
+
+
+class Steps(NamedTuple):
+    """The steps of the light that `measure.grade` replaces by wrong ones: from point, normal, eye and light to directions,
+    the values of TERMS by coefficient, and from the sum over the lights (..., 3) to what the color is multiplied by."""
+
+    directions: Callable[[Floats, Floats, Floats, Floats], Directions] = Directions.at
+    terms: Mapping[str, Callable[[Directions, Floats], Floats]] = _VALUES
+    total: Callable[[Floats], Floats] = np.asarray
+
+
+RIGHT = Steps()
+
+
 def reflected(at: Interaction, surface: Surface, reaching: Floats | None = None, steps: Steps = RIGHT) -> Floats:
     """Return the light that a white surface reflects: of each light Ip times the sum of its terms, (..., 3). Ip is the
     intensity times `LightSample.share`. reaching: factors of `at.samples`, (L, ...). steps: how a light is computed."""
@@ -63,8 +168,8 @@ def reflected(at: Interaction, surface: Surface, reaching: Floats | None = None,
 
 
 def budget(color: Floats, surface: Surface, arriving: Iterable[Floats], tinted: bool = False) -> Floats:
-    """Return the most light that a point can send, B = ka*Ia + sum_l Ip_l * (sum of coefficients) * max(color, 1), of
-    absolute values: no term is more than its coefficient.
+    """Return the maximum of the light that a point can send, B = ka*Ia + sum_l Ip_l * (sum of coefficients) * max(color, 1),
+    of absolute values: no term is more than its coefficient.
 
     arriving: Ip of the lights, (..., 3), see `LightSample.max_arriving`. `tinted` ambient light counts times max(color, 1)
     too: B must not be less than the light itself.
@@ -100,10 +205,8 @@ def steepness(at: Interaction, surface: Surface) -> Floats:
     steepest = np.ones(at.shape)
     for sample in at.samples:
         for name, k in surface.k.items():
-            slope = TERMS[name].steepness
-            if slope is not None:
-                amplified = slope(sample.directions, np.asarray(surface.n))
-                steepest = np.fmax(steepest, np.where(k.any(axis=-1), amplified, 1.0))
+            amplified = TERMS[name].steepness(sample.directions, np.asarray(surface.n))
+            steepest = np.fmax(steepest, np.where(k.any(axis=-1), amplified, 1.0))
     return steepest
 
 
@@ -113,8 +216,6 @@ def jumps(at: Interaction, surface: Surface) -> Floats:
     total = np.zeros((*at.shape, 3))
     for sample in at.samples:
         for name, k in surface.k.items():
-            jump = TERMS[name].jump
-            if jump is not None:
-                changed = np.where(at.has_normal, jump(sample.directions, surface.n, GATE * sample.kappa), 0.0)
-                total = total + changed[..., None] * np.abs(sample.max_arriving * k)
+            jump = TERMS[name].jump(sample.directions, surface.n, GATE * sample.kappa)
+            total = total + np.where(at.has_normal, jump, 0.0)[..., None] * np.abs(sample.max_arriving * k)
     return total

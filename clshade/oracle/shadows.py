@@ -87,15 +87,28 @@ class Casters:
 
 @dataclass(frozen=True, eq=False)
 class Receivers:
-    """Points (K, 3) of faces (K,), relative to the casters' origin. off: (K,) how far from there the device may see
-    them."""
+    """Points (K, 3) of faces (K,), relative to the casters' origin. off: (K,) how far from there the device may see them.
+    behind: (K,) where the face is seen from behind."""
 
+    casters: Casters
     point: Floats
     face: Integers
     off: Floats
+    behind: Bools | bool = False
 
     def __getitem__(self, index: slice | Integers) -> Receivers:
-        return Receivers(self.point[index], self.face[index], self.off[index])
+        return Receivers(self.casters, self.point[index], self.face[index], self.off[index])
+
+    @cached_property
+    def facing(self) -> tuple[Floats, Floats]:
+        """The unit normals of the visible sides of their faces, (K, 3), 0 without area, and how far these may be off on the
+        device, (K,)."""
+        a, b, c = np.moveaxis(self.casters.corners[self.face], 1, 0)
+        normal, one, other = self.casters.normals[self.face], length(b - a), length(c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = (REACH * one * other + OFF * (one + other)) / length(normal)
+        turned = np.broadcast_to(self.behind, off.shape)[:, None]
+        return np.where(turned, -unit(normal), unit(normal)), np.nan_to_num(off, nan=0.0, posinf=1.0)
 
 
 def at_pixels(casters: Casters, camera: Camera, face: Integers, x: Integers, y: Integers) -> Receivers:
@@ -126,15 +139,15 @@ def at_pixels(casters: Casters, camera: Camera, face: Integers, x: Integers, y: 
     second, third = (np.clip(np.nan_to_num(share), 0.0, 1.0) for share in (second, third))
     beyond = np.maximum(second + third, 1.0)
     point = a + (second / beyond)[:, None] * sides[0] + (third / beyond)[:, None] * sides[1]
-    return Receivers(point, face, np.fmin(off, np.maximum(*lengths)) + OFF)
+    return Receivers(casters, point, face, np.fmin(off, np.maximum(*lengths)) + OFF)
 
 
 def at_corners(casters: Casters, face: Integers) -> Receivers:
-    """Return the corners of faces (U,) one after the other, (3 U,), each seen a little inside its own face: what hides a
-    face near its corner hides the corner, and faces that only touch it there do not."""
+    """Return the corners of faces (U,) one after the other, (3 U,), moved a little into their faces: occluders near a
+    corner hide it, and faces that only touch it do not."""
     corners = casters.corners[face]
     inside = corners + INWARD * (corners.mean(axis=1, keepdims=True) - corners)
-    return Receivers(inside.reshape(-1, 3), np.repeat(face, 3), np.full(3 * len(face), OFF))
+    return Receivers(casters, inside.reshape(-1, 3), np.repeat(face, 3), np.full(3 * len(face), OFF))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,24 +155,21 @@ class Rays:
     """Rays from receivers to ends (K, 3), or in directions if they are `parallel`. off: (K,) how far the ends may be
     off."""
 
-    casters: Casters
     at: Receivers
     end: Floats
     off: Floats
     parallel: bool = False
 
     @classmethod
-    def to(
-        cls, casters: Casters, light: Light, at: Receivers, offset: Floats | None = None, off: Floats | float = 0.0
-    ) -> Rays:
+    def to(cls, light: Light, at: Receivers, offset: Floats | None = None, off: Floats | float = 0.0) -> Rays:
         """Return the rays to a light. offset: (K, 3) of points from its position, in world space; off: (K,) how far the
         device may see these."""
-        parallel = not isinstance(light, PlacedLight)
+        casters, parallel = at.casters, not isinstance(light, PlacedLight)
         position = position_of(light, casters.origin) / (1.0 if parallel else casters.scale)
         moved = position if offset is None else position + offset / casters.scale
         end = np.broadcast_to(moved, at.point.shape)
         rounding = 0.0 if parallel else OFF * length(end)
-        return cls(casters, at, end, rounding + off / casters.scale * np.ones(len(at.face)), parallel)
+        return cls(at, end, rounding + off / casters.scale * np.ones(len(at.face)), parallel)
 
     def __getitem__(self, index: slice | Integers) -> Rays:
         return replace(self, at=self.at[index], end=self.end[index], off=self.off[index])
@@ -176,7 +186,7 @@ class Rays:
 def met(rays: Rays) -> tuple[Bools, Bools]:
     """Return which rays (K,) meet an opaque triangle, and for which either answer is right."""
     dark, unsure = np.zeros((2, len(rays.off)), bool)
-    for ray, tests in rays.tests(rays.casters.opaque):
+    for ray, tests in rays.tests(rays.at.casters.opaque):
         hit, possible = tests.hits()
         dark[ray[hit]] = True
         dark[tests.between_two(ray)] = True
@@ -192,7 +202,7 @@ def candidates(rays: Rays, tried: Integers) -> tuple[Integers, Integers]:
     light's: no two points of the casters' box are more than m = sqrt(3) apart, so these are at most REACH m^2
     + e m (1 + m/d) + 2 OFF m + l m^2/d; of a direction, d = 1 and OFF is l.
     """
-    a, b, c = np.moveaxis(rays.casters.corners[tried], 1, 0)
+    a, b, c = np.moveaxis(rays.at.casters.corners[tried], 1, 0)
     distance = rays.end if rays.parallel else rays.end - rays.at.point
     away = np.ones(len(rays.off)) if rays.parallel else length(distance)
     along = unit(distance)
@@ -237,7 +247,7 @@ class Tests:
     """The tests of rays (K,) with triangles (K,), all relative to the receivers."""
 
     def __init__(self, rays: Rays, triangle: Integers) -> None:
-        casters, point = rays.casters, rays.at.point
+        casters, point = rays.at.casters, rays.at.point
         self.rays, self.triangle = rays, triangle
         self.tried = _Triangles(casters.corners[triangle] - point[:, None], casters.normals[triangle])
         self.receiver = _Triangles(casters.corners[rays.at.face] - point[:, None], casters.normals[rays.at.face])
@@ -254,8 +264,8 @@ class Tests:
         return certain, above[1] & between[1] & possible & ~certain
 
     def between_two(self, receiver: Integers) -> Integers:
-        """Return the receivers, of those of all pairs, whose rays meet the common side of two triangles on either side of
-        it: whatever its rounding, one of the two is hit, for sides belong to their triangles, but for receivers in their
+        """Return the receivers, out of those of all pairs, whose rays meet the common side of two triangles on either side
+        of it: whatever its rounding, one of the two is hit, for sides belong to their triangles, but for receivers in their
         planes."""
         volume, margin = self.volumes
         ends: dict[tuple[float, ...], float] = {}
@@ -264,7 +274,7 @@ class Tests:
             others = [k - 2, k - 1]
             beside = (volume > margin)[others].all(axis=0) | (volume < -margin)[others].all(axis=0)
             for i in np.flatnonzero(self.facing & self.clear & (np.abs(volume[k]) <= margin[k]) & beside):
-                world = self.rays.casters.faces.world[self.triangle[i]]
+                world = self.rays.at.casters.faces.world[self.triangle[i]]
                 first, second = sorted(world[[k, k - 2]].tolist())
                 a, b, c = self.tried.corners[i, [k, k - 2, k - 1]]
                 side = float(np.sign(dot(cross(a, b), c))) * (1.0 if world[k].tolist() == first else -1.0)
@@ -294,7 +304,7 @@ class Tests:
             rise, margin = self.receiver.height(vertex) * side, self.receiver.margin(vertex, 2.0 * OFF)
             certain |= rise > margin
             near = np.flatnonzero(np.abs(rise) <= margin)
-            exact = self.rays.casters.sides_of(self.rays.at.face[near], self.triangle[near], corner)
+            exact = self.rays.at.casters.sides_of(self.rays.at.face[near], self.triangle[near], corner)
             possible[near] |= exact * side[near] > 0.0
             possible |= rise > margin
         return certain & (np.abs(height) > off), possible
@@ -332,11 +342,11 @@ class Tests:
 
 
 def transmittance(rays: Rays) -> Transmittance:
-    """Return what share of light passes along rays (K,): the product of 1 - alpha over the transparent triangles that they
-    cross, where they cross them."""
+    """Return the share of light that passes along rays (K,): the product of 1 - alpha over the transparent triangles that
+    they cross, where they cross them."""
     count = len(rays.off)
     total = Transmittance(np.ones(count), np.ones(count), np.ones(count), np.zeros(count, bool))
-    for ray, tests in rays.tests(rays.casters.transparent):
+    for ray, tests in rays.tests(rays.at.casters.transparent):
         hit, possible = tests.hits()
         volume, margin = tests.volumes
         sums = volume.sum(axis=0)
@@ -345,7 +355,7 @@ def transmittance(rays: Rays) -> Transmittance:
             weights = np.clip(np.nan_to_num(np.roll(volume, -1, axis=0) / sums).T, 0.0, 1.0)
             weights_off = np.minimum(np.nan_to_num(margin.sum(axis=0) / np.abs(sums), posinf=1.0), 1.0)
         met = np.flatnonzero(hit | possible)
-        of_face = face_transmittance(rays.casters.faces, tests.triangle[met], weights[met], weights_off[met])
+        of_face = face_transmittance(rays.at.casters.faces, tests.triangle[met], weights[met], weights_off[met])
         certain, here = hit[met], ray[met]
         np.multiply.at(total.share, here, np.where(crosses[met], of_face.share, 1.0))
         np.multiply.at(total.low, here, of_face.low)

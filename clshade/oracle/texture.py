@@ -17,21 +17,15 @@ from .shot import Hits
 
 def wrapped(t: Floats, wrap: str) -> Floats:
     """Wrap a texture coordinate, in units of the image: repeat and clamp to [0, 1], mirror to [0, 2]."""
-    if wrap == "repeat":
-        return t - np.floor(t)
-    if wrap == "mirror":
-        return np.mod(t, 2.0)
-    return np.clip(t, 0.0, 1.0)
+    return np.clip(t, 0.0, 1.0) if wrap == "clamp" else np.mod(t, 1.0 if wrap == "repeat" else 2.0)
 
 
 def wrapped_index(i: Integers, size: int, wrap: str) -> Integers:
     """Return the texel, 0 to size - 1, at integer position i of an endless row of texels."""
-    if wrap == "repeat":
-        return i % size
     if wrap == "mirror":
         i = i % (2 * size)
-        return np.where(i < size, i, 2 * size - 1 - i)
-    return np.clip(i, 0, size - 1)
+        return np.minimum(i, 2 * size - 1 - i)
+    return i % size if wrap == "repeat" else np.clip(i, 0, size - 1)
 
 
 def neighbors(t: Floats, size: int, lookup: str, wrap: str) -> tuple[Integers, Integers, Floats]:
@@ -195,14 +189,20 @@ def corner_colors(settings: Settings, corners: Corners, face: Integers) -> Float
 
 
 @dataclass(frozen=True, eq=False)
-class Texels:
-    """Texels of pixels, (K, 3) each: the color; magnitude, the largest among the texels it is a mean of; and by how
-    much rounding may change the color where it is that of the nearest texel. looked_up: (K,) where a texture is looked up.
-    slack: (K,) how many texels the place may be off by."""
+class Looked:
+    """Colors of pixels, (K, 3) each: the color, 1 where none is looked up; magnitude, the largest among those that it is a
+    mean of, or that rounding may give; and by how much rounding may change it where it exchanges one for another."""
 
     color: Floats
     magnitude: Floats
     spread: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Texels(Looked):
+    """Texels of pixels. looked_up: (K,) where a texture is looked up. slack: (K,) how many texels the place may be off
+    by."""
+
     looked_up: Bools
     slack: Floats
 
@@ -211,7 +211,7 @@ _mipmaps: WeakKeyDictionary[Texture, list[Reals]] = WeakKeyDictionary()  # witho
 
 
 def texels(hits: Hits, texture_of: Callable[[Mesh], Texture | None]) -> Texels:
-    """Return texels of pixels, 1 where none is looked up."""
+    """Return texels of pixels."""
     shape, corners = (len(hits.face), 3), hits.shot.corners
     result = Texels(np.ones(shape), np.ones(shape), np.zeros(shape), np.zeros(shape[0], bool), np.zeros(shape[0]))
     for mesh, mine in corners.by_mesh(hits.face):
@@ -243,16 +243,6 @@ def texels(hits: Hits, texture_of: Callable[[Mesh], Texture | None]) -> Texels:
 POSITION_UNITS = 76.0
 
 
-@dataclass(frozen=True, eq=False)
-class MapColors:
-    """Colors of pixels by scalars, (K, 3) each: color, 1 where no scalars color the face; magnitude: the largest of
-    the colors that rounding may give; spread: the largest difference of those from the color."""
-
-    color: Floats
-    magnitude: Floats
-    spread: Floats
-
-
 def scaled(color_map: ColorMap, scalars: Floats) -> tuple[Floats, Floats]:
     """Return scalars (K, 3) less the map's low end, and the map's width (K,): each row divided by a power of two, so that
     no difference overflows."""
@@ -269,15 +259,14 @@ def rows_of(color_map: ColorMap, above_low: Floats, width: Floats) -> Integers:
     # The product first: where the quotient is a whole number, it is exact.
     position = np.divide(above_low * count, width, out=np.zeros_like(above_low), where=inside & (width > 0.0))
     row = np.minimum(np.floor(position), count - 1).astype(np.int64) + 1
-    row = np.where(above_low < 0.0, 0, row)
-    row = np.where(above_low > width, count + 1, row)
-    return np.where(np.isnan(above_low), count + 2, row)
+    beyond = above_low < 0.0, above_low > width, np.isnan(above_low)
+    return np.select(beyond, (0, count + 1, count + 2), row)
 
 
-def map_colors(hits: Hits) -> MapColors:
+def map_colors(hits: Hits) -> Looked:
     """Return the colors of pixels by scalars."""
     corners, settings, shape = hits.shot.corners, hits.shot.settings, (len(hits.face), 3)
-    result = MapColors(np.ones(shape), np.ones(shape), np.zeros(shape))
+    result = Looked(np.ones(shape), np.ones(shape), np.zeros(shape))
     scalars = settings.scalars
     if scalars is None:
         return result

@@ -1,4 +1,4 @@
-"""Transparent surfaces: which lie before a pixel's owner, in which order, and what they make of its color."""
+"""Transparent surfaces: the fragments before a pixel's owner, in their order, and the light that passes through."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .shot import Shot
 from .texture import bilerp, brightest, color_texture, lookup_of, spread
 
 EQUAL = 2.0**-40  # relative difference of depths that count as equal: the later face is nearer
-SURELY_EQUAL, SURELY_APART = 2.0**-41, 2.0**-38  # the renderer may take what lies between for either
+SURELY_EQUAL, SURELY_APART = 2.0**-41, 2.0**-38  # the renderer may treat differences in between as either
 DOUBT = 1e-5  # an interpolated alpha so close to that of layers may be on either side
 # A fragment's share of light takes a rounding for each fragment before it, one for its product, and each fragment after it
 # rounds the sum: 2 n + 2 of n fragments, of the 32 that the unit of errors allows.
@@ -52,7 +52,7 @@ def alphas(corners: Corners, face: Integers, weights: Floats) -> tuple[Floats, F
 
 
 class Transmittance(NamedTuple):
-    """What share of light transparent occluders let pass, (...), and its bounds within rounding. jumps: bool, where
+    """The share of light that transparent occluders let pass, (...), and its bounds within rounding. jumps: bool, where
     rounding decides whether one is crossed, or its alpha test passed."""
 
     share: Floats
@@ -62,8 +62,8 @@ class Transmittance(NamedTuple):
 
 
 def face_transmittance(corners: Corners, face: Integers, weights: Floats, off: Floats) -> Transmittance:
-    """Return what share of light faces (K,) let pass at weights (K, 3) of their corners, which are `off` (K,) and a
-    rounding of float32 from the device's."""
+    """Return the transmittance of faces (K,) at weights (K, 3) of their corners, which are `off` (K,) and a rounding of
+    float32 from the device's."""
     alpha, _, _ = alphas(corners, face, weights)
     moved = off + 2.0**-22
     change = 2.0**-20 + 3.0 * moved * np.ptp(corners.alphas[face], axis=1)

@@ -1,25 +1,25 @@
-"""How much of the lights, and of the light from all around, triangles leave to points.
+"""Visibility of lights and of the ambient light at points: shadows, ambient occlusion, and their terminator.
 
 Ambient occlusion is the share of N rays from a point that meet a triangle, by the rule of shadows.py. Their directions lie
-in the hemisphere over the side of the face that is seen and are distributed as the cosine to its normal: points of the unit
+in the hemisphere over the visible side of the face and are distributed as the cosine to its normal: points of the unit
 disc, raised to the hemisphere (P. Shirley, K. Chiu, A low distortion map between disk and square, Journal of Graphics Tools
 2(3), 1997, name the method Malley's; M. Pharr, W. Jakob, G. Humphreys, Physically Based Rendering, 3rd edition, 13.6.3).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from ..base.arrays import Bools, Floats, Integers
+from ..base.arrays import Floats, Integers
 from ..scene.geometry import bounding_box
 from ..scene.model import Settings
 from . import lights as light_points
 from .corners import Corners
 from .lights import Interaction, shining
-from .shadows import OFF, REACH, Casters, Rays, Receivers, at_corners, at_pixels, met, transmittance
+from .shadows import OFF, Casters, Rays, Receivers, at_corners, at_pixels, met, transmittance
 from .shot import Hits
 from .transform import dot, length, unit
 
@@ -34,66 +34,43 @@ def _casters_of(corners: Corners) -> Casters:
     return Casters.of(corners, corners.of_meshes(lambda mesh: mesh.blends or mesh.tests_alpha))
 
 
-@dataclass(frozen=True, eq=False)
-class Visibility:
-    """What reaches receivers `at`, (K,). facing: (K, 3) unit normals of their faces' sides that are seen, 0 without area.
-    off: (K,) how far these may be off on the device."""
-
-    casters: Casters
-    at: Receivers
-    facing: Floats
-    off: Floats
-
-    @classmethod
-    def of(cls, casters: Casters, at: Receivers, behind: Bools) -> Visibility:
-        """behind: (K,) whether the receivers' faces are seen from behind."""
-        a, b, c = np.moveaxis(casters.corners[at.face], 1, 0)
-        normal, one, other = casters.normals[at.face], length(b - a), length(c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            off = (REACH * one * other + OFF * (one + other)) / length(normal)
-        facing = np.where(behind[:, None], -unit(normal), unit(normal))
-        return cls(casters, at, facing, np.nan_to_num(off, nan=0.0, posinf=1.0))
-
-    @classmethod
-    def of_pixels(cls, hits: Hits) -> Visibility:
-        casters = _casters_of(hits.shot.corners)
-        return cls.of(casters, at_pixels(casters, hits.shot.scene.camera, hits.face, *hits.position.T), hits.behind)
-
-    @classmethod
-    def of_corners(cls, hits: Hits, faces: Integers, where: Integers) -> Visibility:
-        """Return what reaches the corners of faces (U,), (3 U,), on which pixels lie: k on faces[where[k]]."""
-        casters, behind = _casters_of(hits.shot.corners), np.zeros(len(faces), bool)
-        behind[where] = hits.behind  # all pixels of a face see the same side of it
-        return cls.of(casters, at_corners(casters, faces), np.repeat(behind, 3))
+def pixel_receivers(hits: Hits) -> Receivers:
+    at = at_pixels(_casters_of(hits.shot.corners), hits.shot.scene.camera, hits.face, *hits.position.T)
+    return replace(at, behind=hits.behind)
 
 
-@dataclass(frozen=True, eq=False)
-class LightVisibility:
-    """What share of each light arrives, (L, ...); of one of finite size that of each point. changes: by how much rounding
-    may change it, over how far it may turn a direction. doubtful: what arrives where either answer is right, else 0."""
-
-    share: Floats
-    changes: Floats
-    doubtful: Floats
+def corner_receivers(hits: Hits, faces: Integers, where: Integers) -> Receivers:
+    """Return the corners of faces (U,), (3 U,), on which pixels lie: pixel k on faces[where[k]]."""
+    behind = np.zeros(len(faces), bool)
+    behind[where] = hits.behind  # all pixels of a face see the same side of it
+    return replace(at_corners(_casters_of(hits.shot.corners), faces), behind=np.repeat(behind, 3))
 
 
-def light_visibility(seen: Visibility, at: Interaction, smooth: Floats, bend: Floats, reach: float) -> LightVisibility:
-    """Return what triangles leave of the lights. smooth: (..., 3) normals before a map turned them. bend: (...), see
-    `Normals`. reach: rounding of directions, see `microfacet.REACH`."""
-    normals = Normals(unit(at.normal), unit(smooth), seen.facing, bend)
-    lights, share, changes, doubtful = shining(seen.casters.faces.scene), [], [], []
+def light_visibility(
+    receivers: Receivers, at: Interaction, smooth: Floats, bend: Floats, reach: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the share of light that arrives from each light, or sample point of an area light, (L, ...); by how much
+    rounding may change it, over the error of a direction; and the share where rounding decides whether it arrives, else 0.
+
+    smooth: (..., 3) normals before a map turned them. bend: (...), see `Normals`. reach: rounding of directions, see
+    `microfacet.REACH`.
+    """
+    facing, off = receivers.facing
+    normals = Normals(unit(at.normal), unit(smooth), facing, bend)
+    lights, parts = shining(receivers.casters.faces.scene), []
     for sample in at.samples:
         turned = reach * np.maximum(np.nan_to_num(sample.kappa, nan=1e300, posinf=1e300), 1.0)
         to_light = unit(sample.place - at.point)
         blur = np.nan_to_num(reach * sample.blur, posinf=1e300)
-        rays = Rays.to(seen.casters, lights[sample.number], seen.at, sample.offset, blur)
+        rays = Rays.to(lights[sample.number], receivers, sample.offset, blur)
         (dark, unsure), passing = met(rays), transmittance(rays)
-        soft, low, high = softened(normals, to_light, turned + seen.off)
+        soft, low, high = softened(normals, to_light, turned + off)
         soft, low, high = soft * passing.share, low * passing.low, high * passing.high
-        share.append(np.where(~dark | unsure, soft, 0.0))
-        changes.append(np.where((~dark | unsure) & ~passing.jumps, (high - low) / turned, 0.0))
-        doubtful.append(np.where(unsure, high, np.where(~dark & passing.jumps, high - low, 0.0)))
-    return LightVisibility(np.array(share), np.array(changes), np.array(doubtful))
+        share = np.where(~dark | unsure, soft, 0.0)
+        changes = np.where((~dark | unsure) & ~passing.jumps, (high - low) / turned, 0.0)
+        parts.append((share, changes, np.where(unsure, high, np.where(~dark & passing.jumps, high - low, 0.0))))
+    shares, changes, doubtful = np.array(parts).swapaxes(0, 1)
+    return shares, changes, doubtful
 
 
 # Ambient occlusion
@@ -101,35 +78,34 @@ def light_visibility(seen: Visibility, at: Interaction, smooth: Floats, bend: Fl
 
 @dataclass(frozen=True, eq=False)
 class AmbientVisibility:
-    """The share of light from all around that arrives, (...), from 0 to 1.
-
-    spread: (...) by how much rounding may change it where it decides whether rays meet triangles. rounding: how many times
-    more sums of shares are rounded than a single one.
-    """
+    """The share of the ambient light that arrives, (...), from 0 to 1. spread: (...) by how much rounding may change it
+    where it decides whether rays meet triangles. rounding: how many times more sums of shares are rounded than a single
+    one."""
 
     share: Floats
     spread: Floats
     rounding: float
 
 
-def ambient_visibility(seen: Visibility, settings: Settings, reach: float, place: Integers | None) -> AmbientVisibility:
-    """Return what arrives at receivers. place: (K, 2) where the pixels are lit, 1/256 px; None for corners of faces,
-    whose rays all have the same directions. reach: rounding of directions, see `microfacet.REACH`."""
-    casters, at, count = seen.casters, seen.at, settings.ambient_occlusion
-    normal = seen.facing
+def ambient_visibility(at: Receivers, settings: Settings, reach: float, place: Integers | None) -> AmbientVisibility:
+    """Return the visibility of the ambient light. place: (K, 2) where the pixels are lit, 1/256 px; None for corners of
+    faces, whose rays have equal directions. reach: rounding of directions, see `microfacet.REACH`."""
+    casters, (normal, normal_off), count = at.casters, at.facing, settings.ambient_occlusion
     shift = 0 if place is None else light_points.shifts(place)
     corner, opposite = bounding_box(casters.faces.scene)
     distance = AO_DISTANCE * float(length(opposite - corner)) if settings.ao_distance is None else settings.ao_distance
     far = min(distance / casters.scale, LONGEST)
     # A normal that is off turns the disc by as much as directions to lights do theirs.
-    off = at.off + far * np.nan_to_num((reach + seen.off) * light_points.amplified(-normal, np.ones(())), posinf=1e300)
+    off = at.off + far * np.nan_to_num(
+        (reach + normal_off) * light_points.amplified(-normal, np.ones(())), posinf=1e300
+    )
     share, low, high = np.zeros((3, len(at.face)))
     for uv in light_points.coordinates(count):
         shifted = (uv + shift) % light_points.TURN * np.ones((len(at.face), 1), np.int64)
         # u is the square of the sine of the angle to the normal, v the angle around it.
         height = np.sqrt(1.0 - light_points.fractions(shifted[:, 0]))
         end = at.point + far * (light_points.on_disc(shifted, 1.0, -normal) + height[:, None] * normal)
-        rays = Rays(casters, at, end, off + OFF * length(end))
+        rays = Rays(at, end, off + OFF * length(end))
         dark, unsure = met(rays)
         passing = transmittance(rays)
         share += np.where(dark, 0.0, passing.share)
@@ -147,8 +123,8 @@ def ambient_visibility(seen: Visibility, settings: Settings, reach: float, place
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """Unit normals at points (..., 3): turned by a map, interpolated, and of the face's side that is seen. bend: (...) sine
-    of the angle between the interpolated one and those of faces around."""
+    """Unit normals at points (..., 3): turned by a map, interpolated, and of the visible side of the face. bend: (...) sine
+    of the angle between the interpolated normal and those of neighboring faces."""
 
     turned: Floats
     smooth: Floats
@@ -157,14 +133,14 @@ class Normals:
 
 
 def softened(normals: Normals, to_light: Floats, reach: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return what share of a light arrives at surfaces whose normals are not those of their faces, (...), and the least and
-    the largest within rounding. to_light: unit, (..., 3). reach: (...) how far cosines may be off.
+    """Return the share of a light that arrives at surfaces whose shading normals differ from their faces', (...), with its
+    bounds within rounding. to_light: unit, (..., 3). reach: (...) how far cosines may be off.
 
     M. J.-Y. Chiang, Y. K. Li, B. Burley, "Taming the Shadow Terminator", SIGGRAPH Talks 2019: g + g^2 - g^3 with g =
-    (Ng.L)/(|Ng.N| (N.L)), at most 1. Here g is the least of three: of the face's side that is seen, Ng, and the
-    interpolated normal N, so that it falls to 0 where the light sinks below the face; of N and the normal that a map turned
-    it to; and of N and the faces around, whose Ng.L is at least N.L - bend, so that it changes without steps from face to
-    face. It is 1 where all of them are the same.
+    (Ng.L)/(|Ng.N| (N.L)), at most 1. Here g is the minimum of three: for the visible side of the face, Ng, and the
+    interpolated normal N, so that it falls to 0 where the light sinks below the face; for N and the normal that a map turned
+    it to; and for N and the neighboring faces, whose Ng.L is at least N.L - bend, so that it changes without steps from face
+    to face. It is 1 where all these normals are equal.
     """
     facing, normal = normals.facing, normals.smooth
     flat = (facing != 0.0).any(axis=-1)

@@ -1,7 +1,7 @@
-"""The contact shadow of a ground: which share of the light from above reaches it past what stands on it.
+"""Contact shadows: the visibility of the sky from a ground, past the objects that stand on it.
 
-Surfaces count as the cells of a grid that they touch. All points of the ground look in the same directions, so what their
-rays meet a step further is the grid, shifted: no ray is traced. Only operations that IEEE 754 rounds are used, so that all
+Surfaces are voxelized. All points of the ground see the sky along the same directions, so the occluders that their rays
+meet after a step are the grid, shifted: no ray is traced. Only operations that IEEE 754 rounds are used, so that all
 machines compute equal numbers.
 """
 
@@ -25,21 +25,21 @@ _TURN = (-0.7373688780783197, 0.6754902942615238)  # cosine and sine of the gold
 
 
 def open_sky(scene: Scene, origin: Floats, axes: Floats, unit: float, reach: int) -> Floats:
-    """Return the share of the light from above that reaches squares of the ground, (TEXELS, TEXELS), rows along axes[1].
+    """Return the cosine-weighted visibility of the sky from squares of the ground, (TEXELS, TEXELS), rows along axes[1].
 
-    scene: what stands on the ground, no further than `reach` squares from the ground's middle. origin: the corner of the
-    first square. axes: (3, 3), unit vectors along the rows of squares, along their columns, and up; each along an axis of
-    the world. unit: the side of a square. reach: the length of the rays, squares: a multiple of 4.
+    scene: the objects, no further than `reach` squares from the ground's middle. origin: the corner of the first square.
+    axes: (3, 3), unit vectors along the rows of squares, along their columns, and up; all along axes of the world. unit:
+    the side of a square. reach: the length of the rays, squares: a multiple of 4.
     """
-    solid = veils = _Grid(reach, bool)
-    for veil, corners in _surfaces(scene, origin, axes * (_FINE / unit)):
-        if veil is not None and veils is solid:
-            veils = _Grid(reach, np.float32)
-        (solid if veil is None else veils).mark(corners, veil)
+    opaque, translucent = _Grid(reach, bool), None
+    for mesh, corners in _surfaces(scene, origin, axes * (_FINE / unit)):
+        if mesh is not None and translucent is None:
+            translucent = _Grid(reach, np.float32)
+        (translucent if mesh is not None and translucent else opaque).mark(corners, mesh)
     total = np.zeros((TEXELS, TEXELS), np.float32)
     for direction in _directions(_RAYS):
-        passed = ~solid.hidden(direction)
-        total += passed if veils is solid else passed * veils.passed(direction)
+        visible = ~opaque.hidden(direction)
+        total += visible * translucent.transmittance(direction) if translucent else visible
     return total.astype(np.float64) / _RAYS
 
 
@@ -55,8 +55,8 @@ def _directions(count: int) -> Floats:
 
 
 def _surfaces(scene: Scene, origin: Floats, axes: Floats) -> Iterator[tuple[Mesh | None, Floats32]]:
-    """Yield corners of triangles, not many more than _AT_ONCE: their places in cells, (F, 3, 3), and with the mesh, if it
-    lets light pass, u, v and alpha, (F, 3, 6)."""
+    """Yield corners of triangles, not many more than _AT_ONCE: their places in cells, (F, 3, 3); of a translucent mesh with
+    the mesh, and u, v and alpha, (F, 3, 6)."""
     pool: list[Floats32] = []
     for mesh in scene.meshes:
         for corners in _corners(mesh, origin, axes):
@@ -117,17 +117,15 @@ def _points(corners: Floats32) -> Iterator[Floats32]:
 
 
 def _alphas(mesh: Mesh, points: Floats32) -> Floats32:
-    """Return what share of the light points of a mesh hold back, (K,). points: (3, K), u, v and the vertices' alpha."""
+    """Return the opacity of points of a mesh, (K,). points: (3, K), u, v and the vertices' alpha."""
     material, texture = mesh.material, mesh.material.texture
     alpha = points[2] * np.float32(material.opacity)
     if texture is not None and mesh.uvs is not None and texture.texels.shape[2] == 4:
         texels = []
         for axis, coordinate in enumerate(points[:2]):
             wrap, size = "clamp" if texture.lookup == "course" else texture.wrap[axis], texture.texels.shape[1 - axis]
-            place = (
-                np.clip(coordinate, 0.0, 1.0) if wrap == "clamp" else coordinate % (2.0 if wrap == "mirror" else 1.0)
-            )
-            place = np.minimum(place, 2.0 - place) if wrap == "mirror" else place
+            repeated = coordinate % (2.0 if wrap == "mirror" else 1.0)
+            place = np.clip(coordinate, 0.0, 1.0) if wrap == "clamp" else np.minimum(repeated, 2.0 - repeated)
             texels.append(np.minimum(np.nan_to_num(place) * size, size - 1).astype(np.int32))
         alpha = alpha * texture.image[texels[1], texels[0], 3]
     if material.alpha_cutoff is not None:
@@ -137,35 +135,31 @@ def _alphas(mesh: Mesh, points: Floats32) -> Floats32:
 
 
 class _Grid:
-    """The cells that surfaces touch, or what share of the light they hold back. Cells at equal places in their squares lie
-    together: what the rays of neighboring squares meet at a step is a slice."""
+    """Which cells surfaces touch, or the opacities of cells. Cells at equal places in their squares lie together: those
+    that the rays of neighboring squares meet at a step are a slice. reach: of the rays, squares."""
 
     def __init__(self, reach: int, kind: type) -> None:
-        """reach: of the rays, squares."""
         self._high, self._side, self._first = reach * _FINE, 2 * reach, TEXELS // 2 - reach
-        # The last layer is for all that is higher.
+        # The last layer is for everything higher.
         self._cells: Array = np.zeros((self._high + 1, _FINE, _FINE, self._side, self._side), kind)
         self._counts = np.zeros(self._cells.shape if kind is not bool else 0, np.float32)
 
-    def _indices(self, points: Floats32) -> Array:
-        x, y, z = points[:3]
-        x, y = (np.clip(v - self._first * _FINE, 0, self._side * _FINE - 1).astype(np.int32) for v in (x, y))
-        z = np.clip(z, 0, self._high).astype(np.int32)
-        place = (z * _FINE + y % _FINE) * _FINE + x % _FINE
-        indices: Array = (place * self._side + y // _FINE) * self._side + x // _FINE
-        return indices
-
-    def mark(self, corners: Floats32, veil: Mesh | None) -> None:
-        """Mark the cells that triangles touch; of a mesh that lets light pass with sums of its alpha."""
+    def mark(self, corners: Floats32, mesh: Mesh | None) -> None:
+        """Mark the cells that triangles touch; of a translucent mesh with sums of its alpha."""
         cells, counts = self._cells.reshape(-1), self._counts.reshape(-1)
         with np.errstate(over="ignore", invalid="ignore"):  # of texture coordinates beyond float32
             for points in _points(corners[corners[:, :, 2].min(axis=1) < self._high]):
-                touched = self._indices(points)
-                if veil is None:
+                x, y = (
+                    np.clip(v - self._first * _FINE, 0, self._side * _FINE - 1).astype(np.int32) for v in points[:2]
+                )
+                z = np.clip(points[2], 0, self._high).astype(np.int32)
+                layer = (z * _FINE + y % _FINE) * _FINE + x % _FINE
+                touched = (layer * self._side + y // _FINE) * self._side + x // _FINE
+                if mesh is None:
                     cells[touched] = True
                     continue
                 where, inverse, times = np.unique(touched, return_inverse=True, return_counts=True)
-                cells[where] += np.bincount(inverse, _alphas(veil, points[3:]))
+                cells[where] += np.bincount(inverse, _alphas(mesh, points[3:]))
                 counts[where] += times
 
     def _steps(self, direction: Floats) -> Array:
@@ -183,10 +177,10 @@ class _Grid:
         """The cells of each layer as an integer: a bit each, with as many zeros after each row of them."""
         packed = np.packbits(self._cells[:-1].reshape(-1, self._side, self._side), axis=2, bitorder="little")
         rows = np.concatenate([packed, np.zeros_like(packed)], axis=2)
-        return np.array([int.from_bytes(each.tobytes(), "little") for each in rows], object)
+        return np.array([int.from_bytes(row.tobytes(), "little") for row in rows], object)
 
     def hidden(self, direction: Floats) -> Bools:
-        """Return of which squares something stands in this direction, (TEXELS, TEXELS)."""
+        """Return which squares see an occluder in a direction, (TEXELS, TEXELS)."""
         # Shifting a mask moves its cells by rows and columns: none comes further than the zeros after a row.
         width, first, hidden = 2 * self._side, self._side // 2 - self._first, 0
         row, column, layer = self._steps(direction)
@@ -198,20 +192,20 @@ class _Grid:
         return squares[first : first + TEXELS, first : first + TEXELS]
 
     @cached_property
-    def _shares(self) -> dict[int, Array]:
-        """The means of the alphas of cells' points, (side, side), of the layers that surfaces touch."""
-        layers, counts = (each.reshape(-1, self._side, self._side) for each in (self._cells[:-1], self._counts))
+    def _opacities(self) -> dict[int, Array]:
+        """The mean alphas of the points in cells, (side, side), by layer, of those that surfaces touch."""
+        layers, counts = (cells.reshape(-1, self._side, self._side) for cells in (self._cells[:-1], self._counts))
         touched = np.flatnonzero(layers.any(axis=(1, 2))).tolist()
         return {number: layers[number] / np.maximum(counts[number], 1.0) for number in touched}
 
-    def passed(self, direction: Floats) -> Floats32:
-        """Return the share of light that arrives from this direction. A surface counts where a ray enters its cells."""
+    def transmittance(self, direction: Floats) -> Floats32:
+        """Return the share of light that arrives from a direction. A surface counts where a ray enters its cells."""
         passed, before = np.ones((TEXELS, TEXELS), np.float32), np.zeros((TEXELS, TEXELS), np.float32)
         for row, column, layer in self._steps(direction).T.tolist():
             now = np.zeros_like(before)
-            if layer in self._shares:
+            if layer in self._opacities:
                 top, left = max(0, -row), max(0, -column)
-                cells = self._shares[layer][top + row : TEXELS + row, left + column : TEXELS + column]
+                cells = self._opacities[layer][top + row : TEXELS + row, left + column : TEXELS + column]
                 now[top : top + len(cells), left : left + cells.shape[1]] = cells
                 passed *= 1.0 - np.maximum(now - before, 0.0)
             before = now

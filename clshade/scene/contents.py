@@ -12,11 +12,10 @@ import numpy as np
 from ..base.arrays import Array, connected_components
 from ..base.text_tables import as_lines
 from .camera import Camera
-from .geometry import _cross, _edge_exponent, _edges, bounding_box, row_blocks
+from .geometry import _cross, _edge_exponent, _edges, bounding_box, row_blocks, welded
 from .lights import described
 from .metallic_roughness import MAPS
 from .model import Material, Mesh, Scene, Texture
-from .normals import welded
 from .objects import first_instances, object_numbers
 from .scalar_colors import at_vertices
 

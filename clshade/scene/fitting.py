@@ -11,9 +11,8 @@ ez = (B - A)/(2*tx), or the like of y where that is less.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -23,14 +22,11 @@ from .geometry import bounding_box, camera_axes, half_diagonal, placed_blocks
 from .model import Mesh, Scene
 
 FILL = 0.9  # of the image's width or height, whichever the vertices reach first
-_CLEARANCE = 0.25  # least distance of the eye from the nearest vertex, bounding radii: a needle may point at it
-_THINNEST = 1e-3  # least size of a parallel projection, about bounding radii: a line seen end on has none
+_CLEARANCE = 0.25  # minimum distance of the eye from the nearest vertex, bounding radii: a needle may point at it
+_THINNEST = 1e-3  # minimum size of a parallel projection, about bounding radii: a line seen end on has none
 _ROUNDS = 6  # of centering, at most: two or three are usual
 
 _KEPT = 1 << 22  # vertices, 96 MiB: of more, the positions are computed in each pass
-
-# Returns the points of a body, (K, 3), that are farthest along directions, (K, 3), both in the camera's axes.
-_Support: TypeAlias = Callable[[Floats], Floats]
 
 
 def bounding_sphere(meshes: Sequence[Mesh]) -> tuple[Array, float]:
@@ -66,25 +62,25 @@ def fitted(
     sphere: see `bounding_sphere`, if known.
     Raises InputError where positions leave the range of float64.
     """
-    center, radius = sphere or bounding_sphere(meshes)
-    exponent = int(np.frexp(radius)[1])
-    axes = camera_axes(camera)
-    blocks = _blocks_of(meshes, center, exponent)
-    support = _swept(blocks, axes, camera.up) if turning else _vertices(blocks, axes)
-    nearest, farthest = support(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))[:, 2].tolist()
-    clear = nearest - float(np.ldexp(_CLEARANCE * radius, -exponent))
+    center, radius = sphere = sphere or bounding_sphere(meshes)
+    body = _Body(camera, meshes, sphere, turning=turning)
+    nearest, farthest = body.farthest(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))[:, 2].tolist()
+    clear = nearest - float(np.ldexp(_CLEARANCE * radius, -body.exponent))
     tangents = FILL / 2.0 * np.array(camera.plane[::-1]) / camera.focal  # of x and y
     middle = 0.0 if turning else (nearest + farthest) / 2.0
     if orthographic:
-        place, away = _parallel_eye(support, tangents, centered=not turning)
+        # Away: where a perspective camera with these tangents sees as much.
+        spans = body.spans
+        place = np.zeros(2) if turning else spans.mean(axis=1)
+        away = max(float((np.abs(spans - place[:, None]).max(axis=1) / tangents).max()), _THINNEST)
         depth = min(clear, middle - away)
         target = np.array([*place, depth + away])
     else:
-        place, depth = _perspective_eye(support, tangents, clear, centered=not turning)
+        place, depth = _perspective_eye(body, tangents, clear, centered=not turning)
         target = np.array([*place, middle])
     with np.errstate(over="ignore"):  # Camera refuses an overflow
-        lookat = center + np.ldexp(target, exponent) @ axes
-        eye = lookat - np.ldexp(target[2] - depth, exponent) * axes[2]
+        lookat = center + np.ldexp(target, body.exponent) @ body.axes
+        eye = lookat - np.ldexp(target[2] - depth, body.exponent) * body.axes[2]
     return replace(camera, eye=eye, lookat=lookat, principal=(0.5, 0.5), orthographic=False)
 
 
@@ -94,27 +90,24 @@ def extent(camera: Camera, meshes: Sequence[Mesh], sphere: tuple[Array, float]) 
     The first is the vector from the center of the sphere to the middle of the image's part that they fill, (3,) in
     world space; the second is half of its width and height, (2,) in scene units.
     """
-    center, radius = sphere
-    exponent = int(np.frexp(radius)[1])
-    axes = camera_axes(camera)
-    spans = _spans(_vertices(_blocks_of(meshes, center, exponent), axes))
-    aside, half = spans.mean(axis=1) @ axes[:2], (spans[:, 1] - spans[:, 0]) / 2.0
-    return np.ldexp(aside, exponent), np.ldexp(half, exponent)
+    body = _Body(camera, meshes, sphere)
+    aside, half = body.spans.mean(axis=1) @ body.axes[:2], (body.spans[:, 1] - body.spans[:, 0]) / 2.0
+    return np.ldexp(aside, body.exponent), np.ldexp(half, body.exponent)
 
 
-def _perspective_eye(support: _Support, tangents: Floats, clear: float, *, centered: bool) -> tuple[list[float], float]:
-    """Return the place of a perspective camera's eye: its x and y, and its z, at most `clear`. centered: move x and y."""
+def _perspective_eye(body: _Body, tangents: Floats, clear: float, *, centered: bool) -> tuple[Floats, float]:
+    """Return x and y of a perspective camera's eye, and its z, at most `clear`. centered: move x and y."""
     limits = []
     for axis, tangent in enumerate(tangents):
-        low, high = _ends(support, axis, tangent)
+        low, high = body.ends(axis, tangent)
         limits.append((high[axis] - tangent * high[2], low[axis] + tangent * low[2]))  # A and B
     if not centered:
-        return [0.0, 0.0], min(clear, *(min(-a, b) / t for (a, b), t in zip(limits, tangents, strict=True)))
+        return np.zeros(2), min(clear, *(min(-a, b) / t for (a, b), t in zip(limits, tangents, strict=True)))
     depth = min(clear, *((b - a) / (2.0 * t) for (a, b), t in zip(limits, tangents, strict=True)))
-    return [_centered(support, axis, *limits[axis], tangents[axis], depth) for axis in range(2)], depth
+    return np.array([_centered(body, axis, *limits[axis], tangents[axis], depth) for axis in range(2)]), depth
 
 
-def _centered(support: _Support, axis: int, a: float, b: float, tangent: float, depth: float) -> float:
+def _centered(body: _Body, axis: int, a: float, b: float, tangent: float, depth: float) -> float:
     """Return the eye's x or y for which the ends of the body are equally far from the image's center.
 
     By Newton's method for the tangent at which they are seen: each round takes the points that are the ends at the
@@ -123,56 +116,60 @@ def _centered(support: _Support, axis: int, a: float, b: float, tangent: float, 
     low, high = a + tangent * depth, b - tangent * depth
     place = (low + high) / 2.0
     for _ in range(_ROUNDS if high > low else 0):
-        first, last = _ends(support, axis, tangent)
+        first, last = body.ends(axis, tangent)
         before, behind = first[2] - depth, last[2] - depth
-        found = (last[axis] * before + first[axis] * behind) / (before + behind)
-        if found == place:
+        better = (last[axis] * before + first[axis] * behind) / (before + behind)
+        if better == place:
             break
-        place, tangent = found, (last[axis] - first[axis]) / (before + behind)
+        place, tangent = better, (last[axis] - first[axis]) / (before + behind)
     return float(min(max(place, low), high)) if high > low else place
 
 
-def _parallel_eye(support: _Support, tangents: Floats, *, centered: bool) -> tuple[list[float], float]:
-    """Return x and y of the eye of a parallel projection, and the distance at which a perspective camera with these
-    tangents sees as much."""
-    spans = _spans(support)
-    place = spans.mean(axis=1) if centered else np.zeros(2)
-    away = float((np.abs(spans - place[:, None]).max(axis=1) / tangents).max())
-    return place.tolist(), max(away, _THINNEST)
+class _Body:
+    """The vertices of meshes about the center of a sphere, over 2^exponent; or the circles about a camera's `up` that they
+    run through as it goes round, if it is turning."""
 
+    def __init__(
+        self, camera: Camera, meshes: Sequence[Mesh], sphere: tuple[Array, float], *, turning: bool = False
+    ) -> None:
+        self._meshes, self._center, self.axes = meshes, sphere[0], camera_axes(camera)
+        self.exponent = int(np.frexp(sphere[1])[1])
+        self._up = camera.up / np.abs(camera.up).max() if turning else None
+        if self._up is not None:
+            self._up = self._up / np.linalg.norm(self._up)
+        few = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in meshes) <= _KEPT
+        self._kept = list(self._scaled()) if few else None
 
-def _spans(support: _Support) -> Floats:
-    """Return the least and the greatest x, and y, of a body, (2, 2)."""
-    return np.array([_ends(support, axis, 0.0)[:, axis] for axis in range(2)])
+    def _scaled(self) -> Iterator[Floats]:
+        """Yield the vertices, (3, K)."""
+        half, up = self._center[:, None] / 2.0, 1 - self.exponent
+        for block in placed_blocks(self._meshes):
+            points = 0.5 * block - half
+            yield np.ldexp(points, up) if abs(up) > 1000 else points * 2.0**up
 
-
-def _ends(support: _Support, axis: int, tangent: float) -> Floats:
-    """Return the points with the least p[axis] + tangent*pz and the greatest p[axis] - tangent*pz, (2, 3)."""
-    directions = np.zeros((2, 3))
-    directions[:, axis], directions[:, 2] = (-1.0, 1.0), -tangent
-    return support(directions)
-
-
-def _vertices(blocks: Callable[[], Iterable[Floats]], axes: Floats) -> _Support:
-    return lambda directions: _farthest(blocks(), directions @ axes) @ axes.T
-
-
-def _swept(blocks: Callable[[], Iterable[Floats]], axes: Floats, up: Floats) -> _Support:
-    """Return the support of the circles about `up` through the origin that the points lie on."""
-    unit = up / np.abs(up).max()
-    unit = unit / np.linalg.norm(unit)
-
-    def support(directions: Floats) -> Floats:
-        towards = directions @ axes
-        rise = towards @ unit
-        aside = towards - rise[:, None] * unit
+    def farthest(self, directions: Floats) -> Floats:
+        """Return the points that are farthest along directions, (K, 3) each, both in the camera's axes."""
+        towards, blocks, up = directions @ self.axes, self._scaled() if self._kept is None else self._kept, self._up
+        if up is None:
+            return np.asarray(_farthest(blocks, towards) @ self.axes.T)
+        rise = towards @ up
+        aside = towards - rise[:, None] * up
         length = np.linalg.norm(aside, axis=1)
-        around = (_radius_and_height(points, unit) for points in blocks())
-        found = _farthest(around, np.stack([length, rise], axis=1))
-        places = found[:, :1] * aside / np.where(length, length, 1.0)[:, None] + found[:, 1:] * unit
-        return np.asarray(places @ axes.T)
+        circles = (_radius_and_height(points, up) for points in blocks)
+        ends = _farthest(circles, np.stack([length, rise], axis=1))
+        places = ends[:, :1] * aside / np.where(length, length, 1.0)[:, None] + ends[:, 1:] * up
+        return np.asarray(places @ self.axes.T)
 
-    return support
+    def ends(self, axis: int, tangent: float) -> Floats:
+        """Return the points with the minimum of p[axis] + tangent*pz and the maximum of p[axis] - tangent*pz, (2, 3)."""
+        directions = np.zeros((2, 3))
+        directions[:, axis], directions[:, 2] = (-1.0, 1.0), -tangent
+        return self.farthest(directions)
+
+    @property
+    def spans(self) -> Floats:
+        """The minimum and maximum of x, and of y, (2, 2)."""
+        return np.array([self.ends(axis, 0.0)[:, axis] for axis in range(2)])
 
 
 def _radius_and_height(points: Floats, unit: Floats) -> Floats:
@@ -180,34 +177,18 @@ def _radius_and_height(points: Floats, unit: Floats) -> Floats:
     return np.stack([np.linalg.norm(points - unit[:, None] * height, axis=0), height])
 
 
-def _blocks_of(meshes: Sequence[Mesh], center: Array, exponent: int) -> Callable[[], Iterable[Floats]]:
-    """Return what gives the blocks of `_scaled`, which are kept unless they are large."""
-    if sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in meshes) > _KEPT:
-        return lambda: _scaled(meshes, center, exponent)
-    blocks = list(_scaled(meshes, center, exponent))
-    return lambda: blocks
-
-
-def _scaled(meshes: Sequence[Mesh], center: Array, exponent: int) -> Iterator[Floats]:
-    """Yield the vertices of the meshes about the center, times 2^-exponent, (3, K)."""
-    half, up = center[:, None] / 2.0, 1 - exponent
-    for block in placed_blocks(meshes):
-        points = 0.5 * block - half
-        yield np.ldexp(points, up) if abs(up) > 1000 else points * 2.0**up
-
-
 def _farthest(blocks: Iterable[Floats], weights: Floats) -> Floats:
     """Return for each row of weights (K, C) the column of the blocks, (C, n) each, with the greatest product, (K, C).
 
-    The products are sums in a fixed order: the same on every machine.
+    The products are sums in a fixed order: equal on every machine.
     """
-    best, found = np.full(len(weights), -np.inf), np.zeros(weights.shape)
+    best, farthest = np.full(len(weights), -np.inf), np.zeros(weights.shape)
     for block in blocks:
         for row, weight in enumerate(weights):
             along = weight[0] * block[0]
-            for each, coordinate in zip(weight[1:], block[1:], strict=True):
-                along += each * coordinate
+            for factor, coordinate in zip(weight[1:], block[1:], strict=True):
+                along += factor * coordinate
             at = int(along.argmax())
             if along[at] > best[row]:
-                best[row], found[row] = along[at], block[:, at]
-    return found
+                best[row], farthest[row] = along[at], block[:, at]
+    return farthest

@@ -1,4 +1,4 @@
-"""Geometry of scenes in float64: vertex normals, camera axes, matrices and rays, bounding box.
+"""Geometry of scenes in float64: normals with and without creases, welding, camera axes, matrices and rays, bounding box.
 
 Where scale matters, values are first multiplied by a power of two, which is exact: a scene scaled by a power of two
 gives the same bits, and squares neither overflow nor underflow.
@@ -6,14 +6,15 @@ gives the same bits, and squares neither overflow nor underflow.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Faces, Floats
-from ..base.validation import vector
+from ..base.arrays import Array, Faces, Floats, connected_components
+from ..base.validation import number
 from ..errors import InputError
 from .camera import Camera
 from .model import Mesh, Scene
@@ -21,6 +22,7 @@ from .pinhole import axes_of
 
 _POOL = 1 << 14  # vertices of small meshes that are placed at once
 _CANCELED = 2.0**-40  # times the faces' sizes: a smaller sum has no direction left
+_SEAM = 30.0  # degrees between two faces, up to which vertices apart at one place are a seam of a smooth surface
 
 
 def _exponent(values: Array) -> int:
@@ -53,12 +55,12 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
         return np.zeros((len(verts), 3))
     blocks, exponent = list(row_blocks(len(faces))), _edge_exponent(verts, faces)
     sums, areas = np.zeros((3, 3, len(verts))), np.zeros((3, len(blocks)))  # by axis and corner, and by axis and block
-    for number, block in enumerate(blocks):
+    for at, block in enumerate(blocks):
         index = faces[block].T.astype(np.intp, order="C")
         edges = _edges(verts, faces[block], exponent)
         for axis in range(3):
             cross = _cross(edges, axis)
-            areas[axis, number] = np.abs(cross).sum()
+            areas[axis, at] = np.abs(cross).sum()
             for corner in range(3):
                 np.add.at(sums[axis, corner], index[corner], cross)
     sums[:, 0] += sums[:, 1]
@@ -86,7 +88,7 @@ def _cross(edges: Array, axis: int) -> Floats:
 
 
 def _edge_exponent(verts: Array, faces: Array) -> int:
-    """Return the exponent, as of `_exponent`, of all `_edges`."""
+    """Return the exponent, see `_exponent`, of all `_edges`."""
     largest = [np.abs(_edges(verts, faces[block])).max(initial=0.0) for block in row_blocks(len(faces))]
     return _exponent(np.array(largest))
 
@@ -98,26 +100,155 @@ def _edges(verts: Array, faces: Array, exponent: int = 0) -> Floats:
     return np.ldexp(edges, -exponent, out=edges)
 
 
+def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[Floats, Faces]:
+    """Return unit normals for the corners of a mesh whose edges with more than `degrees` between their faces are sharp.
+
+    verts: (V, 3) finite positions; vertices at the same position count as one. faces: (F, 3) indices into verts.
+    degrees: 0 to 180; at 0 every face is flat.
+    Returns normals (K, 3) float64 and normal_faces (F, 3) int32 indices into them. Corners at a vertex that are
+    connected by smooth edges share a normal: the sum of their faces' cross products, normalized; 0 where the faces
+    have no area.
+
+    Raises InputError unless degrees is a number from 0 to 180.
+    """
+    degrees = crease_angle("crease_normals", "degrees", degrees)
+    verts, faces = np.asarray(verts, np.float64), np.asarray(faces, np.int32)
+    cross, count = _face_crosses(verts, faces), len(faces)
+    if degrees == 0.0 or not count:
+        return _normalized(cross), np.repeat(np.arange(count, dtype=np.int32), 3).reshape(-1, 3)
+    first, second = _smooth_pairs(welded(verts)[1][faces], _normalized(cross), degrees)
+    labels = connected_components(3 * count, first, second)
+    numbers = np.cumsum(labels == np.arange(3 * count, dtype=np.int32), dtype=np.int32)
+    corners = (numbers - 1)[labels]
+    sums: Array = np.stack([np.bincount(corners, np.repeat(column, 3), numbers[-1]) for column in cross.T], axis=1)
+    return _normalized(sums), corners.reshape(-1, 3)
+
+
+def seamless_normals(verts: ArrayLike, faces: ArrayLike, degrees: float = _SEAM) -> Floats | None:
+    """Return unit normals (V, 3) of a mesh whose vertices at one position are joined where there is only a seam.
+
+    A seam is an edge of two faces with at most `degrees` between them whose ends are different vertices at the same places.
+    All faces at a vertex share its normal, as in `vertex_normals`. Returns None if no vertices are joined.
+
+    verts: (V, 3) finite. faces: (F, 3) indices into verts.
+    """
+    verts, faces = np.asarray(verts), np.asarray(faces, np.int32)
+    kept, which = welded(verts)
+    if len(kept) == len(verts):
+        return None
+    pairs = _smooth_pairs(which[faces], _normalized(_face_crosses(verts, faces)), degrees)
+    one, two = (faces.reshape(-1)[corners] for corners in pairs)
+    apart = one != two
+    if not apart.any():
+        return None
+    labels = connected_components(len(verts), one[apart], two[apart])
+    return vertex_normals(verts, labels[faces])[labels]
+
+
+def crease_angle(owner: str, name: str, value: Any) -> float:
+    """Return a crease angle in degrees, from 0 to 180. Raises InputError for anything else."""
+    return number(owner, name, value, least=0.0, most=180.0, expected="degrees from 0 to 180")
+
+
+def flat_normals(one: Array, other: Array) -> Floats:
+    """Return unit normals (F, 3) of faces with these edges, (3, F) each; 0 for one without area."""
+    return _normalized(_crosses(np.stack([one, other])))
+
+
+def _face_crosses(verts: Array, faces: Array) -> Array:
+    """Return (F, 3) cross products of the faces' edges, times a power of two that keeps them in range."""
+    return _crosses(_edges(verts, faces, _edge_exponent(verts, faces)))
+
+
+def _crosses(edges: Array) -> Array:
+    """Return the cross products (F, 3) of edges (2, 3, F); np.cross takes ten times as long for a few."""
+    return np.stack([_cross(edges, axis) for axis in range(3)], axis=1)
+
+
+def _smooth_pairs(faces: Array, normals: Array, degrees: float) -> tuple[Array, Array]:
+    """Return pairs of corners (numbered 3 * face + corner) that share a normal, at both ends of each smooth edge.
+
+    An edge is smooth if there are at most `degrees` between the unit `normals` (F, 3) of its two faces. If more faces
+    share an edge, consecutive ones are paired.
+    """
+    start = faces.reshape(-1)
+    end = np.roll(faces, -1, axis=1).reshape(-1)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    key = low.astype(np.int64) << 32 | high
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(np.diff(key[order]) == 0)
+    one, two = order[same], order[same + 1]
+    cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3])
+    smooth = (cosine >= math.cos(math.radians(degrees)) - 1e-12) & (low[one] != high[one])
+    # The corner at the vertex of each edge with the lower index, and the one at the other.
+    ends = []
+    for edge in (one[smooth], two[smooth]):
+        forward, after = start[edge] < end[edge], next_corners(edge)
+        ends.append(np.concatenate([np.where(forward, edge, after), np.where(forward, after, edge)]))
+    return ends[0], ends[1]
+
+
+def next_corners(corners: Array) -> Array:
+    """Return the corners (numbered 3 * face + corner) that follow in the same faces."""
+    return np.where(corners % 3 == 2, corners - 2, corners + 1)
+
+
+def welded(verts: Array) -> tuple[Array, Array]:
+    """Merge vertices at equal positions (-0.0 equals 0.0).
+
+    verts: (V, 3) finite. Returns kept (W,), ascending indices of the first vertex at each position, and which (V,)
+    int32, the row among these for every vertex.
+    """
+    bits = (np.ascontiguousarray(verts) + 0.0).view(np.uint32 if verts.dtype == np.float32 else np.uint64)
+    hashed = np.zeros(len(verts), np.uint64)
+    for column in bits.T:
+        hashed = hashed * np.uint64(0x9E3779B97F4A7C15) + column
+        for factor in (0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53):  # the finalizer of MurmurHash3
+            hashed ^= hashed >> np.uint64(33)
+            hashed *= np.uint64(factor)
+        hashed ^= hashed >> np.uint64(33)
+    _, first, which = np.unique(hashed, return_index=True, return_inverse=True)
+    which = which.reshape(-1)
+    if not (bits[first[which]] == bits).all():  # a hash collision
+        _, first, which = np.unique(bits, axis=0, return_index=True, return_inverse=True)
+        which = which.reshape(-1)
+    rank = np.argsort(first)
+    place = np.empty(len(rank), np.int32)
+    place[rank] = np.arange(len(rank), dtype=np.int32)
+    return first[rank], place[which]
+
+
+def against_normals(verts: Array, faces: Array, normals: Array, normal_faces: Array) -> Array:
+    """Return (F,) bool: the faces that are clockwise as seen along their normals.
+
+    verts: (V, 3), faces: (F, 3) indices into them. normals, normal_faces: likewise. The cross product of a face is
+    compared with the sum of the finite normals at its corners; a face without area, or perpendicular to that sum, is not
+    against it.
+    """
+    against = np.empty(len(faces), bool)
+    if not np.isfinite(normals).all():
+        normals = np.where(np.isfinite(normals), normals, normals.dtype.type(0.0))
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN compares as not against
+        for block in row_blocks(len(faces)):
+            a, b, c = (verts[corner] for corner in faces[block].T)
+            one, two, three = (normals[corner] for corner in normal_faces[block].T)
+            against[block] = (np.cross(b - a, c - a) * (one + two + three)).sum(axis=1) < 0.0
+    return against
+
+
 def row_blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
     """Return slices that cover range(count), short enough that temporary arrays stay in the cache."""
     return (slice(start, start + size) for start in range(0, count, size))
 
 
-def look_at(eye: ArrayLike, lookat: ArrayLike, up: ArrayLike) -> Floats:
+def camera_axes(camera: Camera) -> Floats:
     """Return the axes of a camera in world space, as the rows of an orthonormal (3, 3) float64 matrix.
 
-    The rows are x (right), y (up) and z (viewing direction). eye, lookat, up: 3-vectors, world space; z = lookat - eye,
-    y = up minus its part along z, x = z cross y, each of unit length. A point p has the camera coordinates
-    look_at(...) @ (p - eye).
+    The rows are x (right), y (up) and z (viewing direction): z = lookat - eye, y = up minus its part along z, x = z cross
+    y, of unit length. A point p has the camera coordinates camera_axes(camera) @ (p - eye).
 
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
-    eye, lookat, up = (vector("look_at", name, v) for name, v in (("eye", eye), ("lookat", lookat), ("up", up)))
-    return np.array(axes_of(eye.tolist(), lookat.tolist(), up.tolist()))
-
-
-def camera_axes(camera: Camera) -> Floats:
-    """Return `look_at` of a camera."""
     return np.array(axes_of(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
 
 
@@ -160,69 +291,15 @@ def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
 
     Every instance counts. Both are 0 for a scene without faces. Raises InputError where a position overflows.
     """
-    lows, highs = [], []
-    for mesh, *others in _pools(scene.meshes):
-        if others:
-            block = _placed_pool([mesh, *others])
-            lows.append(block.min(axis=1, initial=np.inf) + 0.0)
-            highs.append(block.max(axis=1, initial=-np.inf) + 0.0)
-            continue
-        points = _in_use(mesh.verts, mesh.faces)
-        many = max(1, (1 << 16) // len(points))  # placements at once
-        for first in range(0, len(np.asarray(mesh.instances)), many):
-            low, high = _extent(points, np.asarray(mesh.instances)[first : first + many])
-            lows.append(low)
-            highs.append(high)
-    if not lows:
+    blocks = map(np.ascontiguousarray, placed_blocks(scene.meshes))  # whose rows NumPy searches far faster
+    ends = [(block.min(axis=1, initial=np.inf), block.max(axis=1, initial=-np.inf)) for block in blocks]
+    if not ends:
         return np.zeros(3), np.zeros(3)
-    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    lows, highs = zip(*ends, strict=True)
+    low, high = np.min(lows, axis=0) + 0.0, np.max(highs, axis=0) + 0.0
     if not np.isfinite([low, high]).all():
         raise InputError("Scene: meshes: expected finite positions in world space, found an overflow of float64")
     return low, high
-
-
-def _in_use(verts: Array, faces: Array) -> Array:
-    """Return the vertices (V, 3) that faces refer to; all of them if the extreme ones along the axes are in use."""
-    ends = sorted(set(_ends(verts)))  # np.unique would import numpy.ma
-    seen = np.zeros(len(ends), bool)
-    corners = faces.reshape(-1)
-    for block in row_blocks(len(corners)):
-        for number in np.flatnonzero(~seen):
-            seen[number] = (corners[block] == ends[number]).any()
-        if seen.all():
-            return verts
-    used = np.zeros(len(verts), bool)
-    used[corners] = True
-    return verts[used]
-
-
-def _ends(points: Array) -> list[int]:
-    """Return the indices of points (V, 3) with the lowest and the highest coordinate along each axis."""
-    whole = len(points) // 64
-    wide = points[: whole * 64].reshape(whole, 192)  # NumPy searches long rows far faster than columns of three
-    found = []
-    for pick, search in ((np.min, np.argmin), (np.max, np.argmax)):
-        best = [pick(wide, axis=0)] if whole else []
-        for axis in range(3):
-            candidates = list(range(whole * 64, len(points)))
-            if whole:
-                column = 3 * int(search(best[0][axis::3])) + axis
-                candidates.append(64 * int(search(wide[:, column])) + column // 3)
-            found.append(candidates[int(search(points[candidates, axis]))])
-    return found
-
-
-def _extent(points: Array, placements: Array) -> tuple[Array, Array]:
-    """Return the lowest and highest corner, (3,) float64 each, of points (V, 3) under placements (K, 4, 4)."""
-    if (placements == np.eye(4)).all():
-        ends = points[_ends(points)].astype(np.float64)
-        return ends.min(axis=0) + 0.0, ends.max(axis=0) + 0.0
-    lows, highs = [], []
-    for block in row_blocks(len(points)):
-        placed = _placed(points[block].T.astype(np.float64), placements)
-        lows.append(placed.min(axis=(0, 2)))
-        highs.append(placed.max(axis=(0, 2)))
-    return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 def placed_blocks(meshes: Sequence[Mesh]) -> Iterator[Floats]:
@@ -264,7 +341,7 @@ def _pools(meshes: Iterable[Mesh]) -> Iterator[list[Mesh]]:
 
 
 def _placed_pool(meshes: Sequence[Mesh]) -> Floats:
-    """Return what `placed_blocks` yields of meshes, as one block."""
+    """Return the vertices of small meshes that faces refer to, in world space, as one (3, K) block."""
     counts, copies = np.array([(len(mesh.verts), len(np.asarray(mesh.instances))) for mesh in meshes]).T
     starts = np.cumsum(counts) - counts
     faces = np.concatenate([mesh.faces for mesh in meshes])
@@ -274,14 +351,14 @@ def _placed_pool(meshes: Sequence[Mesh]) -> Floats:
     first, size = np.repeat([np.cumsum(sizes) - sizes, sizes], copies, axis=1)  # of the points of each placement
     begin = np.cumsum(size) - size
     points = np.concatenate([mesh.verts for mesh in meshes], dtype=np.float64)[used]
-    found = points[np.repeat(first - begin, size) + np.arange(size.sum())]
+    placed = points[np.repeat(first - begin, size) + np.arange(size.sum())]
     matrices = np.concatenate([np.asarray(mesh.instances) for mesh in meshes])
     moved = (matrices != np.eye(4)).any(axis=(1, 2))
-    for each in sorted({*size[moved].tolist()}):
-        some = np.flatnonzero(moved & (size == each))
-        rows = begin[some, None] + np.arange(each)
-        found[rows] = _placed(found[rows].transpose(0, 2, 1), matrices[some]).transpose(0, 2, 1)
-    return np.ascontiguousarray(found.T)
+    for length in sorted({*size[moved].tolist()}):
+        some = np.flatnonzero(moved & (size == length))
+        rows = begin[some, None] + np.arange(length)
+        placed[rows] = _placed(placed[rows].transpose(0, 2, 1), matrices[some]).transpose(0, 2, 1)
+    return np.ascontiguousarray(placed.T)
 
 
 def _placed(columns: Floats, placements: Floats) -> Floats:

@@ -28,35 +28,19 @@ _RINGS, _SECTORS = 24, 96
 def with_ground(
     scene: Scene, up: Up | None = None, settings: Settings | None = None, *, gray: float | None = None
 ) -> Scene:
-    """Return the scene with a ground below it, its last mesh.
+    """Return the scene with a ground below it, its last mesh: neutral and matte, just below the lowest point, seen from
+    above alone.
 
-    Parameters
-    ----------
-    scene : Scene
-        What stands on it.
-    up : {"x", "y", "z", "-x", "-y", "-z"}, optional
-        Axis that points up. Default: the one nearest to the camera's.
-    settings : Settings, optional
-        How it will be drawn, for the color towards its edge. Default: as the scene's preset says.
-    gray : float, optional
-        Color of the middle, linear. Default: by the background, 0.2 to 0.6.
+    up: axis that points up; default: the one nearest to the camera's. settings: how the scene will be drawn, for the color
+    towards the edge; default: as its preset says. gray: color of the middle, linear; default: by the background, 0.2 to
+    0.6.
 
-    Returns
-    -------
-    Scene
-        A ground just below the lowest point, neutral and matte, seen from above alone. Towards its
-        edge, nine bounding radii from the middle, it takes the color that the scene's lights, or its
-        environment, need to give the background's; over nothing or an environment it keeps its own.
+    Towards its edge, nine bounding radii from the middle, the ground takes the color that the scene's lights, or its
+    environment, need to give the background's; over nothing or an environment it keeps its own. Cameras and named views
+    that fit a scene leave its ground out. Where shader `pbr` lights the scene by the studio, that becomes its environment,
+    with the ceiling above the ground in every view.
 
-    Raises
-    ------
-    InputError
-        The axis is unknown, or a position leaves the range of float64.
-
-    Notes
-    -----
-    Cameras and named views that fit a scene leave its ground out. Where shader `pbr` lights the scene
-    by the studio, that becomes its environment, with the ceiling above the ground in every view.
+    Raises InputError if the axis is unknown, or a position leaves the range of float64.
     """
     up = up_of(scene.camera) if up is None else up
     choice("with_ground", "up", up, tuple(UPS))
@@ -117,23 +101,23 @@ def _colors(scene: Scene, settings: Settings, up: Floats, share: Floats, gray: f
 
 
 def _light(scene: Scene, settings: Settings, verts: Floats, up: Floats) -> tuple[Floats, Floats]:
-    """Return the light that a white ground sends, the scene's last mesh: what its color multiplies, (V, 3), and what that
-    leaves as it is, (3,)."""
-    nothing = np.zeros(3)
+    """Return the light that a white ground, the scene's last mesh, sends: the part that its color multiplies, (V, 3), and
+    the part that it does not, (3,)."""
     if settings.shader == "nolight":
-        return np.ones(verts.shape), nothing
+        return np.ones(verts.shape), np.zeros(3)
     scene = without_stand_ins(scene) if settings.shader == "pbr" else scene
     ambient = scene.meshes[-1].material.ka * scene.ambient
-    light = np.tile(ambient if settings.ambient == "tinted" else nothing, (len(verts), 1))
-    for each in scene.lights:
-        light += _arriving(each, verts, up)[:, None] * each.intensity
+    tinted, plain = (ambient, np.zeros(3)) if settings.ambient == "tinted" else (np.zeros(3), ambient)
+    total = np.tile(tinted, (len(verts), 1))
+    for light in scene.lights:
+        total += _arriving(light, verts, up)[:, None] * light.intensity
     if settings.shader == "pbr" and scene.environment is not None:
-        light += irradiance_at(irradiance_coefficients(scene.environment), up)
-    return light, nothing if settings.ambient == "tinted" else ambient
+        total += irradiance_at(irradiance_coefficients(scene.environment), up)
+    return total, plain
 
 
 def _arriving(light: Light, verts: Floats, up: Floats) -> Floats:
-    """Return what part (V,) of a light's intensity the ground receives; of one of finite size from its center."""
+    """Return which part (V,) of a light's intensity reaches the ground; of a light of finite size from its center."""
     if isinstance(light, DirectionalLight):
         return np.full(len(verts), max(float(-light.axis @ up), 0.0))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # of what Mesh refuses
@@ -152,11 +136,8 @@ def _arriving(light: Light, verts: Floats, up: Floats) -> Floats:
 
 def _disc() -> Array:
     """Return the faces of rings of vertices around vertex 0, counter-clockwise seen from above."""
-    sector = np.arange(_SECTORS)
-    following = (sector + 1) % _SECTORS
-    inner = [np.stack([np.zeros_like(sector), 1 + sector, 1 + following], axis=1)]
-    for ring in range(_RINGS - 1):
-        a, b = 1 + ring * _SECTORS + sector, 1 + ring * _SECTORS + following
-        c, d = a + _SECTORS, b + _SECTORS
-        inner += [np.stack([a, c, d], axis=1), np.stack([a, d, b], axis=1)]
-    return np.concatenate(inner).astype(np.int32)
+    sector, first = np.arange(_SECTORS), 1 + _SECTORS * np.arange(_RINGS)[:, None]
+    a, b = first + sector, first + (sector + 1) % _SECTORS
+    inner = np.stack([np.zeros_like(sector), a[0], b[0]], axis=1)
+    outer = np.array([[a[:-1], a[1:], b[1:]], [a[:-1], b[1:], b[:-1]]]).transpose(2, 0, 3, 1)
+    return np.concatenate([inner, outer.reshape(-1, 3)]).astype(np.int32)

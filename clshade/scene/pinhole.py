@@ -115,7 +115,7 @@ def pose_of(axes: Any, eye: Floats, convention: str) -> Floats:
 
 
 def axes_of(eye: list[float], lookat: list[float], up: list[float]) -> tuple[tuple[float, float, float], ...]:
-    """Return right, up and the viewing direction, the rows of `geometry.look_at`, which says more. Raises InputError.
+    """Return right, up and the viewing direction, the rows of `geometry.camera_axes`, which says more. Raises InputError.
 
     In plain floats: for one camera NumPy's overhead would make it ten times as slow.
     """

@@ -6,26 +6,24 @@ agree on. A normal map shows what its author saw only with the same tangents.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..base.arrays import Array, Bools, Faces, Floats, connected_components
-from .geometry import vertex_normals
+from .geometry import next_corners, vertex_normals, welded
 from .model import Mesh
-from .normals import welded
 
-MOST_UV = 2.0**40  # as of texture coordinates in general: see model.Mesh
+_MAX_UV = 2.0**40  # see model.Mesh
 
 _computed: WeakKeyDictionary[Mesh, dict[int, tuple[Floats, Faces]]] = WeakKeyDictionary()
 
 
 def mesh_tangents(mesh: Mesh, coordinates: int = 0) -> tuple[Array, Faces]:
-    """Return the tangents (K, 4) of a mesh and their indices (F, 3), in object space, for a normal map at its texture
-    coordinates of that number: the mesh's own, else those of `corner_tangents`, kept as long as the mesh lives.
+    """Return the tangents (K, 4) of a mesh and their indices (F, 3), in object space, for a normal map at the set of texture
+    coordinates with this number: the mesh's own, else those of `corner_tangents`, kept as long as the mesh lives.
 
-    Rows of 0 are corners without a direction. Raises nothing: a mesh without texture coordinates has none.
+    Rows of 0 are corners without a direction: all corners of a mesh without texture coordinates.
     """
     if mesh.tangents is not None:
         return mesh.tangents, mesh.faces if mesh.tangent_faces is None else mesh.tangent_faces
@@ -60,22 +58,20 @@ def corner_tangents(
     directions of u, each projected onto the plane of the normal, normalized, and weighted by the face's angle there.
     MikkTSpace's default threshold of 180 degrees is used: nothing else separates directions.
     """
-    corners = _vertices(verts, faces, normals, normal_faces, uvs, uv_faces)
-    points = _scaled(np.asarray(verts, np.float64))[faces]
-    directions = _directions(points, uvs, uv_faces)
+    corners, reals = _vertices(verts, faces, normals, normal_faces, uvs, uv_faces), np.asarray(verts, np.float64)
+    # Over a power of two that keeps products within range.
+    points = np.ldexp(reals, -int(np.frexp(np.abs(reals).max(initial=0.0))[1]))[faces]
+    along, preserving, free = _directions(points, uvs, uv_faces)
     a, b, c = points[:, 0], points[:, 1], points[:, 2]
     real = (a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)  # the others are never seen
-    labels, preserving = _groups(corners, real, directions)
-    ordinary = real & ~directions.free
-    counts = np.repeat(ordinary, 3)
-    kept = np.flatnonzero(labels >= 0)
-    number = np.zeros(len(labels) + 1, np.int32)
-    first = np.flatnonzero(np.bincount(labels[kept]))
-    number[first] = np.arange(1, len(first) + 1, dtype=np.int32)
-    tangent_faces = np.zeros(len(labels), np.int32)
-    tangent_faces[kept] = number[labels[kept]]
+    labels, preserving = _groups(corners, real, preserving, free)
+    used = np.zeros(len(labels) + 1, np.int32)
+    used[labels] = 1
+    used[-1] = 0  # -1, the label of corners without a group
+    first, tangent_faces = np.flatnonzero(used), (np.cumsum(used, dtype=np.int32) * used)[labels]
+    counts = np.repeat(real & ~free, 3)
     across = np.asarray(normals, np.float64)[normal_faces].reshape(-1, 3)
-    shares = _shares(points, across, directions.along, counts)
+    shares = _shares(points, across, along, counts)
     sums: Floats = np.stack(
         [np.bincount(tangent_faces[counts], column, len(first) + 1) for column in shares[counts].T], axis=1
     )
@@ -86,59 +82,37 @@ def corner_tangents(
     return tangents, tangent_faces.reshape(-1, 3)
 
 
-@dataclass(frozen=True, eq=False)
-class _Directions:
-    """Per face: along (F, 3) the unit direction of u in space, or 0; preserving (F,) whether its texture coordinates are
-    counter-clockwise; free (F,) whether they give no directions, so that the face joins its neighbors' groups."""
-
-    along: Floats
-    preserving: Bools
-    free: Bools
-
-
-def _scaled(points: Array) -> Floats:
-    """Return the points over a power of two that keeps their products within range."""
-    most = np.abs(points).max(initial=0.0)
-    return np.ldexp(points, -int(np.frexp(most)[1]))
-
-
 def _unit(vectors: Floats) -> Floats:
-    most = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
-    scaled = np.ldexp(vectors, -np.frexp(most)[1])
+    largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
+    scaled = np.ldexp(vectors, -np.frexp(largest)[1])
     length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
     return np.asarray(scaled / np.where(length > 0.0, length, 1.0))
 
 
 def _vertices(verts: Array, faces: Array, normals: Array, normal_faces: Array, uvs: Array, uv_faces: Array) -> Array:
     """Return (F, 3) numbers of vertices: equal for corners with the same position, normal and texture coordinates."""
-    index = [welded(np.ascontiguousarray(rows))[1][at] for rows, at in ((verts, faces), (normals, normal_faces))]
-    index.append(welded(_usable(uvs))[1][uv_faces])
-    flat = np.stack([part.reshape(-1) for part in index], axis=1).astype(np.int64)
-    sizes = flat.max(axis=0, initial=0) + 1
-    pair = flat[:, 0] * sizes[1] + flat[:, 1]
-    if float(sizes[0]) * float(sizes[1]) * float(sizes[2]) < 2.0**62:
-        keys = pair * sizes[2] + flat[:, 2]
-    else:
-        keys = np.unique(pair, return_inverse=True)[1].reshape(-1) * sizes[2] + flat[:, 2]
-    return np.unique(keys, return_inverse=True)[1].reshape(faces.shape)
+    attributes = (verts, faces), (normals, normal_faces), (_usable(uvs), uv_faces)
+    numbers = [welded(rows)[1][index].reshape(-1) for rows, index in attributes]
+    return welded(np.stack(numbers, axis=1).astype(np.float64))[1].reshape(faces.shape)
 
 
 def _usable(uvs: Array) -> Array:
     """Return finite float32 texture coordinates; the reference computes in float32, which decides what has no area."""
-    return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -MOST_UV, MOST_UV).astype(np.float32)
+    return np.clip(np.where(np.isfinite(uvs), uvs, 0.0), -_MAX_UV, _MAX_UV).astype(np.float32)
 
 
-def _directions(points: Floats, uvs: Array, uv_faces: Array) -> _Directions:
-    """Return the directions of u. points: (F, 3, 3)."""
+def _directions(points: Floats, uvs: Array, uv_faces: Array) -> tuple[Floats, Bools, Bools]:
+    """Return for faces with corners points (F, 3, 3): the unit direction of u in space (F, 3), or 0; whether their texture
+    coordinates are counter-clockwise (F,); and whether they give no directions, so that a face joins its neighbors' groups
+    (F,)."""
     t = _usable(uvs)[uv_faces]
     (x1, y1), (x2, y2) = (t[:, 1] - t[:, 0]).T, (t[:, 2] - t[:, 0]).T
     area = x1 * y2 - y1 * x2
     d1, d2 = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
     along = y2[:, None].astype(np.float64) * d1 - y1[:, None].astype(np.float64) * d2
     down = x1[:, None].astype(np.float64) * d2 - x2[:, None].astype(np.float64) * d1
-    preserving = area > 0.0
     free = (area == 0.0) | ~along.any(axis=1) | ~down.any(axis=1)
-    return _Directions(np.where(preserving, 1.0, -1.0)[:, None] * _unit(along), preserving, free)
+    return np.where(area > 0.0, 1.0, -1.0)[:, None] * _unit(along), area > 0.0, free
 
 
 def _opposite_edges(corners: Array, real: Bools) -> tuple[Array, Array]:
@@ -148,36 +122,27 @@ def _opposite_edges(corners: Array, real: Bools) -> tuple[Array, Array]:
     end = np.roll(corners, -1, axis=1).reshape(-1).astype(np.int64)
     edges = np.flatnonzero(np.repeat(real, 3))
     low, high = np.minimum(start[edges], end[edges]), np.maximum(start[edges], end[edges])
-    backward = start[edges] > end[edges]
-    key = (low * (int(corners.max(initial=0)) + 1) + high) * 2 + backward
+    key = (low * (int(corners.max(initial=0)) + 1) + high) * 2 + (start[edges] > end[edges])
     order = np.argsort(key, kind="stable")
     key, edges = key[order], edges[order]
-    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else np.zeros(0, np.int64)
-    sizes = np.diff(np.append(first, len(key)))
-    rank = np.arange(len(key)) - np.repeat(first, sizes)
-    code = (key >> 1) * (int(sizes.max(initial=0)) + 1) + rank
-    if len(code) and float(key[-1] >> 1) * float(sizes.max() + 1) >= 2.0**62:  # number the edges anew
-        code = np.unique(key >> 1, return_inverse=True)[1].reshape(-1) * (int(sizes.max()) + 1) + rank
-    is_back = (key & 1).astype(bool)
-    _, there, back = np.intersect1d(code[~is_back], code[is_back], assume_unique=True, return_indices=True)
-    return edges[~is_back][there], edges[is_back][back]
+    rank = np.arange(len(key)) - np.searchsorted(key, key)
+    order = np.lexsort((key & 1, rank, key >> 1))
+    before, after = order[:-1], order[1:]
+    pairs = (key[before] ^ key[after] == 1) & (rank[before] == rank[after])
+    return edges[before[pairs]], edges[after[pairs]]
 
 
-def _after(corner: Array) -> Array:
-    """Return the next corners of the same faces."""
-    return np.where(corner % 3 == 2, corner - 2, corner + 1)
-
-
-def _groups(corners: Array, real: Bools, directions: _Directions) -> tuple[Array, Bools]:
+def _groups(corners: Array, real: Bools, preserving: Bools, free: Bools) -> tuple[Array, Bools]:
     """Return labels (3F,) of the corners' groups, each a corner of the group, -1 for none; and (3F,) bool whether a
     corner's face is counter-clockwise in the texture, as its group is."""
     one, two = _opposite_edges(corners, real)
-    first, second = np.concatenate([one, _after(one)]), np.concatenate([_after(two), two])
-    preserving, free = np.repeat(directions.preserving, 3), np.repeat(directions.free, 3)
+    first, second = np.concatenate([one, next_corners(one)]), np.concatenate([next_corners(two), two])
+    join = (free & real).any()
+    preserving, free = np.repeat(preserving, 3), np.repeat(free, 3)
     alike = (preserving[first] == preserving[second]) & ~free[first] & ~free[second]
     labels = connected_components(3 * len(corners), first[alike], second[alike]).astype(np.int64)
     labels[free | np.repeat(~real, 3)] = -1
-    if (directions.free & real).any():
+    if join:
         _join_free(labels, preserving, free, first, second)
     return labels, preserving
 
@@ -215,8 +180,8 @@ def _join_free(labels: Array, preserving: Bools, free: Bools, first: Array, seco
 
 
 def _shares(points: Floats, normals: Floats, along: Floats, counts: Bools) -> Floats:
-    """Return (3F, 3) what corners add to their groups: the direction of u in the plane of the normal, normalized, times the
-    corner's angle there. counts: (3F,) the corners that do."""
+    """Return (3F, 3) the corners' contributions to their groups: the direction of u in the plane of the normal, normalized,
+    times the corner's angle there. counts: (3F,) the corners that do."""
     shares = np.zeros((len(normals), 3))
     for corner in range(3):
         mine = counts[corner::3]

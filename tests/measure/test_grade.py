@@ -13,7 +13,7 @@ from clshade.errors import InputError
 from clshade.measure.grade import drawing, grade, search, tables
 from clshade.measure.grade.mistakes import MISTAKES, coverage
 from clshade.oracle import frame
-from clshade.oracle.terms import Directions
+from clshade.oracle.lights import Directions
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.geometry import camera_axes, vertex_normals
 from clshade.scene.lights import PointLight

@@ -11,7 +11,7 @@ from clshade import oracle
 from clshade.measure.stability import curves
 from clshade.measure.stability.cases.light import exact_highlights, in_the_lobe
 from clshade.measure.stability.curves import AXES, PLAIN, Row
-from clshade.oracle import terms
+from clshade.oracle import shade
 from clshade.scene.model import Settings
 
 EXPONENT, DISTANCE, ASPECT, NEARNESS = AXES
@@ -50,7 +50,7 @@ def test_the_oracle_s_own_error_of_a_highlight(n):
     """Against 50 digits."""
     pytest.importorskip("mpmath")
     points, normals, light = in_the_lobe(n, 60)
-    values = terms.specular(terms.Directions.at(points, normals, np.zeros(3), light), np.float64(n))
+    values = shade.specular(shade.Directions.at(points, normals, np.zeros(3), light), np.float64(n))
     assert np.abs(values - exact_highlights(points, normals, light, n)).max() < EXPONENT.own_error(n)
 
 

@@ -10,9 +10,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from clshade.oracle import clip, coverage, normals, shade, texture, transform
+from clshade.oracle import clip, coverage, shade, texture, transform
+from clshade.oracle.corners import placed_normals, vertex_normals
 from clshade.oracle.lights import Interaction, Lights
-from clshade.oracle.terms import Surface
+from clshade.oracle.shade import Surface
 from clshade.scene.camera import Camera
 
 CAMERA = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
@@ -63,18 +64,16 @@ def test_world_vertices():
 def test_vertex_normals():
     verts = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
-    found = normals.vertex_normals(verts, faces)[0]
+    found = vertex_normals(verts, faces)[0]
     assert close(found[0], np.ones(3) / math.sqrt(3), atol=1e-15)
     assert close(found[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
     assert not found[4].any()
-    assert not normals.vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]]))[0].any()
+    assert not vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]]))[0].any()
     for scale in (1e-150, 1e150):
-        assert close(normals.vertex_normals(verts * scale, faces)[0], found, atol=1e-15)
+        assert close(vertex_normals(verts * scale, faces)[0], found, atol=1e-15)
     # Faces are weighted by area: twice the area, twice the weight.
     folded = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]])
-    assert close(
-        normals.vertex_normals(folded, [[0, 1, 2], [0, 3, 1]])[0][0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15
-    )
+    assert close(vertex_normals(folded, [[0, 1, 2], [0, 3, 1]])[0][0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
 
 
 def test_errors_of_vertex_normals_of_slivers():
@@ -91,15 +90,15 @@ def test_errors_of_vertex_normals_of_slivers():
             exact = np.zeros((len(verts), 3), np.longdouble)
             np.add.at(exact, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
             exact /= np.sqrt((exact * exact).sum(axis=1, keepdims=True))
-            found, allowed = normals.vertex_normals(verts, faces)
+            found, allowed = vertex_normals(verts, faces)
             off = np.sqrt(((found - exact) ** 2).sum(axis=1)).astype(np.float64)
             assert (off <= allowed / 2.0 + 4 * 2.0**-53).all()  # of two sides, and the rounding of normalization
             shares.append((off / allowed).max())
         assert 1e-16 / width < allowed.max() < 1e-13 / width
     assert max(shares) > 0.02  # the bound is not far too large
     lone = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]])
-    assert normals.vertex_normals(lone, [[0, 1, 2], [0, 2, 1]])[1].tolist() == [0.0] * 4
-    assert not normals.vertex_normals(lone, np.zeros((0, 3), int))[1].any()
+    assert vertex_normals(lone, [[0, 1, 2], [0, 2, 1]])[1].tolist() == [0.0] * 4
+    assert not vertex_normals(lone, np.zeros((0, 3), int))[1].any()
 
 
 def test_placed_normals_stay_perpendicular():
@@ -109,11 +108,11 @@ def test_placed_normals_stay_perpendicular():
         matrix[:3, :3] = rng.normal(size=(3, 3))
         normal, tangent = rng.normal(size=(2, 3))
         tangent -= normal * (tangent @ normal) / (normal @ normal)
-        placed = normals.placed_normals(normal[None], matrix)[0][0]
+        placed = placed_normals(normal[None], matrix)[0][0]
         assert abs(placed @ (matrix[:3, :3] @ tangent)) < 1e-13
         assert placed @ np.linalg.inv(matrix[:3, :3]).T @ normal > 0
     mirror = np.diag([-1.0, 1, 1, 1])
-    assert close(normals.placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror)[0], [[-1, 0, 0], [0, 1, 0]])
+    assert close(placed_normals(np.array([[2.0, 0, 0], [0, 3, 0]]), mirror)[0], [[-1, 0, 0], [0, 1, 0]])
 
 
 # Clipping

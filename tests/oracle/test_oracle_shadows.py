@@ -34,7 +34,7 @@ def casters_of(*meshes: Mesh) -> shadows.Casters:
 def on(casters: shadows.Casters, face: int, points: np.ndarray) -> shadows.Receivers:
     """Return receivers at points (K, 3) in world space."""
     own = (np.asarray(points, np.float64) - casters.origin) / casters.scale
-    return shadows.Receivers(own, np.full(len(own), face), np.full(len(own), shadows.OFF))
+    return shadows.Receivers(casters, own, np.full(len(own), face), np.full(len(own), shadows.OFF))
 
 
 def grid(count: int, reach: float, height: float = 0.0) -> np.ndarray:
@@ -51,7 +51,7 @@ def faces_of_ground(points: np.ndarray) -> np.ndarray:
 
 def dark_at(casters: shadows.Casters, light: Light, at: shadows.Receivers) -> tuple[np.ndarray, np.ndarray]:
     """Return which receivers a light does not reach, and for which either answer is right."""
-    return shadows.met(shadows.Rays.to(casters, light, at))
+    return shadows.met(shadows.Rays.to(light, at))
 
 
 def dark_on_ground(light: Light, points: np.ndarray, *meshes: Mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -194,7 +194,7 @@ def test_far_scenes_and_lights(shift, distance):
 
 def pairs_of_all(casters: shadows.Casters, light: Light, at: shadows.Receivers, off: float) -> tuple[set, set]:
     """Return the pairs of receivers and triangles that are candidates, and those of all that are hit or may be."""
-    rays = shadows.Rays.to(casters, light, at, off=off * casters.scale)
+    rays = shadows.Rays.to(light, at, off=off * casters.scale)
     tried = shadows.candidates(rays, casters.opaque)
     k, column = np.nonzero(at.face[:, None] != casters.opaque)
     triangle = casters.opaque[column]
@@ -214,7 +214,7 @@ def test_no_pair_that_is_hit_or_may_be_is_left_untried(uncertain):
     face = generator.choice(casters.opaque, 60)
     share = generator.choice([0.0, 0.25, 0.5, 1.0], size=(60, 3)) + 1e-3
     points = (share[:, :, None] * casters.corners[face]).sum(axis=1) / share.sum(axis=1)[:, None]
-    at = shadows.Receivers(points, face, np.full(60, shadows.OFF + uncertain))
+    at = shadows.Receivers(casters, points, face, np.full(60, shadows.OFF + uncertain))
     lights: list[Light] = [PointLight(place) for place in ((0, 0, 0), (0.25, 0.5, -0.5), (2, 3, 1), (1e9, 2e9, 0))]
     lights += [DirectionalLight((0, -1, 0)), DirectionalLight((1, 2, -3))]
     for light in lights:

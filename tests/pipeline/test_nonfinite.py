@@ -67,7 +67,7 @@ def test_nothing_left():
 
 
 def oracles_normals(verts: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    return oracle.normals.vertex_normals(verts, faces)[0]
+    return oracle.corners.vertex_normals(verts, faces)[0]
 
 
 def test_a_sheet_with_a_back_has_no_normals():

@@ -9,7 +9,7 @@ from devices import rendered
 
 import clshade
 from clshade.oracle import transform
-from clshade.oracle.normals import placed_normals
+from clshade.oracle.corners import placed_normals
 from clshade.oracle.transform import unit
 from clshade.pipeline import placements as packing
 from clshade.scene.camera import Camera

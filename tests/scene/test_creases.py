@@ -10,7 +10,7 @@ import pytest
 from clshade.errors import InputError
 from clshade.scene import geometry
 from clshade.scene.builtin.scenes import builtin
-from clshade.scene.normals import against_normals, crease_normals, seamless_normals, welded
+from clshade.scene.geometry import against_normals, crease_normals, seamless_normals, welded
 from clshade.scene.triangulate import strips, triangulated
 
 RNG = np.random.default_rng(8)

@@ -81,9 +81,13 @@ def test_many_faces_in_blocks_are_the_plain_sum():
     assert np.abs(geometry.vertex_normals(verts, faces) - expected).max() < bound
 
 
-def test_look_at_axes():
-    assert geometry.look_at((0, 0, 5), (0, 0, 0), (0, 3, 0)).tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, -1]]
-    x, y, z = geometry.look_at((1, 2, 3), (4, 6, 15), (0.1, 1, 0.2))
+def axes_of(eye, lookat, up) -> np.ndarray:
+    return geometry.camera_axes(Camera(eye, lookat, up, 1.0, (1.0, 1.0)))
+
+
+def test_camera_axes():
+    assert axes_of((0, 0, 5), (0, 0, 0), (0, 3, 0)).tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, -1]]
+    x, y, z = axes_of((1, 2, 3), (4, 6, 15), (0.1, 1, 0.2))
     assert np.abs(z - np.array([3, 4, 12]) / 13).max() < 2e-16
     # After squares, sum, root and division |y|^2 and |z|^2 are accurate to 5 * 2^-53, their product |x|^2 to twice
     # that.
@@ -93,16 +97,16 @@ def test_look_at_axes():
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-20, 1.0, 1e20, 1e307])
-def test_look_at_at_any_scale(scale):
+def test_camera_axes_at_any_scale(scale):
     eye, lookat, up = np.array([1.0, -2, 3]), np.array([-4.0, 6, 1.5]), np.array([0.2, 1, 0])
-    expected = geometry.look_at(eye, lookat, up)
-    assert np.abs(geometry.look_at(eye * scale, lookat * scale, up) - expected).max() < 1e-15
-    assert np.abs(geometry.look_at(eye, lookat, up * scale) - expected).max() < 1e-15
-    assert np.array_equal(geometry.look_at(np.ldexp(eye, 99), np.ldexp(lookat, 99), up), expected)
+    expected = axes_of(eye, lookat, up)
+    assert np.abs(axes_of(eye * scale, lookat * scale, up) - expected).max() < 1e-15
+    assert np.abs(axes_of(eye, lookat, up * scale) - expected).max() < 1e-15
+    assert np.array_equal(axes_of(np.ldexp(eye, 99), np.ldexp(lookat, 99), up), expected)
 
 
-def test_look_at_nearly_parallel_up_is_still_orthonormal():
-    axes = geometry.look_at((0, 0, 0), (0, 0, 1), (1e-9, 0, 1))
+def test_camera_axes_with_nearly_parallel_up_are_still_orthonormal():
+    axes = axes_of((0, 0, 0), (0, 0, 1), (1e-9, 0, 1))
     assert np.abs(axes @ axes.T - np.eye(3)).max() < 4e-16
     assert np.abs(axes[1] - [1, 0, 0]).max() < 1e-15
 
@@ -116,9 +120,9 @@ def test_look_at_nearly_parallel_up_is_still_orthonormal():
         ("eye", (0, 0, math.nan), (0, 0, 1), (0, 1, 0)),
     ],
 )
-def test_look_at_refuses(field, eye, lookat, up):
-    with pytest.raises(InputError, match=f"look_at: {field}: expected"):
-        geometry.look_at(eye, lookat, up)
+def test_camera_axes_refuse(field, eye, lookat, up):
+    with pytest.raises(InputError, match=f": {field}: expected"):
+        axes_of(eye, lookat, up)
 
 
 def test_bounds_of_what_faces_use_in_every_place():

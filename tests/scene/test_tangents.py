@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clshade.oracle.normals import corner_tangents as reference_tangents
+from clshade.oracle.corners import corner_tangents as reference_tangents
 from clshade.scene.geometry import vertex_normals
 from clshade.scene.tangents import corner_tangents
 

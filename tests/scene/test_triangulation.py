@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mesh_writers import ply
 from scene_files import write
 
-from clshade.scene import ear_clipping, triangulate
+from clshade.scene import triangulate
 from clshade.scene.formats.load import load
 from clshade.scene.triangulate import triangulated
 
@@ -246,7 +246,7 @@ def test_cycles_that_meet_in_a_corner():
         ([(0, 1), (1, 2), (2, 3), (3, 1), (1, 4), (4, 0)], [[0, 1, 4], [1, 2, 3]]),
         ([(2, 3), (3, 2)], [[2, 3]]),
     ):
-        found = ear_clipping._cycles(Counter(edges))
+        found = triangulate._cycles(Counter(edges))
         turned = [cycle[cycle.index(min(cycle)) :] + cycle[: cycle.index(min(cycle))] for cycle in found]
         assert sorted(turned) == expected
 
@@ -313,7 +313,7 @@ def test_polygons_that_would_take_too_long_are_fans_and_told(tmp_path, monkeypat
     scene = load(path)
     assert scene.ignored == ()
     assert scene.meshes[0].faces[:68].tolist() != fan(70)
-    monkeypatch.setattr(ear_clipping, "_WORK", 100)
+    monkeypatch.setattr(triangulate, "_WORK", 100)
     with pytest.warns(UserWarning, match="concave polygons of very many corners"):
         scene = load(path)
     assert scene.meshes[0].faces[:68].tolist() == fan(70)
@@ -321,15 +321,15 @@ def test_polygons_that_would_take_too_long_are_fans_and_told(tmp_path, monkeypat
 
 
 def test_large_polygons_are_looked_at_first(monkeypatch):
-    monkeypatch.setattr(ear_clipping, "_UNCHECKED", 64)
+    monkeypatch.setattr(triangulate, "_UNCHECKED", 64)
     zigzag = np.random.default_rng(4).random((100, 2))
     for points, left in ((star(list(np.random.default_rng(5).uniform(0.2, 1, 100))), 0), (zigzag, 1)):
         verts = in_space(points, 6)
         faces, cuts = cut(verts, np.arange(100, dtype=np.int32), np.array([100]))
         assert cuts.left == left
         assert (faces.tolist() == fan(100)) == bool(left)
-    monkeypatch.setattr(ear_clipping, "_PAIRS", 10)
-    assert ear_clipping._crosses(star([0.2, 1.0] * 50)) == (True, 0)
+    monkeypatch.setattr(triangulate, "_PAIRS", 10)
+    assert triangulate._crosses(star([0.2, 1.0] * 50)) == (True, 0)
 
 
 def test_crossing_edges_are_found():
@@ -337,10 +337,10 @@ def test_crossing_edges_are_found():
     found = [0, 0]
     for _ in range(200):
         points = rng.random((int(rng.integers(4, 9)), 2))
-        plain = ear_clipping._crosses(uncrossed(points))[0]
+        plain = triangulate._crosses(uncrossed(points))[0]
         assert not plain
         straight = len(uncrossed(points)) == len(points) and np.array_equal(uncrossed(points), points)
-        assert ear_clipping._crosses(points)[0] == (not straight)
+        assert triangulate._crosses(points)[0] == (not straight)
         found[int(straight)] += 1
     assert min(found) > 10
 

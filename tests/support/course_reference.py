@@ -8,7 +8,7 @@ import numpy as np
 
 from clshade.oracle import coverage, shade
 from clshade.oracle.lights import Interaction, Lights
-from clshade.oracle.terms import Surface
+from clshade.oracle.shade import Surface
 from clshade.scene.model import Scene
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation

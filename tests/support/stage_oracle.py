@@ -12,8 +12,8 @@ from kernel_stages import Pipeline, coefficients, float32, four, light_rows, mat
 from clshade.oracle import OracleFrame, clip, coverage, frame, shade
 from clshade.oracle.corners import gather
 from clshade.oracle.lights import Interaction, Lights
+from clshade.oracle.shade import Surface
 from clshade.oracle.shot import Shot
-from clshade.oracle.terms import Surface
 from clshade.oracle.transform import SAMPLE_STEPS
 from clshade.scene.camera import Camera
 from clshade.scene.material import TERMS

@@ -14,8 +14,8 @@ from ...oracle import coverage
 from ...oracle.corners import Corners
 from ...oracle.frame import owners
 from ...oracle.pixels import shade_pixels
+from ...oracle.shade import RIGHT, Steps
 from ...oracle.shot import Hits, Shot, prepare
-from ...oracle.terms import RIGHT, Steps
 from ...scene.model import Scene, Settings
 
 Place = Callable[[Integers, Integers, tuple[int, int]], tuple[Integers, Integers]]

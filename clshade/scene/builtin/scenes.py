@@ -38,15 +38,17 @@ def builtin(name: str = "teapot", **options: Any) -> Scene:
     Every scene takes `resolution`, (N, M), columns and rows: by default (1920, 1080) for `quads`,
     (512, 512) for `course` and (800, 600) for the others. Further options:
 
-    - teapot: `level`, 2 to 500, default 10: cells along each side of a Bezier patch.
-    - torus_knot: `triangles`, 18 to 536870912, default 100000; `p` and `q`, 1 to 50, default 2 and
-      3: turns around the axis of the torus and around its tube, without a common divisor.
-    - icosphere: `level`, 0 to 9, default 5: subdivisions of an icosahedron.
-    - quads: `count`, 1 to 4096, default 32, quads one behind the other; `seed` of their order,
-      0 to 2**32-1, default 1.
+    - teapot: `level`, 2 to 500, default 10: cells along each side of a Bezier patch; the pot has
+      64*level**2 triangles, the floor 4248.
+    - torus_knot: `triangles`, 18 to 536870912, default 100000: their number, as close as cells that
+      are not too elongated allow; `p` and `q`, 1 to 50, default 2 and 3: turns around the axis of
+      the torus and around its tube, without a common divisor.
+    - icosphere: `level`, 0 to 9, default 5: subdivisions of an icosahedron, 20*4**level triangles.
+    - quads: `count`, 1 to 4096, default 32, quads one behind the other, of two triangles each;
+      `seed` of their order, 0 to 2**32-1, default 1.
     - box_room: `divisions`, 1 to 256, default 16: cells along each side of a wall; `soft`, default
-      False: lit by its lamp, a RectangleLight, as on the command line.
-    - course: `level`, 2 to 500, default 8, as for teapot.
+      False: lit by its lamp, a RectangleLight, and a dim light at the eye, as on the command line.
+    - course: `level`, 2 to 500, default 8, as for teapot; 64*level**2 triangles.
 
     Examples
     --------
@@ -68,10 +70,7 @@ def _in_float32(mesh: Mesh) -> Mesh:
 
 
 def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
-    """Newell's teapot, blue and white porcelain on a marble floor, under a white, an orange and a blue light.
-
-    level: cells along each side of a patch, 2 to 500; the pot has 64*level**2 triangles, the floor 4248.
-    """
+    """Newell's teapot, blue and white porcelain on a marble floor, under a white, an orange and a blue light."""
     parts = newell.parts(integer("teapot", "level", level, 2, 500))
     lights = _lights(
         ((1.6, 4.6, 8.8), (0.90, 0.87, 0.80)),
@@ -84,7 +83,7 @@ def teapot(level: int = 10, resolution: Resolution = (800, 600)) -> Scene:
     clay = Material(ka=0.05, kd=0.15, ks=0.0, n=1.0, name="clay")
     materials = {**glazed, "seat": clay, "handle": glazed["tube"], "spout": glazed["tube"]}
     meshes = [
-        _pot_part(name, *grids, _grid_uvs(grids[0], 4.0 if name in glazed else 1.0), materials[name])
+        _pot_part(name, grids[0], grids[1], _grid_uvs(grids[0], 4.0 if name in glazed else 1.0), materials[name])
         for name, grids in parts.items()
     ]
     camera = Camera.from_fov((-2.4, 4.9, 9.2), (0.18, 1.32, 0.0), (0.0, 1.0, 0.0), 35.0)
@@ -183,12 +182,7 @@ def _floor(lights: Sequence[PointLight]) -> Mesh:
 
 
 def torus_knot(triangles: int = 100_000, p: int = 2, q: int = 3, resolution: Resolution = (800, 600)) -> Scene:
-    """A tube along the (p, q) torus knot: one smooth closed surface without texture, in float32, three lights.
-
-    triangles: number, 18 to 536870912: 2 x segments x sides, as close as cells that are not too elongated allow (exact
-        for round numbers).
-    p, q: turns around the axis of the torus and around its tube, 1 to 50, without a common divisor.
-    """
+    """A tube along the (p, q) torus knot: one smooth closed surface without texture, in float32, under three lights."""
     triangles = integer("torus_knot", "triangles", triangles, 18, MAX_FACES)
     host_memory.require("torus_knot", "triangles", 24 * triangles, f"{triangles:,}")
     p, q = integer("torus_knot", "p", p, 1, 50), integer("torus_knot", "q", q, 1, 50)
@@ -256,10 +250,7 @@ def _torus_faces(segments: int, sides: int) -> Array:
 
 
 def icosphere(level: int = 5, resolution: Resolution = (800, 600)) -> Scene:
-    """A unit sphere about the origin: an icosahedron subdivided `level` times, under one light.
-
-    level: 0 to 9; the sphere has 20*4**level triangles and 10*4**level + 2 vertices.
-    """
+    """A unit sphere about the origin: an icosahedron subdivided `level` times, under one light."""
     verts, faces = _icosahedron()
     for _ in range(integer("icosphere", "level", level, 0, 9)):
         verts, faces = _cut_in_four(verts, faces)
@@ -292,10 +283,8 @@ def _cut_in_four(verts: Array, faces: Array) -> tuple[Array, Array]:
 
 
 def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080)) -> Scene:
-    """Quads that face the camera, one behind the other in random order, each covering every pixel in its own color.
-
-    count: 1 to 4096. seed: of the order, 0 to 2**32-1. Quad k consists of faces 2k and 2k+1.
-    """
+    """Quads that face the camera, one behind the other in random order, each covering every pixel in its own color. Quad k
+    consists of faces 2k and 2k+1."""
     count, seed = integer("quads", "count", count, 1, 4096), integer("quads", "seed", seed, 0, 2**32 - 1)
     camera = Camera.from_fov((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), 60.0).with_resolution(resolution)
     depth = np.random.default_rng(seed).permutation(np.linspace(2.0, 10.0, count))[:, None, None]
@@ -318,13 +307,8 @@ def quads(count: int = 32, seed: int = 1, resolution: Resolution = (1920, 1080))
 
 
 def box_room(divisions: int = 16, resolution: Resolution = (800, 600), soft: bool = False) -> Scene:
-    """The inside of a room with a red and a green wall, two boxes and a lamp, under four lights.
-
-    divisions: cells along each side of a wall, 1 to 256; the room has 10*divisions**2 triangles, each box 12. soft: the
-    lights are the lamp, a rectangle, and a dim one at the eye, for shadows without hard edges; the ambient light is
-    brighter.
-    The walls extend past the eye, so that the near plane clips triangles.
-    """
+    """The inside of a room with a red and a green wall, two boxes and a lamp, under four lights. The walls extend past the
+    eye, so that the near plane clips triangles. soft: shadows without hard edges, and a brighter ambient light."""
     divisions = integer("box_room", "divisions", divisions, 1, 256)
     gray, red, green = (0.72, 0.70, 0.66), (0.62, 0.06, 0.05), (0.10, 0.42, 0.09)
     # Center, half extent along the rows, half extent along the columns: rows x columns points inwards.
@@ -395,11 +379,8 @@ def _boxes(*boxes: tuple[Any, Any, float]) -> Mesh:
 
 
 def course(level: int = 8, resolution: Resolution = (512, 512)) -> Scene:
-    """A scene as the course sets it: one mesh, seen through the course's camera, under its three lights.
-
-    The object is the teapot, 2 units long, with vertex colors and a texture that replaces them.
-    level: cells along each side of a patch, 2 to 500; 64*level**2 triangles.
-    """
+    """A scene as the course sets it: one mesh, seen through the course's camera, under its three lights. It is the teapot,
+    2 units long, with vertex colors and a texture that replaces them."""
     verts, faces, uvs, uv_faces = (np.empty((0, k), t) for k, t in ((3, float), (3, int), (2, float), (3, int)))
     for positions, _ in newell.parts(integer("course", "level", level, 2, 500)).values():
         more, among_verts, among_uvs = _welded(positions)

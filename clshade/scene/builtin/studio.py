@@ -79,7 +79,7 @@ def without_stand_ins(scene: Scene) -> Scene:
     scene = replace(scene, lights=(), environment=scene.environment or studio_for(scene))
     if not any(is_unlit(mesh.material) for mesh in scene.meshes):
         return replace(scene, ambient=0.0)
-    return with_materials(scene, lambda each: each if is_unlit(each) else with_fields(each, ka=_NONE))
+    return with_materials(scene, lambda material: material if is_unlit(material) else with_fields(material, ka=_NONE))
 
 
 @functools.cache
@@ -89,7 +89,11 @@ def _image() -> Floats:
     longitude = np.pi - (np.arange(COLUMNS) + 0.5) * (2.0 * np.pi / COLUMNS)
     sine, height = np.sin(polar)[:, None], np.cos(polar)[:, None]
     d = np.stack(np.broadcast_arrays(sine * np.cos(longitude), sine * np.sin(longitude), height), axis=-1)
-    image = _room(height)[..., None] * np.ones((ROWS, COLUMNS, 3))
+    # A floor that darkens downward, with a soft horizon, and walls that brighten upward.
+    walls = _HORIZON + (_CEILING - _HORIZON) * _smooth(height)
+    floor = _FLOOR + (0.7 * _HORIZON - _FLOOR) * _smooth(1.0 + height / 0.7)
+    room = floor + (walls - floor) * _smooth(height / 0.16 + 0.5)
+    image = room[..., None] * np.ones((ROWS, COLUMNS, 3))
     for box in BOXES:
         _add_lamp(image, d, box)
     weight = np.broadcast_to(sine, image.shape[:2])
@@ -101,15 +105,6 @@ def _smooth(x: Floats) -> Floats:
     """Return 0 below 0, 1 above 1, and between them a cubic without kinks."""
     t = np.clip(x, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
-
-
-def _room(height: Floats) -> Floats:
-    """Return the radiance of walls, ceiling and floor at heights (...) from -1 to 1: a floor that darkens downward, with a
-    soft horizon, and walls that brighten upward."""
-    walls = _HORIZON + (_CEILING - _HORIZON) * _smooth(height)
-    floor = _FLOOR + (0.7 * _HORIZON - _FLOOR) * _smooth(1.0 + height / 0.7)
-    share = _smooth(height / 0.16 + 0.5)
-    return floor + (walls - floor) * share
 
 
 def _add_lamp(image: Floats, d: Floats, box: SoftBox) -> None:

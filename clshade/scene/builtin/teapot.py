@@ -8,14 +8,12 @@ are stored in compact form: rotational parts as a profile, symmetric parts as on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ...base.arrays import Floats, Floats32, Reals
-
-Grids = tuple[Floats, Floats]  # positions and unit normals of a grid of points, (rows+1, columns+1, 3) each
 
 # One quarter of a surface of revolution. A row (radius, inner, height) stands for the four control points (radius, 0),
 # (radius, inner), (inner, radius), (0, radius) at that height. Each patch runs outwards along the outside of the pot.
@@ -57,8 +55,9 @@ SPOUT_UPPER = (
 # The surface
 
 
-def parts(level: int) -> dict[str, Grids]:
-    """Return body, seat, lid, handle and spout as grids, y up, each patch cut into level x level cells.
+def parts(level: int) -> dict[str, Floats]:
+    """Return body, seat, lid, handle and spout, y up, each patch cut into level x level cells: positions and unit normals
+    of grids of points, (2, rows+1, columns+1, 3).
 
     (Down the rows) x (along the columns) points outwards. Points on shared borders of patches are equal bit for bit.
     The seat is an addition: a flat ring, one cell wide, that closes the gap between Newell's rim and lid.
@@ -89,8 +88,8 @@ def _mix(weights: Floats, points: Floats) -> Floats:
     return np.asarray((a + d) + (b + c))
 
 
-def _bezier(points: Floats, rows: int, columns: int) -> Grids:
-    """Evaluate the patch of (4, 4, 3) control points; its normal is (d/drow) x (d/dcolumn).
+def _bezier(points: Floats, rows: int, columns: int) -> Floats:
+    """Evaluate the patch of (4, 4, 3) control points, (2, rows+1, columns+1, 3); its normal is (d/drow) x (d/dcolumn).
 
     In a row of coincident control points, a pole, d/dcolumn is 0; its direction's limit is that of the next row.
     """
@@ -104,39 +103,30 @@ def _bezier(points: Floats, rows: int, columns: int) -> Grids:
             positions[row] = points[control, 0]
             by_column[row] = _mix(along_slope, points[neighbor])
     normals = np.cross(by_row, by_column)
-    return positions, normals / np.sqrt((normals * normals).sum(axis=2, keepdims=True))
+    return np.stack([positions, normals / np.sqrt((normals * normals).sum(axis=2, keepdims=True))])
 
 
-def _round(profile: Any, rows: int, columns: int) -> Grids:
+def _round(profile: Any, rows: int, columns: int) -> Floats:
     """Revolve a quarter's profile about z: four patches, 4*columns cells around."""
     radius, inner, height = np.array(profile).T
     zero = np.zeros(4)
     quarter = [(radius, zero, height), (radius, inner, height), (inner, radius, height), (zero, radius, height)]
-    return _each(_bezier(np.moveaxis(np.array(quarter), 2, 0), rows, columns), _turned)
+    x, y, z = np.moveaxis(_bezier(np.moveaxis(np.array(quarter), 2, 0), rows, columns)[:, :, :-1], -1, 0)
+    quarters = [np.stack(axes, axis=-1) for axes in ((x, y, z), (-y, x, z), (-x, -y, z), (y, -x, z))]
+    return np.concatenate([*quarters, quarters[0][:, :, :1]], axis=2)
 
 
-def _turned(grid: Floats) -> Floats:
-    x, y, z = np.moveaxis(grid[:, :-1], 2, 0)
-    quarters = [np.stack(axes, axis=2) for axes in ((x, y, z), (-y, x, z), (-x, -y, z), (y, -x, z))]
-    return np.concatenate([*quarters, quarters[0][:, :1]], axis=1)
-
-
-def _mirrored(half: Any, level: int) -> Grids:
+def _mirrored(half: Any, level: int) -> Floats:
     """Return one half of a tube, y <= 0, and its mirror image, 2*level cells around."""
     points = np.array(half)
-    (a, a_normals), (b, b_normals) = (_bezier(p, level, level) for p in (points[:, ::-1], points * [1.0, -1.0, 1.0]))
-    return np.concatenate([a, b[:, 1:]], axis=1), np.concatenate([a_normals, b_normals[:, 1:]], axis=1)
+    first, second = (_bezier(p, level, level) for p in (points[:, ::-1], points * [1.0, -1.0, 1.0]))
+    return np.concatenate([first, second[:, :, 1:]], axis=2)
 
 
-def _joined(patches: Sequence[Grids]) -> Grids:
+def _joined(patches: Sequence[Floats]) -> Floats:
     """Join patches, each beginning with the last row of the one before, and turn them from z up to y up."""
-    below = [_each(patch, lambda grid: grid[1:]) for patch in patches[1:]]
-    positions, normals = (np.concatenate(grids) for grids in zip(patches[0], *below, strict=True))
-    return _each((positions, normals), lambda grid: np.stack([grid[..., 0], grid[..., 2], 0.0 - grid[..., 1]], axis=-1))
-
-
-def _each(grids: Grids, change: Callable[[Floats], Floats]) -> Grids:
-    return change(grids[0]), change(grids[1])
+    x, y, z = np.moveaxis(np.concatenate([patches[0], *(patch[:, 1:] for patch in patches[1:])], axis=1), -1, 0)
+    return np.stack([x, z, 0.0 - y], axis=-1)
 
 
 # Its shadows on the floor

@@ -15,9 +15,8 @@ from ...images.decode import srgb_to_linear
 from .. import framing
 from ..camera import Camera, checked_resolution
 from ..framing import UPS, Up
-from ..geometry import vertex_normals
+from ..geometry import crease_angle, crease_normals, vertex_normals
 from ..model import MAX_FACES, Material, Mesh, MetallicRoughness, Scene, Texture
-from ..normals import crease_angle, crease_normals
 from .gltf_materials import phong
 from .options import DEFAULT_MATERIAL
 

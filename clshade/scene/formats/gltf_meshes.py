@@ -13,8 +13,8 @@ import numpy as np
 from ...base.arrays import Array, Floats, Integers
 from ...base.input_files import file_error
 from ...images.decode import srgb_to_linear
+from ..geometry import crease_normals, flat_normals
 from ..model import MAX_FACES, Mesh, with_fields
-from ..normals import crease_normals, flat_normals
 from ..triangulate import single_fan, strips
 from .gltf_data import Buffers, Item
 from .gltf_materials import Materials, Surface, transformed, with_coordinates

@@ -14,9 +14,9 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file
-from .. import framing, geometry
+from .. import framing
+from ..geometry import against_normals, crease_normals, seamless_normals, vertex_normals
 from ..model import Material, Mesh, Scene, with_fields
-from ..normals import against_normals, crease_normals, seamless_normals
 from .mtl import Library
 from .obj_parser import FaceRun, ObjText
 from .options import Options, linear_colors, mended_normals, warn_ignored
@@ -30,7 +30,7 @@ def read_obj(path: Path, options: Options) -> Scene:
     A new Mesh begins wherever the object (`o`, or `g` in a file without any), the material, or the presence of uvs or
     normals changes; those of one object are its parts. Positions are float64. Vertex colors are decoded by
     `options.linear_colors`; those with alpha below 1 blend. Faces without normals get those computed from all faces of the
-    file, so that no seam shows between meshes; options.weld joins vertices at one position (`normals.seamless_normals`);
+    file, so that no seam shows between meshes; options.weld joins vertices at one position (`geometry.seamless_normals`);
     edges above options.crease are sharp, and all are if the file's only smoothing group is `s off`. Faces that are clockwise
     as seen along the file's normals are reversed. A missing material or image is ignored with a warning. See
     `obj_parser.ObjText` and `mtl`.
@@ -130,7 +130,7 @@ def _normals(text: ObjText, options: Options, whole: bool) -> tuple[Array, Array
         return crease_normals(text.verts, faces, options.crease)
     joined = seamless_normals(text.verts, faces) if options.weld else None
     if joined is None and not whole:
-        joined = geometry.vertex_normals(text.verts, faces)
+        joined = vertex_normals(text.verts, faces)
     return None if joined is None else (joined, None)
 
 

@@ -18,9 +18,8 @@ from ...images.decode import srgb_to_linear
 from ..adjust_camera import refitted
 from ..camera import checked_resolution
 from ..framing import UPS, Up
-from ..geometry import vertex_normals
+from ..geometry import crease_angle, vertex_normals
 from ..model import Material, Scene, Texture, with_fields, with_materials
-from ..normals import crease_angle
 
 FPS = 30  # of animations that are played
 VertexColors: TypeAlias = Literal["srgb", "linear"]

@@ -17,9 +17,9 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, read_file
-from .. import framing, geometry
+from .. import framing
+from ..geometry import against_normals, crease_normals, seamless_normals, vertex_normals
 from ..model import MAX_FACES, Mesh, Scene, Texture
-from ..normals import against_normals, crease_normals, seamless_normals
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
 from .options import DEFAULT_MATERIAL, Options, linear_colors, mended_normals, warn_ignored
 from .ply_parser import Element, PlyFile
@@ -201,7 +201,7 @@ class _Reader:
             return
         faces, verts = arrays["faces"], arrays["verts"]
         if arrays["normals"] is None:
-            arrays["normals"] = geometry.vertex_normals(verts, faces)
+            arrays["normals"] = vertex_normals(verts, faces)
         arrays.setdefault("normal_faces", faces)
         by_face = np.where(self.polygon[:, None] < 0, np.float32(1.0), colors[self.polygon])
         arrays.update(verts=verts[faces].reshape(-1, 3), colors=np.repeat(by_face, 3, axis=0))

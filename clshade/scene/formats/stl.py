@@ -12,8 +12,8 @@ from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file, runs
 from .. import framing
+from ..geometry import crease_normals, welded
 from ..model import MAX_FACES, Mesh, Scene
-from ..normals import crease_normals, welded
 from .options import DEFAULT_MATERIAL, Options, warn_ignored
 from .text_tokens import numbers
 

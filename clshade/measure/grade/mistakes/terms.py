@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....base.arrays import Floats
-from ....oracle.terms import RIGHT, Directions
+from ....oracle.lights import Directions
+from ....oracle.shade import RIGHT
 from ....oracle.transform import dot, unit
 from ....scene.camera import Camera
 from ..drawing import Drawing, Edit, Shade, instead, then

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ....base.arrays import Array
-from ....oracle import terms
+from ....oracle import shade
+from ....oracle.lights import Directions
 from ....pipeline.features import OPTIONAL
 from ....scene.camera import Camera
 from ....scene.model import Material
@@ -50,7 +51,7 @@ def exact_highlights(points: Array, normals: Array, light: Array, n: float) -> A
     try:
         import mpmath
     except ImportError:
-        return terms.specular(terms.Directions.at(points, normals, np.zeros(3), light), np.float64(n))
+        return shade.specular(Directions.at(points, normals, np.zeros(3), light), np.float64(n))
     exact = np.zeros(len(points))
     with mpmath.workdps(DIGITS):
         for k in range(len(points)):
