@@ -138,7 +138,7 @@ def _json_writer() -> Any:
     return write_scene
 
 
-exchange.install(
+exchange.installed.update(
     notebook=_notebook,
     to_glb=_glb_writer,
     to_json=_json_writer,

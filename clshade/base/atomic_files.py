@@ -10,8 +10,9 @@ import secrets
 import stat
 import sys
 import time
-from collections.abc import Iterator
-from typing import BinaryIO
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, BinaryIO
 
 from ..errors import OutputError
 from . import interrupts
@@ -72,16 +73,16 @@ def _permissions(path: Path, target: str) -> int | None:
     if os.path.isdir(target) or os.fspath(path).endswith(os.sep):
         raise write_error(path, "it is a folder")
     try:
-        found = os.stat(target)
-        if not stat.S_ISREG(found.st_mode):  # renaming over /dev/null would put a file in its place
+        status = os.stat(target)
+        if not stat.S_ISREG(status.st_mode):  # renaming over /dev/null would put a file in its place
             raise write_error(path, "it is not a regular file")
         if not os.access(target, os.W_OK):
-            if os.path.samestat(found, os.stat(target)):
+            if os.path.samestat(status, os.stat(target)):
                 raise write_error(path, os.strerror(errno.EACCES))
             return _permissions(path, target)  # another process has replaced it meanwhile
     except FileNotFoundError:
         return None
-    return stat.S_IMODE(found.st_mode)
+    return stat.S_IMODE(status.st_mode)
 
 
 def check(path: Path) -> None:
@@ -109,9 +110,9 @@ def _sweep(folder: str) -> None:
             if not re.fullmatch(r"\.clshade-[0-9a-f]{16}\.tmp", entry.name):
                 continue
             with contextlib.suppress(OSError):
-                found = entry.stat(follow_symlinks=False)
-                own = user is None or found.st_uid == user
-                if own and stat.S_ISREG(found.st_mode) and found.st_mtime < time.time() - LEFT_SECONDS:
+                status = entry.stat(follow_symlinks=False)
+                is_users = user is None or status.st_uid == user
+                if is_users and stat.S_ISREG(status.st_mode) and status.st_mtime < time.time() - LEFT_SECONDS:
                     os.unlink(entry.path)
 
 
@@ -120,15 +121,22 @@ def _beside(target: str) -> str:
     return os.path.join(os.path.dirname(target), f".clshade-{secrets.token_hex(8)}.tmp")
 
 
-_folders: list[str] = []  # created for files that do not exist yet
+# The process that has made a folder or is writing files, and what undoes that.
+_under_way: dict[object, tuple[int, tuple[Callable[[], None], ...]]] = {}
 
 
 @interrupts.at_end
-def _remove_folders() -> None:
-    """Remove empty folders, after `_abandon_all` has emptied them: exit handlers run last in, first out."""
-    for folder in reversed(list(_folders)):
-        with contextlib.suppress(OSError):
-            os.rmdir(folder)
+def _abandon_all() -> None:
+    """Undo unfinished writes, and remove folders made for them, when the process ends without waiting for its threads."""
+    for owner, steps in reversed(list(_under_way.values())):
+        if owner == os.getpid():
+            for step in steps:
+                step()
+
+
+def _try(function: Callable[..., Any], *arguments: Any) -> None:
+    with contextlib.suppress(OSError):
+        function(*arguments)
 
 
 @contextlib.contextmanager
@@ -145,97 +153,21 @@ def folder_made(path: Path | None) -> Iterator[None]:
                     with contextlib.suppress(FileExistsError):  # created by another process
                         os.mkdir(folder)
                         made.append(folder)
-                        _folders.append(folder)
+                        _under_way[folder] = os.getpid(), (partial(_try, os.rmdir, folder),)
         yield
     finally:
         for folder in reversed(made):
-            with contextlib.suppress(OSError):
-                os.rmdir(folder)
-            _folders.remove(folder)
+            _try(os.rmdir, folder)
+            del _under_way[folder]
 
 
 def _missing(folder: str) -> list[str]:
     """Return the folders of the path that do not exist, outermost first."""
-    found: list[str] = []
+    missing: list[str] = []
     while not os.path.lexists(folder):
-        found.insert(0, folder)
+        missing.insert(0, folder)
         folder = os.path.dirname(folder)
-    return found
-
-
-_under_way: set[_Replacement] = set()
-
-
-@interrupts.at_end
-def _abandon_all() -> None:
-    """Undo unfinished writes when the process ends without waiting for its threads."""
-    for each in list(_under_way):
-        if each.owner == os.getpid():
-            each.undo()
-
-
-class _Replacement:
-    """One file being written: opened, finished (all of it on disk) and placed; or discarded at any point before."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.target = path, _resolved(path)
-        self.temporary, self.earlier, self.placed = _beside(self.target), "", False
-        self.file: BinaryIO | None = None
-        self.owner = os.getpid()
-
-    def open(self) -> BinaryIO:
-        mode = _permissions(self.path, self.target)
-        _under_way.add(self)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
-        self.file = os.fdopen(os.open(self.temporary, flags, 0o666), "wb", buffering=1 << 20)
-        if mode is not None and hasattr(os, "fchmod"):
-            os.fchmod(self.file.fileno(), mode)
-        _sweep(os.path.dirname(self.target))
-        return self.file
-
-    def finish(self) -> None:
-        assert self.file is not None
-        self.file.flush()
-        try:
-            os.fsync(self.file.fileno())
-        except OSError as error:
-            if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system that cannot sync
-                raise
-        self.file.close()
-
-    def keep_earlier(self) -> None:
-        """Link the file to be replaced under a second name, so that `undo` can restore it."""
-        if os.path.lexists(self.target):
-            kept = _beside(self.target)
-            with contextlib.suppress(OSError):  # a file system without hard links
-                os.link(self.target, kept)
-                self.earlier = kept
-
-    def place(self) -> None:
-        new = not os.path.lexists(self.target)
-        os.replace(self.temporary, self.target)
-        self.placed = new or bool(self.earlier)
-
-    def discard(self) -> None:
-        if self.file is not None:
-            with contextlib.suppress(OSError):  # closing flushes once more, onto the same full disk
-                self.file.close()
-        self.undo()
-
-    def undo(self) -> None:
-        with contextlib.suppress(OSError):
-            if self.placed and self.earlier:
-                os.replace(self.earlier, self.target)
-            elif self.placed:
-                os.unlink(self.target)
-        self.drop_names()
-
-    def drop_names(self) -> None:
-        for name in (self.temporary, self.earlier):
-            if name:
-                with contextlib.suppress(OSError):
-                    os.unlink(name)
-        _under_way.discard(self)
+    return missing
 
 
 @contextlib.contextmanager
@@ -246,26 +178,55 @@ def replacing_all(*paths: Path) -> Iterator[list[BinaryIO]]:
     has hard links, or the file was new). An error of the block passes unchanged: `naming` says which file it was about.
     Otherwise like `replacing`.
     """
-    with contextlib.ExitStack() as stack:
-        under_way = [_Replacement(path) for path in paths]
-        files = []
-        for each in under_way:
-            stack.callback(each.discard)
-            with naming(each.path):
-                files.append(each.open())
+    with contextlib.ExitStack() as names, contextlib.ExitStack() as undo, contextlib.ExitStack() as closing:
+        _under_way[undo] = os.getpid(), (undo.close, names.close)
+        names.callback(_under_way.pop, undo, None)
+        targets = [_resolved(path) for path in paths]
+        temporaries = [_beside(target) for target in targets]
+        files: list[BinaryIO] = []
+        for path, target, temporary in zip(paths, targets, temporaries, strict=True):
+            with naming(path):
+                mode = _permissions(path, target)
+                names.callback(_try, os.unlink, temporary)
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+                files.append(os.fdopen(os.open(temporary, flags, 0o666), "wb", buffering=1 << 20))
+                closing.callback(_try, files[-1].close)  # which flushes once more, onto a full disk
+                if mode is not None and hasattr(os, "fchmod"):
+                    os.fchmod(files[-1].fileno(), mode)
+                _sweep(os.path.dirname(target))
         yield files
-        for each in under_way:
-            with naming(each.path):
-                each.finish()
-        if len(under_way) > 1:
-            for each in under_way:
-                each.keep_earlier()
-        for each in under_way:
-            with naming(each.path):
-                each.place()
-        stack.pop_all()
-        for each in under_way:
-            each.drop_names()
+        for path, file in zip(paths, files, strict=True):
+            with naming(path):
+                _sync(file)
+        for path, target, temporary in zip(paths, targets, temporaries, strict=True):
+            with naming(path):
+                is_new = not os.path.lexists(target)
+                if not is_new and len(paths) > 1:
+                    _keep(target, names, undo)
+                os.replace(temporary, target)
+                if is_new:
+                    undo.callback(_try, os.unlink, target)
+        undo.pop_all()
+
+
+def _sync(file: BinaryIO) -> None:
+    """Write all of a file to the disk, and close it."""
+    file.flush()
+    try:
+        os.fsync(file.fileno())
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system that cannot sync
+            raise
+    file.close()
+
+
+def _keep(target: str, names: contextlib.ExitStack, undo: contextlib.ExitStack) -> None:
+    """Link a file that is to be replaced under a second name, so that `undo` can restore it."""
+    link = _beside(target)
+    names.callback(_try, os.unlink, link)
+    with contextlib.suppress(OSError):  # a file system without hard links
+        os.link(target, link)
+        undo.callback(_try, os.replace, link, target)
 
 
 @contextlib.contextmanager

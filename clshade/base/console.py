@@ -9,13 +9,14 @@ import contextlib
 import sys
 import threading
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, TextIO
 
 QUIET, NORMAL, VERBOSE = range(3)
 SLOW = 1.0  # seconds of work that pass without a word
 
 _level = NORMAL
-_lock, _compilers = threading.Lock(), 0
+_compilers: list[None] = []  # that are at work for this process
 
 
 @contextlib.contextmanager
@@ -40,32 +41,39 @@ def _is_worker() -> bool:
     return module is not None and module.parent_process() is not None
 
 
+def _say(level: int, text: str) -> None:
+    if _level >= level and (level == QUIET or not _is_worker()):
+        print(f"clshade: {in_one_line(text)}", file=sys.stderr, flush=True)
+
+
+error = partial(_say, QUIET)  # prints a line on what ends a command, or a part of it
+progress = partial(_say, NORMAL)  # about slow work, or on what was chosen for the user
+detail = partial(_say, VERBOSE)  # on what was done and how long it took
+
+
 def warning(text: str) -> None:
     """Print a one-line warning, unless quiet or in a worker."""
     progress(f"warning: {text}")
 
 
-def progress(text: str) -> None:
-    """Print a line about slow work, or on what was chosen for the user, unless quiet or in a worker."""
+def table(lines: Sequence[str]) -> None:
+    """Print a table, unless quiet or in a worker."""
     if _level >= NORMAL and not _is_worker():
-        _print(text)
+        print(printable("\n".join(lines)), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
 def compiling() -> Iterator[None]:
     """Count a compiler as at work for this process within the block."""
-    global _compilers
-    with _lock:
-        _compilers += 1
+    _compilers.append(None)
     try:
         yield
     finally:
-        with _lock:
-            _compilers -= 1
+        _compilers.pop()
 
 
 def is_compiling() -> bool:
-    return _compilers > 0
+    return bool(_compilers)
 
 
 @contextlib.contextmanager
@@ -87,27 +95,6 @@ def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None
         yield
     finally:
         ended.set()
-
-
-def table(lines: Sequence[str]) -> None:
-    """Print a table, unless quiet or in a worker."""
-    if _level >= NORMAL and not _is_worker():
-        print(printable("\n".join(lines)), file=sys.stderr, flush=True)
-
-
-def detail(text: str) -> None:
-    """Print a line on what was done and how long it took, at the level VERBOSE."""
-    if _level >= VERBOSE:
-        _print(text)
-
-
-def error(text: str) -> None:
-    """Print the line on an error that ends a command, or a part of it."""
-    _print(text)
-
-
-def _print(text: str) -> None:
-    print(f"clshade: {in_one_line(text)}", file=sys.stderr, flush=True)
 
 
 def in_one_line(text: str) -> str:

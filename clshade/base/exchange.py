@@ -7,14 +7,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
-_installed: dict[str, Callable[[], Any]] = {}
-
-
-def install(**imports: Callable[[], Any]) -> None:
-    """Set functions, by name, that import and return something when it is first needed."""
-    _installed.update(imports)
+installed: dict[str, Callable[[], Any]] = {}  # functions that import and return something when it is first needed
 
 
 def get(name: str) -> Any:
     """Return what was installed under this name."""
-    return _installed[name]()
+    return installed[name]()

@@ -25,19 +25,23 @@ _GROUP_FILES = (
 def available(root: Path = Path("/")) -> float:
     """Return the bytes that this process may still allocate; infinity if the system does not say.
 
-    The least of the free memory of the machine, and what the limits of the process and of its control groups (those
+    The minimum of the free memory of the machine, and what the limits of the process and of its control groups (those
     of a container) leave; swap is not counted. root: of /proc and /sys.
     """
+    free = _number(root / "proc/meminfo", r"^MemAvailable:\s*(\d+) kB$")
+    machine = float(physical() or math.inf) if free is None else free * 1024.0  # not Linux: the total
+    pages = _number(root / "proc/self/statm", r"^(\d+) ")
+    process = math.inf if pages is None else limit("RLIMIT_AS") - pages * os.sysconf("SC_PAGE_SIZE")
     groups = min((_left_of(folder, *names) for folder, names in _groups(root)), default=math.inf)
-    return max(min(_of_machine(root), groups, _of_process(root)), 0.0)
+    return max(min(machine, groups, process), 0.0)
 
 
-def _of_machine(root: Path) -> float:
+def _number(path: Path, pattern: str = r"^(\d+)$") -> int | None:
+    """Return the number that a pattern finds in a file; None without one, or without the file."""
     with contextlib.suppress(OSError):
-        found = re.search(r"^MemAvailable:\s*(\d+) kB$", (root / "proc/meminfo").read_text(), re.MULTILINE)
-        if found:
-            return int(found[1]) * 1024.0
-    return float(physical() or math.inf)  # not Linux: the total
+        match = re.search(pattern, path.read_text(), re.MULTILINE)
+        return int(match[1]) if match else None
+    return None
 
 
 def _groups(root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:
@@ -55,22 +59,11 @@ def _groups(root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:
                     break
 
 
-def _left_of(group: Path, most: str, taken: str, cached: str) -> float:
-    try:
-        limit = (group / most).read_text().strip()
-        if limit == "max":
-            return math.inf
-        found = re.search(rf"^{cached} (\d+)$", (group / "memory.stat").read_text(), re.MULTILINE)
-        return int(limit) - int((group / taken).read_text()) + (int(found[1]) if found else 0)
-    except (OSError, ValueError):
+def _left_of(group: Path, maximum: str, usage: str, cached: str) -> float:
+    most, used = _number(group / maximum), _number(group / usage)  # none where the limit is "max"
+    if most is None or used is None:
         return math.inf
-
-
-def _of_process(root: Path) -> float:
-    try:
-        return limit("RLIMIT_AS") - int((root / "proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return math.inf
+    return most - used + (_number(group / "memory.stat", rf"^{cached} (\d+)$") or 0)
 
 
 def limit(name: str) -> float:
@@ -79,22 +72,22 @@ def limit(name: str) -> float:
         import resource
     except ImportError:  # on Windows, which knows no such limits
         return math.inf
-    found = resource.getrlimit(getattr(resource, name))[0]
-    return math.inf if found == resource.RLIM_INFINITY else found
+    soft = resource.getrlimit(getattr(resource, name))[0]
+    return math.inf if soft == resource.RLIM_INFINITY else soft
 
 
 def physical() -> int | None:
     """Return the bytes of this machine's memory; None if the system does not say."""
     try:
-        found = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
         return None
-    return found if found > 0 else None
+    return size if size > 0 else None
 
 
 def require(owner: str, name: str, needed: int, found: str) -> None:
     """Raise InputError if this machine has less memory than needed, bytes. found: what takes so much."""
-    most = physical()
-    if most is not None and needed > most:
-        expected = f"what {most / GIB:.1f} GiB of memory hold"
+    memory = physical()
+    if memory is not None and needed > memory:
+        expected = f"what {memory / GIB:.1f} GiB of memory hold"
         raise InputError(f"{owner}: {name}: expected {expected}, found {found}: {needed / GIB:.1f} GiB or more")

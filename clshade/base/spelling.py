@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-_ALIKE = 0.54  # least similarity of names, 1 if equal (`difflib.get_close_matches`)
+_ALIKE = 0.54  # minimum similarity of names, 1 if equal (`difflib.get_close_matches`)
 
 
-def nearest(given: str, allowed: Iterable[str], words: Mapping[str, str] | None = None) -> str:
-    """Return the allowed name closest to the given one, or the one that `words` has for it; "" if none is close.
+def nearest(name: str, allowed: Iterable[str], words: Mapping[str, str] | None = None) -> str:
+    """Return the allowed name closest to a name, or the one that `words` has for it; "" if none is close.
 
     Case is ignored. words: names used elsewhere, in lower case with _ between words -> an allowed name.
     """
     names = {name.lower(): name for name in allowed}
-    key = given.strip().lower()
+    key = name.strip().lower()
     if key in names:
         return names[key]
     meant = (words or {}).get(key.replace("-", "_"), "")
@@ -26,7 +26,7 @@ def nearest(given: str, allowed: Iterable[str], words: Mapping[str, str] | None 
 
 
 def hint(
-    given: Any,
+    name: Any,
     allowed: Iterable[str],
     words: Mapping[str, str] | None = None,
     *,
@@ -36,10 +36,10 @@ def hint(
 
     words: see `nearest`. remarks: names in lower case -> a few words.
     """
-    if not isinstance(given, str):
+    if not isinstance(name, str):
         return ""
-    remark = (remarks or {}).get(given.strip().lower())
+    remark = (remarks or {}).get(name.strip().lower())
     if remark:
         return f": {remark}"
-    near = nearest(given, allowed, words)
+    near = nearest(name, allowed, words)
     return f": did you mean {near!r}?" if near else ""

@@ -1,4 +1,4 @@
-"""Rows of text as tables for the terminal, CSV and Markdown; and the output folder."""
+"""Rows of text as tables for the terminal and CSV; and the output folder."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ def _padded(column: Sequence[str], pad: Callable[[str, int], str]) -> list[str]:
     return [pad(text, width) for text in column]
 
 
-def cut(text: str, most: int) -> str:
-    """Return a text of at most `most` characters, a longer one with dots in its middle."""
-    end = (most - 3) // 2
-    return text if len(text) <= most else f"{text[: most - 3 - end]}...{text[-end:]}"
+def cut(text: str, width: int) -> str:
+    """Return a text of at most `width` characters, a longer one with dots in its middle."""
+    end = (width - 3) // 2
+    return text if len(text) <= width else f"{text[: width - 3 - end]}...{text[-end:]}"
 
 
 def wrapped(text: str, indent: int = 0) -> str:
@@ -67,13 +67,6 @@ def as_csv(header: Row, rows: Iterable[Row]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows((header, *rows))
     return text.getvalue()
-
-
-def as_markdown(header: Row, rows: Iterable[Row]) -> list[str]:
-    """Return the lines of a Markdown table; vertical bars in texts are escaped."""
-    body = (f"| {' | '.join(text.replace('|', chr(92) + '|') for text in row)} |" for row in (header, *rows))
-    first, *others = body
-    return [first, "| --- " * len(header) + "|", *others]
 
 
 def create_folder(path: str | Path, option: str = "--out") -> Path:

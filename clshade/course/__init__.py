@@ -35,14 +35,15 @@ CLSHADE_DEVICE names. It stays open, and the latest scenes stay on it (see `rele
 from __future__ import annotations
 
 import threading
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import validation
-from ..base.arrays import Array, Floats, Reals
-from ..base.validation import choice, coefficient, value_error, vector
+from ..base.arrays import Floats, Reals
+from ..base.validation import value_error
 from ..pipeline.opencl.device import Device, shared_device
 from ..pipeline.renderer import Renderer
 from ..pipeline.single_primitive import NOWHERE, Lookup, PointLighting, draw_triangle, light_point, reach
@@ -53,8 +54,7 @@ from ..scene.formats.course_npy import save_course as save
 from ..scene.geometry import vertex_normals
 from ..scene.model import Material, Mesh, PointLight, Scene
 from . import arguments as checked
-from .arguments import SHADERS, Shader
-from .content_cache import ContentCache
+from .arguments import Shader
 
 __all__ = [
     "arguments",
@@ -71,10 +71,7 @@ __all__ = [
 ]
 
 _LARGE = 1 << 24  # pixels; after larger images the caches are released
-_Vectors = tuple[ArrayLike, ArrayLike, ArrayLike]  # eye, lookat, up
-_View = tuple[_Vectors, float, tuple[int, int], tuple[float, float]]  # and focal, (M, N), (H, W)
-_Surface = tuple[ArrayLike, ArrayLike, ArrayLike, float]  # k_a, k_d, k_s, n
-_Lights = tuple[ArrayLike, ArrayLike]  # l_pos, l_int
+_SURFACE = ("k_a", "k_d", "k_s", "n")
 _lock = threading.RLock()  # setting a kernel's arguments is not atomic: one call at a time
 
 
@@ -90,14 +87,10 @@ def light(
 
     Parameters
     ----------
-    point : array_like, 3-vector
-        Position of the point, world space.
-    normal : array_like, 3-vector
-        Normal of the surface, of any length.
-    color : array_like, 3-vector
-        Color of the surface, linear RGB.
-    cam_pos : array_like, 3-vector
-        Position of the eye, world space.
+    point, cam_pos : array_like, 3-vectors
+        Positions of the point and of the eye, world space.
+    normal, color : array_like, 3-vectors
+        Normal of the surface, of any length, and its color, linear RGB.
     k_a : float or array_like
         Ambient coefficient times ambient intensity.
     k_d, k_s : float or array_like
@@ -111,31 +104,17 @@ def light(
     -------
     ndarray of float64, (3,)
         Linear RGB, not clamped. See the module for the formula.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
     """
-    owner = "light"
-    direction, tint = vector(owner, "normal", normal), vector(owner, "color", color)
-    around = _surroundings(owner, ("point", point), cam_pos, (k_a, k_d, k_s, n), (l_pos, l_int))
+    values = checked.values("light", locals())
+    around = _surroundings("light", "point", values)
     with _lock:
-        return light_point(shared_device(), around, direction, tint)
+        return light_point(shared_device(), around, values["normal"], values["color"])
 
 
-def _surroundings(
-    owner: str, point: tuple[str, ArrayLike], eye: ArrayLike, surface: _Surface, lights: _Lights
-) -> PointLighting:
-    name, place = point
-    around = PointLighting(
-        vector(owner, name, place),
-        vector(owner, "cam_pos", eye),
-        *checked.lights(owner, *lights),
-        checked.material(owner, *surface),
-    )
+def _surroundings(owner: str, name: str, values: dict[str, Any]) -> PointLighting:
+    """Return the lights and the material at the point that has this name among the arguments."""
+    surface = Material(*(values[each] for each in _SURFACE))
+    around = PointLighting(values[name], values["cam_pos"], values["l_pos"], values["l_int"], surface)
     if not np.isfinite(reach(around)):
         raise value_error(owner, "cam_pos", f"a distance from {name} that float64 can hold", around.eye.tolist())
     return around
@@ -158,26 +137,15 @@ def bilerp(uv: ArrayLike, texture_map: ArrayLike) -> Floats:
     ndarray of float64, (3,)
         The color.
 
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
-
     Notes
     -----
     With x = u*(w-1), x0 = floor(x) and x1 = min(x0+1, w-1), and the same for y, the color is a
     weighted mean of the texels at x0, x1 and y0, y1. The texture stays on the device for the next
     call with an equal one.
     """
-    owner = "bilerp"
-    place = checked.array(owner, "uv", uv)
-    if place.shape not in ((2,), (1, 2), (2, 1)) or not np.isfinite(place).all():
-        raise value_error(owner, "uv", "two finite numbers", uv)
-    image = checked.texel_array(owner, texture_map)
+    values = checked.values("bilerp", locals())
     with _lock:
-        color: Floats = _lookups.get(shared_device(), image)(place.reshape(1, 2).astype(np.float64))[0]
+        color: Floats = _lookups.get(shared_device(), values["texture_map"])(values["uv"])[0]
     return color
 
 
@@ -196,14 +164,9 @@ def calculate_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
     -------
     ndarray of float64, (3, V)
         Normals; 0 at a vertex without faces or whose faces cancel. Computed on the host in float64.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
     """
-    given = checked.mesh("calculate_normals", verts=verts, faces=faces)
-    return np.ascontiguousarray(vertex_normals(given["verts"], given["faces"]).T)
+    mesh = checked.mesh("calculate_normals", locals())
+    return np.ascontiguousarray(vertex_normals(mesh["verts"], mesh["faces"]).T)
 
 
 # One triangle over an image
@@ -229,25 +192,17 @@ def gouraud_shading(verts_p: ArrayLike, verts_c: ArrayLike, X: ArrayLike) -> Flo
     ndarray of float64, (M, N, 3)
         A new image.
 
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
-
     Notes
     -----
     A pixel is drawn if its center is inside the triangle, whose corners are rounded to 1/65536 pixel;
     for centers on an edge the top-left rule decides, so triangles that share an edge draw no pixel
     twice and leave none out.
     """
-    owner = "gouraud_shading"
-    corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
-    colors = checked.corners(owner, "verts_c", verts_c, (3, 3)).T
-    image = checked.image(owner, X)
+    values = checked.values("gouraud_shading", locals())
+    image: Floats = values["X"]
     with _lock:
-        draw_triangle(shared_device(), "nolight", corners, np.zeros((3, 3)), colors, NOWHERE, image)
+        colors = values["verts_c"].T
+        draw_triangle(shared_device(), "nolight", values["verts_p"], np.zeros((3, 3)), colors, NOWHERE, image)
     return image
 
 
@@ -277,16 +232,8 @@ def shade_gouraud(
     -------
     ndarray of float64, (M, N, 3)
         A new image, not clamped.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
     """
-    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
-    return _shade("gouraud", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
+    return _shade("gouraud", locals())
 
 
 @checked.fitting
@@ -300,45 +247,20 @@ def shade_phong(
     Parameters
     ----------
     verts_p, verts_n, verts_c, bcoords, cam_pos, k_a, k_d, k_s, n, l_pos, l_int, l_amb, X
-        See `shade_gouraud`. Normals are interpolated as given, then normalized.
-
-    Returns
-    -------
-    ndarray of float64, (M, N, 3)
-        A new image, not clamped.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
+        See `shade_gouraud`, also for the result. Normals are interpolated as given, then normalized.
     """
-    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
-    return _shade("phong", (verts_p, verts_n, verts_c), bcoords, cam_pos, surface, lights, l_amb, X)
+    return _shade("phong", locals())
 
 
-def _shade(
-    shader: Shader,
-    triangle: tuple[ArrayLike, ArrayLike, ArrayLike],
-    bcoords: ArrayLike,
-    cam_pos: ArrayLike,
-    surface: _Surface,
-    lights: _Lights,
-    l_amb: ArrayLike,
-    X: ArrayLike,
-) -> Floats:
+def _shade(shader: Shader, arguments: dict[str, Any]) -> Floats:
     owner = f"shade_{shader}"
-    verts_p, verts_n, verts_c = triangle
-    k_a, k_d, k_s, n = surface
-    corners = checked.corners(owner, "verts_p", verts_p, (3, 2))
-    normals = checked.corners(owner, "verts_n", verts_n, (3, 3)).T
-    colors = checked.corners(owner, "verts_c", verts_c, (3, 3)).T
-    ambient = coefficient(owner, "k_a", k_a) * coefficient(owner, "l_amb", l_amb)
-    around = _surroundings(owner, ("bcoords", bcoords), cam_pos, (ambient, k_d, k_s, n), lights)
-    image = checked.image(owner, X)
+    values = checked.values(owner, arguments)
+    values["k_a"] = values["k_a"] * values["l_amb"]
+    around = _surroundings(owner, "bcoords", values)
+    normals, colors = values["verts_n"].T, values["verts_c"].T
+    image: Floats = values["X"]
     with _lock:
-        draw_triangle(shared_device(), shader, corners, normals, colors, around, image)
+        draw_triangle(shared_device(), shader, values["verts_p"], normals, colors, around, image)
     return image
 
 
@@ -375,12 +297,8 @@ def render_object(
         Vertex colors, linear RGB.
     faces : array_like, (3, F)
         Indices into `verts`; at most 2**29 faces.
-    k_a, k_d, k_s : float or array_like
-        Ambient, diffuse and specular coefficients.
-    n : float
-        Specular exponent.
-    l_pos, l_int : array_like, (L, 3)
-        Positions in world space and linear RGB intensities of the lights.
+    k_a, k_d, k_s, n, l_pos, l_int
+        See `light`; here `k_a` is the ambient coefficient alone.
     light_amb : float or array_like
         Intensity of the ambient light.
 
@@ -389,13 +307,6 @@ def render_object(
     ndarray of float64, (M, N, 3)
         The image, row 0 at the bottom, not clamped: ``np.clip(image, 0, 1)`` clamps as the course
         does.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
 
     Notes
     -----
@@ -411,10 +322,7 @@ def render_object(
     >>> image.shape
     (512, 512, 3)
     """
-    view = ((eye, lookat, up), focal, (M, N), (H, W))
-    mesh = {"verts": verts, "colors": verts_colors, "faces": faces}
-    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
-    return _render("render_object", shader, view, mesh, None, surface, lights, light_amb, bg_color)
+    return _render("render_object", locals())
 
 
 @checked.fitting
@@ -438,50 +346,22 @@ def render_object_map(
     texture_map : array_like, (h, w, 3)
         Texture; row 0 is v = 0. Looked up as by `bilerp`.
     k_a, k_d, k_s, n, l_pos, l_int, light_amb
-        See `render_object`.
-
-    Returns
-    -------
-    ndarray of float64, (M, N, 3)
-        The image, see `render_object`.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, see the module.
-    DeviceError
-        If no OpenCL device works.
+        See `render_object`, also for the result.
     """
-    owner = "render_object_map"
-    view = ((eye, lookat, up), focal, (M, N), (H, W))
-    mesh = {"verts": verts, "faces": faces, "uvs": uvs, "uv_faces": uvs_faces}
-    surface, lights = (k_a, k_d, k_s, n), (l_pos, l_int)
-    texels = checked.texel_array(owner, texture_map)
-    return _render(owner, shader, view, mesh, texels, surface, lights, light_amb, bg_color)
+    return _render("render_object_map", locals())
 
 
-def _render(
-    owner: str,
-    shader: Shader,
-    view: _View,
-    mesh: dict[str, ArrayLike],
-    texels: Array | None,
-    surface: _Surface,
-    lights: _Lights,
-    light_amb: ArrayLike,
-    bg_color: ArrayLike,
-) -> Floats:
-    choice(owner, "shader", shader, SHADERS)
-    camera = course_npy.camera(owner, *view)
-    given = checked.mesh(owner, **mesh)
-    geometry = [given.get(field) for field in ("verts", "faces", "colors", "uvs", "uv_faces")]
-    material = checked.material(owner, *surface)
-    around = (*checked.lights(owner, *lights), coefficient(owner, "light_amb", light_amb))
-    background = coefficient(owner, "bg_color", bg_color)
-    coefficients = (material.ka, material.kd, material.ks, material.n)
+def _render(owner: str, arguments: dict[str, Any]) -> Floats:
+    values = checked.values(owner, arguments)
+    focal, *pose = (values[name] for name in ("focal", "eye", "lookat", "up"))
+    rows, columns, height, width = (values[name] for name in "MNHW")
+    camera = course_npy.camera(owner, pose, focal, (rows, columns), (height, width))
+    mesh = checked.mesh(owner, values)
+    geometry = [mesh.get(field) for field in ("verts", "faces", "colors", "uvs", "uv_faces")]
+    look = [values[name] for name in (*_SURFACE, "l_pos", "l_int", "light_amb", "bg_color")]
+    contents = (values["shader"], *geometry, values.get("texture_map"), *look)
     with _lock:
-        renderer = _renderers.get(shared_device(), owner, shader, *geometry, texels, *coefficients, *around, background)
-        image = _turned(renderer.render(camera).rgba)
+        image = _turned(_renderers.get(shared_device(), owner, *contents).render(camera).rgba)
         if image.size > 3 * _LARGE:
             release()
     return image
@@ -522,27 +402,74 @@ def arguments(scene: Scene, textured: bool = False) -> dict[str, Any]:
     """
     mesh, camera = only_mesh(scene, "arguments"), scene.camera
     material, texture = mesh.material, mesh.material.texture
-    given = {"focal": camera.focal, "eye": camera.eye, "lookat": camera.lookat, "up": camera.up}
-    given |= {"bg_color": scene.background, "verts": mesh.verts.T, "faces": mesh.faces.T}
-    (given["N"], given["M"]), (given["H"], given["W"]) = camera.resolution, camera.plane
+    values = {"focal": camera.focal, "eye": camera.eye, "lookat": camera.lookat, "up": camera.up}
+    values |= {"bg_color": scene.background, "verts": mesh.verts.T, "faces": mesh.faces.T}
+    (values["N"], values["M"]), (values["H"], values["W"]) = camera.resolution, camera.plane
     if not textured:
-        given["verts_colors"] = (np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors).T
+        values["verts_colors"] = (np.ones_like(mesh.verts) if mesh.colors is None else mesh.colors).T
     elif texture is None or mesh.uvs is None:
         raise value_error("arguments", "scene", "a mesh with a texture and texture coordinates", scene.name)
     else:
         uvs_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
-        given |= {"uvs": mesh.uvs.T, "uvs_faces": uvs_faces.T, "texture_map": texture.image}
-    given |= {"k_a": material.ka, "k_d": material.kd, "k_s": material.ks, "n": material.n}
+        values |= {"uvs": mesh.uvs.T, "uvs_faces": uvs_faces.T, "texture_map": texture.image}
+    values |= {"k_a": material.ka, "k_d": material.kd, "k_s": material.ks, "n": material.n}
     for name, field in (("l_pos", "position"), ("l_int", "intensity")):
-        given[name] = np.array([getattr(light, field) for light in scene.lights]).reshape(-1, 3)
-    return {**given, "light_amb": scene.ambient}
+        values[name] = np.array([getattr(light, field) for light in scene.lights]).reshape(-1, 3)
+    return {**values, "light_amb": scene.ambient}
 
 
 # Caches
 
+T = TypeVar("T")
 
-def _make_renderer(device: Device, owner: str, shader: Shader, *given: Any) -> Renderer:
-    verts, faces, colors, uvs, uv_faces, texels, ka, kd, ks, n, positions, intensities, ambient, background = given
+
+class ContentCache(Generic[T]):
+    """The latest results of `make`; the oldest are dropped beyond `max_count`, and while their arrays hold more than
+    `max_bytes`.
+
+    make: called with the arguments, arrays copied so that the caller may modify its own afterwards.
+    drop: called with each result that is dropped.
+    """
+
+    def __init__(
+        self, make: Callable[..., T], drop: Callable[[T], Any], max_count: int = 4, max_bytes: int = 1 << 25
+    ) -> None:
+        self._make, self._drop, self._max_count, self._max_bytes = make, drop, max_count, max_bytes
+        self._kept: list[tuple[tuple[Any, ...], T]] = []  # latest first
+
+    def get(self, *arguments: Any) -> T:
+        """Return the result for these arguments; arrays must be contiguous."""
+        for place, (key, result) in enumerate(self._kept):
+            if len(key) == len(arguments) and all(map(are_equal, key, arguments)):
+                self._kept.insert(0, self._kept.pop(place))
+                return result
+        copies = tuple(item.copy() if isinstance(item, np.ndarray) else item for item in arguments)
+        result = self._make(*copies)
+        self._kept.insert(0, (copies, result))
+        while len(self._kept) > 1 and (len(self._kept) > self._max_count or self._bytes() > self._max_bytes):
+            self._drop(self._kept.pop()[1])
+        return result
+
+    def _bytes(self) -> int:
+        return sum(item.nbytes for key, _ in self._kept for item in key if isinstance(item, np.ndarray))
+
+    def clear(self) -> None:
+        """Drop all results."""
+        while self._kept:
+            self._drop(self._kept.pop()[1])
+
+
+def are_equal(a: Any, b: Any) -> bool:
+    """Return whether two arguments are equal: arrays in type, shape and every bit, other values by type and ==."""
+    if not (isinstance(a, np.ndarray) and isinstance(b, np.ndarray)):
+        return type(a) is type(b) and bool(a == b)
+    words = np.uint64 if a.nbytes % 8 == 0 else np.uint8
+    is_alike = (a.dtype, a.shape) == (b.dtype, b.shape)
+    return is_alike and np.array_equal(a.reshape(-1).view(words), b.reshape(-1).view(words))
+
+
+def _make_renderer(device: Device, owner: str, shader: Shader, *contents: Any) -> Renderer:
+    verts, faces, colors, uvs, uv_faces, texels, ka, kd, ks, n, positions, intensities, ambient, background = contents
     texture = None if texels is None else checked.texture(owner, texels)
     mesh = Mesh(verts, faces, colors, uvs=uvs, uv_faces=uv_faces, material=Material(ka, kd, ks, n, texture))
     lights = tuple(PointLight(*light) for light in zip(positions, intensities, strict=True))
@@ -550,20 +477,15 @@ def _make_renderer(device: Device, owner: str, shader: Shader, *given: Any) -> R
     return Renderer(scene, device=device, shader=shader)
 
 
-def _make_lookup(device: Device, texels: Array) -> Lookup:
-    return Lookup(device, checked.texture("bilerp", texels))
-
-
 _ANYWHERE = Camera(np.zeros(3), np.ones(3), np.array([0.0, 1.0, 0.0]), 1.0, (1.0, 1.0))  # each call brings its own
 _renderers: ContentCache[Renderer] = ContentCache(_make_renderer, Renderer.close)
-_lookups: ContentCache[Lookup] = ContentCache(_make_lookup, lambda lookup: None, most=2)
+_lookups: ContentCache[Lookup] = ContentCache(
+    lambda device, texels: Lookup(device, checked.texture("bilerp", texels)), lambda lookup: None, max_count=2
+)
 
 
 def release() -> None:
-    """Release what is kept of the latest calls: scenes and textures on the device.
-
-    Only speed depends on it.
-    """
+    """Release what is kept of the latest calls, for speed alone: scenes and textures on the device."""
     with _lock:
         _renderers.clear()
         _lookups.clear()

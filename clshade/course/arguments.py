@@ -8,20 +8,20 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Literal, TypeAlias, TypeVar, cast, get_args
 
 import numpy as np
 
 from ..base.arrays import Array, Floats
 from ..base.spelling import hint
-from ..base.validation import coefficient, value_error
+from ..base.validation import choice, coefficient, value_error, vector
 from ..errors import InputError
 from ..scene.camera import MAX_RESOLUTION
-from ..scene.formats import course_npy as values
-from ..scene.model import Material, Texture
+from ..scene.formats import course_npy
+from ..scene.model import Texture
 
 Shader: TypeAlias = Literal["gouraud", "phong", "nolight"]
-SHADERS: tuple[Shader, ...] = get_args(Shader)
 
 _NAMES = {"verts": "verts", "colors": "verts_colors", "faces": "faces", "uvs": "uvs", "uv_faces": "uvs_faces"}
 
@@ -47,6 +47,7 @@ _WORDS = {
 }
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Check: TypeAlias = Callable[[str, str, Any], Any]  # function, argument and value -> the value that is kept
 
 
 class CallError(InputError, TypeError):
@@ -59,32 +60,34 @@ def fitting(function: Function) -> Function:
     signature = inspect.signature(function)
 
     @functools.wraps(function)
-    def called(*given: Any, **named: Any) -> Any:
+    def called(*positional: Any, **keywords: Any) -> Any:
         try:
-            return function(*given, **named)
+            return function(*positional, **keywords)
         except TypeError:
-            _check_call(function.__name__, signature, given, named)
+            _check_call(function.__name__, signature, positional, keywords)
             raise
 
     return cast(Function, called)
 
 
-def _check_call(owner: str, signature: inspect.Signature, given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
+def _check_call(
+    owner: str, signature: inspect.Signature, positional: tuple[Any, ...], keywords: Mapping[str, Any]
+) -> None:
     """Raise CallError if the arguments do not fit the signature."""
     names = list(signature.parameters)
     try:
-        bound = signature.bind_partial(*given, **named).arguments
+        bound = signature.bind_partial(*positional, **keywords).arguments
         missing = [name for name in names if name not in bound]
         if not missing:
             return
         reason = f"missing {', '.join(missing)}"
     except TypeError as error:
-        unknown = next((name for name in named if name not in names), None)
+        unknown = next((name for name in keywords if name not in names), None)
         reason = f"{error}{hint(unknown, names, _WORDS)}"
-    places = [*names, *("one more" for _ in given[len(names) :])]
-    found = [f"{name} = {_kind(value)}" for name, value in zip(places, given, strict=False)]
-    found += [f"{name} = {_kind(value)}" for name, value in named.items()]
-    if any(_is_object(value) for value in (*given, *named.values())):
+    places = [*names, *("one more" for _ in positional[len(names) :])]
+    found = [f"{name} = {_kind(value)}" for name, value in zip(places, positional, strict=False)]
+    found += [f"{name} = {_kind(value)}" for name, value in keywords.items()]
+    if any(_is_object(value) for value in (*positional, *keywords.values())):
         reason += "; a material or a light is given by its numbers, not as an object"
     expected = f"{', '.join(names)}, in this order"
     raise CallError(f"{owner}: arguments: expected {expected}, found {', '.join(found) or 'none'}: {reason}") from None
@@ -113,72 +116,84 @@ def _kind(value: Any) -> str:
 def array(owner: str, name: str, value: Any) -> Array:
     """Return an array of reals. Raises InputError for text, objects, complex numbers and ragged rows."""
     try:
-        found = np.asarray(value)
+        numbers = np.asarray(value)
     except (TypeError, ValueError):
-        found = np.asarray(None)
-    if found.dtype.kind not in "fiub":
+        numbers = np.asarray(None)
+    if numbers.dtype.kind not in "fiub":
         raise value_error(owner, name, "an array of numbers", value)
-    return found
+    return numbers
 
 
-def mesh(owner: str, **given: Any) -> dict[str, Any]:
-    """Return the arrays of a Mesh by field, from 3xN or Nx3 ones: `verts`, `faces` and, if given, `colors`, `uvs`..."""
-    return values.mesh_fields(
-        owner, _NAMES, {field: array(owner, _NAMES[field], value) for field, value in given.items()}
-    )
+def values(owner: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a function by name, each as its check makes it, l_pos and l_int both (L, 3) float64. Those of
+    meshes and cameras, which are judged together, are as they were."""
+    checked = {
+        name: _CHECKS[name](owner, name, value) if name in _CHECKS else value for name, value in arguments.items()
+    }
+    if "l_pos" in checked:
+        lights = course_npy.lights(owner, ("l_pos", "l_int"), checked["l_pos"], checked["l_int"])
+        checked["l_pos"], checked["l_int"] = lights
+    return checked
 
 
-def material(owner: str, k_a: Any, k_d: Any, k_s: Any, n: Any) -> Material:
-    """Return a Material of the coefficients, each a number or one per channel, and the exponent."""
-    ka, kd, ks = (coefficient(owner, name, value) for name, value in (("k_a", k_a), ("k_d", k_d), ("k_s", k_s)))
-    return Material(ka, kd, ks, values.exponent(owner, n))
-
-
-def lights(owner: str, l_pos: Any, l_int: Any) -> tuple[Floats, Floats]:
-    """Return positions and intensities, (L, 3) float64 each."""
-    return values.lights(owner, ("l_pos", "l_int"), l_pos, l_int)
-
-
-def corners(owner: str, name: str, value: Any, shape: tuple[int, int]) -> Floats:
-    """Return a finite float64 array of exactly this shape."""
-    found = array(owner, name, value)
-    if found.shape != shape:
-        raise value_error(owner, name, f"an array of shape {shape}", found)
-    found = found.astype(np.float64)
-    if not np.isfinite(found).all():
-        raise value_error(owner, name, "finite numbers", found.tolist())
-    return found
-
-
-def _all_finite(owner: str, name: str, found: Array) -> None:
-    """Raise InputError for NaN or infinity in a large array."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        # The sum is cheap, and finite unless an element is not or it overflows.
-        if found.dtype.kind == "f" and not np.isfinite(found.sum()) and not np.isfinite(found).all():
-            raise value_error(owner, name, "finite numbers", "NaN or infinity")
-
-
-def texel_array(owner: str, value: Any) -> Array:
-    """Return `texture_map` as a contiguous array of its own type."""
-    found = array(owner, "texture_map", value)
-    if found.ndim != 3 or found.shape[2] != 3 or 0 in found.shape:
-        raise value_error(owner, "texture_map", "an array of shape (h, w, 3)", found)
-    _all_finite(owner, "texture_map", found)
-    return np.ascontiguousarray(found)
+def mesh(owner: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arrays of a Mesh by field, from 3xN or Nx3 ones: `verts`, `faces`, and `colors` or `uvs` and `uv_faces`."""
+    names = {field: name for field, name in _NAMES.items() if name in arguments}
+    arrays = {field: array(owner, name, arguments[name]) for field, name in names.items()}
+    return course_npy.mesh_fields(owner, names, arrays)
 
 
 def texture(owner: str, image: Array) -> Texture:
-    """Return the Texture of a `texel_array`, with the course's lookup."""
+    """Return the Texture of checked texels, with the course's lookup."""
     try:
         return Texture(image, lookup="course")
     except InputError as error:
         raise InputError(str(error).replace("Texture: image", f"{owner}: texture_map", 1)) from None
 
 
-def image(owner: str, value: Any) -> Floats:
-    """Return a copy of image X, (M, N, 3) float64."""
-    found = array(owner, "X", value)
-    if found.ndim != 3 or found.shape[2] != 3 or not 0 < min(found.shape) <= max(found.shape) <= MAX_RESOLUTION:
-        raise value_error(owner, "X", f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}", found)
-    _all_finite(owner, "X", found)
-    return np.array(found, np.float64, order="C")
+def _array_of(form: str, fits: Callable[[tuple[int, ...]], bool], convert: Callable[[Array], Array]) -> Check:
+    """Return a check of finite numbers. form: their shape in words; fits: whether a shape is that."""
+
+    def check(owner: str, name: str, value: Any) -> Array:
+        numbers = array(owner, name, value)
+        if not fits(numbers.shape):
+            raise value_error(owner, name, form, numbers if numbers.ndim > 1 else value)
+        with np.errstate(over="ignore", invalid="ignore"):
+            # The sum is cheap, and finite unless an element is not or it overflows.
+            if numbers.dtype.kind == "f" and not np.isfinite(numbers.sum()) and not np.isfinite(numbers).all():
+                found = numbers.tolist() if numbers.size < 10 else "NaN or infinity"
+                raise value_error(owner, name, "finite numbers", found)
+        return convert(numbers)
+
+    return check
+
+
+def _floats(numbers: Array) -> Floats:
+    return np.array(numbers, np.float64, order="C")
+
+
+def _is_image(shape: tuple[int, ...]) -> bool:
+    return len(shape) == 3 and shape[2] == 3 and 0 not in shape
+
+
+_CHECKS: dict[str, Check] = {
+    **dict.fromkeys(("point", "normal", "color", "cam_pos", "bcoords"), vector),
+    **dict.fromkeys(("k_a", "k_d", "k_s", "l_amb", "light_amb", "bg_color"), coefficient),
+    "n": lambda owner, _, value: course_npy.exponent(owner, value),
+    "shader": partial(choice, allowed=get_args(Shader)),
+    "verts_p": _array_of("an array of shape (3, 2)", lambda shape: shape == (3, 2), _floats),
+    **dict.fromkeys(
+        ("verts_n", "verts_c"), _array_of("an array of shape (3, 3)", lambda shape: shape == (3, 3), _floats)
+    ),
+    "uv": _array_of(
+        "two finite numbers",
+        lambda shape: shape in ((2,), (1, 2), (2, 1)),
+        lambda uv: _floats(uv).reshape(1, 2),
+    ),
+    "texture_map": _array_of("an array of shape (h, w, 3)", _is_image, np.ascontiguousarray),
+    "X": _array_of(
+        f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}",
+        lambda shape: _is_image(shape) and max(shape) <= MAX_RESOLUTION,
+        _floats,
+    ),
+}

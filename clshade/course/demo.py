@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base import interrupts
 from ..base.text_tables import create_folder
 from ..errors import ClshadeError, InputError
 from ..images import contact_sheet, lettering
@@ -26,25 +25,16 @@ from ..scene.model import Scene
 from .figures import LIGHTS, Figure, build_all, draw_all, pairs
 
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they are in the current folder
-
-
-def parse(description: str, arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Parse the command line of either demo."""
-    parser = argparse.ArgumentParser(description=description)
-    parser.add_argument(
-        "--scene", metavar="FILE", help=f"course scene (default: ./{SCENE} if there is one, else a built-in scene)"
-    )
-    parser.add_argument(
-        "--texture",
-        metavar="FILE",
-        help=f"texture of demotmap.py (default: ./{TEXTURE} if there is one); demo.py draws the vertex colors",
-    )
-    parser.add_argument("--out", metavar="DIR", default=".", help="folder of the images (default: the current one)")
-    parser.add_argument(
-        "--resolution", metavar="N,M", help="columns and rows, in place of the scene's; the pixels become square"
-    )
-    parser.add_argument("--device", help="pocl, intel, part of a platform's name ... (default: CLSHADE_DEVICE, PoCL)")
-    return parser.parse_args(arguments)
+_OPTIONS = {
+    "--scene": ("FILE", f"course scene (default: ./{SCENE} if there is one, else a built-in scene)"),
+    "--texture": (
+        "FILE",
+        f"texture of demotmap.py (default: ./{TEXTURE} if there is one); demo.py draws the vertex colors",
+    ),
+    "--out": ("DIR", "folder of the images (default: the current one)"),
+    "--resolution": ("N,M", "columns and rows, in place of the scene's; the pixels become square"),
+    "--device": (None, "pocl, intel, part of a platform's name ... (default: CLSHADE_DEVICE, PoCL)"),
+}
 
 
 def _resolution(text: str | None) -> tuple[int, int] | None:
@@ -64,13 +54,12 @@ def find_scene(options: argparse.Namespace, mapped: bool) -> Scene:
     if path is None and os.path.isfile(SCENE) and (texture or not mapped):
         path = SCENE
     if path is None:
-        size = {} if resolution is None else {"resolution": resolution}
-        scene = builtin("course", **size)
+        scene = builtin("course", **({} if resolution is None else {"resolution": resolution}))
         if mapped and options.texture:
             scene = with_texture(scene, texture)
+    elif mapped and not texture:
+        raise InputError(f"--texture: expected an image for {path}, found none")
     else:
-        if mapped and not texture:
-            raise InputError(f"--texture: expected an image for {path}, found none")
         scene = load(path, texture=texture if mapped else None, resolution=resolution)
     if len(scene.lights) != LIGHTS:
         raise InputError(f"{scene.name}: lights: expected three, found {len(scene.lights)}")
@@ -91,10 +80,8 @@ def save(scene: Scene, figure: Figure, folder: Path) -> None:
     from ..images import exr, png
     from ..scene.geometry import camera_metadata
 
-    metadata = camera_metadata(scene.camera)
-    metadata.update(
-        title=figure.title, scene=scene.name, settings="preset=course", renderTimeSeconds=figure.milliseconds / 1e3
-    )
+    about = {"title": figure.title, "scene": scene.name, "settings": "preset=course"}
+    metadata = {**camera_metadata(scene.camera), **about, "renderTimeSeconds": figure.milliseconds / 1e3}
     exr.write(folder / f"{figure.stem}.exr", figure.linear, metadata=metadata)
     png.write(folder / f"{figure.stem}.png", figure.picture)
 
@@ -121,14 +108,6 @@ def difference(gouraud: Figure, phong: Figure) -> contact_sheet.Panel:
     return contact_sheet.Panel(contact_sheet.reduced(level), f"phong - gouraud: {phong.what}", text)
 
 
-def heading(scene: Scene) -> str:
-    columns, rows = scene.camera.resolution
-    return (
-        f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}; ambient light {_numbers(scene.ambient)}; "
-        "times: one call, programs built before"
-    )
-
-
 def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str) -> None:
     from ..base.progress_bar import Bar
     from ..images import png
@@ -148,21 +127,24 @@ def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str
     with ThreadPoolExecutor(1) as writer:
         written = [writer.submit(save, scene, figure, folder) for figure in figures]
         panels = [shown(scene, figure) for figure in figures] + [difference(*pair) for pair in pairs(figures)]
-        png.write(folder / sheet_name, contact_sheet.compose(panels, heading(scene)))
+        columns, rows = scene.camera.resolution
+        size = f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}"
+        heading = f"{size}; ambient light {_numbers(scene.ambient)}; times: one call, programs built before"
+        png.write(folder / sheet_name, contact_sheet.compose(panels, heading))
         for result in written:
             result.result()
     print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")
 
 
-def main(description: str, figures: Sequence[Figure], sheet_name: str, arguments: Sequence[str] | None = None) -> int:
-    """Run a demo; return its exit code: 0 done, 2 bad input, 130 interrupted."""
-    options = parse(description, arguments)
+def main(description: str, figures: Sequence[Figure], sheet_name: str) -> int:
+    """Run a demo; return its exit code: 0 done, 2 bad input."""
+    parser = argparse.ArgumentParser(description=description)
+    for option, (metavar, text) in _OPTIONS.items():
+        parser.add_argument(option, metavar=metavar, help=text)
+    parser.set_defaults(out=".")
     try:
-        _run(options, figures, sheet_name)
+        _run(parser.parse_args(), figures, sheet_name)
     except ClshadeError as error:
         print(f"{Path(sys.argv[0]).name}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        interrupts.tell()
-        return interrupts.INTERRUPTED
     return 0

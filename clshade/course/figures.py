@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -56,31 +55,21 @@ class Figure:
         return f"figure{self.number:02d}-{self.shader}-{self.what.replace(' ', '-')}"
 
 
-class Missing(NamedTuple):
-    """Figures that a scene cannot show, and why."""
-
-    numbers: tuple[int, ...]
-    why: str
-
-
 # The plan
 
 
 def lit(lights: int = LIGHTS) -> list[Figure]:
-    """Return figures 1 to 16, with vertex colors.
-
-    1-4 gouraud: ambient, diffuse, specular light, all three; 5-8 gouraud: the first, second, third light, all of them;
-    9-16 the same with phong. lights: number of lights of the scene.
-    """
+    """Return figures 1 to 16, with vertex colors: 1 to 8 gouraud and 9 to 16 phong, in both ambient, diffuse and specular
+    light, all three; the first, second and third light, all of them. lights: number of lights of the scene."""
     every = tuple(range(lights))
-    figures: list[Figure] = []
-    for shader in LIT:
-        shown: list[tuple[str, tuple[str, ...], tuple[int, ...]]] = [(f"{term} only", (term,), every) for term in TERMS]
-        shown.append(("all terms", TERMS, every))
-        shown += [(f"light {k + 1} only", TERMS, (k,)) for k in range(LIGHTS)]
-        shown.append(("all lights", TERMS, every))
-        figures += [Figure(len(figures) + 1 + k, shader, *each) for k, each in enumerate(shown)]
-    return figures
+    contents = [
+        *((f"{term} only", (term,), every) for term in TERMS),
+        ("all terms", TERMS, every),
+        *((f"light {k + 1} only", TERMS, (k,)) for k in range(LIGHTS)),
+        ("all lights", TERMS, every),
+    ]
+    shaded = [(shader, *content) for shader in LIT for content in contents]
+    return [Figure(number, *figure) for number, figure in enumerate(shaded, 1)]
 
 
 def mapped(lights: int = LIGHTS) -> list[Figure]:
@@ -97,28 +86,27 @@ def pairs(figures: Sequence[Figure]) -> list[tuple[Figure, Figure]]:
     return [(figure, first["phong", terms]) for (shader, terms), figure in first.items() if shader == "gouraud"]
 
 
-def possible(scene: Scene) -> tuple[list[Figure], list[Missing]]:
-    """Return the figures that the scene can show, and those that it cannot.
+def possible(scene: Scene) -> tuple[list[Figure], dict[str, tuple[int, ...]]]:
+    """Return the figures that the scene can show, and the numbers of those that it cannot by the reason.
 
     Figures of all lights show all that the scene has, also more than three.
     """
     count, mesh = len(scene.lights), scene.meshes[0]
-    found = f"the scene has {count or 'no'} light{'s' * (count != 1)}"
-    reasons: tuple[tuple[str, Callable[[Figure], bool]], ...] = (
-        (found, lambda each: max(each.lights, default=-1) >= count),
-        (found, lambda each: not count and not each.mapped and "ambient" not in each.terms),
-        ("the scene has no texture coordinates", lambda each: each.mapped and mesh.uvs is None),
-        ("the scene has no texture", lambda each: each.mapped and mesh.material.texture is None),
-    )
-    drawn: list[Figure] = []
-    missing: dict[str, list[int]] = {}
+    lights = f"the scene has {count or 'no'} light{'s' * (count != 1)}"
+
+    def reason(figure: Figure) -> str:
+        unlit = not count and not figure.mapped and "ambient" not in figure.terms
+        if unlit or max(figure.lights, default=-1) >= count:
+            return lights
+        if figure.mapped and mesh.uvs is None:
+            return "the scene has no texture coordinates"
+        return "the scene has no texture" if figure.mapped and mesh.material.texture is None else ""
+
+    by_reason: dict[str, list[Figure]] = {"": []}
     for figure in lit(count) + mapped(count):
-        why = next((why for why, applies in reasons if applies(figure)), None)
-        if why is None:
-            drawn.append(figure)
-        else:
-            missing.setdefault(why, []).append(figure.number)
-    return drawn, [Missing(tuple(numbers), why) for why, numbers in missing.items()]
+        by_reason.setdefault(reason(figure), []).append(figure)
+    drawn = by_reason.pop("")
+    return drawn, {why: tuple(figure.number for figure in figures) for why, figures in by_reason.items()}
 
 
 # Drawing
@@ -128,13 +116,13 @@ def draw(scene: Scene, figure: Figure) -> np.ndarray:
     """Draw the figure with one call of `render_object` or `render_object_map`."""
     from .. import course
 
-    given = course.arguments(scene, textured=figure.mapped)
+    arguments = course.arguments(scene, textured=figure.mapped)
     for term, name in (("ambient", "k_a"), ("diffuse", "k_d"), ("specular", "k_s")):
         if term not in figure.terms:
-            given[name] = 0.0
+            arguments[name] = 0.0
     for name in ("l_pos", "l_int"):
-        given[name] = given[name][list(figure.lights)]
-    return (course.render_object_map if figure.mapped else course.render_object)(figure.shader, **given)
+        arguments[name] = arguments[name][list(figure.lights)]
+    return (course.render_object_map if figure.mapped else course.render_object)(figure.shader, **arguments)
 
 
 def build_all(scene: Scene, figures: Sequence[Figure]) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any
 
 from ..base.atomic_files import Path, shown, write_bytes
@@ -20,26 +21,39 @@ from ..scene.camera import Camera, checked_resolution
 from .frames import MOST
 
 MAX_BYTES = 1 << 27
-_OWN = tuple(field.name for field in fields(Camera))
-FIELDS = (*_OWN, "fov", "K", "pose", "convention", "pixel_center")
-_OTHER_NAMES = {
-    "intrinsics": "K",
-    "intrinsic": "K",
-    "camera_matrix": "K",
-    "extrinsics": "pose",
-    "camera_to_world": "pose",
-    "c2w": "pose",
-    "transform_matrix": "pose",
+_CAMERA_FIELDS = tuple(field.name for field in fields(Camera))
+
+
+def _are_numbers(value: Any) -> bool:
+    """Return whether `value` is a number or a flat list of numbers: JSON lists may nest nearly as deep as Python's
+    stack."""
+    return all(type(each) in (int, float) for each in (value if isinstance(value, list) else [value]))
+
+
+def _is_matrix(value: Any, rows: tuple[int, ...], columns: int) -> bool:
+    fits = isinstance(value, list) and len(value) in rows
+    return fits and all(isinstance(row, list) and len(row) == columns and _are_numbers(row) for row in value)
+
+
+# Fields of an object -> what the field holds, and whether a JSON value is that; `Camera` checks ranges.
+FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    **dict.fromkeys((*_CAMERA_FIELDS, "fov", "K", "pose", "convention", "pixel_center"), ("numbers", _are_numbers)),
+    "orthographic": ("true or false", lambda value: isinstance(value, bool)),
+    "K": ("three rows of three numbers", partial(_is_matrix, rows=(3,), columns=3)),
+    "pose": ("four or three rows of four numbers", partial(_is_matrix, rows=(3, 4), columns=4)),
+    "convention": (" or ".join(pinhole.CONVENTIONS), lambda value: isinstance(value, str)),
 }
-# Fields -> those that say the same in another way.
+_SYNONYMS = {
+    **dict.fromkeys(("intrinsics", "intrinsic", "camera_matrix"), "K"),
+    **dict.fromkeys(("extrinsics", "camera_to_world", "c2w", "transform_matrix"), "pose"),
+}
+# Fields -> those that mean the same.
 _CLASHES = {
     "fov": ("focal", "plane", "orthographic"),
     "K": ("fov", "focal", "plane", "principal", "orthographic"),
     "pose": ("eye", "lookat", "up"),
 }
 _NEEDED = {"convention": "pose", "pixel_center": "K"}
-_SHAPES = {"K": ((3, 3),), "pose": ((4, 4), (3, 4))}
-_FORMS = {"K": "three rows of three numbers", "pose": "four or three rows of four numbers"}
 
 
 @arguments(path=checked_path, base=Camera)
@@ -87,13 +101,13 @@ def read_cameras(path: Path, base: Camera, resolution: tuple[int, int] | None = 
         raise file_error(owner, "JSON", "a list of cameras, [{...}, ...]", found)
     if len(listed) > MOST:
         raise file_error(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
-    return tuple(_camera(given, base, resolution, owner, f"camera {k}") for k, given in enumerate(listed, 1))
+    return tuple(_read(values, base, resolution, owner, f"camera {k}") for k, values in enumerate(listed, 1))
 
 
-def _separated(given: dict[str, Any], owner: str) -> list[dict[str, Any]]:
+def _separated(stack: dict[str, Any], owner: str) -> list[dict[str, Any]]:
     """Return the objects of single cameras for one with lists of matrices."""
-    _check_names(given, owner, "cameras")
-    counts = {name: len(given[name]) for name in _SHAPES if _depth(given.get(name)) == 3}
+    _check_names(stack, owner, "cameras")
+    counts = {name: len(stack[name]) for name in ("K", "pose") if isinstance(_first(_first(stack.get(name))), list)}
     if not counts:
         form = '[{...}, ...], or an object with a list of matrices, {"K": [[...], ...], "pose": [[[...], ...], ...]}'
         raise file_error(owner, "JSON", f"a list of cameras, {form}", "an object without one")
@@ -101,99 +115,70 @@ def _separated(given: dict[str, Any], owner: str) -> list[dict[str, Any]]:
         expected = f"as many as of K, {counts['K']}"
         raise file_error(owner, "pose", expected, str(counts["pose"]))
     count = next(iter(counts.values()))
-    return [{**given, **{name: given[name][k] for name in counts}} for k in range(count)]
+    return [{**stack, **{name: stack[name][k] for name in counts}} for k in range(count)]
 
 
-def _depth(value: Any) -> int:
-    """Return how many lists are nested in a value's first items, three at most."""
-    depth = 0
-    while depth < 3 and isinstance(value, list):
-        depth += 1
-        value = value[0] if value else None
-    return depth
+def _first(value: Any) -> Any:
+    return value[0] if isinstance(value, list) and value else None
 
 
-def _check_names(given: dict[str, Any], owner: str, who: str) -> None:
-    for key in given:
+def _check_names(values: dict[str, Any], owner: str, who: str) -> None:
+    for key in values:
         if key not in FIELDS:
-            near = hint(key, FIELDS, _OTHER_NAMES)
+            near = hint(key, FIELDS, _SYNONYMS)
             raise file_error(owner, who, f"fields of {', '.join(FIELDS)}", quoted(key) + near)
     for name, others in _CLASHES.items():
         for other in others:
-            if name in given and other in given:
+            if name in values and other in values:
                 raise file_error(owner, f"{who}: {name}", f"either {name} or {other}", "both")
     for name, needed in _NEEDED.items():
-        if name in given and needed not in given:
+        if name in values and needed not in values:
             raise file_error(owner, f"{who}: {name}", f"{needed} beside it", "none")
 
 
-def _camera(given: Any, base: Camera, resolution: tuple[int, int] | None, owner: str, who: str) -> Camera:
-    if not isinstance(given, dict):
-        raise file_error(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(given))
-    _check_names(given, owner, who)
-    for key, value in given.items():
-        if key == "orthographic" and not isinstance(value, bool):
-            raise file_error(owner, f"{who}: {key}", "true or false", found_text(value))
-        if key == "convention" and not isinstance(value, str):
-            raise file_error(owner, f"{who}: {key}", " or ".join(pinhole.CONVENTIONS), found_text(value))
-        if key in _SHAPES:
-            if not _is_matrix(value, _SHAPES[key]):
-                raise file_error(owner, f"{who}: {key}", _FORMS[key], found_text(value))
-        elif key not in ("orthographic", "convention") and not _are_numbers(value):
-            raise file_error(owner, f"{who}: {key}", "numbers", found_text(value))
+def _read(values: Any, base: Camera, resolution: tuple[int, int] | None, owner: str, who: str) -> Camera:
+    if not isinstance(values, dict):
+        raise file_error(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(values))
+    _check_names(values, owner, who)
+    for key, value in values.items():
+        form, fits = FIELDS[key]
+        if not fits(value):
+            raise file_error(owner, f"{who}: {key}", form, found_text(value))
     try:
-        return _made(given, base, resolution, f"{owner}: {who}")
+        return _made(values, base, resolution, f"{owner}: {who}")
     except InputError as error:
         raise InputError(f"{owner}: {who}: {str(error).removeprefix('Camera: ')}") from None
 
 
-def _made(given: dict[str, Any], base: Camera, resolution: tuple[int, int] | None, owner: str) -> Camera:
+def _made(values: dict[str, Any], base: Camera, resolution: tuple[int, int] | None, owner: str) -> Camera:
     """Return the camera of an object whose fields have the right types. Raises InputError, with Camera in front."""
-    own = given.get("resolution")
-    if "K" in given:
+    size = values.get("resolution")
+    if "K" in values:
         # K's pixels are those of the file's resolution; without one, those of the images.
-        base = base.with_resolution(next(each for each in (own, resolution, base.resolution) if each is not None))
-    elif own is not None and "plane" not in given:
-        base = base.with_resolution(own)
-    values = {name: value for name, value in given.items() if name in _OWN}
-    if "pose" in given:
-        eye, forward, up = pinhole.placement_of("Camera", given["pose"], given.get("convention", "opencv"))
-        values |= {"eye": eye, "lookat": eye + forward, "up": up}
-    if "K" in given:
-        center = given.get("pixel_center", 0.5)
-        plane, principal = pinhole.lens_of("Camera", given["K"], base.resolution, center, "K")
-        values |= {"focal": 1.0, "plane": plane, "principal": principal, "orthographic": False}
-    camera = posed(base, owner, **values)
-    if "fov" in given:
-        seen = Camera.from_fov(camera.eye, camera.lookat, camera.up, given["fov"], camera.resolution)
-        camera = replace(seen, principal=camera.principal)
-    if resolution is None or "K" not in given:
-        return camera if resolution is None else camera.with_resolution(resolution)
-    return _scaled(camera, resolution)
-
-
-def _scaled(camera: Camera, resolution: tuple[int, int]) -> Camera:
-    """Return the camera of the same image plane at another resolution. Raises InputError for other proportions."""
-    (columns, rows), (own_columns, own_rows) = resolution, camera.resolution
-    if columns * own_rows != rows * own_columns:
-        expected = f"the proportions of {own_columns}x{own_rows}, whose pixels K is in"
+        base = base.with_resolution(next(each for each in (size, resolution, base.resolution) if each is not None))
+    elif size is not None and "plane" not in values:
+        base = base.with_resolution(size)
+    changes = {name: value for name, value in values.items() if name in _CAMERA_FIELDS}
+    if "pose" in values:
+        eye, forward, up = pinhole.placement_of("Camera", values["pose"], values.get("convention", "opencv"))
+        changes |= {"eye": eye, "lookat": eye + forward, "up": up}
+    if "K" in values:
+        center = values.get("pixel_center", 0.5)
+        plane, principal = pinhole.lens_of("Camera", values["K"], base.resolution, center, "K")
+        changes |= {"focal": 1.0, "plane": plane, "principal": principal, "orthographic": False}
+    camera = posed(base, owner, **changes)
+    if "fov" in values:
+        upright = Camera.from_fov(camera.eye, camera.lookat, camera.up, values["fov"], camera.resolution)
+        camera = replace(upright, principal=camera.principal)
+    if resolution is None:
+        return camera
+    if "K" not in values:
+        return camera.with_resolution(resolution)
+    (columns, rows), (k_columns, k_rows) = resolution, camera.resolution
+    if columns * k_rows != rows * k_columns:
+        expected = f"the proportions of {k_columns}x{k_rows}, whose pixels K is in"
         raise InputError(f"Camera: --resolution: expected {expected}, found {columns}x{rows}")
     return replace(camera, resolution=(columns, rows))
-
-
-def _are_numbers(value: Any) -> bool:
-    """Return whether `value` is a number or a flat list of numbers: JSON lists may nest nearly as deep as Python's
-    stack."""
-    return all(type(each) in (int, float) for each in (value if isinstance(value, list) else [value]))
-
-
-def _is_matrix(value: Any, shapes: tuple[tuple[int, int], ...]) -> bool:
-    """Return whether `value` is a list of rows, flat lists of numbers, of one of the shapes."""
-    return (
-        isinstance(value, list)
-        and all(isinstance(row, list) and _are_numbers(row) for row in value)
-        and any(len(value) == rows and all(len(row) == columns for row in value) for rows, columns in shapes)
-    )
 
 
 @arguments(path=checked_path, cameras=items)
@@ -226,7 +211,7 @@ def _described(camera: Camera, pixel_center: float, convention: pinhole.Conventi
     if not isinstance(camera, Camera):
         raise value_error("write_cameras", "cameras", "cameras", camera)
     if camera.orthographic:
-        values = {name: getattr(camera, name) for name in _OWN}
+        values = {name: getattr(camera, name) for name in _CAMERA_FIELDS}
         return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
     matrix, pose = camera.to_matrix(pixel_center=pixel_center, convention=convention)
     return {

@@ -11,13 +11,13 @@ import contextlib
 import hashlib
 import logging
 import os
-import queue
 import re
 import threading
 import time
 import uuid
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent import futures
 from dataclasses import asdict
 from functools import cache, partial
 from pathlib import Path
@@ -31,9 +31,8 @@ from ..base import console
 from ..errors import InputError, WorkerError
 from ..pipeline.opencl.environment import THREADS
 from ..pipeline.struct_layout import kernel_folder
-from .dispatch import ASK, TOPIC, Dispatcher, in_a_line
+from .dispatch import TOPIC, Dispatcher, Members, in_a_line
 from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
-from .members import Members
 from .waiting import POLL, SILENT
 
 T = TypeVar("T")
@@ -58,7 +57,7 @@ def draw_on_cluster(
         members = Members(client, address)
         name = f"clshade-{uuid.uuid4().hex}"
         _send(client, _Drawing(job, code_digest()), name, members)
-        dispatcher = Dispatcher(client, _draw, name, tasks, members, timeout, frame_timeout)
+        dispatcher = Dispatcher(members, _draw, name, tasks, timeout, frame_timeout)
         try:
             yield from dispatcher.results()
         finally:
@@ -100,16 +99,18 @@ def _draw(name: str, task: Task) -> None:
     """Draw a frame and log it as an event for `Dispatcher`: a result would have to be fetched, which takes longer, and
     forever from a stopped worker."""
     worker = get_worker()
+    about = {"run": name, "key": worker.get_current_task(), "worker": worker.address}
 
     def say(sign: str, **more: Any) -> None:
-        said = {"run": name, "key": key, "worker": worker.address, "sign": sign}
-        worker.log_event(TOPIC, {**said, **more})
+        worker.log_event(TOPIC, {**about, "sign": sign, **more})
 
-    key = worker.get_current_task()
     say("begun")
     try:
         until = time.monotonic() + SENDING
-        while (drawn := _draw_if_there(worker, name, task, partial(say, "ready"))) is None:
+        while True:
+            plugin = worker.plugins.get(name)
+            if isinstance(plugin, _Drawing) and (drawn := plugin.draw(task, partial(say, "ready"))) is not None:
+                break
             if time.monotonic() > until:
                 raise WorkerError(f"frame {task.number}: worker {worker.address} did not get the scene")
             time.sleep(POLL)
@@ -117,11 +118,6 @@ def _draw(name: str, task: Task) -> None:
         say("failed")
         raise
     say("drawn", drawn=asdict(drawn))
-
-
-def _draw_if_there(worker: Worker, name: str, task: Task, ready: Callable[[], None]) -> DrawnFrame | None:
-    plugin = worker.plugins.get(name)
-    return plugin.draw(task, ready) if isinstance(plugin, _Drawing) else None
 
 
 @cache
@@ -165,7 +161,11 @@ def _connected(address: str, timeout: float) -> Iterator[Client]:
         expected = f"a Dask scheduler that answers within {timeout:g} s"
         raise InputError(f"--scheduler: {address}: expected {expected}, found {in_a_line(error)}") from None
     try:
-        _wait_for_workers(client, address, timeout)
+        try:
+            client.wait_for_workers(1, timeout=timeout)
+        except NotInTime:
+            expected = f"workers within {timeout:g} s (start some with `dask worker {address}`)"
+            raise InputError(f"--scheduler: {address}: expected {expected}, found none") from None
         yield client
     finally:
         with contextlib.suppress(Exception):
@@ -174,65 +174,48 @@ def _connected(address: str, timeout: float) -> Iterator[Client]:
 
 def _in_time(call: Callable[[], T], seconds: float) -> T:
     """Return what `call` returns. A Client never times out if its connection is accepted but never answered."""
-    answers: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
+    answer: futures.Future[T] = futures.Future()
 
     def run() -> None:
         try:
-            answers.put((call(), None))
+            answer.set_result(call())
         except Exception as error:
-            answers.put((None, error))
+            answer.set_exception(error)
 
     threading.Thread(target=run, daemon=True).start()
     until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        with contextlib.suppress(queue.Empty):
-            value, error = answers.get(timeout=POLL)
-            if error is not None:
-                raise error
-            return value  # type: ignore[return-value]
-    raise NotInTime("no answer")
-
-
-def _wait_for_workers(client: Client, address: str, timeout: float) -> None:
-    try:
-        client.wait_for_workers(1, timeout=timeout)
-    except NotInTime:
-        expected = f"workers within {timeout:g} s (start some with `dask worker {address}`)"
-        raise InputError(f"--scheduler: {address}: expected {expected}, found none") from None
+    while not answer.done():
+        if time.monotonic() > until:
+            raise NotInTime("no answer")
+        futures.wait([answer], POLL)
+    return answer.result()
 
 
 def _send(client: Client, plugin: _Drawing, name: str, members: Members) -> None:
     """Send the scene to all workers, and warn of differing versions, which do not stop the run."""
-    members.ask(ASK)
-    versions: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    threading.Thread(target=_put_versions, args=(client, versions), daemon=True).start()
+    members.ask()
     try:
         _in_time(partial(client.register_plugin, plugin, name=name), SILENT)
     except NotInTime:  # those that have it continue; those that come back get it then
-        members.ask(ASK)
-        silent = [worker for worker in members if members.silence(worker) > SILENT / 2]
+        members.ask()
+        silent = [worker for worker, clock in members.clocks.items() if clock.seconds > SILENT / 2]
         who = f"worker{'s' * (len(silent) > 1)} {', '.join(silent)}" if silent else "some of the workers"
         console.warning(f"no sign of {who} for {SILENT:g} s, at receiving the scene")
     except Exception as error:  # such as a ModuleNotFoundError of a worker without clshade
         expected = f"workers with the clshade that runs here, found {in_a_line(error)}"
         raise WorkerError(f"--scheduler: {members.scheduler}: expected {expected}") from None
-    with contextlib.suppress(queue.Empty):
-        _compare_versions(versions.get(timeout=ASK))
+    versions: Any = None
+    with contextlib.suppress(Exception):  # stopped workers do not answer
+        versions = _in_time(client.get_versions, CLOSING)
+    if versions is not None:
+        _compare_versions(versions)
 
 
-def _put_versions(client: Client, versions: queue.SimpleQueue[Any]) -> None:
-    with contextlib.suppress(Exception):
-        versions.put(client.get_versions())
-
-
-def _compare_versions(found: Any) -> None:
-    here = found["client"]["packages"]
-    others = {
-        "the scheduler": found["scheduler"],
-        **{f"worker {name}": each for name, each in found["workers"].items()},
-    }
-    for who, each in others.items():
-        theirs = each["packages"]
+def _compare_versions(versions: Any) -> None:
+    here = versions["client"]["packages"]
+    workers = {f"worker {address}": worker for address, worker in versions["workers"].items()}
+    for who, there in {"the scheduler": versions["scheduler"], **workers}.items():
+        theirs = there["packages"]
         differing = [name for name in COMPARED if theirs.get(name) != here.get(name)]
         if differing:
             shown = ", ".join(f"{name} {theirs.get(name)} (here {here.get(name)})" for name in differing)

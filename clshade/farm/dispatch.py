@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import queue
-import time
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,14 +17,44 @@ from distributed import TimeoutError as NotInTime  # not Python's own before 3.1
 
 from ..errors import ClshadeError, WorkerError
 from .job import DrawnFrame, Lost, Silent, Task
-from .members import Members
-from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
+from .waiting import ATTEMPTS, POLL, Clock, now
 
 TOPIC = "clshade"  # of the workers' events: one for all runs, since a scheduler keeps the latest of each topic forever
 AHEAD = 3  # frames per thread: one being drawn, others to continue with
 ASK = 1.0  # seconds between queries of the scheduler for its workers, and until one counts as unanswered
+HEARTBEAT = 5.0  # seconds within which a healthy worker is heard from several times, however long its frames take
 VISIBLE = 10.0  # seconds until a worker's file is visible here: network file systems delay it
 RESUME = "run it again to go on"
+
+
+class Members(dict[str, int]):
+    """The workers of a cluster, threads by address, as its scheduler last listed them.
+
+    clocks: the time since the scheduler last heard from each.
+    """
+
+    def __init__(self, client: Client, scheduler: str) -> None:
+        super().__init__()
+        self.client, self.scheduler = client, scheduler
+        self.clocks: dict[str, Clock] = {}
+        self._heard: dict[str, float] = {}  # when that was, by the scheduler's clock
+
+    def ask(self) -> bool:
+        """Query the scheduler for its workers; return False if it does not answer."""
+        try:
+            scheduler: Any = self.client.scheduler
+            workers: Any = self.client.sync(scheduler.identity, callback_timeout=ASK)["workers"]
+        except Exception:  # such as a connection error or a timeout
+            return False
+        self.clear()
+        self.update((address, worker["nthreads"]) for address, worker in workers.items())
+        heard = {address: worker["last_seen"] for address, worker in workers.items()}
+        self.clocks = {
+            address: self.clocks[address] if self._heard.get(address) == when else Clock()
+            for address, when in heard.items()
+        }
+        self._heard = heard
+        return True
 
 
 @dataclass(eq=False)
@@ -50,6 +79,21 @@ class _Flight:
         self.worker, self.begun, self.ready = worker, begun, ready
         self.clock.restart()
 
+    def has_key(self, key: str) -> bool:
+        """Return whether the key is that of the latest attempt."""
+        return self.future is not None and self.future.key == key
+
+    def release(self) -> None:
+        """Give up the latest attempt."""
+        if self.future is not None:
+            with contextlib.suppress(Exception):
+                self.future.release()
+        self.future = None
+
+
+def _numbers(flights: Iterable[_Flight]) -> tuple[int, ...]:
+    return tuple(sorted(flight.task.number for flight in flights))
+
 
 class Dispatcher:
     """The frames of a run, seen from this machine. Workers log their progress on TOPIC: {"run": name, "key", "worker",
@@ -57,40 +101,37 @@ class Dispatcher:
 
     def __init__(
         self,
-        client: Client,
+        members: Members,
         draw: Callable[[str, Task], None],
         name: str,
         tasks: Iterable[Task],
-        members: Members,
         timeout: float,
         frame_timeout: float | None,
     ) -> None:
-        self._client, self._draw, self._name, self._tasks = client, draw, name, iter(tasks)
-        self._members, self._timeout, self._frame_timeout = members, timeout, frame_timeout
+        self._members, self._draw, self._name, self._tasks = members, draw, name, iter(tasks)
+        self._client, self._timeout, self._frame_timeout = members.client, timeout, frame_timeout
         self._events: queue.SimpleQueue[Future[Any] | Mapping[str, Any]] = queue.SimpleQueue()
         self._flights: dict[int, _Flight] = {}
         self._by_key: dict[str, _Flight] = {}  # of all attempts at frames not drawn yet
         self._stuck: dict[str, str] = {}  # keys of frames that a worker has had for too long, and the worker
         # Files of drawn frames that are not visible here yet, and since when.
         self._unseen: dict[int, tuple[list[Path], float]] = {}
-        self._keys = itertools.count()
+        self._keys = (f"{name}-{number}" for number in itertools.count())
+        self._all_taken = False
         self._latest = 0.0  # duration of the latest frame, seconds
-        self._asked, self._seen = float("-inf"), time.monotonic()
+        self._asked, self._healthy_at = float("-inf"), now()
         for topic in ("all", TOPIC):
-            client.subscribe_topic(topic, self._hear)
+            self._client.subscribe_topic(topic, self._hear)
 
     def results(self) -> Iterator[DrawnFrame | Lost | Silent]:
         """Yield results, losses and silences until all frames are drawn."""
-        pauses = Pauses()
         while True:
-            if paused := pauses.latest():
-                self._members.skip(paused)
-                for flight in self._flights.values():
-                    flight.clock.skip(paused)
-            yield from self._look()
+            if now() >= self._asked + ASK:
+                self._asked = now()
+                yield from self._look()
             self._refill()
             self._await_files()
-            if not self._flights and not self._unseen:
+            if self._all_taken and not self._flights and not self._unseen:
                 return
             try:
                 event = self._events.get(timeout=POLL)
@@ -114,10 +155,12 @@ class Dispatcher:
 
     def _refill(self) -> None:
         """Submit enough that no thread waits for the next frame, and no more: a run may have a million."""
-        room = AHEAD * self._members.threads - len(self._flights)
-        if room < self._members.threads:  # one frame per thread at a time: each call of a scheduler takes long
+        threads = sum(self._members.values())
+        room = AHEAD * threads - len(self._flights)
+        if room < threads:  # one frame per thread at a time: each call of a scheduler takes long
             return
         flights = [_Flight(task) for task in itertools.islice(self._tasks, max(room, 0))]
+        self._all_taken |= len(flights) < room
         self._flights.update((flight.task.number, flight) for flight in flights)
         healthy = self._healthy()
         some = self._frame_timeout is not None and healthy and len(healthy) < len(self._members)
@@ -126,12 +169,7 @@ class Dispatcher:
     def _submit(self, flights: list[_Flight], allowed: frozenset[str] | None) -> None:
         if not flights:
             return
-        keys = [f"{self._name}-{next(self._keys)}" for _ in flights]
-        for key, flight in zip(keys, flights, strict=True):
-            self._by_key[key] = flight
-            flight.keys.append(key)
-            flight.allowed = allowed
-            flight.place("")
+        keys = list(itertools.islice(self._keys, len(flights)))
         tasks = [flight.task for flight in flights]
         workers = None if allowed is None else sorted(allowed)
         try:
@@ -142,16 +180,16 @@ class Dispatcher:
                 )
         except Exception as error:
             raise self._gone() from error
-        for flight, future in zip(flights, futures, strict=True):
-            flight.future = future
+        for key, flight, future in zip(keys, flights, futures, strict=True):
+            self._by_key[key] = flight
+            flight.keys.append(key)
+            flight.future, flight.allowed = future, allowed
+            flight.place("")
             future.add_done_callback(self._events.put)
 
     def _move(self, flight: _Flight) -> None:
         """Give the frame to a healthy worker; if there is none, later."""
-        if flight.future is not None:
-            with contextlib.suppress(Exception):
-                flight.future.release()
-            flight.future = None
+        flight.release()
         flight.place("")
         healthy = self._healthy()
         chosen = healthy - set(flight.late) or healthy
@@ -174,8 +212,8 @@ class Dispatcher:
         if flight is None:
             return None
         if sign == "drawn":
-            return self._finish(flight, DrawnFrame(**{**event["drawn"], "warnings": tuple(event["drawn"]["warnings"])}))
-        if flight.future is not None and flight.future.key == key and sign != "failed":
+            return self._finish(flight, DrawnFrame(**event["drawn"]))
+        if flight.has_key(key) and sign != "failed":
             flight.place(event["worker"], begun=True, ready=sign == "ready")
         return None
 
@@ -183,11 +221,9 @@ class Dispatcher:
         del self._flights[drawn.number]
         for key in flight.keys:
             del self._by_key[key]
-        if flight.future is not None:
-            with contextlib.suppress(Exception):
-                flight.future.release()
+        flight.release()
         self._latest = (drawn.render_ms + drawn.save_ms) / 1e3
-        self._unseen[drawn.number] = flight.task.paths, time.monotonic()
+        self._unseen[drawn.number] = flight.task.paths, now()
         return drawn
 
     def _check_future(self, future: Future[Any]) -> None:
@@ -221,14 +257,13 @@ class Dispatcher:
             flight.place("")
         self._stuck = {key: stuck for key, stuck in self._stuck.items() if stuck != worker}
         if flights:
-            yield Lost(tuple(sorted(flight.task.number for flight in flights)), f"{worker} is gone")
+            yield Lost(_numbers(flights), f"{worker} is gone")
 
     def _await_files(self) -> None:
         """Raise WorkerError for a drawn frame whose files do not appear."""
-        missing = {n: found for n, found in self._unseen.items() if not all(path.exists() for path in found[0])}
-        self._unseen = missing
-        for number, (paths, since) in missing.items():
-            if time.monotonic() - since > VISIBLE:
+        self._unseen = {n: files for n, files in self._unseen.items() if not all(path.exists() for path in files[0])}
+        for number, (paths, since) in self._unseen.items():
+            if now() - since > VISIBLE:
                 expected = f"workers that write to this machine's {paths[0].parent}"
                 found = f"frame {number} written elsewhere"
                 raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {found}")
@@ -236,39 +271,42 @@ class Dispatcher:
     # Workers
 
     def _look(self) -> Iterator[Lost | Silent]:
-        """Check the workers and their frames now and then. Raises WorkerError if there have been none for some time."""
-        now = time.monotonic()
-        if now < self._asked + ASK:
-            return
-        self._asked = now
-        answered = self._members.ask(ASK)
+        """Check the workers and their frames. Raises WorkerError if there have been no workers for some time."""
+        answered = self._members.ask()
         if answered and any(not flight.begun for flight in self._flights.values()):
             self._find()
         if self._frame_timeout is not None:
             yield from self._reassign(self._frame_timeout)
         yield from self._silent()
         if answered and self._healthy():
-            self._seen = now
-        elif now - self._seen > self._timeout:
+            self._healthy_at = self._asked
+        elif self._asked - self._healthy_at > self._timeout:
             found = "no worker is left" if answered else "the scheduler gives no answer"
-            found = "no worker gives a sign any more" if answered and len(self._members) else found
+            found = "no worker gives a sign any more" if answered and self._members else found
             raise WorkerError(f"{self._members.scheduler}: {found}, and there are frames left: {RESUME}")
 
     def _find(self) -> None:
         """Find which worker has each frame that has not begun."""
-        for worker, keys in self._members.processing(ASK).items():
+        try:
+            scheduler: Any = self._client.scheduler
+            processing: Any = self._client.sync(scheduler.processing, workers=None, callback_timeout=ASK)
+        except Exception:  # no answer
+            return
+        for worker, keys in processing.items():
             for key in keys:
                 flight = self._by_key.get(key)
-                current = flight is not None and flight.future is not None and flight.future.key == key
-                if current and not flight.begun and flight.worker != worker:  # type: ignore[union-attr]
-                    flight.place(worker)  # type: ignore[union-attr]
+                if flight is not None and flight.has_key(key) and not flight.begun and flight.worker != worker:
+                    flight.place(worker)
 
     def _healthy(self) -> set[str]:
         """Return the workers that can begin a frame now or later; all of them without a frame timeout."""
         if self._frame_timeout is None:
             return set(self._members)
-        stuck = Counter(self._stuck.values())
-        heard = self._members.heard(self._frame_timeout)
+        stuck, clocks = Counter(self._stuck.values()), self._members.clocks
+        limit = max(
+            self._frame_timeout, HEARTBEAT + len(clocks) / 50
+        )  # with many workers each is heard from less often
+        heard = [worker for worker, clock in clocks.items() if clock.seconds <= limit]
         return {worker for worker in heard if stuck[worker] < self._members[worker]}
 
     def _reassign(self, limit: float) -> Iterator[Lost]:
@@ -276,7 +314,7 @@ class Dispatcher:
         moved: dict[str, list[_Flight]] = defaultdict(list)
         seconds: dict[str, float] = {}
         for flight in self._flights.values():
-            if flight.begun and flight.clock.seconds > limit + (0.0 if flight.ready else PREPARING):
+            if flight.begun and flight.clock.is_over(limit, flight.ready):
                 self._stuck[flight.keys[-1]] = flight.worker
                 flight.late.append(flight.worker)
                 seconds[flight.worker] = flight.clock.seconds
@@ -284,7 +322,7 @@ class Dispatcher:
         healthy = self._healthy()
         for flight in self._flights.values():
             if not flight.begun and flight.worker in self._members and flight.worker not in healthy:
-                seconds.setdefault(flight.worker, self._members.silence(flight.worker))
+                seconds.setdefault(flight.worker, self._members.clocks[flight.worker].seconds)
                 moved[flight.worker].append(flight)
         for worker, flights in moved.items():
             found = f"{worker} gave no sign for {seconds[worker]:.3g} s"
@@ -293,11 +331,10 @@ class Dispatcher:
                     tried = f"{ATTEMPTS} workers did not draw it in time; the last one, {found}"
                     raise WorkerError(f"frame {flight.task.number}: {tried}")
                 self._move(flight)
-            yield Lost(tuple(sorted(flight.task.number for flight in flights)), found)
+            yield Lost(_numbers(flights), found)
         for flight in self._flights.values():
-            if flight.future is None or (
-                flight.allowed is not None and not flight.begun and not flight.allowed & healthy
-            ):
+            is_stranded = flight.allowed is not None and not flight.begun and not flight.allowed & healthy
+            if flight.future is None or is_stranded:
                 self._move(flight)
 
     def _silent(self) -> Iterator[Silent]:
@@ -308,13 +345,12 @@ class Dispatcher:
                 placed[flight.worker].append(flight)
         for worker, flights in placed.items():
             begun = [flight for flight in flights if flight.begun]
-            told = {
-                flight.task.number: each for flight in begun if (each := flight.clock.due(self._latest)) is not None
-            }
-            if not begun and (silence := self._members.due(worker)) is not None:
-                told = {flight.task.number: silence for flight in flights}
-            if told:
-                yield Silent(tuple(sorted(told)), worker, max(told.values()))
+            silences = {flight: flight.clock.due(self._latest) for flight in begun}
+            if not begun and worker in self._members:
+                silences = dict.fromkeys(flights, self._members.clocks[worker].due(0.0))
+            reported = {flight: seconds for flight, seconds in silences.items() if seconds is not None}
+            if reported:
+                yield Silent(_numbers(reported), worker, max(reported.values()))
 
 
 def in_a_line(error: BaseException) -> str:

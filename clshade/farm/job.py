@@ -8,16 +8,15 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..errors import ClshadeError, WorkerError
 from ..images.cryptomatte import MatteKind
 from ..pipeline.flow import flow
-from ..pipeline.frame import Frame
 from ..pipeline.frame_files import FILES, FileKind, SavingOptions, chosen_paths, visible_path
-from ..pipeline.frame_results import Flow, FlowName
+from ..pipeline.frame_results import FlowName
 from ..pipeline.renderer import Renderer
 from ..pipeline.visible import cryptomatte, visible
 from ..scene.camera import Camera
@@ -39,27 +38,23 @@ class Job:
     visible: str | None = None
     mattes: Sequence[MatteKind] = ()
 
-
-@dataclass(frozen=True, eq=False)
-class Beside:
-    """Camera and pose of the frame before or after another one. name: of the flow that leads there."""
-
-    name: FlowName
-    camera: Camera
-    pose: Pose | None = None
+    def view(self, camera: Camera, pose: Pose | None) -> Scene:
+        """Return the scene in a pose, None as it is, with a camera."""
+        return replace(self.scene if pose is None else pose.of(self.scene), camera=camera)
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
     """A frame to draw. path: of its files, as for `Frame.save`, absolute: other processes have other current folders.
-    files: which of them are written. pose: of the scene, None as it is. beside: the frames to which its flow leads."""
+    files: which of them are written. pose: of the scene, None as it is. flows: camera and pose of the frames to which
+    its flow leads."""
 
     number: int
     camera: Camera
     path: Path
     files: Sequence[FileKind] = FILES
     pose: Pose | None = None
-    beside: tuple[Beside, ...] = ()
+    flows: Mapping[FlowName, tuple[Camera, Pose | None]] = field(default_factory=dict)
 
     @property
     def paths(self) -> list[Path]:
@@ -76,7 +71,7 @@ class DrawnFrame:
     render_ms: float
     save_ms: float
     size: int
-    warnings: tuple[str, ...]
+    warnings: Sequence[str]
     worker: str
 
 
@@ -103,42 +98,31 @@ class FrameWriter:
 
     def __init__(self, job: Job) -> None:
         self._job = job
-        self._renderers: dict[bool, Renderer] = {}
-        self._compiled: set[bool] = set()  # kinds of views of which a pose was drawn
+        self._renderers: dict[bool, Renderer] = {}  # of perspective and of orthographic views; a job may have both
+        self._compiled: set[bool] = set()  # those of which a small image was drawn
         self._lock = threading.Lock()
 
-    def _renderer(self, camera: Camera, compiled: bool) -> Renderer:
-        """Return a renderer for perspective or for orthographic views; a job may have both.
-
-        compiled: a new one draws a small image first, as some runtimes compile a kernel when it first runs.
-        """
-        with self._lock:
-            kind = camera.orthographic
-            if kind not in self._renderers:
-                scene = replace(self._job.scene, camera=camera)
-                renderer = Renderer(scene, settings=self._job.settings, device=self._job.device)
-                self._renderers[kind] = renderer
-                if compiled:
-                    renderer.render(replace(self._job.scene.camera, orthographic=kind).with_resolution(SMALL))
-            return self._renderers[kind]
-
     @contextlib.contextmanager
-    def _renderer_of(self, task: Task, compiled: bool) -> Iterator[Renderer]:
-        """Return a renderer of the task's pose in the block."""
-        if task.pose is None:
-            yield self._renderer(task.camera, compiled)
+    def _renderer(self, task: Task, compiled: bool) -> Iterator[Renderer]:
+        """Return a renderer of the task's pose within the block. compiled: its kernels are compiled before."""
+        if task.pose is not None:
+            with self._open(task, compiled) as renderer:
+                yield renderer
             return
-        scene = replace(task.pose.of(self._job.scene), camera=task.camera)
-        with Renderer(scene, settings=self._job.settings, device=self._job.device) as renderer:
-            kind = task.camera.orthographic
-            if compiled and kind not in self._compiled:
-                renderer.render(task.camera.with_resolution(SMALL))
-                self._compiled.add(kind)
-            yield renderer
+        kind = task.camera.orthographic
+        with self._lock:
+            if kind not in self._renderers:
+                self._renderers[kind] = self._open(task, compiled)
+            renderer = self._renderers[kind]
+        yield renderer
 
-    def _flow(self, frame: Frame, beside: Beside) -> Flow:
-        scene = self._job.scene if beside.pose is None else beside.pose.of(self._job.scene)
-        return flow(frame, replace(scene, camera=beside.camera), device=self._job.device)
+    def _open(self, task: Task, compiled: bool) -> Renderer:
+        job, kind = self._job, task.camera.orthographic
+        renderer = Renderer(job.view(task.camera, task.pose), settings=job.settings, device=job.device)
+        if compiled and kind not in self._compiled:  # by a small image, as some runtimes compile what first runs
+            renderer.render(replace(job.scene.camera, orthographic=kind).with_resolution(SMALL))
+            self._compiled.add(kind)
+        return renderer
 
     def draw(self, task: Task, ready: Callable[[], None] | None = None) -> DrawnFrame:
         """Draw and write a frame. ready: called when the kernels are compiled and only the frame's own work is left.
@@ -147,18 +131,19 @@ class FrameWriter:
         """
         try:
             start = time.perf_counter()
-            with self._renderer_of(task, compiled=ready is not None) as renderer:
+            with self._renderer(task, compiled=ready is not None) as renderer:
                 if ready is not None:
                     ready()
                 frame = renderer.render(task.camera)
-            frame.flows = {beside.name: self._flow(frame, beside) for beside in task.beside}
-            if self._job.mattes:
-                frame.mattes = cryptomatte(frame, self._job.mattes, device=self._job.device)
-            if self._job.visible is not None:
-                table = visible(frame.scene, settings=frame.settings, device=self._job.device)
-                table.save(visible_path(task.path, self._job.visible))
+            job = self._job
+            frame.flows = {name: flow(frame, job.view(*to), device=job.device) for name, to in task.flows.items()}
+            if job.mattes:
+                frame.mattes = cryptomatte(frame, job.mattes, device=job.device)
+            if job.visible is not None:
+                table = visible(frame.scene, settings=frame.settings, device=job.device)
+                table.save(visible_path(task.path, job.visible))
             drawn = time.perf_counter()
-            saving: SavingOptions = {**self._job.saving, "files": task.files}
+            saving: SavingOptions = {**job.saving, "files": task.files}
             warnings = frame.write(task.path, **saving)
             done = time.perf_counter()
             size = sum(path.stat().st_size for path in task.paths)

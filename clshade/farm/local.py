@@ -1,7 +1,8 @@
 """Frames drawn by several processes on this machine, each with its own device, scene and kernel cache.
 
 A process that ends, or is killed because it hangs, is replaced and its frame drawn again. (An executor of
-concurrent.futures is broken for good when one of its processes dies, and a Pool waits forever for its task.)
+concurrent.futures is broken for good when one of its processes dies, a Pool waits forever for its task, and the workers of
+pebble share one pipe, whose lock a stopped one may hold, and leave what they were writing when they are ended.)
 """
 
 from __future__ import annotations
@@ -25,15 +26,10 @@ from ..base import interrupts
 from ..errors import WorkerError
 from ..pipeline.opencl.environment import THREADS
 from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
-from .waiting import ATTEMPTS, POLL, PREPARING, Clock, Pauses
+from .waiting import ATTEMPTS, POLL, Clock
 
 MOST_WORKERS = 256
 PATIENCE = 0.6  # seconds that workers get to end on request; an interrupted process has GRACE and CLEARING itself
-
-
-def processors() -> int:
-    """Return the number of processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def draw_locally(
@@ -48,63 +44,47 @@ def draw_locally(
     """
     waiting = iter(tasks)
     first = list(itertools.islice(waiting, workers))
-    crew = _Crew(job, len(first), frame_timeout)
-    _crews.add(crew)
-    interrupted = False
+    pool = _Pool(job, len(first), frame_timeout)
+    _pools.add(pool)
     try:
-        yield from crew.draw(first, waiting)
+        yield from pool.draw(first, waiting)
     except KeyboardInterrupt:
-        interrupted = True
-        crew.interrupt()  # they end by themselves; `_end_all` waits for that, after all messages
+        pool.interrupt()  # they end by themselves; `_end_all` waits for that, after all messages
         raise
-    finally:
-        if not interrupted:
-            crew.end()
+    except BaseException:
+        pool.end()
+        raise
+    pool.end()
 
 
-_crews: set[_Crew] = set()
+_pools: set[_Pool] = set()
 _starting = threading.RLock()  # held while a process starts, and from the end of this one on
 
 
 @interrupts.at_end
 def _end_all() -> None:
     _starting.acquire()  # for good: half a start would print a traceback
-    for crew in list(_crews):
-        crew.end()
+    for pool in list(_pools):
+        pool.end()
 
 
 @contextlib.contextmanager
 def _interrupts_held_back() -> Iterator[None]:
     """Delay an interrupt in the block until after it: half a start would leave a process that nobody ends. A process
-    started in it gets none until it can handle one (`interrupts.leave_soon`)."""
-    handler = signal.getsignal(signal.SIGINT)
+    started in it inherits the mask, and gets none until it can handle one (`interrupts.leave_soon`)."""
     late: list[tuple[int, FrameType | None]] = []
-    handled_here = callable(handler) and threading.current_thread() is threading.main_thread()
-    if handled_here:
-        signal.signal(signal.SIGINT, lambda number, frame: late.append((number, frame)))
-    try:
-        with _interrupts_blocked():
-            yield
-    finally:
-        if handled_here:
-            signal.signal(signal.SIGINT, handler)
-    if callable(handler) and late:
-        handler(*late[0])
-
-
-@contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block interrupts in the processes started in the block: they inherit the mask."""
-    if not hasattr(signal, "pthread_sigmask"):
+    with contextlib.ExitStack() as stack:
+        handler = signal.getsignal(signal.SIGINT)
+        if callable(handler) and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, lambda number, frame: late.append((number, frame)))
+            stack.callback(lambda: [handler(*each) for each in late[:1]])
+            stack.callback(signal.signal, signal.SIGINT, handler)
+        if hasattr(signal, "pthread_sigmask"):
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+            resource_tracker.ensure_running()  # starting it, as the first process would, lets interrupts through again
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            stack.callback(signal.pthread_sigmask, signal.SIG_SETMASK, before)
         yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    resource_tracker.ensure_running()  # starting it, as the first process would, lets interrupts through again
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Worker:
@@ -149,11 +129,6 @@ class _Worker:
             return f"was killed by {signal.Signals(-code).name}"
         return f"was killed by signal {-code}"
 
-    def kill(self) -> None:
-        """Kill a process that hangs or is stopped: nothing else reaches it."""
-        self.process.kill()
-        self.process.join(PATIENCE)
-
     def dismiss(self) -> None:
         """Close the pipe, which makes the process end."""
         if self._sender is not None:
@@ -162,12 +137,13 @@ class _Worker:
         self.task = None
 
 
-class _Crew:
+class _Pool:
     """The workers of one run."""
 
     def __init__(self, job: Job, size: int, frame_timeout: float | None) -> None:
         self._job = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
-        self._threads = max(1, processors() // max(1, size))
+        processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self._threads = max(1, processors // max(1, size))
         self._frame_timeout = frame_timeout
         self._workers: list[_Worker] = []
         self._attempts: Counter[int] = Counter()
@@ -175,10 +151,9 @@ class _Crew:
 
     def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[DrawnFrame | Lost | Silent]:
         """Draw the tasks. first: what the workers begin with, one task each."""
-        started = [self._start() for _ in first]
-        for worker, begun in zip(started, first, strict=True):
-            worker.begin(begun, self._job)
-        pauses = Pauses()
+        started = [self._start() for _ in first]  # all of them before the first is told anything
+        for worker, task in zip(started, first, strict=True):
+            worker.begin(task, self._job)
         while busy := {worker.pipe: worker for worker in self._workers if worker.task is not None}:
             for pipe in wait(list(busy), POLL):
                 worker = busy[pipe]  # type: ignore[index]
@@ -200,9 +175,7 @@ class _Crew:
                 else:
                     worker.begin(following)
                 yield answer
-            paused = pauses.latest()
             for worker in busy.values():
-                worker.clock.skip(paused)
                 yield from self._look_at(worker)
         for worker in self._workers:
             worker.process.join(PATIENCE)
@@ -211,12 +184,13 @@ class _Crew:
         """Check whether a worker has been silent for too long."""
         if worker.task is None:
             return
-        limit, seconds = self._frame_timeout, worker.clock.seconds
-        if limit is not None and seconds > limit + (0.0 if worker.ready else PREPARING):
-            worker.kill()
+        if self._frame_timeout is not None and worker.clock.is_over(self._frame_timeout, worker.ready):
+            seconds = worker.clock.seconds
+            worker.process.kill()  # nothing else reaches one that hangs or is stopped
+            worker.process.join(PATIENCE)
             yield self._replace(worker, f"{worker.process.pid} gave no sign for {seconds:.3g} s")
-        elif (silent := worker.clock.due(self._latest)) is not None:
-            yield Silent((worker.task.number,), str(worker.process.pid), silent)
+        elif (silence := worker.clock.due(self._latest)) is not None:
+            yield Silent((worker.task.number,), str(worker.process.pid), silence)
 
     def _replace(self, worker: _Worker, reason: str) -> Lost:
         """Have a new worker draw what this one did not. Raises WorkerError after ATTEMPTS of them."""
@@ -252,7 +226,7 @@ class _Crew:
             if worker.process.is_alive():
                 worker.process.kill()
                 worker.process.join()
-        _crews.discard(self)
+        _pools.discard(self)
 
 
 def _serve(pipe: Connection, threads: int, timed: bool) -> None:

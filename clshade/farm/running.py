@@ -1,4 +1,4 @@
-"""A run: the frames left to draw, who draws them, progress, and results."""
+"""A run: the frames left to draw, who draws them, its progress on standard error, and its result."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import importlib.util
 import os
 import stat
 import statistics
+import sys
+import time
 from array import array
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +17,9 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from ..base import console
 from ..base.atomic_files import folder_made, shown
+from ..base.progress_bar import Bar
 from ..base.validation import arguments, choice, flag, integer, items, keywords, number, text, value_error
 from ..errors import InputError
 from ..images.colorbar import bar_width
@@ -38,17 +42,21 @@ from ..scene.model import Scene
 from ..scene.pose import Pose
 from ..scene.settings import FrameOptions
 from .frames import Pattern, parse_pattern
-from .job import Beside, DrawnFrame, FrameWriter, Job, Lost, Silent, Task
+from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .local import MOST_WORKERS, draw_locally
-from .progress import Progress, rate_text
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
 _NAMES: dict[FileKind, str] = {"exr": "an EXR", "png": "a PNG", "npz": "an NPZ", "depth": "a depth PNG"}
-_QUICKEST: tuple[FileKind, ...] = ("png", "depth", "exr", "npz")  # to tell the resolution of
-_MOST_COMPARED = 1000  # files of earlier runs whose sizes are looked at
+_QUICKEST: tuple[FileKind, ...] = ("png", "depth", "exr", "npz")  # to read the resolution of
+LINES = 10.0  # seconds between two lines of progress without a terminal
+_MAX_COMPARED = 1000  # files of earlier runs whose sizes are looked at
+
+
+def rate_text(rate: float) -> str:
+    return f"{rate:.1f} frames/s" if rate >= 10.0 else f"{rate:.3g} frames/s"
 
 
 @dataclass(frozen=True)
@@ -100,20 +108,15 @@ class Run:
         skipped = f", {self.skipped:,} there already (--overwrite draws them again)" if self.skipped else ""
         lost = f"; {self.lost} lost, the frames drawn again" if self.lost else ""
         workers = f"{self.workers} worker{'s' if self.workers != 1 else ''}{lost}"
+        speed = f"{rate_text(self.rate)}; a frame {self.draw_ms:.0f} ms (median)"
         files = shown(self.first) if self.first == self.last else f"{shown(self.first)} ... {shown(self.last)}"
-        time = (
-            f"time    {self.seconds:.1f} s, {rate_text(self.rate)}; a frame {self.draw_ms:.0f} ms (median); {workers}"
-        )
+        others = " and ".join(_NAMES[kind] for kind in self.files[1:])
+        beside = f", {others} beside each" if others else ""
         return [
             f"frames  {self.drawn:,} drawn{skipped}",
-            *([time] if self.drawn else []),
-            f"files   {files}{self._beside()} ({self.size / 1e6:.1f} MB written)",
+            *([f"time    {self.seconds:.1f} s, {speed}; {workers}"] if self.drawn else []),
+            f"files   {files}{beside} ({self.size / 1e6:.1f} MB written)",
         ]
-
-    def _beside(self) -> str:
-        """Return which files are beside those that are named."""
-        others = [_NAMES[kind] for kind in self.files[1:]]
-        return f", {' and '.join(others)} beside each" if others else ""
 
 
 @arguments(
@@ -226,66 +229,40 @@ def draw_frames(
         expected = "two --workers or more, or a --scheduler, to draw the frames of one that hangs"
         raise InputError(f"--frame-timeout: needs {expected}")
     pattern = parse_pattern(output, len(cameras))
-    chosen: SavingOptions = {**saving} if saving else {}
+    options: SavingOptions = {**saving} if saving else {}
     scene, settled = effective_settings(scene, **settings)
-    files = chosen["files"] = tuple(chosen_paths(output, chosen.get("files")))
+    files = options["files"] = tuple(chosen_paths(output, options.get("files")))
     if flow:
         if not {"exr", "npz"} & set(files):
             raise InputError("draw_frames: flow: needs exr or npz among the files, which hold it")
         settled = replace(settled, layers=(*settled.layers, "id"))
     check_layers(files, settled.layers)
-    numbers = sorted(cameras) if flow else []
     if mattes:
         check_mattes(mattes, files)
     left = list(cameras) if overwrite else _left(pattern, cameras, files)
     skipped = len(cameras) - len(left)
     if skipped:
-        drawn_now = set(left)
-        there = [number for number in cameras if number not in drawn_now]
-        for number in there[:: -(-len(there) // _MOST_COMPARED)]:
-            _compare_size(pattern, files, number, _camera(cameras, number), colorbar=chosen.get("colorbar", False))
-    tasks = (
-        Task(
-            number,
-            _camera(cameras, number),
-            Path(pattern.names(number)[0]).absolute(),
-            files,
-            None if poses is None else poses[number],
-            _beside(cameras, poses, numbers, number),
-        )
-        for number in left
-    )
+        _compare_sizes(pattern, files, cameras, left, colorbar=options.get("colorbar", False))
     folder = Path(pattern.names(next(iter(cameras)))[0]).parent
     with folder_made(folder), Progress(len(cameras), skipped, progress) as bar:
+        results: Iterator[DrawnFrame | Lost | Silent] = iter(())
         if left:
-            check_output(pattern.names(left[0])[0], settled, **chosen)
-        job = Job(scene, settled, device, chosen, visible, mattes)
-        results = _results(job, tasks, workers, scheduler, timeout, frame_timeout) if left else iter(())
-        counts = _collect(results, bar, frame_timeout is not None)
+            check_output(pattern.names(left[0])[0], settled, **options)
+            job = Job(scene, settled, device, options, visible, mattes)
+            tasks = _tasks(cameras, poses, pattern, left, flow=flow, files=files)
+            results = _results(job, tasks, workers, scheduler, timeout, frame_timeout)
+        bar.follow(results, limited=frame_timeout is not None)
     return Run(
         drawn=bar.drawn,
         skipped=skipped,
+        lost=bar.lost,
         seconds=bar.seconds,
+        draw_ms=statistics.median(bar.draw_ms or [0.0]),
+        size=bar.size,
+        workers=len(bar.workers),
         first=pattern.names(min(cameras), files)[0],
         last=pattern.names(max(cameras), files)[0],
         files=files,
-        **counts,
-    )
-
-
-def _beside(
-    cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None, numbers: Sequence[int], number: int
-) -> tuple[Beside, ...]:
-    """Return the frames after and before one of these ascending numbers; nothing without numbers."""
-    place = bisect_left(numbers, number)
-    near: dict[FlowName, Sequence[int]] = {
-        "flow": numbers[place + 1 : place + 2],
-        "flow_back": numbers[max(place - 1, 0) : place],
-    }
-    return tuple(
-        Beside(name, _camera(cameras, other), None if poses is None else poses[other])
-        for name, found in near.items()
-        for other in found
     )
 
 
@@ -305,48 +282,27 @@ def _camera(cameras: Mapping[int, Camera], number: int) -> Camera:
     return camera
 
 
-def _collect(results: Iterator[DrawnFrame | Lost | Silent], bar: Progress, limited: bool) -> dict[str, Any]:
-    """Consume the results, report losses and silence, and return further fields of Run. limited: hanging workers are
-    replaced."""
-    draw_ms = array("d")
-    drawn_by: set[str] = set()
-    size = lost = 0
-    for each in results:
-        if isinstance(each, Lost):
-            lost += 1
-            bar.say(f"{_frames(each.numbers)} drawn again: the worker {each.reason}")
-        elif isinstance(each, Silent):
-            hint = "" if limited else " (--frame-timeout SECONDS gives frames of such workers to others)"
-            bar.say(f"no sign of worker {each.worker} for {each.seconds:.0f} s, at {_frames(each.numbers)}{hint}")
-        else:
-            draw_ms.append(each.render_ms + each.save_ms)
-            drawn_by.add(each.worker)
-            size += each.size
-            bar.advance(each)
-    return {"lost": lost, "draw_ms": statistics.median(draw_ms or [0.0]), "size": size, "workers": len(drawn_by)}
-
-
-def _frames(numbers: Sequence[int]) -> str:
-    return f"frame{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
+# Frames of earlier runs
 
 
 def _left(pattern: Pattern, numbers: Iterable[int], files: Sequence[FileKind] = FILES) -> list[int]:
     """Return the frames that lack one of their files. The folder is listed once: a stat per file of a million
     frames takes a minute."""
     folder = os.path.dirname(pattern.names(0)[0])
+    listed: set[str] | None
     try:
         listed = {name.lower() for name in os.listdir(folder or os.curdir)}
     except FileNotFoundError:
-        return list(numbers)
+        listed = set()
     except (OSError, ValueError):  # a folder that may be entered but not read, or an invalid name
-        return [number for number in numbers if not all(map(_is_there, pattern.names(number, files)))]
-    if not listed:
+        listed = None
+    if listed == set():
         return list(numbers)
 
     def is_there(name: str) -> bool:
         # Some file systems ignore case, or Unicode normalization.
         base = os.path.basename(name)
-        return (base.lower() in listed or not base.isascii()) and _is_there(name)
+        return (listed is None or base.lower() in listed or not base.isascii()) and _is_there(name)
 
     return [number for number in numbers if not all(map(is_there, pattern.names(number, files)))]
 
@@ -354,24 +310,55 @@ def _left(pattern: Pattern, numbers: Iterable[int], files: Sequence[FileKind] = 
 def _is_there(name: str) -> bool:
     """Return whether a non-empty file exists; an empty one, which other programs leave, is no frame."""
     try:
-        found = os.stat(name)
+        status = os.stat(name)
     except (OSError, ValueError):  # a null character, which `check_output` refuses
         return False
-    return stat.S_ISREG(found.st_mode) and found.st_size > 0
+    return stat.S_ISREG(status.st_mode) and status.st_size > 0
 
 
-def _compare_size(pattern: Pattern, files: Sequence[FileKind], number: int, camera: Camera, *, colorbar: bool) -> None:
-    """Raise InputError if a frame of an earlier run has another resolution."""
+def _compare_sizes(
+    pattern: Pattern, files: Sequence[FileKind], cameras: Mapping[int, Camera], left: Iterable[int], *, colorbar: bool
+) -> None:
+    """Raise InputError if a frame that is not left has another resolution than its camera."""
     kind = next(kind for kind in _QUICKEST if kind in files)
-    (name,) = pattern.names(number, (kind,))
-    columns, rows = camera.resolution
-    found, expected = resolution_of(name, kind), (columns, rows)
-    if kind == "png" and colorbar:
-        expected = columns + bar_width(rows), rows
-    if found is not None and found != expected:
-        there, here = ("{}x{}".format(*size) for size in (found, expected))
-        again = "of an earlier run: --overwrite draws it again"
-        raise InputError(f"{shown(name)}: expected {here} of the frames to draw, found {there} {again}")
+    skipped = sorted(set(cameras).difference(left))
+    for frame in skipped[:: -(-len(skipped) // _MAX_COMPARED)]:
+        (name,) = pattern.names(frame, (kind,))
+        columns, rows = _camera(cameras, frame).resolution
+        if kind == "png" and colorbar:
+            columns += bar_width(rows)
+        size = resolution_of(name, kind)
+        if size is not None and size != (columns, rows):
+            there = "found {}x{} of an earlier run: --overwrite draws it again".format(*size)
+            raise InputError(f"{shown(name)}: expected {columns}x{rows} of the frames to draw, {there}")
+
+
+# Frames to draw
+
+
+def _tasks(
+    cameras: Mapping[int, Camera],
+    poses: Mapping[int, Pose] | None,
+    pattern: Pattern,
+    left: Iterable[int],
+    *,
+    flow: bool,
+    files: Sequence[FileKind],
+) -> Iterator[Task]:
+    numbers = sorted(cameras) if flow else []
+
+    def view(number: int) -> tuple[Camera, Pose | None]:
+        return _camera(cameras, number), None if poses is None else poses[number]
+
+    for frame in left:
+        camera, pose = view(frame)
+        place = bisect_left(numbers, frame)
+        near: dict[FlowName, list[int]] = {
+            "flow": numbers[place + 1 : place + 2],
+            "flow_back": numbers[max(place - 1, 0) : place],
+        }
+        flows = {name: view(other) for name, others in near.items() for other in others}
+        yield Task(frame, camera, Path(pattern.names(frame)[0]).absolute(), files, pose, flows)
 
 
 def _results(
@@ -382,13 +369,94 @@ def _results(
             raise InputError('--scheduler: expected dask.distributed, found none: `pip install "dask[distributed]"`')
         from .cluster import draw_on_cluster
 
-        return draw_on_cluster(job, tasks, scheduler, timeout, frame_timeout)
-    if workers > 1:
-        return draw_locally(job, tasks, workers, frame_timeout)
-    return _draw_here(job, tasks)
+        yield from draw_on_cluster(job, tasks, scheduler, timeout, frame_timeout)
+    elif workers > 1:
+        yield from draw_locally(job, tasks, workers, frame_timeout)
+    else:
+        with FrameWriter(job) as writer:
+            yield from map(writer.draw, tasks)
 
 
-def _draw_here(job: Job, tasks: Iterable[Task]) -> Iterator[DrawnFrame]:
-    with FrameWriter(job) as writer:
-        for task in tasks:
-            yield writer.draw(task)
+class Progress:
+    """A counter of frames that shows progress, and each distinct warning once. Nothing is shown before the first frame,
+    so that a refusal is a single line.
+
+    total: frames of the run. done: those that existed before it, which do not count in the rate.
+    """
+
+    def __init__(self, total: int, done: int, shown: bool) -> None:
+        self._total, self._done, self._shown = total, done, shown and sys.stderr is not None
+        self._start, self._began = time.perf_counter(), time.time()  # for the rate, and for the bar
+        self._bar: Bar | None = None
+        self._last_line = self._start
+        self._warnings: set[str] = set()
+        self.draw_ms = array("d")  # to draw and write each frame
+        self.workers: set[str] = set()
+        self.size = self.lost = 0  # bytes, workers
+        self.seconds = 0.0  # from the start to the latest frame
+        self._first = 0.0  # to the first one, which waits for the compiler: it says nothing about those to come
+
+    @property
+    def drawn(self) -> int:
+        return len(self.draw_ms)
+
+    @property
+    def rate(self) -> float:
+        """Frames drawn per second, since the start."""
+        return self.drawn / self.seconds if self.seconds else 0.0
+
+    def follow(self, results: Iterable[DrawnFrame | Lost | Silent], limited: bool) -> None:
+        """Count the results as they come, and report losses and silence. limited: hanging workers are replaced."""
+        for result in results:
+            if isinstance(result, DrawnFrame):
+                self.advance(result)
+                continue
+            frames = f"frame{'s' * (len(result.numbers) > 1)} {', '.join(map(str, result.numbers))}"
+            if isinstance(result, Lost):
+                self.lost += 1
+                self.say(f"{frames} drawn again: the worker {result.reason}")
+            else:
+                hint = "" if limited else " (--frame-timeout SECONDS gives frames of such workers to others)"
+                self.say(f"no sign of worker {result.worker} for {result.seconds:.0f} s, at {frames}{hint}")
+
+    def say(self, message: str) -> None:
+        """Print a warning above the bar."""
+        if self._bar is not None:
+            self._bar.clear()
+        console.warning(message)
+
+    def advance(self, drawn: DrawnFrame) -> None:
+        for warning in drawn.warnings:
+            if warning not in self._warnings:
+                self._warnings.add(warning)
+                self.say(f"frame {drawn.number}: {warning}")
+        self.draw_ms.append(drawn.render_ms + drawn.save_ms)
+        self.workers.add(drawn.worker)
+        self.size += drawn.size
+        self.seconds = time.perf_counter() - self._start
+        self._first = self._first or self.seconds
+        if self._shown and sys.stderr.isatty():
+            if self._bar is None:
+                self._bar = Bar(self._total, clock=time.perf_counter, done=self._done, left=True, began=self._began)
+            self._bar.advance(rate_text(self.rate))
+        elif self._shown:
+            self._print_line()
+
+    def _print_line(self) -> None:
+        """Print a line: a log would keep every state of a bar."""
+        count, now = self._done + self.drawn, self._start + self.seconds
+        if count < self._total and now - self._last_line < LINES:
+            return
+        self._last_line = now
+        line = f"{count}/{self._total} frames, {rate_text(self.rate)}"
+        if count < self._total and self.seconds > self._first:
+            left = (self._total - count) * (self.seconds - self._first) / (self.drawn - 1)
+            line += f", about {left:.0f} s left"
+        console.progress(line)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import struct
 import zlib
@@ -85,11 +86,9 @@ def _filtered(row: np.ndarray, above: np.ndarray) -> bytes:
 
 def as_uri(rgb8: np.ndarray) -> str:
     """Return an image as a URI that holds its PNG, for a page."""
-    from ..base.markup import data_uri
-
     file = io.BytesIO()
     encode(file, rgb8, _PAGE_LEVEL)
-    return data_uri("image/png", file.getvalue())
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode('ascii')}"
 
 
 def resolution(path: Path) -> tuple[int, int] | None:

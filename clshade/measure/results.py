@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..base import atomic_files, markup, text_tables
+from ..base import atomic_files, text_tables
 from ..base.atomic_files import shown
 from ..base.json_values import plain
-from ..base.markup import element
 from ..base.text_tables import digits
+from . import markup
+from .markup import element
 
 EXTENSIONS = ("csv", "json", "md")
 STYLE = """
@@ -40,6 +41,13 @@ class Column(NamedTuple):
     name: str
     value: Callable[[Any], Any]
     show: Callable[[Any], str] = digits
+
+
+def as_markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table; vertical bars in texts are escaped."""
+    body = (f"| {' | '.join(text.replace('|', chr(92) + '|') for text in row)} |" for row in (header, *rows))
+    first, *others = body
+    return [first, "| --- " * len(header) + "|", *others]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +89,7 @@ class Table:
     def markdown(self) -> list[str]:
         above = ["", self.about] if self.about else []
         below = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
-        return ["", f"## {self.title}", *above, "", *text_tables.as_markdown(self.header, self.rows()), *below]
+        return ["", f"## {self.title}", *above, "", *as_markdown(self.header, self.rows()), *below]
 
     def html(self) -> markup.Content:
         return (

@@ -21,8 +21,7 @@ from ..base.validation import arguments, flag, integer, keywords
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..farm.frames import parse_pattern
-from ..farm.progress import LINES
-from ..farm.running import Run, check_numbered, draw_frames
+from ..farm.running import LINES, Run, check_numbered, draw_frames
 from ..images import exr, png
 from ..images.colorbar import bar_width
 from ..images.tonemap import Operator, display_values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clshade.course.content_cache import ContentCache, same
+from clshade.course import ContentCache, are_equal
 
 
 def make_recent(**limits):
@@ -40,7 +40,7 @@ def test_changed_arrays_are_not_mistaken():
 
 
 def test_the_oldest_go_first():
-    recent, _, dropped = make_recent(most=2)
+    recent, _, dropped = make_recent(max_count=2)
     for name in "abac":
         recent.get(name)
     assert dropped == ["result 2"]
@@ -50,7 +50,7 @@ def test_the_oldest_go_first():
 
 
 def test_large_arrays_push_others_out():
-    recent, _, dropped = make_recent(most=9, size=1000)
+    recent, _, dropped = make_recent(max_count=9, max_bytes=1000)
     recent.get(np.zeros(50))
     recent.get(np.zeros(60))
     assert recent.get(np.zeros(500)) == "result 3"
@@ -58,11 +58,11 @@ def test_large_arrays_push_others_out():
     assert recent.get(np.zeros(500)) == "result 3"
 
 
-def test_same():
-    assert same(np.array([np.nan]), np.array([np.nan]))
-    assert same(np.zeros((0, 3)), np.zeros((0, 3)))
-    assert same(np.zeros(3, np.uint8), np.zeros(3, np.uint8))
-    assert not same(np.zeros(1), 0.0)
-    assert not same(0.0, np.zeros(1))
-    assert not same(1, 1.0)
-    assert not same(None, 0)
+def test_equality():
+    assert are_equal(np.array([np.nan]), np.array([np.nan]))
+    assert are_equal(np.zeros((0, 3)), np.zeros((0, 3)))
+    assert are_equal(np.zeros(3, np.uint8), np.zeros(3, np.uint8))
+    assert not are_equal(np.zeros(1), 0.0)
+    assert not are_equal(0.0, np.zeros(1))
+    assert not are_equal(1, 1.0)
+    assert not are_equal(None, 0)

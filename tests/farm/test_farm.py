@@ -14,8 +14,7 @@ from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import Run, draw_frames
 from clshade.farm.camera_files import FIELDS, read_cameras
-from clshade.farm.cameras import orbit
-from clshade.farm.frames import parse_frames, parse_pattern, pattern_of_eye
+from clshade.farm.frames import orbit, parse_frames, parse_pattern, pattern_of_eye
 from clshade.images import exr
 from clshade.pipeline.flow import flow
 from clshade.pipeline.frame_results import RECORD, SEAL
@@ -136,7 +135,7 @@ def test_some_frames_of_a_turn_are_where_all_of_them_are():
 
 def test_cameras_of_a_turn_are_made_when_they_are_asked_for(monkeypatch):
     made: list[float] = []
-    monkeypatch.setattr("clshade.farm.cameras.adjusted", lambda camera, azimuth: made.append(azimuth))
+    monkeypatch.setattr("clshade.farm.frames.adjusted", lambda camera, azimuth: made.append(azimuth))
     turn = parse_frames("1..1000000")
     found = orbit(BASE, turn.numbers, turn)
     assert (len(found), next(iter(found)), 0 in found) == (1_000_000, 1, False)

@@ -13,9 +13,9 @@ from devices import working_devices
 
 from clshade.base import progress_bar
 from clshade.cli.main import main
-from clshade.farm import Run, progress, running
+from clshade.farm import Run, running
 from clshade.farm.job import DrawnFrame
-from clshade.farm.progress import Progress, rate_text
+from clshade.farm.running import Progress, rate_text
 
 
 class Screen(io.StringIO):
@@ -28,7 +28,7 @@ def now(monkeypatch) -> list[float]:
     """Control all clocks, in seconds."""
     now = [0.0]
     clocks = SimpleNamespace(perf_counter=lambda: now[0], time=lambda: 1e9 + now[0])
-    for module in (progress, progress_bar):
+    for module in (running, progress_bar):
         monkeypatch.setattr(module, "time", clocks)
     monkeypatch.setattr("tqdm.std.time", lambda: 1e9 + now[0])
     return now

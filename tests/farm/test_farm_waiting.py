@@ -15,7 +15,6 @@ from clshade.farm import waiting
 from clshade.farm.job import DrawnFrame, Lost, Silent, Task
 
 dispatch = pytest.importorskip("clshade.farm.dispatch", reason="needs dask.distributed", exc_type=ImportError)
-members = pytest.importorskip("clshade.farm.members", exc_type=ImportError)
 
 
 class Time:
@@ -25,12 +24,18 @@ class Time:
     def monotonic(self) -> float:
         return self.now
 
+    def run(self, seconds: float) -> None:
+        """Let time pass in which this process runs."""
+        end = self.now + seconds
+        while self.now < end:
+            self.now = min(self.now + 1.0, end)
+            waiting.now()
+
 
 @pytest.fixture
 def turned(monkeypatch) -> Time:
     turned = Time()
-    for module in (waiting, dispatch):
-        monkeypatch.setattr(module, "time", turned)
+    monkeypatch.setattr(waiting, "time", turned)
     return turned
 
 
@@ -42,27 +47,24 @@ def test_silence_is_told_each_time_that_it_has_doubled(turned):
             told.append(round(seconds))
     assert told == [10, 20, 40, 80]
     clock.restart()
-    turned.now += 9.9
+    turned.run(9.9)
     assert clock.due(0.1) is None
-    turned.now += 0.2
+    turned.run(0.2)
     assert clock.due(0.1) is not None
 
 
 def test_frames_that_take_long_are_no_silence(turned):
     clock = waiting.Clock()
-    turned.now += 25.0
+    turned.run(25.0)
     assert clock.due(latest=13.0) is None
     assert clock.due(latest=12.0) == 25.0
 
 
 def test_time_in_which_this_process_was_stopped_does_not_count(turned):
-    clock, pauses = waiting.Clock(), waiting.Pauses()
-    for passed, paused in ((0.1, 0.0), (2.9, 0.0), (60.0, 60.0), (0.1, 0.0)):
+    clock = waiting.Clock()
+    for passed, counted in ((0.1, 0.1), (2.9, 3.0), (60.0, 3.0), (0.1, 3.1)):
         turned.now += passed
-        found = pauses.latest()
-        assert found == pytest.approx(paused)
-        clock.skip(found)
-    assert clock.seconds == pytest.approx(3.1)
+        assert clock.seconds == pytest.approx(counted)
 
 
 # A fake cluster
@@ -143,8 +145,8 @@ class Run:
 
     def __init__(self, turned: Time, cluster: FakeCluster, given: Iterator[Task], limit: float | None) -> None:
         self.turned, self.cluster = turned, cluster
-        found = members.Members(cluster, "tcp://scheduler")
-        self.dispatcher = dispatch.Dispatcher(cluster, None, "run", given, found, 10.0, limit)
+        members = dispatch.Members(cluster, "tcp://scheduler")
+        self.dispatcher = dispatch.Dispatcher(members, None, "run", given, 10.0, limit)
         self.found: list[DrawnFrame | Lost | Silent] = []
         self.events = self.dispatcher._events
         self.dispatcher._events = self  # replaces the queue; polled once per step
@@ -355,6 +357,17 @@ def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
     cluster.draw(first)
     cluster.draw(cluster.begin("b"))
     assert sorted(each.number for each in run.step()) == [1, 2]
+
+
+def test_a_run_waits_for_a_scheduler_that_does_not_answer_at_once(turned, tmp_path):
+    cluster = FakeCluster(turned, a=1)
+    cluster.answers = False
+    run = Run(turned, cluster, iter(tasks(tmp_path, 2, (8, 8))), None)
+    assert run.step(3) == []
+    assert turned.now >= 1003.0
+    cluster.answers = True
+    run.step(2)
+    assert len(cluster.waiting("a")) == 2
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ run."""
 from __future__ import annotations
 
 import contextlib
+import itertools
 import multiprocessing
 import os
 import re
@@ -172,20 +173,20 @@ def test_a_frame_in_which_workers_hang_is_given_up(tmp_path):
 
 def test_starting_does_not_count(tmp_path, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(waiting, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(waiting, "now", lambda: now[0])
     task = tasks(tmp_path, 1)[0]
     worker, other = (MagicMock(task=task, ready=False, clock=waiting.Clock()) for _ in range(2))
-    crew = local._Crew(job(), 2, 5.0)
-    monkeypatch.setattr(crew, "_start", lambda: other)
+    pool = local._Pool(job(), 2, 5.0)
+    monkeypatch.setattr(pool, "_start", lambda: other)
     now[0] += waiting.PREPARING + 4.0
-    assert [type(each) for each in crew._look_at(worker)] == [Silent]
+    assert [type(each) for each in pool._look_at(worker)] == [Silent]
     worker.ready = True
     worker.clock.restart()
     now[0] += 4.0
-    assert list(crew._look_at(worker)) == []
+    assert list(pool._look_at(worker)) == []
     now[0] += 2.0
-    assert [each.numbers for each in crew._look_at(worker)] == [(1,)]
-    worker.kill.assert_called_once()
+    assert [each.numbers for each in pool._look_at(worker)] == [(1,)]
+    worker.process.kill.assert_called_once()
     assert other.begin.call_args[0][0] is task
 
 
@@ -193,7 +194,8 @@ def test_starting_does_not_count(tmp_path, monkeypatch):
 @pytest.mark.parametrize("away", [0.0, 60.0])
 def test_time_in_which_this_process_was_stopped_does_not_count(tmp_path, monkeypatch, away):
     monkeypatch.setattr(waiting, "SILENT", 0.05)  # less than a worker takes to start
-    monkeypatch.setattr(waiting.Pauses, "latest", lambda self: away)
+    passed = itertools.count(time.monotonic(), 1.0 + away)  # seconds from one reading to the next
+    monkeypatch.setattr(waiting, "time", SimpleNamespace(monotonic=lambda: next(passed)))
     found = list(draw_locally(job(), tasks(tmp_path, 1), 2))
     assert any(isinstance(each, Silent) for each in found) == (away == 0.0)
 
@@ -221,7 +223,7 @@ def test_a_large_scene_does_not_wait_for_a_worker_that_is_stopped(tmp_path):
         worker.begin(tasks(tmp_path, 1)[0], bytes(1 << 24))
         assert time.monotonic() - start < 5.0
     finally:
-        worker.kill()
+        worker.process.kill()
         worker.dismiss()
     assert worker._sender is not None
     assert not worker._sender.is_alive()

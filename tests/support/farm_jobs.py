@@ -6,8 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from clshade.farm.cameras import orbit
-from clshade.farm.frames import parse_frames
+from clshade.farm.frames import orbit, parse_frames
 from clshade.farm.job import Job, Task
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera

@@ -16,8 +16,7 @@ from PIL import Image
 from processes import ROOT
 
 from clshade.errors import InputError, OutputError
-from clshade.farm.cameras import orbit
-from clshade.farm.frames import parse_frames
+from clshade.farm.frames import orbit, parse_frames
 from clshade.farm.job import FrameWriter
 from clshade.images import png
 from clshade.scene.builtin.scenes import builtin

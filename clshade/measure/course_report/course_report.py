@@ -13,7 +13,6 @@ import numpy as np
 
 from ...base import atomic_files, console
 from ...base.arrays import Bytes, Floats
-from ...base.markup import element
 from ...base.progress_bar import Bar
 from ...base.text_tables import digits
 from ...course import figures
@@ -26,6 +25,7 @@ from ...pipeline.programs import running_time
 from ...scene.formats.course_npy import only_mesh
 from ...scene.lights import plain_lights
 from ...scene.model import Scene, Settings
+from ..markup import element
 from ..report.decomposition import Decomposition, decompose
 from ..report.model_errors import ModelErrors
 from ..report.reference_image import reference
@@ -96,7 +96,7 @@ def run(scene: Scene, source: str, out: str | Path, version: str) -> Path:
     figures.build_all(scene, drawable)
     pictures_of_scene = list(_draw(scene, drawable))
     facts = _facts(scene, device, version)
-    facts |= {f"no figure {', '.join(map(str, numbers))}": why for numbers, why in missing}
+    facts |= {f"no figure {', '.join(map(str, numbers))}": why for why, numbers in missing.items()}
     title = f"Course report: {atomic_files.shown(scene.name or 'unnamed scene')}"
     results = Results(title, facts, [_errors(scene, device)])
     pictures = element("div", [_figure(each) for each in pictures_of_scene], class_="figures")

@@ -8,7 +8,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from ...base import text_tables
-from ...base.markup import data_uri, element
+from ..markup import data_uri, element
 from ..results import Column, Results, Table
 from .folder import Row
 

@@ -9,12 +9,12 @@ from typing import Any
 from ...base import atomic_files, text_tables
 from ...base.atomic_files import shown
 from ...base.declare import as_option
-from ...base.markup import data_uri, element
 from ...errors import InputError
 from ...images import figures
 from ...pipeline.opencl.device import Device, open_device
 from ...scene.model import Scene
 from ..defaults import FRAMES
+from ..markup import data_uri, element
 from ..results import Results, check_files, files, wrote
 from . import figure, tables
 from .answer import Command, answer, criterion

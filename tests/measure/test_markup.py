@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pages import parsed
 
-from clshade.base.markup import element, page, table
+from clshade.measure.markup import element, page, table
 
 HOSTILE = "</p><script>alert(1)</script><img src=x onerror='x'>\"&amp;"
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TypeAlias
 from xml.etree.ElementTree import Element, tostring
 
-from .console import printable
+from ..base.console import printable
 
 Content: TypeAlias = "Element | str | Iterable[Content] | None"
 
