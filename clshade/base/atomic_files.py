@@ -145,18 +145,18 @@ def folder_made(path: Path | None) -> Iterator[None]:
 
     None: no folder. Raises OutputError if the folder cannot be created.
     """
-    made: list[str] = []
+    created: list[str] = []
     try:
         if path is not None:
             with naming(path):
                 for folder in _missing(_resolved(path)):
                     with contextlib.suppress(FileExistsError):  # created by another process
                         os.mkdir(folder)
-                        made.append(folder)
+                        created.append(folder)
                         _under_way[folder] = os.getpid(), (partial(_try, os.rmdir, folder),)
         yield
     finally:
-        for folder in reversed(made):
+        for folder in reversed(created):
             _try(os.rmdir, folder)
             del _under_way[folder]
 

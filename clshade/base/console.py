@@ -108,7 +108,9 @@ def printable(text: str, encoding: str = "utf-8") -> str:
     A byte of a file name that is not UTF-8 is a surrogate in Python, and shown as such: 0xe9 as `\udce9`.
     """
     if not text.replace("\n", "").isprintable():
-        text = "".join(each if each.isprintable() or each == "\n" else ascii(each)[1:-1] for each in text)
+        text = "".join(
+            character if character.isprintable() or character == "\n" else ascii(character)[1:-1] for character in text
+        )
     return text.encode(encoding, "backslashreplace").decode(encoding)
 
 

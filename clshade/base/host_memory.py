@@ -60,10 +60,10 @@ def _groups(root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:
 
 
 def _left_of(group: Path, maximum: str, usage: str, cached: str) -> float:
-    most, used = _number(group / maximum), _number(group / usage)  # none where the limit is "max"
-    if most is None or used is None:
+    limit, used = _number(group / maximum), _number(group / usage)  # none where the limit is "max"
+    if limit is None or used is None:
         return math.inf
-    return most - used + (_number(group / "memory.stat", rf"^{cached} (\d+)$") or 0)
+    return limit - used + (_number(group / "memory.stat", rf"^{cached} (\d+)$") or 0)
 
 
 def limit(name: str) -> float:

@@ -36,11 +36,11 @@ def _cut(text: str) -> str:
     return text if len(text) <= LONGEST_FOUND else f"{text[:LONGEST_FOUND]}..."
 
 
-def quoted(text: str | bytes, most: int = 48) -> str:
+def quoted(text: str | bytes, length: int = 48) -> str:
     """Return text from a file for a message: in quotes, printable, at most about `most` characters."""
     if isinstance(text, bytes):
-        text = text[: most + 1].decode("utf-8", "replace")
-    return repr(text) if len(text) <= most else repr(text[:most]) + "..."
+        text = text[: length + 1].decode("utf-8", "replace")
+    return repr(text) if len(text) <= length else repr(text[:length]) + "..."
 
 
 def reason_of(error: BaseException) -> str:
@@ -85,8 +85,8 @@ def size_of(path: Path) -> int:
         reason = getattr(error, "strerror", None) or str(error)
         raise file_error(owner, "file", "a readable file", str(reason)) from None
     if not stat.S_ISREG(status.st_mode):
-        found = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
-        raise file_error(owner, "file", "a regular file", found)
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, pipe or socket"
+        raise file_error(owner, "file", "a regular file", kind)
     if status.st_size == 0:
         raise file_error(owner, "file", "content", "an empty file")
     return status.st_size
@@ -95,21 +95,21 @@ def size_of(path: Path) -> int:
 def stamp(path: Path) -> tuple[int, int, int] | None:
     """Return what changes when the file is written or replaced: time, size and inode; None for a missing one."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size, found.st_ino
+    return status.st_mtime_ns, status.st_size, status.st_ino
 
 
-def read_file(path: Path, most: int) -> bytes:
+def read_file(path: Path, limit: int) -> bytes:
     """Return the content of a regular, non-empty file of at most `most` bytes.
 
     Raises InputError, one line, for a missing or unreadable file, a folder, a device or pipe (which is never opened),
     an empty file and one that is too large.
     """
     size = size_of(path)
-    if size > most:
-        raise file_error(shown(path), "file", f"at most {most} bytes", f"{size} bytes")
+    if size > limit:
+        raise file_error(shown(path), "file", f"at most {limit} bytes", f"{size} bytes")
     return first_bytes(path, size)
 
 
@@ -152,8 +152,8 @@ def beside(scene: Path, reference: str, owner: str, field: str, folder: str | No
     if os.path.commonpath([real, top]) != top:
         store = _store(scene)
         if store is None or _store(path) != store:
-            found = f"{quoted(reference)}, a link out of it (`cp -rL FOLDER COPY` copies what links lead to)"
-            raise file_error(owner, field, inside, found)
+            link = f"{quoted(reference)}, a link out of it (`cp -rL FOLDER COPY` copies what links lead to)"
+            raise file_error(owner, field, inside, link)
     if not os.path.exists(path):
         return None
     if not os.path.isfile(path):

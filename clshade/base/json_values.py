@@ -33,11 +33,11 @@ def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> A
     except UnicodeDecodeError as error:
         raise file_error(owner, "JSON", "UTF-8 text", f"byte {text[error.start]} at {error.start}") from None
     except json.JSONDecodeError as error:
-        found = f"{error.msg} in line {error.lineno}, column {error.colno}"
-        raise file_error(owner, "JSON", form, found) from None
+        problem = f"{error.msg} in line {error.lineno}, column {error.colno}"
+        raise file_error(owner, "JSON", form, problem) from None
     except (ValueError, RecursionError) as error:
-        found = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
-        raise file_error(owner, "JSON", form, found) from None
+        problem = "too deep a nesting" if isinstance(error, RecursionError) else quoted(str(error))
+        raise file_error(owner, "JSON", form, problem) from None
 
 
 def found_text(value: Any) -> str:
@@ -58,20 +58,20 @@ def _refuse_constant(name: str) -> Any:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        seen: set[str] = set()
-        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+    unique = dict(pairs)
+    if len(unique) < len(pairs):
+        keys: set[str] = set()
+        twice = next(key for key, _ in pairs if key in keys or keys.add(key))  # type: ignore[func-returns-value]
         raise ValueError(f"the key {twice} twice")
-    return found
+    return unique
 
 
 def plain(value: Any, *, words: bool = False) -> Any:
     """Convert a value for JSON, which has no NaN or infinity: null, or with `words` the strings nan, inf and -inf."""
     if isinstance(value, dict):
-        return {str(key): plain(each, words=words) for key, each in value.items()}
+        return {str(key): plain(item, words=words) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(each, words=words) for each in value]
+        return [plain(item, words=words) for item in value]
     if isinstance(value, (np.ndarray, np.generic)):
         return plain(value.tolist(), words=words)
     if isinstance(value, float):
@@ -85,7 +85,7 @@ def in_line(value: Any) -> str:
     """Format a value as part of one line: unprintable characters are escaped, long text is truncated."""
     if isinstance(value, (list, tuple, np.ndarray)):
         items = plain(np.asarray(value, object).reshape(-1)[:_MOST], words=True)
-        text = ", ".join(f"{each:.7g}" if isinstance(each, float) else str(each) for each in items)
+        text = ", ".join(f"{item:.7g}" if isinstance(item, float) else str(item) for item in items)
     else:
         text = str(plain(value, words=True))
     text = text if text.isprintable() else text.encode("unicode_escape").decode("ascii")

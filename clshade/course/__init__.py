@@ -113,7 +113,7 @@ def light(
 
 def _surroundings(owner: str, name: str, values: dict[str, Any]) -> PointLighting:
     """Return the lights and the material at the point that has this name among the arguments."""
-    surface = Material(*(values[each] for each in _SURFACE))
+    surface = Material(*(values[field] for field in _SURFACE))
     around = PointLighting(values[name], values["cam_pos"], values["l_pos"], values["l_int"], surface)
     if not np.isfinite(reach(around)):
         raise value_error(owner, "cam_pos", f"a distance from {name} that float64 can hold", around.eye.tolist())

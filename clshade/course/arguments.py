@@ -85,12 +85,14 @@ def _check_call(
         unknown = next((name for name in keywords if name not in names), None)
         reason = f"{error}{hint(unknown, names, _WORDS)}"
     places = [*names, *("one more" for _ in positional[len(names) :])]
-    found = [f"{name} = {_kind(value)}" for name, value in zip(places, positional, strict=False)]
-    found += [f"{name} = {_kind(value)}" for name, value in keywords.items()]
+    arguments = [f"{name} = {_kind(value)}" for name, value in zip(places, positional, strict=False)]
+    arguments += [f"{name} = {_kind(value)}" for name, value in keywords.items()]
     if any(_is_object(value) for value in (*positional, *keywords.values())):
         reason += "; a material or a light is given by its numbers, not as an object"
     expected = f"{', '.join(names)}, in this order"
-    raise CallError(f"{owner}: arguments: expected {expected}, found {', '.join(found) or 'none'}: {reason}") from None
+    raise CallError(
+        f"{owner}: arguments: expected {expected}, found {', '.join(arguments) or 'none'}: {reason}"
+    ) from None
 
 
 def _is_object(value: Any) -> bool:
@@ -105,7 +107,7 @@ def _kind(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"array {value.shape}"
     if isinstance(value, (list, tuple)):
-        kinds = dict.fromkeys(type(each).__name__ for each in value)
+        kinds = dict.fromkeys(type(item).__name__ for item in value)
         return f"{type(value).__name__} of {len(value)}" + (f" {next(iter(kinds))}" if len(kinds) == 1 else "")
     if isinstance(value, (int, float, np.number, str)):
         text = repr(value)
@@ -161,8 +163,8 @@ def _array_of(form: str, fits: Callable[[tuple[int, ...]], bool], convert: Calla
         with np.errstate(over="ignore", invalid="ignore"):
             # The sum is cheap, and finite unless an element is not or it overflows.
             if numbers.dtype.kind == "f" and not np.isfinite(numbers.sum()) and not np.isfinite(numbers).all():
-                found = numbers.tolist() if numbers.size < 10 else "NaN or infinity"
-                raise value_error(owner, name, "finite numbers", found)
+                content = numbers.tolist() if numbers.size < 10 else "NaN or infinity"
+                raise value_error(owner, name, "finite numbers", content)
         return convert(numbers)
 
     return check

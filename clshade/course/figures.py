@@ -105,8 +105,8 @@ def possible(scene: Scene) -> tuple[list[Figure], dict[str, tuple[int, ...]]]:
     by_reason: dict[str, list[Figure]] = {"": []}
     for figure in lit(count) + mapped(count):
         by_reason.setdefault(reason(figure), []).append(figure)
-    drawn = by_reason.pop("")
-    return drawn, {why: tuple(figure.number for figure in figures) for why, figures in by_reason.items()}
+    drawable = by_reason.pop("")
+    return drawable, {why: tuple(figure.number for figure in figures) for why, figures in by_reason.items()}
 
 
 # Drawing

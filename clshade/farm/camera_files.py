@@ -27,7 +27,7 @@ _CAMERA_FIELDS = tuple(field.name for field in fields(Camera))
 def _are_numbers(value: Any) -> bool:
     """Return whether `value` is a number or a flat list of numbers: JSON lists may nest nearly as deep as Python's
     stack."""
-    return all(type(each) in (int, float) for each in (value if isinstance(value, list) else [value]))
+    return all(type(number) in (int, float) for number in (value if isinstance(value, list) else [value]))
 
 
 def _is_matrix(value: Any, rows: tuple[int, ...], columns: int) -> bool:
@@ -97,8 +97,8 @@ def read_cameras(path: Path, base: Camera, resolution: tuple[int, int] | None = 
     if isinstance(listed, dict):
         listed = _separated(listed, owner)
     if not isinstance(listed, list) or not listed:
-        found = "an empty list" if listed == [] else found_text(listed)
-        raise file_error(owner, "JSON", "a list of cameras, [{...}, ...]", found)
+        content = "an empty list" if listed == [] else found_text(listed)
+        raise file_error(owner, "JSON", "a list of cameras, [{...}, ...]", content)
     if len(listed) > MOST:
         raise file_error(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
     return tuple(_read(values, base, resolution, owner, f"camera {k}") for k, values in enumerate(listed, 1))
@@ -155,7 +155,9 @@ def _made(values: dict[str, Any], base: Camera, resolution: tuple[int, int] | No
     size = values.get("resolution")
     if "K" in values:
         # K's pixels are those of the file's resolution; without one, those of the images.
-        base = base.with_resolution(next(each for each in (size, resolution, base.resolution) if each is not None))
+        base = base.with_resolution(
+            next(candidate for candidate in (size, resolution, base.resolution) if candidate is not None)
+        )
     elif size is not None and "plane" not in values:
         base = base.with_resolution(size)
     changes = {name: value for name, value in values.items() if name in _CAMERA_FIELDS}

@@ -109,7 +109,7 @@ def _draw(name: str, task: Task) -> None:
         until = time.monotonic() + SENDING
         while True:
             plugin = worker.plugins.get(name)
-            if isinstance(plugin, _Drawing) and (drawn := plugin.draw(task, partial(say, "ready"))) is not None:
+            if isinstance(plugin, _Drawing) and (frame := plugin.draw(task, partial(say, "ready"))) is not None:
                 break
             if time.monotonic() > until:
                 raise WorkerError(f"frame {task.number}: worker {worker.address} did not get the scene")
@@ -117,7 +117,7 @@ def _draw(name: str, task: Task) -> None:
     except BaseException:
         say("failed")
         raise
-    say("drawn", drawn=asdict(drawn))
+    say("drawn", drawn=asdict(frame))
 
 
 @cache
@@ -218,5 +218,5 @@ def _compare_versions(versions: Any) -> None:
         theirs = there["packages"]
         differing = [name for name in COMPARED if theirs.get(name) != here.get(name)]
         if differing:
-            shown = ", ".join(f"{name} {theirs.get(name)} (here {here.get(name)})" for name in differing)
-            console.warning(f"{who} has {shown}")
+            differences = ", ".join(f"{name} {theirs.get(name)} (here {here.get(name)})" for name in differing)
+            console.warning(f"{who} has {differences}")

@@ -141,8 +141,8 @@ class Dispatcher:
                 self._check_future(event)
             elif event.get("action") == "remove-worker":
                 yield from self._forget(event)
-            elif event.get("run") == self._name and (drawn := self._note(event)) is not None:
-                yield drawn
+            elif event.get("run") == self._name and (frame := self._note(event)) is not None:
+                yield frame
 
     def close(self) -> None:
         """Cancel the frames that have not begun."""
@@ -217,14 +217,14 @@ class Dispatcher:
             flight.place(event["worker"], begun=True, ready=sign == "ready")
         return None
 
-    def _finish(self, flight: _Flight, drawn: DrawnFrame) -> DrawnFrame:
-        del self._flights[drawn.number]
+    def _finish(self, flight: _Flight, frame: DrawnFrame) -> DrawnFrame:
+        del self._flights[frame.number]
         for key in flight.keys:
             del self._by_key[key]
         flight.release()
-        self._latest = (drawn.render_ms + drawn.save_ms) / 1e3
-        self._unseen[drawn.number] = flight.task.paths, now()
-        return drawn
+        self._latest = (frame.render_ms + frame.save_ms) / 1e3
+        self._unseen[frame.number] = flight.task.paths, now()
+        return frame
 
     def _check_future(self, future: Future[Any]) -> None:
         """Raise WorkerError, or what `FrameWriter.draw` raised, for a frame that failed; events report drawn ones."""
@@ -239,8 +239,8 @@ class Dispatcher:
         except NotInTime:
             self._events.put(future)
         except KilledWorker as error:
-            found = f"{error.allowed_failures + 1} workers ended while they drew it"
-            raise WorkerError(f"frame {number}: {found}, the last {error.last_worker.address}") from None
+            reason = f"{error.allowed_failures + 1} workers ended while they drew it"
+            raise WorkerError(f"frame {number}: {reason}, the last {error.last_worker.address}") from None
         except CancelledError:
             raise self._gone() from None
         except Exception as error:
@@ -265,8 +265,8 @@ class Dispatcher:
         for number, (paths, since) in self._unseen.items():
             if now() - since > VISIBLE:
                 expected = f"workers that write to this machine's {paths[0].parent}"
-                found = f"frame {number} written elsewhere"
-                raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {found}")
+                reason = f"frame {number} written elsewhere"
+                raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {reason}")
 
     # Workers
 
@@ -281,9 +281,9 @@ class Dispatcher:
         if answered and self._healthy():
             self._healthy_at = self._asked
         elif self._asked - self._healthy_at > self._timeout:
-            found = "no worker is left" if answered else "the scheduler gives no answer"
-            found = "no worker gives a sign any more" if answered and self._members else found
-            raise WorkerError(f"{self._members.scheduler}: {found}, and there are frames left: {RESUME}")
+            reason = "no worker is left" if answered else "the scheduler gives no answer"
+            reason = "no worker gives a sign any more" if answered and self._members else reason
+            raise WorkerError(f"{self._members.scheduler}: {reason}, and there are frames left: {RESUME}")
 
     def _find(self) -> None:
         """Find which worker has each frame that has not begun."""
@@ -325,13 +325,13 @@ class Dispatcher:
                 seconds.setdefault(flight.worker, self._members.clocks[flight.worker].seconds)
                 moved[flight.worker].append(flight)
         for worker, flights in moved.items():
-            found = f"{worker} gave no sign for {seconds[worker]:.3g} s"
+            reason = f"{worker} gave no sign for {seconds[worker]:.3g} s"
             for flight in flights:
                 if len(flight.late) == ATTEMPTS:
-                    tried = f"{ATTEMPTS} workers did not draw it in time; the last one, {found}"
+                    tried = f"{ATTEMPTS} workers did not draw it in time; the last one, {reason}"
                     raise WorkerError(f"frame {flight.task.number}: {tried}")
                 self._move(flight)
-            yield Lost(_numbers(flights), found)
+            yield Lost(_numbers(flights), reason)
         for flight in self._flights.values():
             is_stranded = flight.allowed is not None and not flight.begun and not flight.allowed & healthy
             if flight.future is None or is_stranded:

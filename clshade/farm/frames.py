@@ -119,10 +119,10 @@ def pattern_of_eye(text: str, eye: str) -> str:
     """Return the name of the images of an eye, as `left`: out.left.####.exr for out.####.exr, out.left.mp4 for out.mp4."""
     folder, name = os.path.split(text)
     run = re.search("#+", name)
-    before, rest = (name[: run.start()], name[run.start() :]) if run else os.path.splitext(name)
+    before, after = (name[: run.start()], name[run.start() :]) if run else os.path.splitext(name)
     stem = before.rstrip("._-")
     separator = before[len(stem) :] or ("." if run else "")
-    return os.path.join(folder, f"{stem}{'.' if stem else ''}{eye}{separator}{rest}")
+    return os.path.join(folder, f"{stem}{'.' if stem else ''}{eye}{separator}{after}")
 
 
 # Cameras

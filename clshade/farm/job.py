@@ -142,7 +142,7 @@ class FrameWriter:
             if job.visible is not None:
                 table = visible(frame.scene, settings=frame.settings, device=job.device)
                 table.save(visible_path(task.path, job.visible))
-            drawn = time.perf_counter()
+            end = time.perf_counter()
             saving: SavingOptions = {**job.saving, "files": task.files}
             warnings = frame.write(task.path, **saving)
             done = time.perf_counter()
@@ -154,7 +154,7 @@ class FrameWriter:
             failure.__notes__ = [traceback.format_exc()]  # pickled with it, unlike its cause
             raise failure from error
         worker = f"{socket.gethostname()}:{os.getpid()}"
-        return DrawnFrame(task.number, (drawn - start) * 1e3, (done - drawn) * 1e3, size, tuple(warnings), worker)
+        return DrawnFrame(task.number, (end - start) * 1e3, (done - end) * 1e3, size, tuple(warnings), worker)
 
     def close(self) -> None:
         with self._lock:

@@ -77,7 +77,7 @@ def _interrupts_held_back() -> Iterator[None]:
         handler = signal.getsignal(signal.SIGINT)
         if callable(handler) and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, lambda number, frame: late.append((number, frame)))
-            stack.callback(lambda: [handler(*each) for each in late[:1]])
+            stack.callback(lambda: [handler(*arguments) for arguments in late[:1]])
             stack.callback(signal.signal, signal.SIGINT, handler)
         if hasattr(signal, "pthread_sigmask"):
             before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
@@ -199,8 +199,8 @@ class _Pool:
         worker.dismiss()
         self._attempts[task.number] += 1
         if self._attempts[task.number] == ATTEMPTS:
-            found = f"{ATTEMPTS} workers ended while they drew it; the last one {reason}"
-            raise WorkerError(f"frame {task.number}: {found}")
+            cause = f"{ATTEMPTS} workers ended while they drew it; the last one {reason}"
+            raise WorkerError(f"frame {task.number}: {cause}")
         self._start().begin(task, self._job)
         return Lost((task.number,), reason)
 

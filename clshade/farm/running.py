@@ -329,8 +329,8 @@ def _compare_sizes(
             columns += bar_width(rows)
         size = resolution_of(name, kind)
         if size is not None and size != (columns, rows):
-            there = "found {}x{} of an earlier run: --overwrite draws it again".format(*size)
-            raise InputError(f"{shown(name)}: expected {columns}x{rows} of the frames to draw, {there}")
+            problem = "found {}x{} of an earlier run: --overwrite draws it again".format(*size)
+            raise InputError(f"{shown(name)}: expected {columns}x{rows} of the frames to draw, {problem}")
 
 
 # Frames to draw
@@ -357,7 +357,7 @@ def _tasks(
             "flow": numbers[place + 1 : place + 2],
             "flow_back": numbers[max(place - 1, 0) : place],
         }
-        flows = {name: view(other) for name, others in near.items() for other in others}
+        flows = {name: view(target) for name, others in near.items() for target in others}
         yield Task(frame, camera, Path(pattern.names(frame)[0]).absolute(), files, pose, flows)
 
 
@@ -384,8 +384,8 @@ class Progress:
     total: frames of the run. done: those that existed before it, which do not count in the rate.
     """
 
-    def __init__(self, total: int, done: int, shown: bool) -> None:
-        self._total, self._done, self._shown = total, done, shown and sys.stderr is not None
+    def __init__(self, total: int, done: int, visible: bool) -> None:
+        self._total, self._done, self._shown = total, done, visible and sys.stderr is not None
         self._start, self._began = time.perf_counter(), time.time()  # for the rate, and for the bar
         self._bar: Bar | None = None
         self._last_line = self._start
@@ -425,14 +425,14 @@ class Progress:
             self._bar.clear()
         console.warning(message)
 
-    def advance(self, drawn: DrawnFrame) -> None:
-        for warning in drawn.warnings:
+    def advance(self, frame: DrawnFrame) -> None:
+        for warning in frame.warnings:
             if warning not in self._warnings:
                 self._warnings.add(warning)
-                self.say(f"frame {drawn.number}: {warning}")
-        self.draw_ms.append(drawn.render_ms + drawn.save_ms)
-        self.workers.add(drawn.worker)
-        self.size += drawn.size
+                self.say(f"frame {frame.number}: {warning}")
+        self.draw_ms.append(frame.render_ms + frame.save_ms)
+        self.workers.add(frame.worker)
+        self.size += frame.size
         self.seconds = time.perf_counter() - self._start
         self._first = self._first or self.seconds
         if self._shown and sys.stderr.isatty():

@@ -38,21 +38,21 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
     points: (n, 3), weights: (n, 3), distance: (n,) signed, >= 0 is inside. Returns the points and weights of the part
     inside, and which of them are crossings, (m,) bool.
     """
-    kept: list[tuple[Floats, Floats, bool]] = []
+    inside: list[tuple[Floats, Floats, bool]] = []
     for i in range(len(points)):
         j = (i + 1) % len(points)
         if distance[i] >= 0.0:
-            kept.append((points[i], weights[i], False))
+            inside.append((points[i], weights[i], False))
         if (distance[i] >= 0.0) != (distance[j] >= 0.0):
             # From the end nearer the plane, in whichever direction the edge is traversed: faces that share it share the
             # point, and an end 1e38 away costs no digits.
             first = (abs(distance[i]), points[i].tolist()) <= (abs(distance[j]), points[j].tolist())
             a, b = (i, j) if first else (j, i)
             t = distance[a] / (distance[a] - distance[b])
-            kept.append((points[a] + t * (points[b] - points[a]), weights[a] + t * (weights[b] - weights[a]), True))
-    if not kept:
+            inside.append((points[a] + t * (points[b] - points[a]), weights[a] + t * (weights[b] - weights[a]), True))
+    if not inside:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, bool)
-    polygon, inherited, crossings = zip(*kept, strict=True)
+    polygon, inherited, crossings = zip(*inside, strict=True)
     return np.array(polygon), np.array(inherited), np.array(crossings)
 
 

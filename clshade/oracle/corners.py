@@ -287,9 +287,9 @@ def corner_tangents(points: Floats, normals: Floats, uvs: Floats) -> Floats:
 
 def _vertices(points: Floats, normals: Floats, uvs: Floats) -> list[list[int]]:
     """Return the number of the vertex at each corner; equal corners are one."""
-    seen: dict[tuple[float, ...], int] = {}
+    numbers: dict[tuple[float, ...], int] = {}
     rows = np.concatenate([points, normals, uvs.astype(np.float32)], axis=2) + 0.0
-    return [[seen.setdefault(tuple(corner), len(seen)) for corner in face] for face in rows.tolist()]
+    return [[numbers.setdefault(tuple(corner), len(numbers)) for corner in face] for face in rows.tolist()]
 
 
 def _directions(points: Floats, uvs: Floats) -> tuple[Floats, list[bool], list[bool]]:
@@ -316,8 +316,8 @@ def _neighbors(vertex: list[list[int]], faces: list[int]) -> dict[tuple[int, int
             start, end = vertex[face][corner], vertex[face][(corner + 1) % 3]
             others = waiting.get((end, start), [])
             if others:
-                other = others.pop(0)
-                opposite[face, corner], opposite[other] = other, (face, corner)
+                neighbor = others.pop(0)
+                opposite[face, corner], opposite[neighbor] = neighbor, (face, corner)
             else:
                 waiting.setdefault((start, end), []).append((face, corner))
     return opposite

@@ -137,8 +137,8 @@ def samples_at(
             span, offset = _spread(batch, count)
             triangle, pixel = owner[span], in_reading_order[first[span] + offset]
             edges = edge_functions(xy[triangle], column[pixel], row[pixel])
-            drawn = covered(xy[triangle], edges)
-            yield triangle[drawn], pixel[drawn], edges[drawn]
+            inside = covered(xy[triangle], edges)
+            yield triangle[inside], pixel[inside], edges[inside]
 
 
 def _batches(count: Integers, limit: int) -> list[Integers]:

@@ -90,11 +90,11 @@ def reflected(
     mirrored = 2.0 * normal * facing[..., None] - view
     share = (1.0 - alpha) * (1.0 + OFF_MIRROR * alpha)
     mirrored = share * mirrored + (1.0 - share) * normal  # the middle of a lobe that the horizon cuts off
-    seen = ((view != 0.0).any(axis=-1) & (normal != 0.0).any(axis=-1))[..., None]
-    mirrored = np.where(seen, mirrored, (0.0, 0.0, 1.0))
+    visible = ((view != 0.0).any(axis=-1) & (normal != 0.0).any(axis=-1))[..., None]
+    mirrored = np.where(visible, mirrored, (0.0, 0.0, 1.0))
     share, slope = shares(facing, roughness)
     diffuse, terms = irradiance(light.irradiance, normal)
-    blur, off = (np.where(seen, part, 0.0) for part in _blurred(light.levels, mirrored, roughness, reach))
+    blur, off = (np.where(visible, part, 0.0) for part in _blurred(light.levels, mirrored, roughness, reach))
     a, b, grazing = (share[..., k, None] for k in range(3))
     max_f0 = facets.f0.max(axis=-1)[..., None]
     below = 1.0 - max_f0 + (max_f0 - facets.f90[..., None]) * grazing

@@ -86,8 +86,8 @@ def owners(
     tested = see_through and any(mesh.tests_alpha or mesh.blends for mesh in shot.scene.meshes)
     owner, nearest = np.full(len(column), -1 if not painter else len(order)), np.full(len(column), np.inf)
     for k, pixel, edges in covered(cut.xy[order], shot.setup.box[order], column, row):
-        seen = opaque(shot, order[k], edges) if tested else slice(None)
-        k, pixel, edges = k[seen], pixel[seen], edges[seen]
+        visible = opaque(shot, order[k], edges) if tested else slice(None)
+        k, pixel, edges = k[visible], pixel[visible], edges[visible]
         if painter:
             np.minimum.at(owner, pixel, k)
             continue
@@ -221,32 +221,36 @@ class Pixels:
         """Resolve the pixels, sample by sample."""
         frames = [self.background(view.place) for view in self.shot.samples]
         self.light(frames, np.where((self.lines > 0) | self.lines_alone, -1, self.owner))
-        shown, unsure = self.owner[0], np.zeros(len(self.column), bool)
+        owner, unsure = self.owner[0], np.zeros(len(self.column), bool)
         for s, frame in enumerate(frames):
             if self.blends:
                 fragments = self.fragments(s)
                 composite(frame, fragments)
                 unsure |= fragments.unsure
                 if s == 0:
-                    shown, doubtful = self.shown(fragments)
+                    owner, doubtful = self.shown(fragments)
                     unsure |= doubtful
             if self.lines_alone:
                 frame = frames[s] = self.background(self.shot.samples[s].place)
             self.put_lines(frame, self.lines[s])
-        number, depth, drawn = np.zeros(len(shown), np.uint32), np.full(len(shown), np.inf), np.flatnonzero(shown >= 0)
-        place = np.broadcast_to(self.shot.samples[0].place, (len(drawn), 2))
-        hits = Hits.at(self.shot, shown[drawn], self.column[drawn], self.row[drawn], place)
-        number[drawn], depth[drawn] = hits.face + 1, hits.depth
+        number, depth, covered = (
+            np.zeros(len(owner), np.uint32),
+            np.full(len(owner), np.inf),
+            np.flatnonzero(owner >= 0),
+        )
+        place = np.broadcast_to(self.shot.samples[0].place, (len(covered), 2))
+        hits = Hits.at(self.shot, owner[covered], self.column[covered], self.row[covered], place)
+        number[covered], depth[covered] = hits.face + 1, hits.depth
         return replace(mean(self.shot, frames), id=number, Z=depth, unsure=unsure)
 
     def put_lines(self, frame: OracleFrame, lines: Integers) -> None:
         """Put lines (K,) over a sample of the pixels, in place."""
         for kind, color in ((LINE, "color"), (MARKED, "nonmanifold_color")):
-            shown = np.flatnonzero(lines == kind)
-            if len(shown):
-                line = plain(np.array(getattr(self.shot.settings.edges, color)), len(shown), alpha=1.0)
+            pixels = np.flatnonzero(lines == kind)
+            if len(pixels):
+                line = plain(np.array(getattr(self.shot.settings.edges, color)), len(pixels), alpha=1.0)
                 for name in ("rgb", "alpha", "alpha_error", "budget", "conditions", "jump", "exponent"):
-                    getattr(frame, name)[shown] = getattr(line, name)
+                    getattr(frame, name)[pixels] = getattr(line, name)
 
     def fragments(self, s: int) -> _Lit:
         """Return the transparent fragments of sample s, lit at the mean of the samples that their pieces cover in a pixel;
@@ -278,12 +282,12 @@ class Pixels:
     def shown(self, fragments: _Lit) -> tuple[Integers, Bools]:
         """Return the pieces that layers show, (K,), -1 for none, and where rounding may change them, from the fragments of
         the sample nearest the center."""
-        shown, limit = self.owner[0].copy(), self.shot.settings.layer_alpha
+        owner, limit = self.owner[0].copy(), self.shot.settings.layer_alpha
         enough = np.flatnonzero(fragments.alpha >= limit)[::-1]  # the nearest is assigned last
-        shown[fragments.pixel[enough]] = fragments.piece[enough]
-        unsure = np.zeros(len(shown), bool)
+        owner[fragments.pixel[enough]] = fragments.piece[enough]
+        unsure = np.zeros(len(owner), bool)
         unsure[fragments.pixel[fragments.varies & (np.abs(fragments.alpha - limit) <= DOUBT)]] = True
-        return shown, unsure
+        return owner, unsure
 
 
 def mean(shot: Shot, samples: list[OracleFrame]) -> OracleFrame:

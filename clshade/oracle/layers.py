@@ -120,17 +120,17 @@ def render_layers(
         return whole_image(scene, settings, render_layers)
     pixels = Pixels.of(scene, settings, rows, columns)
     owner, _ = pixels.layer_owner()
-    shown = np.flatnonzero(owner >= 0)
+    covered = np.flatnonzero(owner >= 0)
     batches = []
-    for start in range(0, max(len(shown), 1), BATCH):  # at least one batch, of no pixels in an empty image
-        some = shown[start : start + BATCH]
+    for start in range(0, max(len(covered), 1), BATCH):  # at least one batch, of no pixels in an empty image
+        some = covered[start : start + BATCH]
         place = np.broadcast_to(pixels.shot.samples[0].place, (len(some), 2))
         hits = Hits.at(pixels.shot, owner[some], pixels.column[some], pixels.row[some], place)
         batches.append(vars(_layers_of(hits, scene)))
     layers = {}
     for name, value in batches[0].items():
         layers[name] = np.full((len(owner), *value.shape[1:]), BACKGROUND.get(name, 0), value.dtype)
-        layers[name][shown] = np.concatenate([batch[name] for batch in batches])
+        layers[name][covered] = np.concatenate([batch[name] for batch in batches])
     return OracleLayers(**layers)
 
 

@@ -83,20 +83,20 @@ def drawn_edges(edges: MeshEdges, shot: Shot, style: Edges) -> Bools:
         towards = np.broadcast_to(-camera_frame(camera)[2], normal.shape)
     front, flat = dot(normal, towards) > 0.0, (normal == 0.0).all(axis=1)
     count = np.bincount(edges.edge, minlength=len(edges.ends))
-    shown = np.full(len(edges.ends), "all" in style.kinds)
+    visible = np.full(len(edges.ends), "all" in style.kinds)
     if "boundary" in style.kinds:
-        shown |= count == 1
+        visible |= count == 1
     if "nonmanifold" in style.kinds:
-        shown |= count > 2
+        visible |= count > 2
     if "silhouette" in style.kinds:
         left = front[edges.face] == edges.forward  # on which side of the edge the face lies in the image
         with_area = ~flat[edges.face]
-        sides = [np.bincount(edges.edge[with_area & (left == side)], minlength=len(shown)) for side in (False, True)]
-        shown |= (sides[0] == 0) | (sides[1] == 0)
+        sides = [np.bincount(edges.edge[with_area & (left == side)], minlength=len(visible)) for side in (False, True)]
+        visible |= (sides[0] == 0) | (sides[1] == 0)
     if "feature" in style.kinds:
-        shown |= _sharp(edges, normal, count, style.angle)
+        visible |= _sharp(edges, normal, count, style.angle)
     faces = edges.edge[(front | ~shot.backs_culled)[edges.face]]
-    return np.asarray(shown & (np.bincount(faces, minlength=len(shown)) > 0))
+    return np.asarray(visible & (np.bincount(faces, minlength=len(visible)) > 0))
 
 
 def _sharp(edges: MeshEdges, normal: Floats, count: Integers, angle: float) -> Bools:
@@ -145,8 +145,8 @@ def samples_with_lines(shot: Shot, column: Integers, row: Integers) -> Integers:
     edges = mesh_edges(shot.corners.world)
     if style is None or not len(edges.ends):
         return shown
-    drawn = np.flatnonzero(drawn_edges(edges, shot, style))
-    lines, occluders = _ranked(shot, edges, lines_of(edges.ends[drawn], drawn, shot))
+    indices = np.flatnonzero(drawn_edges(edges, shot, style))
+    lines, occluders = _ranked(shot, edges, lines_of(edges.ends[indices], indices, shot))
     marked = np.bincount(edges.edge)[lines.edge] > 2
 
     def points(mine: Integers) -> Integers:
@@ -178,8 +178,8 @@ def _ranked(shot: Shot, edges: MeshEdges, lines: Lines) -> tuple[Lines, Occluder
         w = -np.repeat(rank[cut.face][:, None], 3, axis=1)
     corners = on_line_grid(cut.xy)
     area = signed_area(corners)
-    drawn = np.flatnonzero((area != 0) & ~(shot.backs_culled[cut.face] & (area < 0)))
-    return lines, Occluders(corners, w, cut.face, np.unique(edges.edge * len(z) + edges.face))[drawn]
+    facing = np.flatnonzero((area != 0) & ~(shot.backs_culled[cut.face] & (area < 0)))
+    return lines, Occluders(corners, w, cut.face, np.unique(edges.edge * len(z) + edges.face))[facing]
 
 
 def _cells(

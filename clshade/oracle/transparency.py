@@ -103,24 +103,24 @@ def fragments_at(shot: Shot, owner: Integers, column: Integers, row: Integers) -
     """Return the transparent fragments of pixels (columns, rows from the BOTTOM), (K,) each, before their owners (K,), -1
     for none."""
     cut, count = shot.pieces, len(owner)
-    seen = shot.drawn[shot.corners.of_meshes(lambda mesh: mesh.blends)[cut.face[shot.drawn]]]
-    drawn: list[tuple[Integers, Integers, Integers]]
-    drawn = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.int64))]
-    for k, at, at_edges in coverage.samples_at(cut.xy[seen], shot.setup.box[seen], column, row):
-        passed = passes(shot, seen[k], at_edges)
-        drawn.append((at[passed], seen[k[passed]], at_edges[passed]))
-    pixel, piece, edges = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    blended = shot.drawn[shot.corners.of_meshes(lambda mesh: mesh.blends)[cut.face[shot.drawn]]]
+    fragments: list[tuple[Integers, Integers, Integers]]
+    fragments = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3), np.int64))]
+    for k, at, at_edges in coverage.samples_at(cut.xy[blended], shot.setup.box[blended], column, row):
+        passed = passes(shot, blended[k], at_edges)
+        fragments.append((at[passed], blended[k[passed]], at_edges[passed]))
+    pixel, piece, edges = (np.concatenate(parts) for parts in zip(*fragments, strict=True))
     if shot.settings.visibility == "painter":
         painter = coverage.painter_order(shot.z[cut.face], ~shot.setup.culled)
         rank = np.full(len(cut.face) + 1, len(painter))  # the last for no owner
         rank[painter] = np.arange(len(painter))
         order = np.lexsort((rank[piece], pixel))
-        kept = order[(rank[piece] < rank[owner[pixel]])[order]]
-        return _ranked(pixel[kept], piece[kept], np.zeros(count, bool))
-    behind, shown = np.full(count, np.inf), np.flatnonzero(owner >= 0)
-    at_owner = coverage.edge_functions(cut.xy[owner[shown]], column[shown], row[shown])
+        nearer = order[(rank[piece] < rank[owner[pixel]])[order]]
+        return _ranked(pixel[nearer], piece[nearer], np.zeros(count, bool))
+    behind, covered = np.full(count, np.inf), np.flatnonzero(owner >= 0)
+    at_owner = coverage.edge_functions(cut.xy[owner[covered]], column[covered], row[covered])
     orthographic = shot.scene.camera.orthographic
-    behind[shown] = shade.depth(at_owner, cut.z[owner[shown]], orthographic)
+    behind[covered] = shade.depth(at_owner, cut.z[owner[covered]], orthographic)
     z, face = shade.depth(edges, cut.z[piece], orthographic), cut.face[piece]
     gap = _gap(z, behind[pixel])
     before = np.where(gap <= EQUAL, face > cut.face[owner[pixel]], z < behind[pixel])
