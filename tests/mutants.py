@@ -2,7 +2,7 @@
 
     python tests/mutants.py --count 200                      # draws with a random seed, which it prints
     python tests/mutants.py --count 200 --seed 7 -o run.jsonl   # resumes an interrupted run
-    python tests/mutants.py --list clshade/scene/formats/obj_parser.py       # every possible change
+    python tests/mutants.py --list clshade/scene/formats/obj.py              # every possible change
     python tests/mutants.py --only kernels/fill.clh --count 20 --seed 7
 
 Every line that can be changed is equally likely to be drawn, and at least two lines of each file are. A mutant is
@@ -104,18 +104,15 @@ TESTS = {
     "kernels/triangle_table.clh": "kernel_phong kernel_gouraud light_bounds frames",
     "kernels/tile_walk.clh": "kernel_bin kernel_setup",
     "kernels/tile.clh": "kernel_fill kernel_phong",
-    "clshade/scene/formats/obj_parser.py": "obj",
     "clshade/scene/formats/text_tokens.py": "obj",
     "clshade/scene/formats/obj.py": "mtl obj loading limits",
     "clshade/scene/formats/mtl.py": "mtl obj limits",
     "clshade/scene/formats/ply.py": "ply_stl limits",
-    "clshade/scene/formats/ply_parser.py": "ply_stl limits",
     "clshade/scene/formats/stl.py": "ply_stl limits",
     "clshade/scene/formats/gltf.py": "gltf gltf_refusals gltf_animations play playing",
     "clshade/scene/formats/gltf_data.py": "gltf gltf_refusals limits",
     "clshade/scene/formats/gltf_meshes.py": "gltf gltf_refusals gltf_skins limits",
     "clshade/scene/formats/gltf_nodes.py": "gltf gltf_refusals gltf_skins gltf_animations gltf_lights limits",
-    "clshade/scene/formats/gltf_animations.py": "gltf_animations",
     "clshade/scene/pose.py": "play playing",
     "clshade/scene/formats/gltf_materials.py": "gltf gltf_maps alpha_modes gltf_refusals",
     "clshade/scene/formats/scene_json.py": "scene_json limits",

@@ -89,7 +89,7 @@ def test_the_reasons_are_of_mutants_that_there_are():
 
 
 def test_draws_are_even_and_repeatable():
-    files = ["kernels/fill.clh", "kernels/samples.clh", "clshade/scene/formats/obj_parser.py"]
+    files = ["kernels/fill.clh", "kernels/samples.clh", "clshade/scene/formats/obj.py"]
     first, again, other = (mutants.draw(60, seed, files) for seed in (1, 1, 2))
     assert first == again
     assert first != other

@@ -167,7 +167,7 @@ def _store(path: Path) -> str | None:
     return match and (match[1] or match[2] or match[4])
 
 
-def runs(data: bytes, start: int, count: int, stride: int, kind: np.dtype, width: int) -> Array:
+def runs(data: bytes | memoryview, start: int, count: int, stride: int, kind: np.dtype, width: int) -> Array:
     """Return (count, width) values of type `kind`: `width` consecutive ones every `stride` bytes from byte `start` on.
 
     They are copied run by run, several times as fast as value by value, and converted to native byte order.

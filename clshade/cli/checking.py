@@ -1,4 +1,4 @@
-"""`devices`, `conform` and `verify`: whether devices compute, and images show, what they have to."""
+"""`inspect`, `compare`, `coco`, `devices`, `conform` and `verify`: what images hold; whether they and devices are right."""
 
 from __future__ import annotations
 
@@ -6,16 +6,30 @@ import contextlib
 import io
 import os
 import shlex
-from argparse import ArgumentParser
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from ..base import console
+from ..base import atomic_files, console
 from ..errors import InputError
 from ..measure.defaults import SAMPLE
 from . import DONE, FAILED
-from .options import Arguments, Device, Json, Option, add_options, output_name, with_values
+from .options import (
+    DEVICE,
+    JSON,
+    Arguments,
+    Group,
+    Option,
+    Parser,
+    add_options,
+    check_output_file,
+    check_scene_name,
+    is_scene,
+    join_values,
+    number_from,
+    numbers,
+    output_name,
+)
 
 if TYPE_CHECKING:
     from ..measure.verify.recorded_image import Record, RecordedImage
@@ -25,12 +39,151 @@ if TYPE_CHECKING:
 _CAMERA_ERROR = 2.0**-44
 
 
-class Devices:
-    json = Option("--json: print a list of all figures as JSON; memory in bytes")
+class Inspect:
+    file = Option(
+        "file FILE|SCENE: an EXR, of any program, or a PNG, whose values are code/largest code; or a scene, a file or a "
+        "built-in one: its meshes, materials, textures, camera, lights, animations, and the scalars that `render "
+        "--scalars` can show"
+    )
+    pixel = Option(
+        "--pixel X,Y: the values of column X and row Y, counted from 0 at the TOP left; may be given again",
+        numbers(int, [2], "a column and a row such as 10,20"),
+        [],
+        action="append",
+    )
+    output = Option(
+        "-o, --output PNG: write a figure: exposures of -4 to +4 stops, luminance in stops as false color and histogram, "
+        "all layers",
+        output_name,
+    )
+    json = Option(
+        "--json: print all figures as JSON: null for what is not finite, or the texts nan, inf and -inf in pixels"
+    )
 
 
-def add_devices_options(parser: ArgumentParser) -> None:
-    add_options(parser, Devices)
+def run_inspect(arguments: Arguments) -> int:
+    from ..base.json_values import plain
+    from ..images import statistics
+    from ..images.image_file import read_picture
+
+    name = arguments.file
+    if is_scene(name):
+        return _inspect_scene(arguments)
+    if arguments.output:
+        check_output_file(arguments.output, (name,), (".png",))
+    picture = read_picture(name)
+
+    def figures() -> Any:
+        pixels = statistics.pixel_stats(picture, arguments.pixel)
+        channels = statistics.image_statistics(picture).stats()
+        return {"file": name, **channels, "header": plain(picture.header), "pixels": pixels}
+
+    def lines() -> list[str]:
+        pixels = statistics.format_pixels(picture, arguments.pixel)
+        channels = statistics.format_statistics(statistics.image_statistics(picture))
+        return [channels, statistics.format_header(picture.header), *filter(None, [pixels])]
+
+    arguments.print_result(figures, lines)
+    if arguments.output:
+        _save_figure(statistics.draw(picture, atomic_files.shown(name)), arguments.output)
+    return DONE
+
+
+def _save_figure(figure: Any, output: str) -> None:
+    from ..images import figures
+
+    figures.save(figure, output)
+    console.progress(f"wrote {atomic_files.shown(output)}")
+
+
+def _inspect_scene(arguments: Arguments) -> int:
+    from ..scene.builtin.scenes import builtin
+    from ..scene.contents import format_contents, scene_contents
+    from ..scene.formats.gltf import animations_and_cameras
+    from ..scene.formats.load import load
+    from ..scene.formats.table import extensions_with
+
+    name: str = arguments.file
+    check_scene_name(name)
+    if arguments.output or arguments.pixel:
+        option = "--output" if arguments.output else "--pixel"
+        raise InputError(f"{option}: is for images, not for the scene {atomic_files.shown(name)}")
+    more = animations_and_cameras(name) if name.lower().endswith(extensions_with("animation")) else ()
+    contents = scene_contents(load(name) if os.path.splitext(name)[1] else builtin(name), *more)
+    arguments.print_result(lambda: {"file": name, **contents}, lambda: [format_contents(contents)])
+    return DONE
+
+
+class Compare:
+    image = Option("image A: an EXR or PNG")
+    reference = Option("reference B: what it should be; relMSE and FLIP are relative to it")
+    layer = Option("--layer NAME: this one only, such as RGB, Z or N.X; may be given again", str, [], action="append")
+    threshold = Option(
+        "--threshold X: exit with 1 if any channel of any pixel is off by more than X, in the channel's units (PNG: from "
+        "0 to 1), is NaN or infinite in one image alone, if any whole number differs, or if one image alone has a layer "
+        "(default: exit with 0)",
+        number_from(float, 0.0, "an error of 0 or more such as 1e-3"),
+    )
+    output = Option(
+        "-o, --output PNG: write a picture of both images and their difference, layer by layer, and magnified where they "
+        "differ most; of the first 40 layers that differ",
+        output_name,
+    )
+    json = Option("--json: print all figures as JSON; an infinite PSNR is null")
+
+
+def run_compare(arguments: Arguments) -> int:
+    from ..images import compare
+    from ..images.image_file import read_picture
+    from ..images.metrics import has_flip, has_ssim
+
+    if arguments.output:
+        check_output_file(arguments.output, (arguments.image, arguments.reference), (".png",))
+    image, reference = read_picture(arguments.image), read_picture(arguments.reference)
+    difference = compare.compared(image, reference, arguments.layer, arguments.threshold)
+    if difference.lacking():
+        console.warning(f"not compared: {'; '.join(difference.lacking())}")
+    names = {"image": arguments.image, "reference": arguments.reference}
+    arguments.print_result(lambda: {**names, **difference.stats()}, difference.lines)
+    if not arguments.json:
+        packages = ("SSIM", has_ssim, "scikit-image"), ("FLIP", has_flip, "flip-evaluator")
+        for name, is_installed, package in packages:
+            if not is_installed():
+                console.detail(f"{name}: pip install {package}")
+    if arguments.output:
+        from ..images import compare_figure
+
+        layers = compare.chosen_layers(image, reference, arguments.layer)
+        different_first = sorted(layers, key=lambda name: not difference.layers[name].different)
+        if len(layers) > compare_figure.MAX_LAYERS:
+            layers = {name: layers[name] for name in different_first[: compare_figure.MAX_LAYERS]}
+        clusters = {name: difference.layers[name].clusters for name in layers}
+        titles = (image.name, reference.name)
+        figure = compare_figure.draw(layers, encoded=bool(image.bits), titles=titles, clusters=clusters)
+        _save_figure(figure, arguments.output)
+    return DONE if difference.passed else FAILED
+
+
+class Coco:
+    files = Option("files FILE: EXR files rendered with --layers instance_id,object_id", nargs="+")
+    output = Option("-o, --output JSON: the data set", output_name, "annotations.json")
+
+
+def run_coco(arguments: Arguments) -> int:
+    import json
+
+    from ..images.coco import data_set
+
+    check_output_file(arguments.output, arguments.files, (".json",))
+    annotations = data_set(arguments.files, os.path.dirname(arguments.output) or ".")
+    with atomic_files.replacing(arguments.output) as file:
+        file.write(json.dumps(annotations, ensure_ascii=False).encode("utf-8", "backslashreplace"))  # as JSON escapes
+    parts = {"images": "image", "annotations": "annotation", "categories": "category"}
+    counts = ", ".join(
+        f"{len(annotations[name])} {one if len(annotations[name]) == 1 else name}" for name, one in parts.items()
+    )
+    print(f"wrote {atomic_files.shown(arguments.output)}: {counts}")
+    return DONE
 
 
 def run_devices(arguments: Arguments) -> int:
@@ -62,10 +215,6 @@ class Conform:
     )
 
 
-def add_conform_options(parser: ArgumentParser) -> None:
-    add_options(parser, Conform, Device)
-
-
 def run_conform(arguments: Arguments) -> int:
     from ..measure.conform import conform, scenes
 
@@ -88,8 +237,14 @@ class Verify:
     seed = Option("--seed N: of the sample (default: one that nobody can foresee)", int)
 
 
-def add_verify_options(parser: ArgumentParser) -> None:
-    add_options(parser, Verify, Json)
+OPTIONS = {
+    "inspect": (Inspect,),
+    "compare": (Compare,),
+    "coco": (Coco,),
+    "devices": (Group("", Option("--json: print a list of all figures as JSON; memory in bytes")),),
+    "conform": (Conform, DEVICE),
+    "verify": (Verify, JSON),
+}
 
 
 def run_verify(arguments: Arguments) -> int:
@@ -142,29 +297,28 @@ def _parsed(command: str | None, name: str | None, folder: Path) -> Arguments:
 
     folder: where files are looked for that are not in the current one. Raises InputError for another command than `render`.
     """
-    from .parser import Parser
-    from .render import add_render_options
+    from .render import OPTIONS as RENDER
 
     try:
         words = shlex.split(command or "clshade render")
     except ValueError:
         words = []
     parser = Parser(prog="verify: the header's command: clshade render", add_help=False)
-    add_render_options(parser)
+    add_options(parser, *RENDER["render"])
     parser.set_defaults(parser=parser)
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
             if words[:2] != ["clshade", "render"]:
                 parser.error(f"expected clshade render ..., found {command!r}")
-            arguments: Arguments = parser.parse_args(with_values(words[2:]))
+            arguments: Arguments = parser.parse_args(join_values(words[2:]))
             if name is None and len(arguments.scenes) != 1:
                 parser.error(f"expected one scene, found {len(arguments.scenes)}")
     except SystemExit:
         raise InputError(" ".join(said.getvalue().split())) from None
 
     def beside(file: str | None) -> str | None:
-        """Return a file's name, or that of one beside the image if there is only such a one."""
+        """Return a file's name, or its path beside the image if it exists only there."""
         if file is None or os.path.exists(file) or not os.path.exists(folder / file):
             return file
         return str(folder / file)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ..base import console
 from ..base.atomic_files import check, folder_made, shown
@@ -19,10 +18,12 @@ from ..scene.camera import MAX_RESOLUTION, checked_resolution
 from ..scene.formats.table import extensions_with
 from ..scene.pose import PerFrame, Poses
 from . import DONE
-from .options import Arguments, Device, Json, Option, add_options, output_name, seconds
-from .outputs import EYES, OUTPUT, Mattes, Saving, Stereo, check_stereo, saving
+from .options import DEVICE, JSON, Arguments, Group, Option, output_name, seconds
+from .outputs import EYES, MASKS, OUTPUT, Saving, Stereo, check_stereo, saving
 from .scene import (
     A_SCENE,
+    SCENE,
+    TEAPOT,
     CameraFields,
     LoadFields,
     apply_options,
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
 FPS = 30  # view.film.FPS, whose import takes long
 TILE = 2048  # view.poster.TILE, likewise
 FRAMES = "1..120"  # of a turn
-_T = TypeVar("_T")
 
 
 class FrameFiles:
@@ -133,13 +133,14 @@ class Tiles:
     overwrite = Option("--overwrite: draw tiles that an earlier run left, too")
 
 
-FRAME_OPTIONS = (Stereo, FrameFiles, FilmFields, Saving, FrameFields, Mattes)  # of `turntable` and `animate`
-
-
-def _add_drawing(parser: ArgumentParser, *kinds: type) -> None:
-    """Add these options, and those that all commands of this module share."""
-    add_options(parser, *kinds, Json, title=OUTPUT)
-    add_options(parser, Workers, Device)
+_DRAWING = (Group(OUTPUT, JSON), Workers, DEVICE)
+_FRAMES = (Stereo, FrameFiles, FilmFields, Saving, FrameFields, MASKS, *_DRAWING)
+_SCENE = Group(SCENE, Option(f"scene SCENE: {A_SCENE}"))
+OPTIONS = {
+    "turntable": (TEAPOT, *scene_options(), Turn, *_FRAMES),
+    "animate": (_SCENE, *scene_options(), Played, *_FRAMES),
+    "poster": (TEAPOT, *scene_options(), Tiles, Saving, *_DRAWING),
+}
 
 
 def drawing_options(arguments: Arguments, scene: Scene) -> dict[str, Any]:
@@ -157,42 +158,24 @@ def drawing_options(arguments: Arguments, scene: Scene) -> dict[str, Any]:
 # `turntable`
 
 
-def add_turntable_options(parser: ArgumentParser) -> None:
-    scene_options(parser)
-    add_options(parser, Turn)
-    _add_drawing(parser, *FRAME_OPTIONS)
-
-
 def run_turntable(arguments: Arguments) -> int:
-    from ..farm import orbit, parse_frames
+    from ..farm import orbit
+    from ..farm.frames import MOST, parse_frames
 
-    frames = _turn_frames(arguments)
+    if arguments.count is not None:
+        frames = parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")
+    else:
+        frames = parse_frames(FRAMES if arguments.frames is None else arguments.frames)
+        last, is_alone = frames.last, frames.span == 1 and arguments.turn is None and "#" in arguments.output
+        if is_alone and 1 < last <= MOST:  # probably meant as the number of frames
+            console.warning(f"--frames {last} is one frame, that of number {last}: --count {last} draws {last} frames")
     turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
     degrees = number("turntable", "--degrees", arguments.degrees)
     scene = load_scene(arguments, turning=True)
     return draw(arguments, scene, orbit(scene.camera, frames.numbers, turn, degrees))
 
 
-def _turn_frames(arguments: Arguments) -> Frames:
-    """Return the frames of --frames or --count; warn if a frame number was probably meant as the number of frames."""
-    from ..farm.frames import MOST, parse_frames
-
-    if arguments.count is not None:
-        return parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")
-    frames = parse_frames(FRAMES if arguments.frames is None else arguments.frames)
-    count = frames.last
-    if frames.span == 1 and 1 < count <= MOST and arguments.turn is None and "#" in arguments.output:
-        console.warning(f"--frames {count} is one frame, that of number {count}: --count {count} draws {count} frames")
-    return frames
-
-
 # `animate`
-
-
-def add_animate_options(parser: ArgumentParser) -> None:
-    scene_options(parser, Option(f"scene SCENE: {A_SCENE}"))
-    add_options(parser, Played)
-    _add_drawing(parser, *FRAME_OPTIONS)
 
 
 def run_animate(arguments: Arguments) -> int:
@@ -274,82 +257,60 @@ def _numbers(frames: Frames | None, arguments: Arguments, count: int, owner: str
 # Frames and films
 
 
-class _Eye(NamedTuple):
-    """What is drawn for an eye, or in all. saved: the file of its cameras, if any."""
-
-    output: str
-    saved: str | None
-    cameras: Mapping[int, Camera]
-
-
 def draw(
     arguments: Arguments, scene: Scene, cameras: Mapping[int, Camera], poses: Mapping[int, Pose] | None = None
 ) -> int:
     """Draw the frames or the film, as the options say, and print a summary. poses: of an animation that is played."""
-    from ..farm import write_cameras
+    from ..farm import stereo_cameras, write_cameras
+    from ..farm.frames import pattern_of_eye
 
     check_stereo(arguments)
-    eyes = _eyes(arguments, cameras)
+    eyes, saved = {"": cameras}, arguments.save_cameras
+    if arguments.stereo is not None:
+        eyes = dict(zip(EYES, stereo_cameras(cameras, arguments.stereo, arguments.convergence), strict=True))
+    paths = {eye: pattern_of_eye(saved, eye) if eye else saved for eye in eyes} if saved else {}
     with ExitStack() as folders:
-        for eye in eyes.values():  # refused before anything is drawn
-            if eye.saved:
-                folders.enter_context(folder_made(Path(eye.saved).parent))
-                check(eye.saved)
+        for path in paths.values():  # refused before anything is drawn
+            folders.enter_context(folder_made(Path(path).parent))
+            check(path)
         drawn = {}
-        for name, eye in eyes.items():
-            drawn[name] = _draw_eye(arguments, scene, eye, poses)
-            if eye.saved:
-                write_cameras(eye.saved, (eye.cameras[number] for number in sorted(eye.cameras)))
+        for eye, run in eyes.items():
+            output = pattern_of_eye(arguments.output, eye) if eye else arguments.output
+            drawn[eye] = _draw_eye(arguments, scene, run, output, poses)
+            if paths:
+                write_cameras(paths[eye], (run[number] for number in sorted(run)))
 
     def figures() -> Any:
-        stats = {name: each.stats() for name, each in drawn.items()}
+        stats = {eye: run.stats() for eye, run in drawn.items()}
         return stats.get("", stats)
 
-    arguments.print_result(figures, lambda: (line for each in drawn.values() for line in each.lines()))
+    arguments.print_result(figures, lambda: (line for run in drawn.values() for line in run.lines()))
     return DONE
 
 
-def _eyes(arguments: Arguments, cameras: Mapping[int, Camera]) -> dict[str, _Eye]:
-    """Return both eyes by name, or without --stereo one whose name is empty."""
-    from ..farm import stereo_cameras
-    from ..farm.frames import pattern_of_eye
-
-    output, saved = arguments.output, arguments.save_cameras
-    if arguments.stereo is None:
-        return {"": _Eye(output, saved, cameras)}
-    pair = stereo_cameras(cameras, arguments.stereo, arguments.convergence)
-    return {
-        name: _Eye(pattern_of_eye(output, name), saved and pattern_of_eye(saved, name), each)
-        for name, each in zip(EYES, pair, strict=True)
-    }
-
-
-def _draw_eye(arguments: Arguments, scene: Scene, eye: _Eye, poses: Mapping[int, Pose] | None) -> Run | Film:
+def _draw_eye(
+    arguments: Arguments, scene: Scene, cameras: Mapping[int, Camera], output: str, poses: Mapping[int, Pose] | None
+) -> Run | Film:
     from ..view.film_format import is_film
 
     options = {"poses": poses, **drawing_options(arguments, scene)}
-    if is_film(eye.output):
+    if is_film(output):
         if arguments.formats is not None:
-            raise InputError(f"--formats: cannot go with a film, {eye.output}")
+            raise InputError(f"--formats: cannot go with a film, {output}")
         from ..view.film import draw_film
 
-        needs = f"needs frames as --output, such as out.####.exr, not {eye.output}"
+        needs = f"needs frames as --output, such as out.####.exr, not {output}"
         arguments.refuse(("flow", "visible", "cryptomatte"), needs)
-        return draw_film(scene, eye.cameras, eye.output, **arguments.keywords(FilmFields), **options)
+        return draw_film(scene, cameras, output, **arguments.keywords(FilmFields), **options)
     from ..farm import draw_frames
 
     of_films = ("bit_depth", "keep_frames", *(("fps",) if poses is None else ()))
-    arguments.refuse(of_films, f"needs a film as --output, such as out.mp4, not {eye.output}")
+    arguments.refuse(of_films, f"needs a film as --output, such as out.mp4, not {output}")
     options |= {**arguments.keywords(FrameFields), "mattes": arguments.cryptomatte or ()}
-    return draw_frames(scene, eye.cameras, eye.output, **options)
+    return draw_frames(scene, cameras, output, **options)
 
 
 # `poster`
-
-
-def add_poster_options(parser: ArgumentParser) -> None:
-    scene_options(parser)
-    _add_drawing(parser, Tiles, Saving)
 
 
 def run_poster(arguments: Arguments) -> int:

@@ -15,8 +15,7 @@ from ..base import console, interrupts
 from ..base.interrupts import INTERRUPTED
 from ..errors import ClshadeError
 from . import REFUSED, UNREAD
-from .options import with_values
-from .parser import Parser, add_help
+from .options import Parser, add_help, add_options, join_values
 
 COMMANDS = {
     "render": "render a scene to OUT.exr and OUT.png",
@@ -39,9 +38,8 @@ _MODULES = {
     **dict.fromkeys(("render",), "clshade.cli.render"),
     **dict.fromkeys(("turntable", "animate", "poster"), "clshade.cli.frames"),
     **dict.fromkeys(("bench", "report", "stability", "grade"), "clshade.cli.measuring"),
-    **dict.fromkeys(("devices", "conform", "verify"), "clshade.cli.checking"),
+    **dict.fromkeys(("inspect", "compare", "coco", "devices", "conform", "verify"), "clshade.cli.checking"),
     **dict.fromkeys(("view",), "clshade.cli.view"),
-    **dict.fromkeys(("inspect", "compare", "coco"), "clshade.cli.images"),
 }
 
 
@@ -60,7 +58,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         if name == named:
             add_help(command)
             module = import_module(_MODULES[name])
-            getattr(module, f"add_{name}_options")(command)
+            add_options(command, *module.OPTIONS[name])
             _general_options(command)
             command.set_defaults(run=getattr(module, f"run_{name}"), parser=command)
     return parser
@@ -81,27 +79,21 @@ def _general_options(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def _verbosity(parsed: argparse.Namespace) -> Iterator[None]:
-    """Set the verbosity of standard output and error within the block."""
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(console.at_level(parsed.verbose - parsed.quiet + console.NORMAL))
-        if not parsed.debug:
-            stack.enter_context(_warnings_in_one_line(shown=not parsed.quiet))
-        if parsed.quiet and not getattr(parsed, "json", False):
-            stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
-        yield
-
-
-@contextlib.contextmanager
-def _warnings_in_one_line(shown: bool) -> Iterator[None]:
-    """Print each warning that passes Python's filters as one line on stderr, without its source location; or none."""
+    """Set the verbosity of standard output and error within the block. Unless for debugging, a warning that passes Python's
+    filters is one line, without its source location."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         console.warning(str(message))
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("always" if shown else "ignore", UserWarning)
-        warnings.simplefilter("ignore", DeprecationWarning)  # of libraries, for those who call them
-        warnings.showwarning = show
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(console.at_level(parsed.verbose - parsed.quiet + console.NORMAL))
+        if not parsed.debug:
+            stack.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("ignore" if parsed.quiet else "always", UserWarning)
+            warnings.simplefilter("ignore", DeprecationWarning)  # of libraries, for those who call them
+            warnings.showwarning = show
+        if parsed.quiet and not getattr(parsed, "json", False):
+            stack.enter_context(contextlib.redirect_stdout(stack.enter_context(open(os.devnull, "w"))))
         yield
 
 
@@ -110,7 +102,7 @@ class _Unwritable(Exception):
 
 
 class _Stdout(console.Printable):
-    """Standard output, whose errors are told from those of files by their exception."""
+    """Standard output, whose errors raise an exception of their own."""
 
     def write(self, text: str) -> int:
         try:
@@ -159,7 +151,7 @@ def _run(arguments: Sequence[str]) -> int:
         console.error(f"the current folder: {error.strerror}: go to one that exists")
         return REFUSED
     try:
-        words = with_values(arguments)
+        words = join_values(arguments)
         parsed = _parser(words).parse_args(words)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else REFUSED

@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import time
-from argparse import ArgumentParser
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,20 +18,21 @@ from ..scene.model import Settings
 from ..scene.settings import LIGHT_FIELDS, PRESETS
 from . import DONE, FAILED
 from .options import (
+    DEVICE,
     Arguments,
-    Device,
-    Json,
+    Group,
     Limits,
     Option,
-    add_options,
     check_output_file,
-    declared,
     from_1,
     names,
+    names_of,
     output_name,
 )
 from .scene import (
     A_SCENE,
+    SCENE,
+    TEAPOT,
     apply_options,
     choose_look,
     chosen_settings,
@@ -46,13 +45,12 @@ from .scene import (
 if TYPE_CHECKING:
     from ..measure.bench.workloads import Workload
     from ..measure.grade.grade import Right
-    from ..scene.model import Scene
-    from ..scene.settings import Look
 
 RESOLUTION = (320, 240)  # default of `report --resolution`: it then takes less than half a minute
 
 
-SOME_SCENE = Option(f"scene SCENE: {A_SCENE}", nargs="?")
+_SCENE = Group(SCENE, Option(f"scene SCENE: {A_SCENE}", nargs="?"))
+_AT_CENTER = scene_options(samples="1, its center")
 _formats = names(FORMATS)
 
 
@@ -67,14 +65,6 @@ class Bench:
     out = Option("-o, --out PREFIX: write PREFIX.csv, .json and .md", output_name)
 
 
-def add_bench_options(parser: ArgumentParser) -> None:
-    about = "files, workloads of --list, or built-in scenes, sought in this order (default: all workloads)"
-    scene_options(parser, Option(f"scenes SCENE: {about}", nargs="*"), samples="1, its center")
-    of_scene = [action.dest for action in parser._actions if action.dest not in ("help", "scenes")]
-    parser.set_defaults(of_scene=of_scene)
-    add_options(parser, Bench, Device)
-
-
 def run_bench(arguments: Arguments) -> int:
     from ..measure.bench import bench
     from ..measure.bench.workloads import WORKLOADS
@@ -82,23 +72,23 @@ def run_bench(arguments: Arguments) -> int:
     if arguments.list:
         print(bench.listing())
         return DONE
-    known = {workload.name: workload for workload in WORKLOADS}
-    workloads = [_workload(arguments, name, known) for name in dict.fromkeys(arguments.scenes or known)]
+    named = {workload.name: workload for workload in WORKLOADS}
+    workloads = [_workload(arguments, name, named) for name in dict.fromkeys(arguments.scenes or named)]
     options = {"frames": arguments.frames, "against": arguments.against, "out": arguments.out}
     return DONE if bench.run(workloads, arguments.device, **options) else FAILED
 
 
-def _workload(arguments: Arguments, name: str, known: Mapping[str, Workload]) -> Workload:
+def _workload(arguments: Arguments, name: str, named: Mapping[str, Workload]) -> Workload:
     """Return the workload of this name, unless there is such a file, or the scene with the options of the command line."""
     from ..measure.bench.workloads import Workload
     from ..scene.builtin.scenes import BUILTINS
 
     if not Path(name).is_file():
-        if name in known:
-            arguments.refuse(arguments.of_scene, f"cannot go with {name!r}, a workload, whose scene is fixed")
-            return known[name]
+        if name in named:
+            arguments.refuse(names_of(*_AT_CENTER), f"cannot go with {name!r}, a workload, whose scene is fixed")
+            return named[name]
         if not Path(name).suffix and name not in BUILTINS:
-            near = hint(name, (*known, *BUILTINS))
+            near = hint(name, (*named, *BUILTINS))
             raise InputError(f"SCENE: expected a file, a built-in scene or a workload of --list, found {name!r}{near}")
     scene = load_scene(arguments, name)
     return Workload(name, "", lambda: scene, {"preset": arguments.preset, **chosen_settings(arguments)})
@@ -124,17 +114,15 @@ class ReportInstead:
     )
 
 
-def add_report_options(parser: ArgumentParser) -> None:
-    first = len(parser._actions)
-    scene_options(parser, size="{},{}".format(*RESOLUTION), samples=None)
-    repeated = [action.dest for action in parser._actions[first:] if action.dest not in ("scene", "resolution")]
-    parser.set_defaults(repeated=[*repeated, "device"])
-    add_options(parser, Report, light_options(), Limits, ReportInstead, title=Report.title)
-    add_options(parser, Device)
+_STUDY = scene_options(size="{},{}".format(*RESOLUTION), samples=None)
+# Which the commands of variants repeat.
+_REPEATED = [name for name in names_of(*_STUDY, DEVICE) if name != "resolution"]
 
 
 def run_report(arguments: Arguments) -> int:
+    from ..base.declare import as_argument, as_option
     from ..measure.report import report
+    from ..measure.report.tables import render_fields, render_options
 
     if arguments.list:
         print(report.listing())
@@ -144,26 +132,22 @@ def run_report(arguments: Arguments) -> int:
     arguments.resolution = arguments.resolution or RESOLUTION
     read = read_scene(arguments, arguments.scene)
     look, scene = choose_look(read, arguments), apply_options(read, arguments)
+
+    def command(settings: Settings) -> str:
+        """Return the command that draws the scene with these settings."""
+        presets = PRESETS if look == "plain" else (scene.preset,)
+        light = {name: getattr(arguments, name) for name in LIGHT_FIELDS}
+        light = {name: value for name, value in light.items() if value is not None and value == getattr(settings, name)}
+        changed = render_fields(settings, scene, presets, **light)
+        options = [as_argument(arguments.scene), *arguments.as_options(_REPEATED)]
+        drawn = {**vars(arguments), **dict.fromkeys(vars(settings)), **changed}
+        if choose_look(read, Arguments(**drawn)) != look:
+            options.append(as_option("look", look))
+        return shlex.join(["clshade", "render", *options, *render_options(scene, changed)])
+
     options = {**arguments.keywords(Report), **arguments.keywords(Limits)}
-    command = partial(_command, arguments, read, scene, look)
     passed = report.run(scene, arguments.device, command=command, settings=chosen_settings(arguments), **options)
     return DONE if passed else FAILED
-
-
-def _command(arguments: Arguments, read: Scene, scene: Scene, look: Look, settings: Settings) -> str:
-    """Return the command that draws the scene with these settings. read: the scene without its look."""
-    from ..base.declare import as_argument, as_option
-    from ..measure.report.tables import render_fields, render_options
-
-    presets = PRESETS if look == "plain" else (scene.preset,)
-    light = {name: getattr(arguments, name) for name in LIGHT_FIELDS}
-    light = {name: value for name, value in light.items() if value is not None and value == getattr(settings, name)}
-    changed = render_fields(settings, scene, presets, **light)
-    options = [as_argument(arguments.scene), *arguments.as_options(arguments.repeated)]
-    drawn = {**vars(arguments), **dict.fromkeys(vars(settings)), **changed}
-    if choose_look(read, Arguments(**drawn)) != look:
-        options.append(as_option("look", look))
-    return shlex.join(["clshade", "render", *options, *render_options(scene, changed)])
 
 
 def _course(arguments: Arguments) -> int:
@@ -171,7 +155,7 @@ def _course(arguments: Arguments) -> int:
     from .. import __version__
     from ..measure.course_report import course_report
 
-    unused = [each.dest for each in (*declared(Report).values(), *declared(Limits).values()) if each.dest != "out"]
+    unused = [name for name in names_of(Report, Limits) if name != "out"]
     arguments.refuse([*unused, *LIGHT_FIELDS], "cannot go with --course, which studies no variants")
     course_report.output_path(arguments.out)  # its errors come before the scene's
     if arguments.device:
@@ -198,25 +182,18 @@ class Stability:
     out = Option("-o, --out DIR: folder for tables, figures and pictures", output_name, "stability")
 
 
-def add_stability_options(parser: ArgumentParser) -> None:
-    before = len(parser._actions)
-    scene_options(parser, SOME_SCENE, samples="1, its center")
-    parser.set_defaults(of_scene=[action.dest for action in parser._actions[before:]])
-    add_options(parser, Cases, Stability)
-
-
 def run_stability(arguments: Arguments) -> int:
     if arguments.scene is not None:
         from ..measure.stability import scene_stability
 
         why = f"is for the cases, and cannot go with {arguments.scene!r}"
-        arguments.refuse([each.dest for each in declared(Cases).values()], why)
+        arguments.refuse(names_of(Cases), why)
         scene = load_scene(arguments)
         settings = Settings.from_preset(arguments.preset or scene.preset, **chosen_settings(arguments))
         return DONE if scene_stability.run(scene, settings, arguments.device, out=arguments.out) else FAILED
     from ..measure.stability import stability
 
-    arguments.refuse(arguments.of_scene, "needs a SCENE")
+    arguments.refuse(names_of(*_AT_CENTER), "needs a SCENE")
     if arguments.list:
         print(stability.listing())
         return DONE
@@ -226,27 +203,32 @@ def run_stability(arguments: Arguments) -> int:
     return DONE if stability.run(arguments.device, out=arguments.out, **options) else FAILED
 
 
-IMAGE = Option(
-    "image IMAGE: a PNG or other lossless 8-bit image of linear values, round(255*x), an EXR or .npz of linear floats, row "
-    "0 at the top; an .npy as the course's functions return images, row 0 at the bottom; or a folder of them",
-    nargs="?",
-)
-
-
 class Grade:
     title = "grade: what is right, and what is written"
     preset = Option("--preset: how the right image is drawn (default: course)", choices=PRESETS[:2])
     shader = Option("--shader gouraud|phong|nolight: of the right image (default: phong)")
     output = Option("-o, --output FILE: a picture of the comparison, .png; of a folder a .csv", output_name)
     html = Option("--html FILE: of a folder: a page with a picture of each image", output_name)
-    json = Json.json
+    json = Option("--json: print all figures as JSON")
     list = Option("--list: name the mistakes that are modeled")
 
 
-def add_grade_options(parser: ArgumentParser) -> None:
-    add_options(parser, [IMAGE])
-    scene_options(parser, SOME_SCENE, size="the scene's own", samples=None)
-    add_options(parser, Grade)
+_WORKLOADS = Option(
+    "scenes SCENE: files, workloads of --list, or built-in scenes, sought in this order (default: all workloads)",
+    nargs="*",
+)
+_IMAGE = Option(
+    "image IMAGE: a PNG or other lossless 8-bit image of linear values, round(255*x), an EXR or .npz of linear floats, row "
+    "0 at the top; an .npy as the course's functions return images, row 0 at the bottom; or a folder of them",
+    nargs="?",
+)
+_LIGHT = Group(Report.title, *light_options(), Limits)
+OPTIONS = {
+    "bench": (Group(SCENE, _WORKLOADS), *_AT_CENTER, Bench, DEVICE),
+    "report": (TEAPOT, *_STUDY, Report, _LIGHT, ReportInstead, DEVICE),
+    "stability": (_SCENE, *_AT_CENTER, Cases, Stability),
+    "grade": (Group("", _IMAGE), _SCENE, *scene_options(size="the scene's own", samples=None), Grade),
+}
 
 
 def run_grade(arguments: Arguments) -> int:

@@ -1,4 +1,5 @@
-"""Options declared as attributes of classes, the conversion of their texts, and refusals."""
+"""Options declared as attributes of classes, the conversion of their texts, refusals, and the argument parser, whose errors
+are one line that says what to write instead."""
 
 from __future__ import annotations
 
@@ -7,13 +8,16 @@ import math
 import os
 import re
 import stat
+import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
-from ..base.spelling import hint
+from ..base import console
+from ..base.spelling import hint, nearest
 from ..errors import InputError
 from ..measure.defaults import PIXELS
+from . import REFUSED
 
 
 class Option:
@@ -49,19 +53,33 @@ class Option:
         self.dest: str = facts.get("dest", long.replace("-", "_"))  # its name among the parsed arguments
 
 
-def declared(kind: type) -> dict[str, Option]:
-    """Return the options that a class declares, by the names of its attributes."""
-    return {name: each for name, each in vars(kind).items() if isinstance(each, Option)}
+class Group:
+    """Options beneath a title, as a class with the attribute `title` has them. kinds: options, or classes of some."""
+
+    def __init__(self, title: str, *kinds: Option | type | Group) -> None:
+        self.title = title
+        for kind in kinds:
+            vars(self).update({kind.dest: kind} if isinstance(kind, Option) else options_of(kind))
 
 
-def add_options(parser: ArgumentParser, *kinds: type | Iterable[Option], title: str = "") -> None:
-    """Add the options of classes to the groups that their attribute `title` names, and others to the group of `title`."""
+def options_of(kind: type | Group) -> dict[str, Option]:
+    """Return the options of a group, by the names of its attributes."""
+    return {name: option for name, option in vars(kind).items() if isinstance(option, Option)}
+
+
+def names_of(*kinds: type | Group) -> list[str]:
+    """Return the names among the parsed arguments of the options of groups."""
+    return [option.dest for kind in kinds for option in options_of(kind).values()]
+
+
+def add_options(parser: ArgumentParser, *kinds: type | Group) -> None:
+    """Add options beneath the titles of their groups; those of a class without a title are arguments of the command."""
     for kind in kinds:
-        name = getattr(kind, "title", title)
+        name = getattr(kind, "title", "")
         group = {group.title: group for group in parser._action_groups}.get(name)
         target = group or (parser.add_argument_group(name) if name else parser)
         groups: dict[str, argparse._ActionsContainer] = {"": target}
-        for option in declared(kind).values() if isinstance(kind, type) else kind:
+        for option in options_of(kind).values():
             if option.either not in groups:
                 groups[option.either] = target.add_mutually_exclusive_group()
             groups[option.either].add_argument(*(option.names or [option.dest]), **option.facts)
@@ -78,7 +96,7 @@ class Arguments(argparse.Namespace):
 
     def keywords(self, *kinds: type) -> dict[str, Any]:
         """Return the values of the options of classes that are set, by the names of their attributes."""
-        options = {name: option for kind in kinds for name, option in declared(kind).items()}
+        options = {name: option for kind in kinds for name, option in options_of(kind).items()}
         values = {name: getattr(self, option.dest) for name, option in options.items()}
         return {name: value for name, value in values.items() if value not in (None, options[name].default)}
 
@@ -148,7 +166,7 @@ def numbers(kind: type, counts: Sequence[int], form: str, separators: str = ",")
     return reader(convert, form)
 
 
-whole, real = reader(int, "a whole number"), reader(float, "a number")
+integer, real = reader(int, "a whole number"), reader(float, "a number")
 from_1 = number_from(int, 1, "a whole number from 1 on")
 seconds = number_from(float, 0.0, "seconds above 0 such as 30", above=True)
 max_error = number_from(float, 0.0, "an error above 0 such as 1e-3", above=True)
@@ -204,14 +222,9 @@ def output_name(text: str) -> str:
 # Options of several commands
 
 
-class Device:
-    device = Option(
-        "--device DEVICE: pocl, intel, nvidia, rusticl, part of a platform's name, or P:D (default: CLSHADE_DEVICE, PoCL)"
-    )
-
-
-class Json:
-    json = Option("--json: print all figures as JSON")
+_PLATFORMS = "pocl, intel, nvidia, rusticl, part of a platform's name, or P:D"
+DEVICE = Group("", Option(f"--device DEVICE: {_PLATFORMS} (default: CLSHADE_DEVICE, PoCL)"))
+JSON = Group("", Option("--json: print all figures as JSON"))
 
 
 class Limits:
@@ -254,7 +267,7 @@ def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]
             raise InputError(f"{option}: {atomic_files.shown(output)} is read: choose another file")
 
 
-def with_values(arguments: Sequence[str]) -> list[str]:
+def join_values(arguments: Sequence[str]) -> list[str]:
     """Join options with values that argparse would misread.
 
     `--up -x` becomes `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes any argument that begins with a
@@ -270,3 +283,172 @@ def with_values(arguments: Sequence[str]) -> list[str]:
         else:
             joined.append(argument)
     return joined
+
+
+# The parser
+
+# Names of options in other programs -> the option, if the command has it.
+_WORDS = {
+    **dict.fromkeys(("size", "width", "height", "dimensions", "res"), "resolution"),
+    **dict.fromkeys(("spp", "aa", "msaa", "antialiasing"), "samples"),
+    **dict.fromkeys(("aov", "aovs", "passes", "channels"), "layers"),
+    **dict.fromkeys(("cmap", "lut"), "colormap"),
+    **dict.fromkeys(("scalar", "data", "field", "array"), "scalars"),
+    **dict.fromkeys(("range", "vmin", "vmax", "limits"), "clim"),
+    **dict.fromkeys(("eye", "camera", "camera_eye"), "camera-position"),
+    **dict.fromkeys(("lookat", "look_at", "target"), "camera-focal-point"),
+    **dict.fromkeys(("fov", "fovy", "view_angle"), "camera-view-angle"),
+    **dict.fromkeys(("azimuth",), "camera-azimuth-angle"),
+    **dict.fromkeys(("elevation",), "camera-elevation-angle"),
+    **dict.fromkeys(("ortho", "parallel"), "orthographic"),
+    **dict.fromkeys(("format", "file", "outfile", "outdir", "output_dir", "o"), "output"),
+    **dict.fromkeys(("force", "clobber"), "overwrite"),
+    **dict.fromkeys(("jobs", "processes", "threads"), "workers"),
+    **dict.fromkeys(("platform", "gpu", "cpu"), "device"),
+    **dict.fromkeys(("eps", "epsilon", "atol", "tolerance", "max_error"), "threshold"),
+    **dict.fromkeys(("silent",), "quiet"),
+}
+_COMMAND_WORDS = {
+    **dict.fromkeys(("draw", "rendering"), "render"),
+    **dict.fromkeys(("info", "stats"), "inspect"),
+    **dict.fromkeys(("show", "open", "viewer", "display"), "view"),
+    **dict.fromkeys(("diff", "cmp", "difference"), "compare"),
+    **dict.fromkeys(("benchmark", "speed", "time"), "bench"),
+    **dict.fromkeys(("device", "platforms", "list"), "devices"),
+    **dict.fromkeys(("orbit", "spin"), "turntable"),
+}
+_REMARKS = {
+    "help": "`clshade --help` lists all, `clshade COMMAND --help` explains one",
+    "version": "`clshade --version` prints it",
+}
+_IMAGES = (".exr", ".png")
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser with one-line errors, without the usage, and with the nearest valid name as a hint."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._arguments: list[str] = []
+        self.register("type", int, integer)
+        self.register("type", float, real)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(REFUSED, f"{self.prog}: {console.in_one_line(message)}\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Check as argparse does, with a hint; called for options with choices, and for the command's name."""
+        if action.choices is None or value in action.choices:
+            return
+        allowed = tuple(map(str, action.choices))
+        is_command = isinstance(action, argparse._SubParsersAction)
+        near = self._command_hint(value, allowed) if is_command else hint(value, allowed)
+        raise argparse.ArgumentError(action, f"expected one of {', '.join(allowed)}, found {value!r}{near}")
+
+    def _command_hint(self, name: str, commands: Sequence[str]) -> str:
+        """Return a hint for an unknown command: another command, a file, or the value of an option placed too early."""
+        from ..scene.builtin.scenes import BUILTINS
+        from ..scene.formats.table import EXTENSIONS
+
+        before = self._arguments[: self._arguments.index(name)] if name in self._arguments else []
+        early = next(
+            (text for text in before if text.startswith("-") and text not in self._option_string_actions), None
+        )
+        if early is not None:
+            return f": {early} belongs after the command, as in `clshade render {early} ...`"
+        ending = os.path.splitext(name)[1].lower()
+        if name in BUILTINS or ending in (*EXTENSIONS, *_IMAGES):
+            return f": did you mean `clshade {'inspect' if ending in _IMAGES else 'render'} {name}`?"
+        return hint(name, commands, _COMMAND_WORDS, remarks=_REMARKS)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        self._arguments = list(args or ())
+        parsed, left = self.parse_known_args(args, namespace or Arguments())
+        command: Parser = getattr(parsed, "parser", self)
+        option = next((text for text in left if text.startswith("-") and text != "-"), None)
+        if option is not None:
+            named = option.partition("=")[0]
+            known = [name[2:] for name in command._option_string_actions if name.startswith("--")]
+            near = nearest(named.lstrip("-"), known, _WORDS)
+            command.error(f"there is no option {named}" + (f": did you mean --{near}?" if near else ""))
+        if getattr(parsed, "command", "") is None:
+            self.error("expected a COMMAND, such as render: `clshade --help` lists all")
+        if left and getattr(parsed, "cameras", "") is None:  # argparse looks for an optional one beside SCENE alone
+            parsed.cameras = left.pop(0)
+        if left and hasattr(parsed, "scenes"):  # argparse collects only those before the first option
+            parsed.scenes = [*parsed.scenes, *map(command._scene, left)]
+        elif left and hasattr(parsed, "files"):
+            parsed.files = [*parsed.files, *left]
+        elif left:
+            names = " and ".join(str(action.metavar) for action in command._get_positional_actions())
+            command.error(f"expected {f'{names} alone' if names else 'options alone'}, found {left[0]!r} too")
+        return parsed
+
+    def _scene(self, name: str) -> str:
+        """Check a scene that follows options: it may be a further value of an option, separated by a blank."""
+        from ..scene.builtin.scenes import BUILTINS
+
+        if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):
+            near = hint(name, BUILTINS) or ": values of one option have commas between them, and no blanks"
+            self.error(f"argument SCENE: expected a file or a built-in scene, found {name!r}{near}")
+        return name
+
+
+_SHOWN_AT_ONCE = 30  # options; the help of a command with more shows the first ones
+_FIRST = (  # names in the namespace, in the order of the short help
+    *("output", "out", "frames", "count", "fps", "against", "resolution", "preset", "samples", "camera"),
+    *("look", "camera_azimuth_angle", "camera_elevation_angle", "background", "layers", "scalars", "views"),
+    *("workers", "open", "details", "html", "course", "case", "device", "check"),
+)
+_TOPIC_WORDS = {
+    "scenes": "scene",
+    "light": "lights",
+    "shadows": "lights",
+    "environment": "lights",
+    "files": "output",
+    "data": "scalars",
+}
+
+
+def add_help(parser: argparse.ArgumentParser) -> None:
+    """Add `--help [TOPIC]`. A topic is the first word in the title of an argument group."""
+    about = "show the first options, those of a topic, or `all`, and exit"
+    parser.add_argument("-h", "--help", action=_Help, nargs="?", default=argparse.SUPPRESS, metavar="TOPIC", help=about)
+
+
+class _Help(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, namespace: Any, topic: Any, option: str | None = None) -> None:
+        """Print the help, and exit."""
+        usual = parser._positionals, parser._optionals
+        groups = {str(group.title): group for group in parser._action_groups}
+        topics = {title.partition(":")[0].split()[0]: title for title, g in groups.items() if g not in usual}
+        if topic not in (None, "all", *topics):
+            near = hint(topic, topics, _TOPIC_WORDS)
+            raise argparse.ArgumentError(self, f"expected one of all, {', '.join(topics)}, found {topic!r}{near}")
+        options = {action.dest: action for action in parser._actions if action.option_strings}
+        sections = {title: group._group_actions for title, group in groups.items()}
+        more = ""
+        if topic in topics:
+            sections = {topics[topic]: sections[topics[topic]]}
+        elif topic is None and len(options) > _SHOWN_AT_ONCE:
+            first = [options[name] for name in _FIRST if name in options]
+            sections = {"arguments": parser._get_positional_actions(), "first options": first}
+            count = sum(bool(action.option_strings) for action in parser._actions)
+            width = max(map(len, topics))
+            more = f"\nall {count} options: --help all; those of one topic: --help TOPIC\n"
+            for name, title in topics.items():
+                more += f"  {name:<{width}}  {title.partition(': ')[2]}".rstrip() + "\n"
+        parser._print_message(_formatted(parser, sections) + more, sys.stdout)
+        parser.exit()
+
+
+def _formatted(parser: argparse.ArgumentParser, sections: dict[str, list[argparse.Action]]) -> str:
+    """Return the help on some actions, by the titles of their sections."""
+    formatter = parser._get_formatter()
+    options = argparse._StoreAction([], "options", nargs="*", metavar="OPTION")
+    formatter.add_usage(None, [options, *parser._get_positional_actions()], [])
+    for title, actions in sections.items():
+        formatter.start_section(title)
+        formatter.add_arguments(actions)
+        formatter.end_section()
+    return formatter.format_help()

@@ -18,7 +18,7 @@ from ..images.exr import COMPRESSIONS
 from ..images.tonemap import OPERATORS
 from ..pipeline.frame_files import KINDS, OTHER_FORMATS, SAVING, default_files, output_paths, visible_path
 from ..scene.views import VIEWS, named_cameras, seen_by
-from .options import Arguments, Option, check_output_file, names, reader
+from .options import Arguments, Group, Option, check_output_file, names, reader
 
 if TYPE_CHECKING:
     from ..images.crops import Crop
@@ -61,15 +61,14 @@ class Saving:
     deterministic = Option("--deterministic: leave times out of the EXR", default=False)
 
 
-class Mattes:
-    title = OUTPUT
-    cryptomatte = Option(
-        "--cryptomatte NAME,...: also masks of each object, material and instance with the share of each pixel, as "
-        "Cryptomatte layers in the EXR; or of those named alone, such as object,material",
-        names(MATTES),
-        nargs="?",
-        const=MATTES,
-    )
+_CRYPTOMATTE = Option(
+    "--cryptomatte NAME,...: also masks of each object, material and instance with the share of each pixel, as "
+    "Cryptomatte layers in the EXR; or of those named alone, such as object,material",
+    names(MATTES),
+    nargs="?",
+    const=MATTES,
+)
+MASKS = Group(OUTPUT, _CRYPTOMATTE)
 
 
 class Stereo:
@@ -178,9 +177,8 @@ def stems_of(output: str, arguments: Arguments) -> list[str]:
         return []
     if arguments.stereo is not None:
         return [str(_beside(output, f".{eye}")) for eye in EYES]
-    return (
-        [str(_beside(output, f"_{view}")) for view in dict.fromkeys(arguments.views)] if arguments.views else [output]
-    )
+    views = dict.fromkeys(arguments.views or ())
+    return [str(_beside(output, f"_{view}")) for view in views] or [output]
 
 
 def _beside(output: str, ending: str) -> Path:
@@ -195,7 +193,7 @@ def _crop_paths(stem: str, crops: Sequence[Crop]) -> list[Path]:
 
 
 def other_files(output: str, arguments: Arguments) -> list[Path]:
-    """Return the files that are written for an output besides those of `Frame.save`."""
+    """Return the files that are written for an output besides the files of `Frame.save`."""
     if arguments.sheet:
         from ..view.sheet import sheet_paths
 
@@ -261,23 +259,16 @@ def write_sheet(scene: Scene, output: str, arguments: Arguments, options: dict[s
 def _sheet_lines(facts: dict[str, Any]) -> list[str]:
     from ..base.text_tables import as_lines
 
-    size = " x ".join(f"{each:.6g}" for each in facts["bounding_box"]["size"])
+    size = " x ".join(f"{side:.6g}" for side in facts["bounding_box"]["size"])
     counts = ", ".join(
         f"{name.replace('non_', 'non-').replace('_', ' ')} {value:,}"
         for name, value in facts["counts"].items()
         if value is not None
     )
     area = facts["surface_area"]
-    rows = [
-        (
-            view["name"],
-            f"{view['coverage']:.2%}",
-            f"{view['visible_faces']:,}",
-            json.dumps(view["covered_box"]),
-            f"{view['units_per_pixel']:.4g}",
-        )
-        for view in facts["views"]
-    ]
+    formats = {"name": "", "coverage": ".2%", "visible_faces": ",", "covered_box": "", "units_per_pixel": ".4g"}
+    views = [{**view, "covered_box": json.dumps(view["covered_box"])} for view in facts["views"]]
+    rows = [[format(view[name], form) for name, form in formats.items()] for view in views]
     return [
         f"scene   {shown(facts['name'] or 'unnamed')}: {counts}",
         f"size    {size} units" + ("" if area is None else f", surface {area:.6g} square units"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import shlex
-from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
@@ -16,9 +15,9 @@ from ..errors import ClshadeError, InputError
 from ..measure.defaults import PIXELS
 from ..pipeline.frame_files import check_output, chosen_paths, visible_path
 from . import DONE, FAILED, REFUSED, outputs
-from .options import Arguments, Device, Limits, Option, add_options, output_name, reader
-from .outputs import ASKED, EYES, OUTPUT, Mattes, Saving, Stereo, Views, saving
-from .scene import A_SCENE, chosen_settings, load_scene, picture_settings, scene_options
+from .options import DEVICE, Arguments, Group, Limits, Option, names_of, output_name, reader
+from .outputs import ASKED, EYES, MASKS, OUTPUT, Saving, Stereo, Views, saving
+from .scene import A_SCENE, SCENE, chosen_settings, load_scene, picture_settings, scene_options
 
 if TYPE_CHECKING:
     from ..pipeline.frame import Frame
@@ -69,14 +68,11 @@ class Measured:
     explain = Option("--explain: what the kernels left out, why, and what that saves: measured")
 
 
-def add_render_options(parser: ArgumentParser) -> None:
-    scene_options(parser, Option(f"scenes SCENE: {A_SCENE} (default: teapot)", default=["teapot"], nargs="*"))
-    add_options(parser, Views, Stereo)
-    repeated = [action.dest for action in parser._actions if action.dest not in ("help", "scenes", "crop_zoom")]
-    parser.set_defaults(repeated=[*repeated, "budget", "tolerance"])
-    add_options(parser, Output, Saving, Mattes)
-    add_options(parser, Measured, Limits, title=Measured.title)
-    add_options(parser, Device)
+_SCENES = Group(SCENE, Option(f"scenes SCENE: {A_SCENE} (default: teapot)", default=["teapot"], nargs="*"))
+_OF_PICTURE = scene_options(Views, Stereo)
+# Which the command in a header repeats.
+_REPEATED = [name for name in names_of(*_OF_PICTURE, Limits) if name != "crop_zoom"]
+OPTIONS = {"render": (_SCENES, *_OF_PICTURE, Output, Saving, MASKS, Measured, Group(Measured.title, Limits), DEVICE)}
 
 
 def run_render(arguments: Arguments) -> int:
@@ -161,7 +157,7 @@ def _render(name: str, stem: str, arguments: Arguments, warming: Thread) -> tupl
         facts = outputs.write_sheet(scene, stem, arguments, options)
         outputs.save_scene(scene, arguments)
         return DONE, facts
-    command = shlex.join(["clshade", "render", as_argument(name), *arguments.as_options(arguments.repeated)])
+    command = shlex.join(["clshade", "render", as_argument(name), *arguments.as_options(_REPEATED)])
     views = outputs.views_of(scene, stem, arguments)
     drawn = [_Drawing(arguments, view, options).run(view_stem, command, warming) for view, view_stem in views]
     outputs.save_scene(scene, arguments)
@@ -295,7 +291,7 @@ def summary(frame: Frame, written: Sequence[Path]) -> str:
     stats, scalars = frame.stats, frame.settings.scalars
     times = dict(stats["times_ms"])
     columns, rows = stats["resolution"]
-    whole = times.pop("frame")
+    total = times.pop("frame")
     fixed = {name: times.pop(name) for name in ("pack", "open", "upload")}
     fixed["build"] = stats["build_ms"]
     files = ", ".join(f"{shown(path)} ({path.stat().st_size / 1e6:.2f} MB)" for path in written)
@@ -315,6 +311,6 @@ def summary(frame: Frame, written: Sequence[Path]) -> str:
         f"image   {columns}x{rows}, {frame.settings.shader}, {frame.settings.visibility}",
         f"device  {stats['device']}",
         f"once    {listed(fixed)} ms",
-        f"frame   {whole:.2f} ms, the first: {listed(times)}",
+        f"frame   {total:.2f} ms, the first: {listed(times)}",
     ]
     return "\n".join([*(text_tables.wrapped(line, 8) for line in lines), f"wrote   {files}"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import partial
@@ -20,7 +19,7 @@ from ..scene import adjust_camera, framing
 from ..scene.builtin.studio import studio_for
 from ..scene.edges import EDGE_KINDS, Edges
 from ..scene.environment import nearest_axis
-from ..scene.formats.options import VERTEX_COLORS
+from ..scene.formats.reading import VERTEX_COLORS
 from ..scene.formats.table import extensions_with, listed
 from ..scene.geometry import bounding_box
 from ..scene.ground import with_ground
@@ -29,13 +28,14 @@ from ..scene.model import Scalars, Scene, Settings, with_materials
 from ..scene.settings import LAYERS, LIGHT_FIELDS, LOOKS, PRESET_FIELDS, PRESETS, Look
 from .options import (
     Arguments,
+    Group,
     Option,
-    add_options,
     check_scene_name,
     color,
-    declared,
     names,
+    names_of,
     numbers,
+    options_of,
     point,
     resolution,
 )
@@ -48,7 +48,7 @@ CAMERA = "camera: by default the scene's, or one that shows all of it"
 SAMPLES = "4, or 1 for scenes of the course, in Python 1"  # of pictures, see `picture_settings`
 SIZE = "the scene's own, 800,600 for meshes"  # of --resolution
 A_SCENE = f"a file ({listed()}), or a built-in scene"
-TEAPOT = Option(f"scene SCENE: {A_SCENE}", default="teapot", nargs="?")
+TEAPOT = Group(SCENE, Option(f"scene SCENE: {A_SCENE}", default="teapot", nargs="?"))
 
 
 class LoadFields:
@@ -174,30 +174,25 @@ _PICTURE_DEFAULTS = {
 _EDGE_NAMES = {"kinds": "edges", **{name: f"edge_{name}" for name in ("angle", "width", "color")}, "only": "edges_only"}
 
 
-def scene_options(
-    parser: ArgumentParser,
-    scene: Option | None = TEAPOT,
-    *,
-    size: str = SIZE,
-    samples: str | None = SAMPLES,
-) -> None:
-    """Add the scene, and the options of the scene, its camera and the settings.
-
-    scene: None for a command that adds it itself. size: the default of --resolution. samples: that of --samples, None: the
-    command has no settings.
-    """
+def scene_options(*more: type | Group, size: str = SIZE, samples: str | None = SAMPLES) -> list[type | Group]:
+    """Return the options of a scene, its camera and the settings, and more. size, samples: the defaults of --resolution and
+    --samples; a command without samples has no settings."""
     resolution_option = Option(f"--resolution W,H: pixels, also WxH (default: {size})", resolution)
-    add_options(parser, [scene] if scene else [], LoadFields, Arrangement, [resolution_option], title=SCENE)
-    add_options(parser, Lights, EnvironmentFields, Fit, CameraFields)
+    groups: list[type | Group] = [LoadFields, Arrangement, Group(SCENE, resolution_option)]
+    groups += [Lights, EnvironmentFields, Fit, CameraFields]
     if samples is not None:
         options = _setting_options(Settings, _PICTURE_DEFAULTS if samples == SAMPLES else {"samples": samples})
-        add_options(parser, [options.pop(name) for name in LIGHT_FIELDS], title=LIGHTS)
+        light = [options.pop(name) for name in LIGHT_FIELDS]
         scalars, _ = options.pop("scalars"), options.pop("edges")  # an object, whose fields are options
         preset = Option("--preset: course for course files, pbr for glTF files, else standard", choices=PRESETS)
-        add_options(parser, [preset, *options.values()], title="settings: by default those of the preset")
-        add_options(parser, [scalars], ScalarFields, title=ScalarFields.title)
         edges = _setting_options(Edges, {})
-        add_options(parser, [edges[name] for name in _EDGE_NAMES], title="edges: of the meshes, drawn as lines")
+        groups += [
+            Group(LIGHTS, *light),
+            Group("settings: by default those of the preset", preset, *options.values()),
+            Group(ScalarFields.title, scalars, ScalarFields),
+            Group("edges: of the meshes, drawn as lines", *(edges[name] for name in _EDGE_NAMES)),
+        ]
+    return [*groups, *more]
 
 
 def light_options() -> list[Option]:
@@ -217,22 +212,24 @@ def _setting_options(kind: Any, defaults: Mapping[str, str]) -> dict[str, Option
     }
     by_preset = {name for changed in PRESET_FIELDS.values() for name in changed}
     options = {}
-    for each in fields(kind):
-        known: Declared = each.metadata["declared"]
-        default = defaults.get(each.name) or known.usual
-        if not (default or each.name in by_preset or each.default is None or isinstance(each.default, (bool, tuple))):
-            default = f"{each.default:g}" if isinstance(each.default, float) else str(each.default)
-        is_flag = known.read is None and not known.choices
-        name = _EDGE_NAMES.get(each.name, each.name).replace("_", "-")
-        head = f"--{'[no-]' if is_flag and default else ''}{name} {known.form or ''}".rstrip()
-        about = f"{head}: {known.about}" + (f" (default: {default})" if default else "")
-        choices: dict[str, Any] = {"choices": known.choices} if known.choices else {}
-        options[each.name] = Option(about, readers.get(each.name) or known.read or str, **choices)
+    for field in fields(kind):
+        declaration: Declared = field.metadata["declared"]
+        default = defaults.get(field.name) or declaration.usual
+        if not (
+            default or field.name in by_preset or field.default is None or isinstance(field.default, (bool, tuple))
+        ):
+            default = f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
+        is_flag = declaration.read is None and not declaration.choices
+        name = _EDGE_NAMES.get(field.name, field.name).replace("_", "-")
+        head = f"--{'[no-]' if is_flag and default else ''}{name} {declaration.form or ''}".rstrip()
+        about = f"{head}: {declaration.about}" + (f" (default: {default})" if default else "")
+        choices: dict[str, Any] = {"choices": declaration.choices} if declaration.choices else {}
+        options[field.name] = Option(about, readers.get(field.name) or declaration.read or str, **choices)
     return options
 
 
 def picture_settings(arguments: Arguments, scene: Scene) -> dict[str, Any]:
-    """Return the fields of Settings that are set, and those of a picture for people."""
+    """Return the settings of the options, and the defaults of pictures."""
     from ..pipeline.effective_settings import picture_fields
 
     return picture_fields(scene, arguments.get("preset"), **chosen_settings(arguments))
@@ -242,7 +239,7 @@ def chosen_settings(arguments: Arguments) -> dict[str, Any]:
     """Return the fields of Settings that are set. Raises InputError for options that need scalars or edges without."""
     settings: dict[str, Any] = {name: arguments.get(name) for name in Settings.__dataclass_fields__}
     if settings["scalars"] is None:
-        arguments.refuse((*declared(ScalarFields), "colorbar"), "needs --scalars NAME")
+        arguments.refuse((*options_of(ScalarFields), "colorbar"), "needs --scalars NAME")
     else:
         how = arguments.keywords(ScalarFields)
         if "," in how.get("colormap", ""):
@@ -276,10 +273,7 @@ def read_scene(arguments: Arguments, name: str) -> Scene:
 
     start = time.perf_counter()
     if name in scenes.BUILTINS and not Path(name).exists():
-        arguments.refuse(
-            [each.dest for each in declared(LoadFields).values()],
-            f"needs a scene file, not the built-in scene {name!r}",
-        )
+        arguments.refuse(names_of(LoadFields), f"needs a scene file, not the built-in scene {name!r}")
         if arguments.camera == "file":
             raise InputError(f"--camera: file needs a scene file, not the built-in scene {name!r}")
         scene = scenes.builtin(name, **({"soft": True} if name == "box_room" else {}))
@@ -287,8 +281,8 @@ def read_scene(arguments: Arguments, name: str) -> Scene:
     else:
         check_scene_name(name)
         scene = _read_file(arguments, name)
-    taken = (time.perf_counter() - start) * 1e3
-    console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {taken:.0f} ms")
+    elapsed = (time.perf_counter() - start) * 1e3
+    console.detail(f"loaded {name}: {scene.face_count:,} triangles, {len(scene.lights)} lights, {elapsed:.0f} ms")
     return scene
 
 
@@ -303,7 +297,7 @@ def _read_file(arguments: Arguments, name: str) -> Scene:
     scene = load.load(name, resolution=arguments.resolution, fit=fit, **options)
     print_load_notes(scene, arguments, name)
     if scene.animations and not {"time", "animation"} & options.keys():
-        listed = ", ".join(shown(each) if each else f"number {k}" for k, each in enumerate(scene.animations[:8]))
+        listed = ", ".join(shown(title) if title else f"number {k}" for k, title in enumerate(scene.animations[:8]))
         more = ", ..." if len(scene.animations) > 8 else ""
         console.progress(
             f"{shown(name)}: at rest: --time SECONDS shows a pose of its animations ({listed}{more}), `clshade animate` "
@@ -320,12 +314,10 @@ def print_load_notes(scene: Scene, arguments: Arguments, name: str) -> None:
         console.progress(f"{shown(name)}: the camera is the file's own: --fit chooses one that shows all of the scene")
     guessed = {*extensions_with("up")} - {*extensions_with("time")}  # glTF says that y is up
     if Path(name).suffix.lower() in guessed and arguments.up is None and arguments.camera_view_up is None:
-        taken = framing.up_of(scene.camera)
-        likely = framing.likely_up(*bounding_box(scene), taken)
+        up = framing.up_of(scene.camera)
+        likely = framing.likely_up(*bounding_box(scene), up)
         if likely is not None:
-            console.progress(
-                f"{shown(name)}: {taken} is up, but its extents suggest {likely}: --up {likely} shows it so"
-            )
+            console.progress(f"{shown(name)}: {up} is up, but its extents suggest {likely}: --up {likely} shows it so")
     if scene.light_scale != 1.0:
         console.progress(
             f"{shown(name)}: lights: intensities (candela, lux) times {scene.light_scale:.4g}, so that the strongest has 1 "
@@ -401,21 +393,17 @@ def choose_look(scene: Scene, arguments: Arguments) -> Look:
     look: Look | None = arguments.look
     if look in ("studio", "course") and arguments.get("preset"):
         raise InputError(f"--look: {look} cannot go with --preset, which it chooses")
-    values = {name: arguments.get(name) for name in _PLAIN_WITH}
-    set_options = [name for name, value in values.items() if value or isinstance(value, float)]
     if look == "studio":
         why = "cannot go with --look studio, whose environment is the light"
-        for name in ("lights", "light_intensity", "light_radius", "light_samples"):
-            if name in set_options:
-                raise InputError(f"--{name.replace('_', '-')}: {why}")
+        arguments.refuse(("lights", "light_intensity", "light_radius", "light_samples"), why)
         if arguments.environment == "none":
             raise InputError(f"--environment: none {why}")
     if look is not None:
         return look
-    wants_depth = "depth" in (arguments.get("formats") or ())
-    is_cutout = arguments.get("background") == "none"
-    is_plain = scene.own_lights or scene.preset == "course" or bool(set_options) or wants_depth or is_cutout
-    return "plain" if is_plain else "studio"
+    values = (arguments.get(name) for name in _PLAIN_WITH)
+    is_plain = scene.own_lights or scene.preset == "course" or any(value or type(value) is float for value in values)
+    is_cutout = "depth" in (arguments.get("formats") or ()) or arguments.get("background") == "none"
+    return "plain" if is_plain or is_cutout else "studio"
 
 
 def with_lights(scene: Scene, arguments: Arguments) -> Scene:

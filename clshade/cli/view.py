@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-from argparse import ArgumentParser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ from ..pipeline.frame_files import check_output
 from ..scene.camera import checked_resolution
 from ..scene.settings import Settings
 from . import DONE
-from .options import Arguments, Device, Option, add_options, check_output_file, declared, is_scene, output_name
+from .options import DEVICE, Arguments, Group, Option, check_output_file, is_scene, names_of, options_of, output_name
 from .outputs import OUTPUT, Saving, saving
 from .scene import (
     CameraFields,
@@ -40,13 +39,6 @@ TONEMAP: Operator = "srgb"  # of images
 SAMPLES = 64  # of a picture at rest, unless --samples says otherwise: too many to light each
 
 
-FILES = Option(
-    "files SCENE|FILE: a scene, as for `render`: a file or a built-in one, shown live; or images, each an EXR of any "
-    "program or a PNG: several are compared, side by side of a line, in turn, their difference",
-    nargs="+",
-)
-
-
 class Output:
     title = OUTPUT
     output = Option(
@@ -66,26 +58,26 @@ class Live:
 # Options that commands for snapshots do not repeat: those of the live view alone, and those of which the view itself says
 # what has become of them, as it does of the fields of Settings.
 _IN_VIEW = {
-    *declared(Live),
-    *(option.dest for name, option in declared(CameraFields).items() if name not in ("view_angle", "orthographic")),
+    *options_of(Live),
+    *(option.dest for name, option in options_of(CameraFields).items() if name not in ("view_angle", "orthographic")),
     *("light_intensity", "ground", "environment", "environment_intensity", "look"),
 }
 
 
-def add_view_options(parser: ArgumentParser) -> None:
-    add_options(parser, [FILES], Output, Saving)
-    before = {action.dest for action in parser._actions}
-    scene_options(parser, None, samples=f"{SAMPLES}, when the view rests")
-    add_options(parser, Live, Device)
-    of_scenes = [action.dest for action in parser._actions if action.dest not in before]
-    of_snapshots = [each.dest for each in declared(Saving).values() if each.dest not in ("tonemap", "exposure")]
-    parser.set_defaults(only_scenes=[*of_scenes, *of_snapshots])
+_OF_SCENES = scene_options(Live, DEVICE, samples=f"{SAMPLES}, when the view rests")
+_ONLY_SCENES = [name for name in names_of(*_OF_SCENES, Saving) if name not in ("tonemap", "exposure")]
+_FILES = Option(
+    "files SCENE|FILE: a scene, as for `render`: a file or a built-in one, shown live; or images, each an EXR of any "
+    "program or a PNG: several are compared, side by side of a line, in turn, their difference",
+    nargs="+",
+)
+OPTIONS = {"view": (Group("", _FILES), Output, Saving, *_OF_SCENES)}
 
 
 def run_view(arguments: Arguments) -> int:
     scenes = [file for file in arguments.files if is_scene(file)]
     if not scenes:
-        arguments.refuse(arguments.only_scenes, "is for a scene, not for images")
+        arguments.refuse(_ONLY_SCENES, "is for a scene, not for images")
         return _write_page(arguments)
     if len(arguments.files) > 1:
         names = console.printable(" and ".join(arguments.files))
@@ -185,7 +177,7 @@ def source_of(arguments: Arguments, name: str) -> Source:
         environment_intensity=arguments.environment_intensity,
         up=arguments.up,
         device=arguments.device,
-        options=tuple(arguments.as_options([each for each in arguments.only_scenes if each not in in_view])),
+        options=tuple(arguments.as_options([name for name in _ONLY_SCENES if name not in in_view])),
         saving=saved,
         output=output,
     )

@@ -19,7 +19,7 @@ from ..images import contact_sheet, lettering
 from ..images.metrics import scale_end
 from ..scene.builtin.scenes import builtin
 from ..scene.formats.load import load
-from ..scene.formats.texture import as_texture
+from ..scene.formats.reading import as_texture
 from ..scene.lights import plain_lights
 from ..scene.model import Scene
 from .figures import LIGHTS, Figure, build_all, draw_all, pairs

@@ -15,7 +15,7 @@ from scene_files import chunk, png16
 from clshade.errors import InputError
 from clshade.images import radiance
 from clshade.images.decode import read_image, srgb_to_linear
-from clshade.scene.formats.texture import as_texture
+from clshade.scene.formats.reading import as_texture
 
 RNG = np.random.default_rng(3)
 PIXELS = RNG.integers(0, 256, (5, 7, 4), dtype=np.uint8)

@@ -258,7 +258,7 @@ def test_alpha_masks(tmp_path):
     document.json["materials"][0].update(alphaMode="OPAQUE")
     assert not load(document.glb(tmp_path / "a.glb")).meshes[0].has_alpha
     document.json["materials"][0].update(alphaMode="SHINE")
-    refusal(document.glb(tmp_path / "a.glb"), "materials[0].alphaMode: expected OPAQUE, MASK or BLEND")
+    refusal(document.glb(tmp_path / "a.glb"), "materials[0].alphaMode: expected one of OPAQUE, MASK, BLEND")
 
 
 def test_texture_transforms_and_coordinate_sets(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from mesh_writers import CORNERS, INDICES, Gltf, bar, png, triangle
 from scene_files import refusal
 
-from clshade.scene.formats.gltf_meshes import Influences, skinned
+from clshade.scene.formats.gltf_meshes import Influences, deform
 from clshade.scene.formats.load import load
 from clshade.scene.geometry import bounding_box
 
@@ -187,7 +187,7 @@ def test_blending_against_a_loop_over_vertices():
     weights /= weights.sum(axis=1)[:, None]
     influences = Influences(rng.integers(0, 5, (count, 8)), weights)
     given = {"POSITION": rng.normal(size=(count, 3)), "NORMAL": rng.normal(size=(count, 3))}
-    found, placement = skinned(given, influences, matrices)
+    found, placement = deform(given, influences, matrices)
     assert (placement == np.eye(4)).all()
     for row in (0, 1, 1000, (1 << 15) - 1, 1 << 15, count - 1):
         blended = sum(w * matrices[j] for w, j in zip(weights[row], influences.joints[row], strict=True))
@@ -202,7 +202,7 @@ def test_the_scale_of_a_joint_does_not_count_for_normals(scale):
     turned = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     influences = Influences(np.zeros((3, 1), int), np.ones((3, 1)))
     given = {"POSITION": np.zeros((3, 3)), "NORMAL": np.float32([[0.6, 0.8, 0], [0, 0, 5], [0, 0, 0]])}
-    normals = skinned(given, influences, scale * turned[None])[0]["NORMAL"]
+    normals = deform(given, influences, scale * turned[None])[0]["NORMAL"]
     np.testing.assert_allclose(normals, [[-0.8, 0.6, 0], [0, 0, 1], [0, 0, 0]], atol=1e-7)
 
 
@@ -279,7 +279,7 @@ WEIGHT = np.full((6, 4), 0.25, np.float32)
 BROKEN = [
     (
         attribute("JOINTS_0", np.full((6, 4), 2, np.uint8)),
-        "attributes.JOINTS: expected indices below 2, found 2 in row 0",
+        "attributes.JOINTS: expected indices below 2, found [2, 0, 0, 0] in row 0",
     ),
     (
         attribute("JOINTS_0", np.zeros((5, 4), np.uint8)),
@@ -300,7 +300,7 @@ BROKEN = [
     (skin(skeleton=9), "skins[0].skeleton: expected an index of the 4 nodes, found 9"),
     (inverse(BAD[:1]), "skins[0].inverseBindMatrices: expected 2 matrices of 16 float32, found 1 of 16"),
     (inverse(CORNERS), "skins[0].inverseBindMatrices: expected 2 matrices of 16 float32, found 3 of 3"),
-    (inverse(BAD), "skins[0].inverseBindMatrices: expected finite matrices", "found another in row 0"),
+    (inverse(BAD), "skins[0].inverseBindMatrices: expected finite matrices", "in row 0"),
     (inverse(BAD + np.float32(np.nan)), "skins[0].inverseBindMatrices: expected finite matrices"),
     (lambda document: document.json["nodes"][3].update(skin=3), "nodes[3].skin: expected an index of the 1 skins"),
     (cycle, "nodes[1]: expected a tree of nodes, found a cycle"),

@@ -17,8 +17,7 @@ from scene_files import course_dict, save_npy
 import clshade
 from clshade.errors import InputError, OutputError
 from clshade.images.decode import srgb_to_linear
-from clshade.scene.formats.glb import Glb
-from clshade.scene.formats.gltf_writer import in_float32, unified
+from clshade.scene.formats.gltf_writer import Glb, float32_frame, unify_vertices
 from clshade.scene.geometry import bounding_box, camera_axes, vertex_normals
 from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
 from clshade.scene.material import TERMS
@@ -246,7 +245,7 @@ def test_vertices_without_faces_are_left_out(tmp_path, far):
 def test_unified_vertices_keep_their_order():
     faces = np.array([[3, 1, 0], [0, 1, 2]], np.int32)
     own = np.array([[0, 0, 0], [0, 0, 1]], np.int32)
-    rows, found = unified(faces, 4, {"a": (np.arange(4), None), "b": (np.array([7, 8]), own)})
+    rows, found = unify_vertices(faces, 4, {"a": (np.arange(4), None), "b": (np.array([7, 8]), own)})
     assert found.tolist() == [[3, 1, 0], [0, 1, 2]]
     assert (rows["a"].tolist(), rows["b"].tolist()) == ([0, 1, 2, 3], [7, 7, 8, 7])
 
@@ -298,7 +297,7 @@ def test_float64_positions_keep_their_accuracy(tmp_path, offset, scale):
     """Each within 2^-24 of the mesh's size, which is float32's rounding relative to its middle."""
     verts = RNG.random((50, 3)) * scale + offset
     faces = RNG.integers(0, 50, (30, 3))
-    middle, exponent = in_float32([verts])
+    middle, exponent = float32_frame([verts])
     narrow = np.ldexp(verts - middle, -exponent).astype(np.float32)
     back = np.ldexp(narrow.astype(np.float64), exponent) + middle
     assert np.abs(back - verts).max() <= 2.0**-24 * scale * 1.01 + 4e-16 * abs(offset)
@@ -310,7 +309,7 @@ def test_float64_positions_keep_their_accuracy(tmp_path, offset, scale):
 
 def test_positions_that_float32_holds_stay(tmp_path):
     verts = np.array([[1e6, 0, 0], [1e6 + 1, 0, 0], [1e6, 1, 0]])
-    middle, exponent = in_float32([verts])
+    middle, exponent = float32_frame([verts])
     assert (middle.tolist(), exponent) == ([0, 0, 0], 0)
 
 
@@ -597,7 +596,7 @@ def test_files_that_cannot_be_written(tmp_path):
 
 
 def test_too_large_a_file_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("clshade.scene.formats.glb.MAX_BYTES", 1000)
+    monkeypatch.setattr("clshade.scene.formats.gltf_writer.MAX_BYTES", 1000)
     with pytest.raises(InputError, match="to_glb: scene: expected a file of at most 1000 bytes"):
         clshade.builtin("icosphere", level=0).to_glb(tmp_path / "a.glb")
     assert list(tmp_path.iterdir()) == []

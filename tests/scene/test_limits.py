@@ -18,7 +18,7 @@ from clshade.base import input_files
 from clshade.errors import InputError
 from clshade.images.decode import read_image
 from clshade.scene.formats import gltf_nodes, safe_pickle
-from clshade.scene.formats.gltf_data import Buffers, Item
+from clshade.scene.formats.gltf_data import GltfData
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a.ply", "a.stl", "a.gltf", "a.glb", "a.npy", "a.json", "a.mtl", "a.png"])
@@ -74,7 +74,7 @@ def test_rows_of_gltf_accessors():
         for more in (0, 1):
             fields = {"bufferView": 0} if count == 1 << 26 else {}
             document["accessors"].append({**text, **fields, "count": count + more})
-    buffers = Buffers(Item(document, "", document, "a.glb"), ".", memoryview(bytes((1 << 26) + 1)))
+    buffers = GltfData("a.glb", document, memoryview(bytes((1 << 26) + 1)))
     for index, count in ((0, 1 << 24), (2, 1 << 26)):
         assert buffers.array(index).shape == (count, 1)
         with pytest.raises(InputError, match=rf"accessors\[{index + 1}\]\.count"):

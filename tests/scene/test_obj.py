@@ -12,9 +12,9 @@ from scene_files import TEXTURED, TRIANGLE, refusal, told, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
-from clshade.scene.formats import obj_parser, text_tokens
+from clshade.scene.formats import obj, text_tokens
 from clshade.scene.formats.load import load
-from clshade.scene.formats.obj_parser import ObjText
+from clshade.scene.formats.obj import ObjText
 from clshade.scene.objects import object_names, object_numbers
 from clshade.scene.triangulate import triangulated
 
@@ -165,7 +165,7 @@ def test_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(text_tokens, "MAX_LINE", 1000)
     refusal(write(tmp_path / "bad.obj", "1 " * 600), "bad.obj: line: expected lines of at most 1000 bytes")
     refusal(write(tmp_path / "bad.obj", "f 1 \\\n" * 600), "bad.obj: line: expected lines of at most 1000 bytes")
-    monkeypatch.setattr(obj_parser, "MAX_FACES", 20)
+    monkeypatch.setattr(obj, "MAX_FACES", 20)
     load(write(tmp_path / "good.obj", TRIANGLE + "f 1 2 3 1 2 3\n" * 5))
     many = TRIANGLE + "f 1 2 3 1 2 3\n" * 5 + "f 1 2 3\n"
     refusal(write(tmp_path / "bad.obj", many), "bad.obj: f: expected at most 20 triangles")

@@ -11,7 +11,7 @@ from mesh_writers import bar, triangle
 
 import clshade
 from clshade.errors import InputError
-from clshade.scene.formats.gltf_animations import Animation
+from clshade.scene.formats.gltf import Animation
 from clshade.scene.formats.load import load, load_animation
 from clshade.scene.geometry import bounding_box, camera_axes
 from clshade.scene.pose import POSED, Pose, pose_between

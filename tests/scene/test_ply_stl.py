@@ -12,7 +12,7 @@ from scene_files import refusal, told, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
-from clshade.scene.formats import ply_parser
+from clshade.scene.formats import ply as ply_format
 from clshade.scene.formats import stl as stl_format
 from clshade.scene.formats.load import load
 
@@ -110,7 +110,7 @@ def test_colors_of_faces(tmp_path, form):
 
 
 def test_line_ends_and_what_is_not_rendered(tmp_path, monkeypatch):
-    monkeypatch.setattr(ply_parser, "_CHUNK", 5)
+    monkeypatch.setattr(ply_format, "_CHUNK", 5)
     more = "property list uchar int flags\n"
     header = "comment TextureFile a.png\n" + HEAD + "element edge 1\nproperty int vertex1\n" + FACES.format(1) + more
     data = ply("ascii", header, [*POINTS, ("i", [0]), ("B3iB1i", [3, 0, 1, 2, 1, 7])])

@@ -17,7 +17,7 @@ from scene_files import TRIANGLE, refusal, write
 
 from clshade import load
 from clshade.base import input_files
-from clshade.scene.formats import texture
+from clshade.scene.formats import reading
 
 UVS = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 ENDINGS = ("obj", "gltf", "ply")
@@ -99,7 +99,7 @@ def test_names_in_another_case_are_looked_for_in_the_folder_alone(tmp_path, monk
 
 
 def test_of_many_missing_files_a_few_are_looked_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(texture, "MAX_MISSING", 3)
+    monkeypatch.setattr(reading, "MAX_MISSING", 3)
     path = textured(tmp_path / "scene", "obj", "x/a.png", "b.png", "x/a.png", "y/a.png", "z/a.png", "c.png")
     for name in ("a.png", "c.png"):
         (tmp_path / "scene" / name).write_bytes(png(np.zeros((2, 3, 3), np.uint8)))
@@ -181,7 +181,7 @@ def test_pixels_of_all_images_are_limited_and_damaged_ones_count(tmp_path, monke
     image = png(np.random.default_rng(2).integers(0, 256, (8, 8, 3), np.uint8))
     for name in names:
         (tmp_path / "scene" / name).write_bytes(image[:-40] if name == "1.png" else image)
-    monkeypatch.setattr(texture, "MAX_PIXELS", 64 * 3 + len(image) // 8)
+    monkeypatch.setattr(reading, "MAX_PIXELS", 64 * 3 + len(image) // 8)
     shapes, messages = loaded(path)
     assert shapes == [(8, 8), None, (8, 8), None, None]
     assert "1.png" in messages[0] or "images[1]" in messages[0]

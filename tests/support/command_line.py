@@ -17,7 +17,7 @@ from processes import ROOT
 import clshade
 from clshade.cli import scene as selected
 from clshade.cli.main import _parser, main
-from clshade.cli.options import with_values
+from clshade.cli.options import join_values
 from clshade.scene import look
 
 # With these options the scene needs the program that tests of frames build anyway.
@@ -40,7 +40,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 def scene_of(*arguments: object) -> clshade.Scene:
     """Return the scene selected by a command line of `render`; a contact shadow, which takes a while, is nowhere dark."""
-    given = with_values(["render", *map(str, arguments)])
+    given = join_values(["render", *map(str, arguments)])
     parsed = _parser(given).parse_args(given)
     with mock.patch.object(look, "_share_of_light", return_value=np.ones((2, 2))):
         return selected.load_scene(parsed, parsed.scenes[0])
@@ -48,7 +48,7 @@ def scene_of(*arguments: object) -> clshade.Scene:
 
 def settings_of(*arguments: object) -> dict[str, Any]:
     """Return the settings that a command line of `render` chooses for its picture."""
-    given = with_values(["render", *map(str, arguments)])
+    given = join_values(["render", *map(str, arguments)])
     return selected.picture_settings(_parser(given).parse_args(given), scene_of(*arguments))
 
 

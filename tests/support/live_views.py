@@ -11,7 +11,7 @@ import numpy as np
 import clshade
 from clshade.cli import view as live_view
 from clshade.cli.main import _parser
-from clshade.cli.options import with_values
+from clshade.cli.options import join_values
 from clshade.view.live_scene import LiveScene, Source
 from clshade.view.live_session import Drawing, Session, Task
 
@@ -20,7 +20,7 @@ SMALL = ("quads", "--resolution", "40,30")
 
 def source_of(*arguments: object) -> Source:
     """Return the source of `clshade view ARGUMENTS`."""
-    given = with_values(["view", *map(str, arguments)])
+    given = join_values(["view", *map(str, arguments)])
     parsed = _parser(given).parse_args(given)
     return live_view.source_of(parsed, *parsed.files)
 

@@ -24,7 +24,7 @@ from ..camera import MAX_RESOLUTION, Camera
 from ..lights import plain_lights
 from ..model import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
 from . import safe_pickle
-from .options import Options
+from .reading import Options
 
 MAX_BYTES = 1 << 31  # of a course file
 MAX_LIGHTS = 1 << 15  # a light takes far longer to create than its few bytes take to read

@@ -56,8 +56,8 @@ def load_environment(path: Path, **fields: Any) -> Environment:
         warnings.warn(f"{owner}: image: {bad}: replaced by the nearest radiance", stacklevel=3)
         image = np.where(image > 0.0, image, 0.0)  # NaN is not above 0
         within = image <= MAX_RADIANCE
-        most = float(image[within].max(initial=0.0))
-        image = np.where(within, image, most or MAX_RADIANCE)
+        largest = float(image[within].max(initial=0.0))
+        image = np.where(within, image, largest or MAX_RADIANCE)
     return Environment(image, **{"name": owner, **fields})
 
 

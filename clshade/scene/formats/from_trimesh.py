@@ -18,7 +18,7 @@ from ..framing import UPS, Up
 from ..geometry import crease_angle, crease_normals, vertex_normals
 from ..model import MAX_FACES, Material, Mesh, MetallicRoughness, Scene, Texture
 from .gltf_materials import phong
-from .options import DEFAULT_MATERIAL
+from .reading import DEFAULT_MATERIAL
 
 _OWNER = "from_trimesh"
 _KINDS = "a Trimesh or Scene of trimesh, a TriangleMesh of Open3D, or a PolyData of PyVista with triangles alone"
@@ -168,9 +168,9 @@ def _numbers(scalars: dict[str, Array]) -> dict[str, Array]:
 def _linear(colors: Any) -> Floats:
     """Return colors with alpha (K, 4): integers are decoded from sRGB, other numbers are linear."""
     array = np.asarray(colors)
-    whole = array.dtype.kind == "u"
-    values = array / np.iinfo(array.dtype).max if whole else array.astype(np.float64)
-    rgb = srgb_to_linear(values[:, :3]) if whole else values[:, :3]
+    is_coded = array.dtype.kind == "u"
+    values = array / np.iinfo(array.dtype).max if is_coded else array.astype(np.float64)
+    rgb = srgb_to_linear(values[:, :3]) if is_coded else values[:, :3]
     alphas = values[:, 3:] if values.shape[1] == 4 else np.ones((len(values), 1))
     return np.hstack([rgb, alphas])
 

@@ -16,7 +16,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
@@ -45,8 +45,7 @@ class Item:
 
     value: dict[str, Any]
     where: str
-    root: dict[str, Any]
-    owner: str
+    file: GltfData
 
     def path(self, key: str) -> str:
         """Return the place of a field of this object in the file."""
@@ -54,22 +53,29 @@ class Item:
 
     def error(self, key: str, expected: str, found: str) -> InputError:
         """Build the error for a field of this object."""
-        return file_error(self.owner, self.path(key), expected, found)
+        return file_error(self.file.owner, self.path(key), expected, found)
 
-    def integer(self, key: str, default: int | None = None, least: int = 0) -> int:
+    def check_rows(self, key: str, good: Array, expected: str, values: Array) -> None:
+        """Raise InputError for the first row that is not all `good` (n, ...), with its values (n, ...)."""
+        if not good.all():
+            row = int(np.argmin(good.reshape(len(good), -1).all(axis=1)))
+            place = f" of accessors[{self.value[key]}]" if key in self.value else ""
+            raise self.error(key, expected, f"{str(values[row].tolist())[:100]} in row {row}{place}")
+
+    def integer(self, key: str, default: int | None = None, minimum: int = 0) -> int:
         """Return an integer. Raises InputError for anything else, and if it is missing without a default."""
         value = self.value.get(key, default)
         if isinstance(value, float) and value.is_integer():
             value = int(value)
-        if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 1 << 53:
-            raise self.error(key, f"a whole number of at least {least}", found_text(value))
+        if isinstance(value, bool) or not isinstance(value, int) or not minimum <= value < 1 << 53:
+            raise self.error(key, f"a whole number of at least {minimum}", found_text(value))
         return value
 
-    def number(self, key: str, default: float | None = None, least: float = -math.inf) -> float:
+    def number(self, key: str, default: float | None = None, minimum: float = -math.inf) -> float:
         """Return a finite number. Raises InputError for anything else, and if it is missing without a default."""
         value = self.value.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= 1e300:
-            expected = "a finite number" + (f" of at least {least:g}" if least > -math.inf else "")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not minimum <= value <= 1e300:
+            expected = "a finite number" + (f" of at least {minimum:g}" if minimum > -math.inf else "")
             raise self.error(key, expected, found_text(value))
         return float(value)
 
@@ -90,9 +96,17 @@ class Item:
             raise self.error(key, "text", found_text(value))
         return value.encode("utf-8", "replace").decode("utf-8")
 
+    def choice(self, key: str, allowed: Collection[Any], default: Any = None) -> Any:
+        """Return one of the allowed texts, or whole numbers."""
+        is_text = isinstance(next(iter(allowed)), str)
+        value: Any = self.text(key, default or "") if is_text else self.integer(key, default)
+        if value not in allowed:
+            raise self.error(key, "one of " + ", ".join(map(str, allowed)), quoted(value) if is_text else str(value))
+        return value
+
     def item(self, key: str) -> Item | None:
         """Return the object of that name, or None if there is none."""
-        return self._at(self.value[key], self.path(key)) if key in self.value else None
+        return self.part(key) if key in self.value else None
 
     def part(self, key: str) -> Item:
         """Return the object of that name, an empty one if there is none."""
@@ -100,19 +114,25 @@ class Item:
 
     def items(self, key: str) -> Iterator[Item]:
         """Yield the objects of a list, which may be missing."""
-        for index, value in enumerate(self._list(self.value, key, self.where)):
+        for index, value in enumerate(self.values(key)):
             yield self._at(value, f"{self.path(key)}[{index}]")
 
+    def values(self, key: str) -> list[Any]:
+        """Return a list, which may be missing."""
+        values = self.value.get(key, [])
+        if not isinstance(values, list):
+            raise self.error(key, "a list", found_text(values))
+        return values
+
     def extension(self, name: str) -> Item | None:
-        extensions = self.item("extensions")
-        return None if extensions is None else extensions.item(name)
+        return self.part("extensions").item(name)
 
     def refuse_extensions(self) -> None:
         """Raise InputError if this object, whose data is not in the file, has extensions, which then hold it."""
-        extensions = self.item("extensions")
-        if extensions is not None and extensions.value:
+        extensions = self.part("extensions").value
+        if extensions:
             expected = "geometry that needs no extension (export it without compression)"
-            raise self.error("extensions", expected, quoted(", ".join(extensions.value)))
+            raise self.error("extensions", expected, quoted(", ".join(extensions)))
 
     def reference(self, key: str, kind: str) -> int | None:
         """Return the index, in range, that a field holds into the file's list `kind`; None if the field is missing."""
@@ -132,34 +152,36 @@ class Item:
 
     def references(self, key: str, kind: str) -> list[int]:
         """Return the indices, in range, of a field that holds a list of them."""
-        count = self.count(kind)
-        indices = self._list(self.value, key, self.where)
+        count, indices = self.count(kind), self.values(key)
         for index in indices:
             if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < count:
                 raise self.error(key, f"indices of the {count} {kind}", found_text(index))
         return indices
 
+    def accessor(self, key: str, expected: str, fits: Callable[[Array], bool], *, normalized: bool = True) -> Array:
+        """Return the numbers of the accessor that a field names, see `GltfData.array`, if they fit what is expected."""
+        index = self.index(key, "accessors")
+        values = self.file.array(index, normalized=normalized)
+        if not fits(values):
+            found = f"{values.shape[0]} of {values.shape[1]} {values.dtype} in accessors[{index}]"
+            raise self.error(key, expected, found)
+        return values
+
     def entry(self, kind: str, index: int) -> Item:
         """Return the object at an index that is in range of the file's list `kind`."""
-        return self._at(self.root[kind][index], f"{kind}[{index}]")
+        return self._at(self.file.document.value[kind][index], f"{kind}[{index}]")
 
     def count(self, kind: str) -> int:
         """Return the length of one of the file's lists."""
-        return len(self._list(self.root, kind, ""))
+        return len(self.file.document.values(kind))
 
     def _at(self, value: Any, where: str) -> Item:
         if not isinstance(value, dict):
-            raise file_error(self.owner, where, "an object", found_text(value))
-        return Item(value, where, self.root, self.owner)
-
-    def _list(self, value: dict[str, Any], key: str, where: str) -> list[Any]:
-        values = value.get(key, [])
-        if not isinstance(values, list):
-            raise file_error(self.owner, f"{where}.{key}" if where else key, "a list", found_text(values))
-        return values
+            raise file_error(self.file.owner, where, "an object", found_text(value))
+        return Item(value, where, self.file)
 
 
-def open_gltf(path: Path) -> Buffers:
+def open_gltf(path: Path) -> GltfData:
     """Open a glTF file. Raises InputError for a broken container."""
     owner = shown(path)
     data = read_file(path, MAX_BYTES)
@@ -174,7 +196,7 @@ def open_gltf(path: Path) -> Buffers:
     value = parse_text(bytes(text).rstrip(b"\0 "), owner, "a glTF document", unique=True)
     if not isinstance(value, dict):
         raise file_error(owner, "JSON", "an object", found_text(value))
-    return Buffers(Item(value, "", value, owner), path, binary)
+    return GltfData(path, value, binary)
 
 
 def _chunks(data: bytes, owner: str) -> tuple[memoryview, memoryview | None]:
@@ -214,15 +236,15 @@ def data_of(item: Item, uri: str) -> memoryview:
         raise item.error("uri", "a data URI", quoted(uri)) from None
 
 
-class Buffers:
-    """Buffers, buffer views and accessors of a glTF file by index; each is read on first use.
+class GltfData:
+    """A glTF file: its JSON, and buffers, buffer views and accessors by index; each is read on first use.
 
-    document: its JSON. binary: the binary chunk of a GLB file. ignored: collects a few words for each feature of the file
-    that is not rendered.
+    binary: the binary chunk of a GLB file. ignored: collects a few words for each feature of the file that is not rendered.
     """
 
-    def __init__(self, document: Item, path: Path, binary: memoryview | None) -> None:
-        self.document, self.path, self.binary = document, path, binary
+    def __init__(self, path: Path, document: dict[str, Any], binary: memoryview | None) -> None:
+        self.path, self.owner, self.binary = path, shown(path), binary
+        self.document = Item(document, "", self)
         self.ignored: list[str] = []
         self._buffers: dict[int, memoryview] = {}
         self._files: dict[str, memoryview] = {}
@@ -232,7 +254,7 @@ class Buffers:
         if index in self._buffers:
             return self._buffers[index]
         item = self.document.entry("buffers", index)
-        length = item.integer("byteLength", least=1)
+        length = item.integer("byteLength", minimum=1)
         if "uri" in item.value:
             data = self._loaded(item)
         elif index == 0 and self.binary is not None:
@@ -258,7 +280,7 @@ class Buffers:
             return data_of(item, text)
         if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", text):
             raise item.error("uri", "a file in the scene's folder, or data (nothing is fetched)", quoted(text))
-        where = item.owner, f"{item.where}.uri"
+        where = self.owner, item.path("uri")
         path = beside(self.path, unquote(text), *where) or beside(self.path, text, *where)
         if path is None:
             raise item.error("uri", "a file in the scene's folder", f"no file {quoted(text)}")
@@ -275,7 +297,7 @@ class Buffers:
         except InputError:  # the fallback of compressed data, which may be left out
             item.refuse_extensions()
             raise
-        offset, length = item.integer("byteOffset", 0), item.integer("byteLength", least=1)
+        offset, length = item.integer("byteOffset", 0), item.integer("byteLength", minimum=1)
         if offset + length > len(data):
             expected = f"byteOffset + byteLength of at most the {len(data)} bytes of buffers[{buffer}]"
             raise item.error("byteLength", expected, str(offset + length))
@@ -304,10 +326,9 @@ class Buffers:
         return self._arrays[index, normalized]
 
     def _read(self, item: Item) -> Array:
-        count = item.integer("count", least=1)
-        dtype, width = self._component(item), _WIDTHS.get(item.text("type"), 0)
-        if not width:
-            raise item.error("type", "one of " + ", ".join(_WIDTHS), quoted(item.text("type")))
+        count = item.integer("count", minimum=1)
+        dtype = np.dtype(_COMPONENTS[item.choice("componentType", _COMPONENTS)])
+        width = _WIDTHS[item.choice("type", _WIDTHS)]
         view = item.reference("bufferView", "bufferViews")
         if view is None:
             if count > MAX_EMPTY:
@@ -319,13 +340,6 @@ class Buffers:
         if sparse is not None:
             self._put(sparse, values, dtype)
         return values
-
-    def _component(self, item: Item) -> np.dtype:
-        name = _COMPONENTS.get(item.integer("componentType"))
-        if name is None:
-            expected = "one of " + ", ".join(map(str, _COMPONENTS))
-            raise item.error("componentType", expected, str(item.integer("componentType")))
-        return np.dtype(name)
 
     def _strided(self, item: Item, view: int, count: int, width: int, dtype: np.dtype) -> Array:
         """Return (count, width) numbers copied from a buffer view."""
@@ -342,13 +356,13 @@ class Buffers:
 
     def _put(self, sparse: Item, values: Array, dtype: np.dtype) -> None:
         """Replace the rows that a sparse accessor lists."""
-        count, parts = sparse.integer("count", least=1), []
+        count, parts = sparse.integer("count", minimum=1), []
         if count > len(values):
             raise sparse.error("count", f"at most {len(values)}", str(count))
         for key, width in (("indices", 1), ("values", values.shape[1])):
             part = sparse.part(key)
             view = part.index("bufferView", "bufferViews")
-            kind = self._component(part) if key == "indices" else dtype
+            kind = np.dtype(_COMPONENTS[part.choice("componentType", _COMPONENTS)]) if key == "indices" else dtype
             parts.append(self._strided(part, view, count, width, kind))
         where = parts[0][:, 0]
         if where.dtype.kind != "u" or where.max() >= len(values):

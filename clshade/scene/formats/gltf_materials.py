@@ -11,13 +11,13 @@ from urllib.parse import unquote
 import numpy as np
 
 from ...base.arrays import Array
-from ...base.input_files import quoted, read_file
+from ...base.input_files import read_file
 from ...images.decode import MAX_BYTES, CodedImage
 from ..framing import AMBIENT
 from ..metallic_roughness import MAPS, MOST_SCALE
 from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
-from .gltf_data import Buffers, Item, data_of
-from .texture import Images
+from .gltf_data import GltfData, Item, data_of
+from .reading import Images
 
 _REPEAT = 10497
 _WRAPS: dict[int, Wrap] = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -66,8 +66,8 @@ def phong(metallic: float, roughness: float, base: float) -> tuple[float, float,
     peak = min(reflectance * (wide + 2.0) / 2.0, 1.0)
     diffuse, exponent = 1.0 - 0.6 * metallic, max(wide, MIN_LOBE_EXPONENT)
     if wide < MIN_LOBE_EXPONENT:
-        whole, peak = peak, peak * (wide / (wide + 2.0)) * ((MIN_LOBE_EXPONENT + 2.0) / MIN_LOBE_EXPONENT)
-        diffuse = min(diffuse + (whole - peak) / max(base, 0.04), 1.0)
+        total, peak = peak, peak * (wide / (wide + 2.0)) * ((MIN_LOBE_EXPONENT + 2.0) / MIN_LOBE_EXPONENT)
+        diffuse = min(diffuse + (total - peak) / max(base, 0.04), 1.0)
     return diffuse, peak / max(base, 0.04), exponent
 
 
@@ -77,16 +77,16 @@ class Materials:
     replacement: a texture in place of the file's. Raises InputError for broken fields.
     """
 
-    def __init__(self, buffers: Buffers, replacement: Texture | None) -> None:
-        self.document, self.buffers, self.replacement = buffers.document, buffers, replacement
+    def __init__(self, file: GltfData, replacement: Texture | None) -> None:
+        self.document, self.file, self.replacement = file.document, file, replacement
         self._surfaces: dict[int | None, Surface] = {}
-        self._images = Images(buffers.path)
+        self._images = Images(file.path)
         self._textures: dict[tuple[int, bool, bool, int], Texture | None] = {}
 
     def surface(self, index: int | None) -> Surface:
         """Return the material with that index; None is glTF's default material."""
         if index not in self._surfaces:
-            default = Item({}, "material", self.document.root, self.document.owner)
+            default = Item({}, "material", self.file)
             self._surfaces[index] = self._surface(default if index is None else self.document.entry("materials", index))
         return self._surfaces[index]
 
@@ -94,9 +94,7 @@ class Materials:
         reflection = item.part("pbrMetallicRoughness")
         *color, opacity = reflection.numbers("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)).tolist()
         metallic, roughness = _factor(reflection, "metallicFactor"), _factor(reflection, "roughnessFactor")
-        mode = item.text("alphaMode", "OPAQUE")
-        if mode not in ("OPAQUE", "MASK", "BLEND"):
-            raise item.error("alphaMode", "OPAQUE, MASK or BLEND", quoted(mode))
+        mode = item.choice("alphaMode", ("OPAQUE", "MASK", "BLEND"), "OPAQUE")
         cutoff = item.number("alphaCutoff", 0.5) if mode == "MASK" else 0.0
         alpha_counts = mode == "BLEND" or cutoff > 0.0
         sets: list[Coordinates] = []
@@ -131,18 +129,18 @@ class Materials:
         return Surface(material, tuple(sets), alpha_counts)
 
     def _maps(self, item: Item, reflection: Item, sets: list[Coordinates]) -> dict[str, Any]:
-        """Return the fields of MetallicRoughness that are maps, emission and those of extensions."""
+        """Return the fields of MetallicRoughness for maps, emission and extensions."""
         fields: dict[str, Any] = {}
         ior, specular = item.extension("KHR_materials_ior"), item.extension("KHR_materials_specular")
         if ior is not None:
-            index = ior.number("ior", 1.5, least=0.0)
+            index = ior.number("ior", 1.5, minimum=0.0)
             fields["ior"] = _clamped(ior, "ior", index, 1.0, math.inf) if index else 0.0
         if specular is not None:
             fields["specular"] = _factor(specular, "specularFactor")
             tint = specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))
             fields["specular_color"] = _clamped(specular, "specularColorFactor", tint, 0.0, math.inf)
             if "specularTexture" in specular.value or "specularColorTexture" in specular.value:
-                self.buffers.ignored.append("maps of KHR_materials_specular")
+                self.file.ignored.append("maps of KHR_materials_specular")
         surface = reflection.item("metallicRoughnessTexture")
         if surface is not None:
             fields["metallic_roughness_texture"] = self._texture(surface, False, sets)
@@ -157,7 +155,7 @@ class Materials:
         color = item.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0))
         color = _clamped(item, "emissiveFactor", color, 0.0, _MAX_EMISSION)
         strength = item.extension("KHR_materials_emissive_strength")
-        scale = 1.0 if strength is None else strength.number("emissiveStrength", 1.0, least=0.0)
+        scale = 1.0 if strength is None else strength.number("emissiveStrength", 1.0, minimum=0.0)
         emitted = color * min(scale, 1e200)
         fields["emission"] = _clamped(strength or item, "emissiveStrength", emitted, 0.0, _MAX_EMISSION)
         if emission is not None and color.any():
@@ -186,17 +184,13 @@ class Materials:
         if source is None or image is None:
             return None
         index = entry.reference("sampler", "samplers")
-        sampler = Item({}, "sampler", entry.root, entry.owner) if index is None else entry.entry("samplers", index)
-        modes = [sampler.integer(key, _REPEAT) for key in ("wrapS", "wrapT")]
-        for key, mode in zip(("wrapS", "wrapT"), modes, strict=True):
-            if mode not in _WRAPS:
-                raise sampler.error(key, "one of " + ", ".join(map(str, _WRAPS)), str(mode))
+        sampler = Item({}, "sampler", self.file) if index is None else entry.entry("samplers", index)
+        wrap_u, wrap_v = (_WRAPS[sampler.choice(key, _WRAPS, _REPEAT)] for key in ("wrapS", "wrapT"))
         # The filter of magnification: minification is a setting.
         filter: Filter = "nearest" if sampler.integer("magFilter", _LINEAR) == _NEAREST else "linear"
         name = entry.text("name") or self.document.entry("images", source).text("name")
         rgb = image if alpha else image[:, :, :3]
-        wraps = _WRAPS[modes[0]], _WRAPS[modes[1]]
-        return Texture(rgb, wrap=wraps, name=name, filter=filter, coordinates=coordinates)
+        return Texture(rgb, wrap=(wrap_u, wrap_v), name=name, filter=filter, coordinates=coordinates)
 
     def _image(self, index: int, srgb: bool) -> CodedImage | None:
         """Return (h, w, 3 or 4), row 0 at the top, colors linear; None, with a warning, if it cannot be had."""
@@ -205,19 +199,19 @@ class Materials:
         def read() -> bytes | memoryview | None:
             view = item.reference("bufferView", "bufferViews")
             if view is not None:
-                return self.buffers.view(view)[0]
+                return self.file.view(view)[0]
             text = item.text("uri")
             if not text:
                 raise item.error("uri", "a file, data or a bufferView", "none")
             if text.startswith("data:"):
                 return data_of(item, text)
-            where = item.owner, f"{item.where}.uri"
+            where = self.file.owner, item.path("uri")
             if "%" not in text or not self._images.has(text, *where):  # exporters forget to encode it
                 text = unquote(text)
             path = self._images.find(text, *where)
             return None if path is None else read_file(path, MAX_BYTES)
 
-        return self._images.decoded(f"{item.owner}: {item.where}", read, srgb=srgb)
+        return self._images.decoded(f"{self.file.owner}: {item.where}", read, srgb=srgb)
 
 
 def _clamped(item: Item, key: str, values: Any, low: float, high: float) -> Any:
@@ -226,14 +220,14 @@ def _clamped(item: Item, key: str, values: Any, low: float, high: float) -> Any:
     if (clamped != values).any():
         words = f"from {low:g} to {high:g}" if high < math.inf else f"from {low:g} on"
         found = " ".join(f"{number:g}" for number in np.ravel(values)[np.ravel(clamped != values)])
-        where = f"{item.owner}: {item.where}.{key}"
-        warnings.warn(f"{where}: expected numbers {words}, found {found}: clamped", stacklevel=2)
+        line = f"{item.file.owner}: {item.path(key)}: expected numbers {words}, found {found}: clamped"
+        warnings.warn(line, stacklevel=2)
     return clamped if np.ndim(values) else float(clamped)
 
 
 def _factor(item: Item, key: str) -> float:
     """Return a factor from 0 to 1, by default 1. Raises InputError if it is below 0."""
-    return float(_clamped(item, key, item.number(key, 1.0, least=0.0), 0.0, 1.0))
+    return float(_clamped(item, key, item.number(key, 1.0, minimum=0.0), 0.0, 1.0))
 
 
 def _transform(item: Item) -> tuple[float, ...] | None:
@@ -245,7 +239,7 @@ def _transform(item: Item) -> tuple[float, ...] | None:
     return None if (matrix == np.eye(2, 3)).all() else tuple(matrix.ravel().tolist())
 
 
-def transformed(uvs: Array | None, rows: tuple[float, ...] | None) -> Array | None:
+def transform_uvs(uvs: Array | None, rows: tuple[float, ...] | None) -> Array | None:
     """Return texture coordinates (V, 2) after a transform given by its rows."""
     if uvs is None or rows is None:
         return uvs

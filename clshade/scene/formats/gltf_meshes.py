@@ -11,17 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.arrays import Array, Floats, Integers
-from ...base.input_files import file_error
 from ...images.decode import srgb_to_linear
 from ..geometry import crease_normals, flat_normals
 from ..model import MAX_FACES, Mesh, with_fields
 from ..triangulate import single_fan, strips
-from .gltf_data import Buffers, Item
-from .gltf_materials import Materials, Surface, transformed, with_coordinates
+from .gltf_data import GltfData, Item
+from .gltf_materials import Materials, Surface, transform_uvs, with_coordinates
 from .gltf_nodes import MAX_NODES, Placed, Placement
-from .options import Options, mended_normals
+from .reading import Options, repair_normals
 
-_FEW = 1 << 12  # faces of a mesh whose flat normals are computed together with those of others
+_FEW = 1 << 12  # faces of a mesh whose flat normals are computed in a batch
 MAX_SCALARS = 64  # of a primitive
 TOLERANCE = 0.01  # of the sum of a vertex's weights: four of 8 bits, rounded each by itself, are 0.0078 off
 _AFFINE = 1e-4  # of the last row of an inverse bind matrix, which exporters compute in float32
@@ -46,9 +45,9 @@ class _Shape:
 class MeshBuilder:
     """Converts the meshes of a file, in any pose; arrays, and meshes that do not change their shape, are made once."""
 
-    def __init__(self, buffers: Buffers, options: Options) -> None:
-        self.document, self.buffers, self.ignored = buffers.document, buffers, buffers.ignored
-        self.options, self.materials = options, Materials(buffers, options.texture)
+    def __init__(self, file: GltfData, options: Options) -> None:
+        self.document, self.file, self.ignored = file.document, file, file.ignored
+        self.options, self.materials = options, Materials(file, options.texture)
         self.faces = self.placements = 0
         self._checked: dict[tuple[int, bool], Array] = {}
         self._shapes: dict[str, _Shape | None] = {}
@@ -56,7 +55,7 @@ class MeshBuilder:
         self._influences: dict[tuple[str, int], Influences] = {}
 
     def meshes(self, nodes: Placed) -> tuple[Mesh, ...]:
-        """Return all primitives of the placed meshes, in the order of the file; those of one mesh are parts of one object.
+        """Return all primitives of the placed meshes, in file order; primitives of one mesh are parts of one object.
 
         A primitive with all its placements is one Mesh, except for placements with a skin or their own weights.
         """
@@ -76,7 +75,7 @@ class MeshBuilder:
             # The name of the mesh, else of a node that has it, else of the file, with its number if there are several.
             of_nodes = (placement.name for placement in nodes.meshes[index] if placement.name)
             name = item.text("name") or next(of_nodes, "")
-            stem = os.path.splitext(os.path.basename(self.document.owner))[0]
+            stem = os.path.splitext(os.path.basename(self.file.owner))[0]
             name = name or (stem if self.document.count("meshes") == 1 else f"{stem} {index}")
             for primitive in primitives:
                 if primitive.where not in self._shapes:
@@ -87,7 +86,7 @@ class MeshBuilder:
                 for number, (group, weights) in enumerate(groups):
                     skin = group[0].skin
                     if skin is not None and skin not in joints:
-                        joints[skin] = joint_matrices(self.buffers, skin, nodes.worlds)
+                        joints[skin] = joint_matrices(self.document, skin, nodes.worlds)
                     mesh, matrix = self._mesh(shape, weights, None if skin is None else joints[skin])
                     matrices = np.array([placement.matrix for placement in group]) if matrix is None else matrix[None]
                     matrices.flags.writeable = False
@@ -105,12 +104,12 @@ class MeshBuilder:
             index = attributes.reference("POSITION", "accessors")
         if index is None:
             return
-        corners = self.document.entry("accessors", index).integer("count", least=1)
+        corners = self.document.entry("accessors", index).integer("count", minimum=1)
         self.faces += placements * (corners // 3 if item.integer("mode", 4) == 4 else max(corners - 2, 0))
         self.placements += placements
         if self.faces > MAX_FACES or self.placements > MAX_NODES:
             expected = f"a scene of at most {MAX_FACES} triangles and {MAX_NODES} placements"
-            raise file_error(item.owner, item.where, expected, "more")
+            raise item.error("", expected, "more")
 
     def _shape(self, item: Item) -> _Shape | None:
         """Read a primitive's triangles; None if it has no visible ones."""
@@ -121,7 +120,7 @@ class MeshBuilder:
             self.ignored.append("points and lines")
             return None
         for index in (attributes.reference("POSITION", "accessors"), item.reference("indices", "accessors")):
-            self.buffers.check_data(item, index)
+            self.file.check_data(item, index)
         verts = self._attribute(attributes, "POSITION", 3)
         surface = self.materials.surface(item.reference("material", "materials"))
         if verts is None:
@@ -159,12 +158,12 @@ class MeshBuilder:
         def rows(name: str, *widths: int) -> Array | None:
             values = self._rows(shape, name, *widths)
             if values is not None and name == "NORMAL":
-                values = self._mended(shape, values)
+                values = self._repair_normals(shape, values)
             return self._morphed(name, values, shape, targets) if targets and values is not None else values
 
         vectors = {"POSITION": rows("POSITION", 3), "NORMAL": rows("NORMAL", 3)}
         colors = rows("COLOR_0", 3, 4)
-        uvs = [transformed(rows(f"TEXCOORD_{number}", 2), transform) for number, transform in surface.coordinates]
+        uvs = [transform_uvs(rows(f"TEXCOORD_{number}", 2), transform) for number, transform in surface.coordinates]
         if any(table is None for table in uvs):
             self.ignored.append("textures of meshes without their texture coordinates")
         if colors is not None and not surface.alpha_counts:
@@ -180,19 +179,13 @@ class MeshBuilder:
         present, placement = self._skinned(shape, vectors, joints)
         if (targets or joints is not None) and not all(np.isfinite(values).all() for values in present.values()):
             raise shape.item.error("attributes", "finite positions and directions in every pose", "an overflow")
-        verts, normals, normal_faces = present["POSITION"], present.get("NORMAL"), None
-        if normals is None and (self.options.crease or verts.dtype != np.float32 or len(faces) > _FEW):
-            normals, normal_faces = crease_normals(verts, faces, self.options.crease or 0.0)
-        scalars = dict(self._scalars(shape))
-        arrays: dict[str, Any] = {
-            "verts": verts,
-            "faces": faces,
-            "normals": normals,
-            "normal_faces": normal_faces,
-            "tangents": present.get("TANGENT"),
-            "uvs": all_uvs[0] if all_uvs else None,
-        }
+        verts = present["POSITION"]
+        arrays = {"verts": verts, "faces": faces, "normals": present.get("NORMAL"), "tangents": present.get("TANGENT")}
+        if "NORMAL" not in present and (self.options.crease or verts.dtype != np.float32 or len(faces) > _FEW):
+            arrays["normals"], arrays["normal_faces"] = crease_normals(verts, faces, self.options.crease or 0.0)
+        arrays["uvs"] = all_uvs[0] if all_uvs else None
         fields: dict[str, Any] = {**arrays, "more_uvs": tuple(all_uvs[1:]), "material": material}
+        scalars = dict(self._scalars(shape))
         if colors is not None or scalars:
             return Mesh(**fields, colors=colors, scalars=scalars), placement
         for array in (*arrays.values(), *all_uvs):
@@ -209,9 +202,8 @@ class MeshBuilder:
             return present, None
         key = shape.item.where, len(joints)
         if key not in self._influences:
-            influences = influences_of(shape.attributes, self.buffers, shape.count, shape.used, len(joints))
-            self._influences[key] = influences
-        posed, placement = skinned(present, self._influences[key], joints)
+            self._influences[key] = read_influences(shape.attributes, shape.count, shape.used, len(joints))
+        posed, placement = deform(present, self._influences[key], joints)
         return {name: _float32(values) for name, values in posed.items()}, placement
 
     def _rows(self, shape: _Shape, name: str, *widths: int, target: Item | None = None) -> Array | None:
@@ -219,12 +211,12 @@ class MeshBuilder:
         values = self._attribute(target or shape.attributes, name, *widths, count=shape.count)
         return values if values is None or shape.used is None else values[shape.used]
 
-    def _mended(self, shape: _Shape, normals: Array) -> Array:
-        """Return normals (V, 3), computed from the faces where those of the file are 0 or not finite."""
+    def _repair_normals(self, shape: _Shape, normals: Array) -> Array:
+        """Return normals (V, 3); invalid ones, 0 or not finite, are recomputed from the faces."""
         verts, count = self._rows(shape, "POSITION", 3), len(normals)
         assert verts is not None
-        where = f"{shape.item.owner}: {shape.attributes.where}.NORMAL"
-        normals, corners = mended_normals(verts, shape.faces, normals, shape.faces, where)
+        where = f"{self.file.owner}: {shape.attributes.where}.NORMAL"
+        normals, corners = repair_normals(verts, shape.faces, normals, shape.faces, where)
         if corners is not shape.faces:
             normals[shape.faces] = normals[corners]
         return normals[:count]
@@ -244,7 +236,7 @@ class MeshBuilder:
         names = [name for name in shape.attributes.value if name.startswith("_") and len(name) > 1]
         for number, name in enumerate(names):
             index = shape.attributes.reference(name, "accessors")
-            if number >= MAX_SCALARS or index is None or self.buffers.array(index).shape[1] != 1:
+            if number >= MAX_SCALARS or index is None or self.file.array(index).shape[1] != 1:
                 self.ignored.append(f"attribute {name[:32]}")
                 continue
             values = self._rows(shape, name, 1)
@@ -257,49 +249,51 @@ class MeshBuilder:
         index = attributes.reference(name, "accessors")
         if index is None:
             return None
-        values = self.buffers.array(index)
-        if values.shape[1] not in widths or (count is not None and len(values) != count):
-            expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
-            raise attributes.error(name, expected, f"{values.shape[0]} of {values.shape[1]} in accessors[{index}]")
+        expected = f"{count or 'rows'} of {' or '.join(map(str, widths))} numbers"
+        values = attributes.accessor(
+            name, expected, lambda rows: rows.shape[1] in widths and (count is None or len(rows) == count)
+        )
         any_value = name.startswith(("TEXCOORD", "NORMAL", "_"))
         if (index, any_value) not in self._checked:
             values = values.astype(np.float32, copy=False)
-            if not any_value and not np.isfinite(values).all():
-                row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-                found = f"{values[row].tolist()} in row {row} of accessors[{index}]"
-                raise attributes.error(name, "finite numbers", found)
+            if not any_value:
+                attributes.check_rows(name, np.isfinite(values), "finite numbers", values)
             self._checked[index, any_value] = values
         return self._checked[index, any_value]
 
     def _triangles(self, item: Item, count: int) -> Array:
         """Return (F, 3) int32 indices below `count`. Raises InputError for others, and for an incomplete triangle."""
-        index, mode = item.reference("indices", "accessors"), item.integer("mode", 4)
+        mode = item.integer("mode", 4)
         if mode not in (4, 5, 6):
             raise item.error("mode", "a number from 0 to 6", str(mode))
-        if index is None:
+        if "indices" not in item.value:
             flat = np.arange(count, dtype=np.int32)
         else:
-            values = self.buffers.array(index, normalized=False)
-            if values.shape[1] != 1 or values.dtype.kind != "u":
-                raise item.error("indices", "whole numbers of type SCALAR", f"another type in accessors[{index}]")
-            flat, most = values.reshape(-1), np.iinfo(values.dtype).max
-            if int(flat.max()) >= min(count, most):
-                restarts = int(flat.max()) == most  # glTF 2.0, section 3.7.2.1: it would restart a strip or fan
-                expected = f"indices below {most}, the largest of their type" if restarts else f"indices below {count}"
-                place = int(np.argmax(flat == most if restarts else flat >= count))
-                raise item.error("indices", expected, f"{flat[place]} at place {place} of accessors[{index}]")
+            expected = "whole numbers of type SCALAR"
+            values = item.accessor(
+                "indices", expected, lambda rows: rows.shape[1] == 1 and rows.dtype.kind == "u", normalized=False
+            )
+            flat, restart = values.reshape(-1), np.iinfo(values.dtype).max
+            if int(flat.max()) >= min(count, restart):
+                restarts = int(flat.max()) == restart  # glTF 2.0, section 3.7.2.1: it would restart a strip or fan
+                expected = (
+                    f"indices below {restart}, the largest of their type" if restarts else f"indices below {count}"
+                )
+                place = int(np.argmax(flat == restart if restarts else flat >= count))
+                found = f"{flat[place]} at place {place} of accessors[{item.value['indices']}]"
+                raise item.error("indices", expected, found)
             flat = flat.astype(np.int32)
-        if mode == 4:
-            if len(flat) % 3:
-                raise item.error("indices", "a multiple of 3", str(len(flat)))
-            return flat.reshape(-1, 3)
-        return strips(flat) if mode == 5 else single_fan(flat)
+        if mode != 4:
+            return strips(flat) if mode == 5 else single_fan(flat)
+        if len(flat) % 3:
+            raise item.error("indices", "a multiple of 3", str(len(flat)))
+        return flat.reshape(-1, 3)
 
 
 def _with_flat_normals(meshes: Sequence[Mesh]) -> tuple[Mesh, ...]:
-    """Return meshes in which those of a few faces without normals have one for each face, computed together.
+    """Compute flat normals of the small meshes that lack normals, all at once.
 
-    Products of float32 positions are in the range of float64, so that no face needs a scale of its mesh's.
+    Products of float32 positions are in the range of float64, so no mesh needs a scale.
     """
     bare = [mesh for mesh in meshes if mesh.normals is None]
     if not bare:
@@ -342,32 +336,30 @@ class Influences(NamedTuple):
     weights: Floats
 
 
-def joint_matrices(buffers: Buffers, index: int, worlds: Mapping[int, Floats]) -> Floats:
+def joint_matrices(document: Item, index: int, worlds: Mapping[int, Floats]) -> Floats:
     """Return what moves a vertex with each joint of a skin from the bind pose to the world, (J, 3, 4).
 
     worlds: the (4, 4) matrix of each node in the world. Raises InputError for a broken skin.
     """
-    skin = buffers.document.entry("skins", index)
+    skin = document.entry("skins", index)
     joints = skin.references("joints", "nodes")
     if not joints:
         raise skin.error("joints", "a skeleton of one node or more", "none")
     skin.reference("skeleton", "nodes")  # a hint for editors
     for joint in joints:
         if joint not in worlds:  # then it is reached from no root
-            raise buffers.document.error(f"nodes[{joint}]", "a tree of nodes", "a cycle")
+            raise document.error(f"nodes[{joint}]", "a tree of nodes", "a cycle")
     placements: Floats = np.stack([worlds[joint] for joint in joints])
-    accessor = skin.reference("inverseBindMatrices", "accessors")
-    if accessor is None:
+    key, expected, count = "inverseBindMatrices", f"{len(joints)} matrices of 16 float32", len(joints)
+    if key not in skin.value:
         return placements[:, :3]
-    array = buffers.array(accessor)
-    if array.dtype != np.float32 or array.shape[1] != 16 or len(array) < len(joints):
-        other = f"{array.shape[0]} of {array.shape[1]} in accessors[{accessor}]"
-        raise skin.error("inverseBindMatrices", f"{len(joints)} matrices of 16 float32", other)
-    inverse: Floats = array[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
-    good = np.isfinite(inverse).all(axis=(1, 2)) & (np.abs(inverse[:, 3] - [0.0, 0.0, 0.0, 1.0]) <= _AFFINE).all(axis=1)
-    if not good.all():
-        expected = "finite matrices with a last row of 0 0 0 1"
-        raise skin.error("inverseBindMatrices", expected, f"another in row {int(np.argmin(good))}")
+    rows = skin.accessor(
+        key, expected, lambda rows: rows.dtype == np.float32 and rows.shape[1] == 16 and len(rows) >= count
+    )
+    inverse: Floats = rows[:count].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+    last = np.abs(inverse[:, 3] - [0.0, 0.0, 0.0, 1.0]) <= _AFFINE
+    good = np.column_stack([np.isfinite(inverse).all(axis=(1, 2)), last])
+    skin.check_rows(key, good, "finite matrices with a last row of 0 0 0 1", rows)
     inverse[:, 3] = 0.0, 0.0, 0.0, 1.0
     with np.errstate(over="ignore", invalid="ignore"):
         matrices: Floats = (placements @ inverse)[:, :3]
@@ -376,7 +368,7 @@ def joint_matrices(buffers: Buffers, index: int, worlds: Mapping[int, Floats]) -
     return matrices
 
 
-def influences_of(attributes: Item, buffers: Buffers, count: int, used: Array | None, joint_count: int) -> Influences:
+def read_influences(attributes: Item, count: int, used: Array | None, joint_count: int) -> Influences:
     """Return the influences on the vertices of a primitive, from all its sets of joints and weights.
 
     count: rows of its attributes. used: (V,) those that are vertices, None for all.
@@ -384,42 +376,37 @@ def influences_of(attributes: Item, buffers: Buffers, count: int, used: Array | 
     Weights are scaled to a sum of 1, with a warning if one is off by more than TOLERANCE; without any, a vertex follows
     the first joint. Raises InputError for other shapes, and joints or weights out of range.
     """
-    sets = [number for number in range(len(attributes.value)) if f"JOINTS_{number}" in attributes.value]
-    joints = np.concatenate([_rows(attributes, buffers, f"JOINTS_{number}", count) for number in sets], axis=1)
-    weights = np.concatenate([_rows(attributes, buffers, f"WEIGHTS_{number}", count) for number in sets], axis=1)
-    joints, weights = (table if used is None else table[used] for table in (joints, weights))
-    weights = weights.astype(np.float64)
-    good = (np.isfinite(weights) & (weights >= 0.0)).all(axis=1)
-    if not good.all():
-        row = int(np.argmin(good))
-        raise attributes.error("WEIGHTS", "finite numbers of at least 0", f"{weights[row].tolist()} in row {row}")
+
+    def table(name: str, kind: str, expected: str) -> Array:
+        """Return (V, 4 for each set) numbers of the attributes JOINTS_0, JOINTS_1, ... or WEIGHTS_0, ..."""
+        expected, is_index = f"{count} of 4 {expected}", kind == "u"
+        sets = [number for number in range(len(attributes.value)) if f"JOINTS_{number}" in attributes.value]
+
+        def fits(rows: Array) -> bool:
+            return rows.shape == (count, 4) and rows.dtype.kind == kind
+
+        parts = [attributes.accessor(f"{name}_{number}", expected, fits, normalized=not is_index) for number in sets]
+        rows = np.concatenate(parts, axis=1)
+        return rows if used is None else rows[used]
+
+    joints = table("JOINTS", "u", "whole numbers")
+    weights = table("WEIGHTS", "f", "float32 or normalized integers").astype(np.float64)
+    good = np.isfinite(weights) & (weights >= 0.0)
+    attributes.check_rows("WEIGHTS", good, "finite numbers of at least 0", weights)
     sums = weights.sum(axis=1)
     off = np.abs(sums - 1.0)
     if off.max() > TOLERANCE:
         row = int(np.argmax(off))
         line = f"WEIGHTS: expected a sum of 1 for each vertex, found {sums[row]:g} in row {row}: scaled"
-        warnings.warn(f"{attributes.owner}: {attributes.where}.{line}", stacklevel=2)
+        warnings.warn(f"{attributes.file.owner}: {attributes.where}.{line}", stacklevel=2)
     weights[sums == 0.0, 0] = 1.0
     weights /= weights.sum(axis=1)[:, None]
     joints = np.where(weights > 0.0, joints, 0)  # what has no weight may have any number
-    if joints.max() >= joint_count:
-        row = int(np.argmax(joints.max(axis=1)))
-        raise attributes.error("JOINTS", f"indices below {joint_count}", f"{joints[row].max()} in row {row}")
+    attributes.check_rows("JOINTS", joints < joint_count, f"indices below {joint_count}", joints)
     return Influences(joints.astype(np.int64), weights)
 
 
-def _rows(attributes: Item, buffers: Buffers, name: str, count: int) -> Array:
-    index = attributes.index(name, "accessors")
-    joints = name.startswith("JOINTS")
-    values = buffers.array(index, normalized=not joints)
-    if values.shape != (count, 4) or values.dtype.kind != ("u" if joints else "f"):
-        kind = "whole numbers" if joints else "float32 or normalized integers"
-        found = f"{values.shape[0]} of {values.shape[1]} {values.dtype} in accessors[{index}]"
-        raise attributes.error(name, f"{count} of 4 {kind}", found)
-    return values
-
-
-def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floats) -> tuple[dict[str, Floats], Floats]:
+def deform(vectors: Mapping[str, Array], influences: Influences, matrices: Floats) -> tuple[dict[str, Floats], Floats]:
     """Return positions, normals and tangents, by attribute, in the world, and the placement (4, 4) that they then need.
 
     vectors: POSITION and NORMAL (V, 3), TANGENT (V, 4), of those that are there. matrices: see `joint_matrices`. Positions
@@ -457,7 +444,7 @@ def skinned(vectors: Mapping[str, Array], influences: Influences, matrices: Floa
 
 
 def _products(matrices: Floats, vectors: Floats) -> Floats:
-    """Return matrices (V, 3, 3) times vectors (V, 3), each a sum in a fixed order: the same on every machine."""
+    """Return matrices (V, 3, 3) times vectors (V, 3), summed in a fixed order, with equal bits on every machine."""
     x, y, z = (matrices[:, :, column] * vectors[:, column, None] for column in range(3))
     return x + y + z
 

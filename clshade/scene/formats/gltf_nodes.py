@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,8 +17,10 @@ from ..camera import MAX_RESOLUTION, Camera
 from ..framing import RESOLUTION
 from ..lights import Attenuation, DirectionalLight, PlacedLight, PointLight, SpotLight
 from ..model import Light
-from .gltf_animations import NodeValues, target_count
 from .gltf_data import Item
+
+# By node: translation, rotation, scale, weights, those that are animated.
+NodeValues: TypeAlias = dict[int, dict[str, Floats]]
 
 MAX_NODES = 1 << 18
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
@@ -28,8 +30,8 @@ _LEVEL = 1e-6  # radians: less is the rounding of rotations in float32, and move
 
 
 class Placement(NamedTuple):
-    """A mesh in the world. matrix: (4, 4). node: its index, if it has a skin or its own weights. skin: its index. weights:
-    of morph targets, where they are not the mesh's. name: of the node."""
+    """A mesh in the world. node: its index, if it has a skin or weights. weights: of morph targets, where they are not the
+    mesh's. name: of the node."""
 
     matrix: Array
     node: int | None = None
@@ -72,8 +74,7 @@ def place_nodes(document: Item, pose: NodeValues) -> Placed:
         _collect(document.entry("nodes", index), index, content, pose.get(index, {}))
     if any(placement.skin is not None for placements in content.meshes.values() for placement in placements):
         outside = [node for node in _parentless(document) if node not in content.worlds]
-        for _ in _visited(document, outside, pose, content.worlds):
-            pass  # joints may lie outside the scene
+        list(_visited(document, outside, pose, content.worlds))  # joints may lie outside the scene
     return content
 
 
@@ -115,12 +116,19 @@ def _collect(node: Item, index: int, content: Placed, changed: Mapping[str, Floa
         content.cameras.append((camera, matrix))
     light = node.extension("KHR_lights_punctual")
     if light is not None:
-        extension = Item(node.root, "", node.root, node.owner).extension("KHR_lights_punctual")
+        extension = node.file.document.extension("KHR_lights_punctual")
         lights = [] if extension is None else list(extension.items("lights"))
         number = light.integer("light")
         if number >= len(lights):
             raise light.error("light", f"an index of the {len(lights)} lights", str(number))
         content.lights.append((lights[number], matrix))
+
+
+def target_count(node: Item) -> int:
+    """Return the number of morph targets of a node's mesh."""
+    mesh = node.reference("mesh", "meshes")
+    primitives = [] if mesh is None else list(node.entry("meshes", mesh).items("primitives"))
+    return len(list(primitives[0].items("targets"))) if primitives else 0
 
 
 def _matrix(node: Item, changed: Mapping[str, Floats]) -> Array:
@@ -184,7 +192,7 @@ def camera_of(
         fov = lens.number("yfov")
         if not 0.0 < fov < math.pi:
             raise lens.error("yfov", "radians between 0 and pi", str(fov))
-        height, aspect = 2.0 * math.tan(fov / 2.0), lens.number("aspectRatio", 0.0, least=0.0)
+        height, aspect = 2.0 * math.tan(fov / 2.0), lens.number("aspectRatio", 0.0, minimum=0.0)
     if height == 0.0:
         raise lens.error("ymag", "a number other than 0", "0")
     if resolution is None:
@@ -205,19 +213,19 @@ def camera_of(
 
 
 def lights_of(
-    entries: list[tuple[Item, Array]], sphere: tuple[Array, float], ignored: list[str], scale: float | None = None
+    entries: list[tuple[Item, Array]], sphere: tuple[Array, float], scale: float | None = None
 ) -> tuple[tuple[Light, ...], float]:
     """Return the lights of the scene, and what their intensities, in candela and lux, were multiplied by.
 
-    entries: each light and its matrix in the world. sphere: center and radius of the meshes. ignored: gets lights of an
-    unknown type. scale: what to multiply them by instead, as in another pose.
+    entries: each light and its matrix in the world. sphere: center and radius of the meshes. scale: what to multiply them
+    by instead, as in another pose.
 
     A file says how bright lights are, not how a picture of them is exposed. So all intensities are multiplied by one
     factor, with which the strongest light has the illuminance 1 at the center (for lights nearer than the radius: at that
     distance), its cone and range aside. Ratios are the file's. Without a light that shines there are none.
     """
     center, radius = sphere
-    lights = [light for item, matrix in entries if (light := _light(item, matrix, ignored)) is not None]
+    lights = [light for item, matrix in entries if (light := _light(item, matrix)) is not None]
     if scale is None:
         strongest = 0.0
         for light in lights:
@@ -234,13 +242,13 @@ def lights_of(
     return tuple(replace(light, intensity=i) for light, i in zip(lights, intensities, strict=True)), scale
 
 
-def _light(item: Item, matrix: Array, ignored: list[str]) -> Light | None:
+def _light(item: Item, matrix: Array) -> Light | None:
     """Return a light in the file's units; None for one that has no direction, or whose type is unknown."""
     kind = item.text("type")
     if kind not in ("directional", "point", "spot"):
-        ignored.append("lights of an unknown type")
+        item.file.ignored.append("lights of an unknown type")
         return None
-    color = item.numbers("color", 3, (1.0, 1.0, 1.0)) * item.number("intensity", 1.0, least=0.0)
+    color = item.numbers("color", 3, (1.0, 1.0, 1.0)) * item.number("intensity", 1.0, minimum=0.0)
     color = np.clip(color, -_MAX_FLOAT32, _MAX_FLOAT32)
     position, direction = matrix[:3, 3], -matrix[:3, 2]
     if kind != "point" and not direction.any():
@@ -253,7 +261,10 @@ def _light(item: Item, matrix: Array, ignored: list[str]) -> Light | None:
     if kind == "point":
         return PointLight(position, color, _ATTENUATION, limit)
     cone = item.part("spot")
-    inner, outer = cone.number("innerConeAngle", 0.0, least=0.0), cone.number("outerConeAngle", math.pi / 4, least=0.0)
+    inner, outer = (
+        cone.number("innerConeAngle", 0.0, minimum=0.0),
+        cone.number("outerConeAngle", math.pi / 4, minimum=0.0),
+    )
     if outer > _HALF_PI:
         raise cone.error("outerConeAngle", "radians from 0 to pi/2", f"{outer:g}")
     if inner > outer:

@@ -21,9 +21,8 @@ from ...errors import InputError
 from ..framing import Up
 from ..lights import LIGHTS
 from ..model import Scene, Texture
-from .options import FPS, Options, VertexColors
+from .reading import FPS, Options, VertexColors, as_texture
 from .table import BY_EXTENSION, EXTENSIONS, Format, extensions_with
-from .texture import as_texture
 
 if TYPE_CHECKING:
     from .gltf import Played
@@ -175,11 +174,8 @@ def load_animation(
 
 @contextlib.contextmanager
 def _opened(who: str, arguments: dict[str, Any]) -> Iterator[tuple[Format, Options]]:
-    """Yield the format of a file, and the options of `load` for it from the arguments that users give `who`.
-
-    Raises InputError for those that are refused. Errors of the block become InputErrors of one line that names the file;
-    a slow block is announced.
-    """
+    """Yield the format of a file, and the options of `load` for it from the arguments of `who`. Errors of the block become
+    InputErrors of one line that names the file; a slow block is announced."""
     path: Any = arguments["path"]
     checked_path(who, "path", path)
     owner, extension = shown(path), os.path.splitext(os.fspath(path))[1].lower()
@@ -210,9 +206,9 @@ def _options(who: str, form: Format, arguments: dict[str, Any]) -> Options:
     values = {name: arguments[name] for name in checks if arguments.get(name) is not None and (name != "flat" or flat)}
     for name, value in values.items():
         if name not in (*form.takes, "resolution", "two_sided", "fit"):
-            *most, last = extensions_with(name)
-            others = f"{', '.join(most)} and {last}" if most else last
-            raise value_error(who, name, f"one only for {others} files", value)
+            *others, last = extensions_with(name)
+            formats = f"{', '.join(others)} and {last}" if others else last
+            raise value_error(who, name, f"one only for {formats} files", value)
     options = {name: checks[name](who, name, value) for name, value in values.items()}
     if options.pop("flat", False):
         if "crease" in options:

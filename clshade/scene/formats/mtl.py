@@ -21,13 +21,16 @@ from ...base.atomic_files import shown
 from ...base.input_files import file_error, quoted, read_file, within
 from ..framing import AMBIENT
 from ..model import Material, Texture, Wrap
-from .options import DEFAULT_MATERIAL
+from .reading import DEFAULT_MATERIAL, Images
 from .text_tokens import numbers
-from .texture import Images
 
 MAX_BYTES = 1 << 24  # of a library
-# Defaults of a material in an MTL file: no highlight.
-DEFAULTS = {"kd": [0.8] * 3, "ks": 0.0, "n": 20.0}
+# Keywords of numbers -> what is expected of them, and how many are allowed.
+_NUMBERS = {
+    **dict.fromkeys(("ka", "kd", "ks"), ("one or three finite numbers", (1, 3))),  # no spectral and xyz colors
+    "ns": ("a number up to 1e9", (1,)),
+    **dict.fromkeys(("d", "tr", "illum"), ("a number", (1,))),
+}
 # Keywords -> features that are not rendered.
 _IGNORED = {
     **dict.fromkeys(("bump", "map_bump", "norm", "map_kn"), "normal maps"),
@@ -62,15 +65,11 @@ class _Map:
 
 @dataclass
 class _Statements:
-    """The statements on one material. image, mask: its map_Kd and map_d. mapped: whether it has a map_Kd, be the image
-    there or not. transparency: its Tr."""
+    """The statements on one material. numbers: by keyword, colors as lists. maps: its map_kd and map_d, None without the
+    image."""
 
-    values: dict[str, Any] = field(default_factory=lambda: dict(DEFAULTS))
-    image: _Map | None = None
-    mask: _Map | None = None
-    mapped: bool = False
-    transparency: float | None = None
-    model: int = 2
+    numbers: dict[str, Any] = field(default_factory=dict)
+    maps: dict[str, _Map | None] = field(default_factory=dict)
     ignored: list[str] = field(default_factory=list)
 
 
@@ -104,9 +103,9 @@ class Library:
         if re.match(r"[A-Za-z]:|[\\/]", text) or len(names) == 1:
             return [self.images.find(text, *at)]
         if self.images.has(text, *at) or not any(self.images.has(name, *at) for name in names):
-            whole = self.images.find(text, *at, optional=True)
-            if whole is not None:
-                return [whole]
+            path = self.images.find(text, *at, optional=True)
+            if path is not None:
+                return [path]
         return [self.images.find(name, *at) for name in names]
 
     def _read(self, library: str) -> None:
@@ -122,33 +121,19 @@ class Library:
                 self._statement(material, keyword, rest, library, where)
 
     def _statement(self, material: _Statements, keyword: str, rest: str, library: str, where: str) -> None:
-        owner = shown(library)
-        if keyword in ("ka", "kd", "ks"):  # spectral and xyz colors are not supported
-            values = _floats(rest, owner, where, "one or three finite numbers", (1, 3))
-            material.values[keyword] = values * 3 if len(values) == 1 else values
-        elif keyword == "ns":
-            (value,) = _floats(rest, owner, where, "a number up to 1e9")
-            if value > 1e9:
-                raise file_error(owner, where, "a number up to 1e9", f"{value:g}")
-            if value < 0.0:  # Blender 2.7 wrote -1.960784
+        if keyword in _NUMBERS:
+            expected, counts = _NUMBERS[keyword]
+            text = rest.removeprefix("-halo") if keyword in ("d", "tr") else rest  # opaque where seen from the front
+            values = _floats(text, shown(library), where, expected, counts)
+            material.numbers[keyword] = (values * 3)[:3] if 3 in counts else values[0]
+            if keyword == "ns" and values[0] > 1e9:
+                raise file_error(shown(library), where, expected, f"{values[0]:g}")
+            if keyword == "ns" and values[0] < 0.0:  # Blender 2.7 wrote -1.960784
                 self._warn("Ns below 0 is read as 0")
-            material.values["n"] = max(value, 0.0)
-        elif keyword in ("d", "tr"):  # d's option -halo, opaque where seen from the front, is left out
-            (value,) = _floats(rest.removeprefix("-halo"), owner, where, "a number")
-            value = min(max(value, 0.0), 1.0)
-            if keyword == "d":
-                material.values["opacity"] = value
-            else:
-                material.transparency = value
-        elif keyword == "illum":
-            (value,) = _floats(rest, owner, where, "a number")
-            material.model = int(min(max(value, 0.0), 99.0))
-            if material.model > 2:
+            if keyword == "illum" and values[0] >= 3.0:
                 material.ignored.append("reflection and refraction (illum)")
-        elif keyword == "map_kd":
-            material.mapped, material.image = True, self._map(rest, library, where, material)
-        elif keyword == "map_d":
-            material.mask = self._map(rest, library, where, material)
+        elif keyword in ("map_kd", "map_d"):
+            material.maps[keyword] = self._map(rest, library, where, material)
         elif keyword in _IGNORED:
             words = rest.split("#", 1)[0].split()
             default = _DEFAULTS_IGNORED.get(keyword)
@@ -158,7 +143,7 @@ class Library:
             material.ignored.append(keyword[:32])
 
     def _map(self, text: str, library: str, where: str, material: _Statements) -> _Map | None:
-        """Return a map's image and those of its options that are rendered; None, with a warning, without an image."""
+        """Return the image and the rendered options of a map; None, with a warning, without an image."""
         name, options = _split_options(text, material.ignored, shown(library), where)
         path = self.images.find(name, shown(library), where, os.path.dirname(library))
         return None if path is None else _Map(path, **options)
@@ -172,37 +157,44 @@ class Library:
                 self.undefined.append(name)
             return replace(DEFAULT_MATERIAL, texture=texture), None
         self.ignored += statements.ignored
-        if statements.mapped and not any(
-            statements.values["kd"]
-        ):  # exporters mean the map alone, by which others multiply it
-            statements.values["kd"] = [1.0, 1.0, 1.0]
-            self._warn("materials with Kd 0 0 0 and a map_Kd are read with Kd 1 1 1")
-        opacity = 1.0 - (statements.transparency or 0.0)
-        if statements.transparency == 1.0:
-            # MeshLab and OpenMVS wrote and read it so; tinyobjloader, Assimp and three.js find the object invisible.
-            opacity = 1.0
-            if "opacity" not in statements.values:
-                self._warn("materials with Tr 1 and without d are read as opaque")
-        values = {"ka": statements.values["kd"], "opacity": opacity, **statements.values}
-        values["blend"] = values["opacity"] < 1.0
-        # (R.V)^0 is no highlight but a white half of the surface with a hard edge. Exporters that know none write Ks 1 and
-        # Ns 0; Blender, Unity and Asset Forge draw these without (github.com/castle-engine/castle-engine/issues/178).
-        if statements.model == 1 or values["n"] == 0.0:
-            values["ks"] = 0.0
-        if statements.model == 0:
-            values.update(color=values["kd"], ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
-        source, transform = statements.image or statements.mask, None
+        values = self._values(statements)
+        image, mask = statements.maps.get("map_kd"), statements.maps.get("map_d")
+        source, transform = image or mask, None
         if source is not None and not textured:
             self.ignored.append("textures of faces without texture coordinates")
         elif source is not None and texture is None:
-            key = (statements.image, statements.mask)
-            if key not in self.textures:
-                self.textures[key] = self._texture(source, *key)
-            texture, masked = self.textures[key]
+            if (image, mask) not in self.textures:
+                self.textures[image, mask] = self._texture(source, image, mask)
+            texture, masked = self.textures[image, mask]
             values["blend"] = values["blend"] or masked
             transform = np.array([source.scale, source.offset])
         material = Material(**values, texture=texture, name=name or "")
         return material, None if transform is None or (transform == [[1.0, 1.0], [0.0, 0.0]]).all() else transform
+
+    def _values(self, statements: _Statements) -> dict[str, Any]:
+        """Return the fields of a Material without its texture."""
+        numbers = statements.numbers
+        kd = numbers.get("kd", [0.8] * 3)
+        if "map_kd" in statements.maps and not any(kd):  # exporters mean the map alone, by which others multiply it
+            kd = [1.0, 1.0, 1.0]
+            self._warn("materials with Kd 0 0 0 and a map_Kd are read with Kd 1 1 1")
+        transparency = min(max(numbers.get("tr", 0.0), 0.0), 1.0)
+        if transparency == 1.0:
+            # MeshLab and OpenMVS wrote and read it so; tinyobjloader, Assimp and three.js find the object invisible.
+            transparency = 0.0
+            if "d" not in numbers:
+                self._warn("materials with Tr 1 and without d are read as opaque")
+        opacity = min(max(numbers.get("d", 1.0 - transparency), 0.0), 1.0)
+        values = {"ka": numbers.get("ka", kd), "kd": kd, "ks": numbers.get("ks", 0.0)}
+        values["n"] = max(numbers.get("ns", 20.0), 0.0)
+        model = max(int(numbers.get("illum", 2.0)), 0)
+        # (R.V)^0 is no highlight but a white half of the surface with a hard edge. Exporters that know none write Ks 1 and
+        # Ns 0; Blender, Unity and Asset Forge draw these without (github.com/castle-engine/castle-engine/issues/178).
+        if model == 1 or values["n"] == 0.0:
+            values["ks"] = 0.0
+        if model == 0:
+            values.update(color=kd, ka=1.0 / AMBIENT, kd=0.0, ks=0.0)
+        return {**values, "opacity": opacity, "blend": opacity < 1.0}
 
     def _warn(self, remark: str) -> None:
         """Warn of how materials are read, once."""
@@ -217,7 +209,10 @@ class Library:
         """
         wrap: Wrap = "clamp" if source.clamp else "repeat"
         image = None if map_kd is None else self.images.at(map_kd.path, srgb=True)
-        mask = None if map_d is None else self._alpha(map_d.path)
+        mask, alpha = None, None if map_d is None else self.images.at(map_d.path, srgb=False)
+        if alpha is not None:  # its alpha channel, or its mean color
+            values = np.asarray(alpha)
+            mask = values[:, :, 3] if values.shape[2] == 4 else values.mean(axis=2)
         if image is not None and mask is not None and image.shape[:2] != mask.shape:
             self.ignored.append("map_d of another size than map_Kd")
             mask = None
@@ -226,14 +221,6 @@ class Library:
             colors = np.ones((*mask.shape, 3), np.float32) if image is None else image[:, :, :3]
             return Texture(np.concatenate([colors, mask[:, :, None]], axis=2), wrap=wrap, name=name), True
         return None if map_kd is None else self.images.texture(map_kd.path, wrap), False
-
-    def _alpha(self, path: str) -> Array | None:
-        """Return (h, w) of a map_d: its alpha channel, or its mean color if it has none."""
-        image = self.images.at(path, srgb=False)
-        if image is None:
-            return None
-        numbers = np.asarray(image)
-        return numbers[:, :, 3] if image.shape[2] == 4 else numbers.mean(axis=2)
 
 
 def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tuple[str, dict[str, Any]]:

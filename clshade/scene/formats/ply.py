@@ -1,4 +1,4 @@
-"""Scenes from PLY files, ascii and binary.
+"""Scenes from PLY files, ascii and binary: the header, the rows of every element as columns, each checked, then a mesh.
 
 Own code on NumPy, because trimesh 5.2 silently returns no faces for triangle strips, accepts NaN, infinity and
 indices out of range, doubles the precision of every position, and opens the textures that a comment names.
@@ -8,24 +8,27 @@ from __future__ import annotations
 
 import os
 import re
+import struct
 import warnings
-from dataclasses import replace
-from typing import Any
+from array import array
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
-from ...base.input_files import file_error, read_file
+from ...base.input_files import file_error, quoted, read_file, runs
 from .. import framing
 from ..geometry import against_normals, crease_normals, seamless_normals, vertex_normals
 from ..model import MAX_FACES, Mesh, Scene, Texture
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
-from .options import DEFAULT_MATERIAL, Options, linear_colors, mended_normals, warn_ignored
-from .ply_parser import Element, PlyFile
-from .texture import Images
+from .reading import DEFAULT_MATERIAL, Images, Options, linear_colors, repair_normals, warn_ignored
+from .text_tokens import is_blank, numbers
 
 MAX_BYTES = 1 << 31
+MAX_HEADER = 1 << 16  # bytes
+MAX_LISTS = 8  # in an element
 MAX_SCALARS = 64  # of vertices, and of faces
 _INDICES = ("vertex_indices", "vertex_index")
 _UVS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -35,20 +38,22 @@ _COLORS = (
     ("diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"),
 )
 _TEXTURE = re.compile(r"TextureFile\s+(.+)", re.IGNORECASE)
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+_FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_LINE_END = re.compile(rb"[ \t]*(?:\r\n|\n|\r|\Z)")
+_CHUNK = 1 << 20  # bytes of ascii text taken at once
 
 
 def read_ply(path: Path, options: Options) -> Scene:
-    """Read a PLY file: one Mesh of its faces, followed by its triangle strips.
+    """Read a PLY file: one Mesh of its faces, followed by its triangle strips, see README.md.
 
-    Polygons are cut by `triangulate.triangulated`. Rendered: positions (as float32, or float64 where the file has
-    double or text), normals, colors of vertices or of faces, texture coordinates of vertices or of the corners of faces
-    (v = 0 is the bottom), and the image that a comment `TextureFile` names, in the file's folder. Colors, of integers
-    value/255 (65535), are decoded by `options.linear_colors`; those with alpha below 1 blend. Faces with a color each get
-    vertices of their own. Normals that are 0 or not finite are computed. Without normals the surface is smooth, across
-    seams with options.weld, except for edges above options.crease; faces that are clockwise as seen along the file's
-    normals are reversed. All other properties of vertices and faces that are numbers become Mesh.scalars; where a face's
-    has the name of a vertex's, it is `face_` and that name.
-    Other elements are listed in Scene.ignored.
+    Positions are float32, or float64 where the file has double or text. Colors, of integers value/255 (65535), are decoded
+    by `linear_colors`. Faces that have colors get vertices of their own. Properties of vertices and faces that are
+    numbers and mean nothing else become Mesh.scalars; other elements are listed in Scene.ignored.
     """
     reader = _Reader(path, options)
     mesh = reader.mesh()
@@ -91,9 +96,13 @@ class _Reader:
             arrays["normals"] = seamless_normals(arrays["verts"], arrays["faces"])
         self._color()
         texture = self._texture()
-        self._add_face_scalars()
+        for name, values in ({} if self.face is None else self._scalars(self.face)).items():
+            by_face = np.where(self.polygon < 0, values.dtype.type(np.nan), values[self.polygon])  # NaN: of strips
+            if len(by_face) == len(arrays["verts"]):  # by corner, they are not taken for the vertices'
+                by_face = np.repeat(by_face[:, None], 3, axis=1)
+            arrays["scalars"][name if name not in arrays["scalars"] else f"face_{name}"] = by_face
         if normals is not None:
-            self._turn_to_normals()
+            self._orient_by_normals()
         blend = arrays["colors"] is not None and bool((arrays["colors"][:, 3] < 1.0).any())
         material = replace(options.lit(DEFAULT_MATERIAL), texture=texture, blend=blend)
         others = (name for name in self.file.elements if name not in ("vertex", "face", "tristrips"))
@@ -147,10 +156,10 @@ class _Reader:
             expected = f"a list property {' or '.join(_INDICES)}"
             raise self.error(where, expected, ", ".join(element.columns) or "none")
         values, lengths = lists[0]
-        least = 0 if is_face else -1
-        whole = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
-        if len(values) and not (whole and values.min() >= least and values.max() < count):
-            place = int(np.argmin((values >= least) & (values < count) & (values == np.floor(values))))
+        minimum = 0 if is_face else -1
+        integral = values.dtype.kind in "iu" or bool((values == np.floor(values)).all())
+        if len(values) and not (integral and values.min() >= minimum and values.max() < count):
+            place = int(np.argmin((values >= minimum) & (values < count) & (values == np.floor(values))))
             row = int(np.searchsorted(np.cumsum(lengths), place, side="right"))
             raise self.error(f"{where}: row {row}", f"indices from 0 to {count - 1}", f"{values[place]:g}")
         if is_face and lengths.min() < 3:
@@ -160,7 +169,7 @@ class _Reader:
             raise self.error(where, f"at most {MAX_FACES} triangles", "more")
         return values.astype(np.int32, copy=False), lengths
 
-    def _turn_to_normals(self) -> None:
+    def _orient_by_normals(self) -> None:
         """Reverse the faces that are clockwise as seen along the file's normals, which define the front; compute normals
         that are 0 or not finite."""
         arrays = self.arrays
@@ -170,11 +179,11 @@ class _Reader:
         if against.any():
             arrays.update({key: np.where(against[:, None], arrays[key][:, [0, 2, 1]], arrays[key]) for key in names})
         where = f"{self.owner}: element vertex: nx, ny, nz"
-        arrays["normals"], mended = mended_normals(
+        arrays["normals"], repaired = repair_normals(
             arrays["verts"], arrays["faces"], arrays["normals"], arrays[name], where
         )
-        if mended is not arrays[name]:
-            arrays["normal_faces"] = mended
+        if repaired is not arrays[name]:
+            arrays["normal_faces"] = repaired
 
     def _linear(self, element: Element | None) -> Array | None:
         """Return (rows, 4) linear colors and alphas of an element, or None if it has none."""
@@ -186,8 +195,8 @@ class _Reader:
         for number, name in enumerate(names if element.has(names[3]) else names[:3]):
             values[:, number] = element.columns[name]
             if kinds[name].kind in "iu":
-                most = np.iinfo(kinds[name]).max if kinds[name].itemsize < 4 else 255
-                values[:, number] = np.clip(values[:, number] / most, 0.0, 1.0)
+                largest = np.iinfo(kinds[name]).max if kinds[name].itemsize < 4 else 255
+                values[:, number] = np.clip(values[:, number] / largest, 0.0, 1.0)
         return linear_colors(values, self.options, f"{self.owner}: element {element.name}").astype(np.float32)
 
     def _color(self) -> None:
@@ -227,15 +236,6 @@ class _Reader:
             scalars[name] = column.astype(np.float32 if single else np.float64)
         return scalars
 
-    def _add_face_scalars(self) -> None:
-        """Add the scalars of the file's faces to those of its vertices; triangles of strips have none, NaN."""
-        scalars, count = self.arrays["scalars"], len(self.arrays["verts"])
-        for name, values in ({} if self.face is None else self._scalars(self.face)).items():
-            by_face = np.where(self.polygon < 0, values.dtype.type(np.nan), values[self.polygon])
-            if len(by_face) == count:  # as many as vertices: given per corner, they are not taken for theirs
-                by_face = np.repeat(by_face[:, None], 3, axis=1)
-            scalars[name if name not in scalars else f"face_{name}"] = by_face
-
     def _texture(self) -> Texture | None:
         """Return the texture, and set its coordinates; None if the file has no coordinates or no image."""
         texture = self.options.texture
@@ -259,7 +259,7 @@ class _Reader:
         return None if image is None else images.texture(image)
 
     def _uvs(self) -> tuple[Array | None, Array | None]:
-        """Return (T, 2) coordinates, and for those of corners their (F, 3) indices."""
+        """Return texture coordinates (T, 2), and their indices (F, 3) where corners have them."""
         listed = None if self.face is None else self.face.columns.get("texcoord")
         if self.face is not None and isinstance(listed, tuple) and self.cuts is not None:
             values, lengths = listed
@@ -271,3 +271,212 @@ class _Reader:
             raise self.error(f"element face: row {row}: texcoord", "two values a corner", str(lengths[row]))
         tables = (self._columns(*names, finite=False) for names in _UVS)
         return next((table for table in tables if table is not None), None), None
+
+
+@dataclass(frozen=True)
+class Property:
+    """A property. kind: type of the values, such as f4. count: type of a list's length, empty for a scalar."""
+
+    name: str
+    kind: str
+    count: str = ""
+
+
+class Stored(NamedTuple):
+    """How the rows of an element hold a property. kind: of its values. length: of a list, None for a scalar."""
+
+    name: str
+    kind: np.dtype
+    length: struct.Struct | None
+
+
+@dataclass
+class Element:
+    """An element of `rows` rows. columns: by property, (rows,) values, or (values, lengths) of lists, row by row."""
+
+    name: str
+    rows: int
+    properties: list[Property] = field(default_factory=list)
+    columns: dict[str, Any] = field(default_factory=dict)
+
+    def has(self, *names: str) -> bool:
+        """Return whether all these properties are there, as scalars."""
+        return all(isinstance(self.columns.get(name), np.ndarray) for name in names)
+
+
+class PlyFile:
+    """The content of a PLY file. elements: by name. Values keep the file's types. Text is parsed to float64, and read like a
+    binary file whose types are all float64.
+
+    Raises InputError naming the line of the header, or the element and row, for any inconsistency.
+    """
+
+    def __init__(self, data: bytes, owner: str) -> None:
+        self.data: bytes | memoryview = data
+        self.owner, self.order = owner, "?"  # `<`, `>`, or `=` for text
+        self.elements: dict[str, Element] = {}
+        self.comments: list[str] = []
+        if not re.match(rb"ply\s", data):
+            raise file_error(owner, "magic", "a first line of ply", quoted(data[:8]))
+        end = data.find(b"end_header", 0, MAX_HEADER)
+        after = _LINE_END.match(data, end + len(b"end_header"))
+        if end < 0 or after is None:
+            raise file_error(owner, "header", f"end_header in the first {MAX_HEADER} bytes", "none")
+        lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        self._read_header(lines)
+        if self.order != "=":
+            self._read_rows(after.end())
+            return
+        values = self._numbers(data, after.end(), len(lines))
+        self.data = values.view(np.uint8).data
+        count = self._read_rows(0) // values.itemsize
+        if count != len(values):
+            raise file_error(owner, "rows", f"{count} values, as the header says", str(len(values)))
+
+    def _read_header(self, lines: list[str]) -> None:
+        names: list[str] = []
+        element: Element | None = None
+        for number, line in enumerate(lines[1:-1], 2):
+            if not line.strip():
+                continue
+            keyword, *rest = line.split()
+            where = f"line {number}: {keyword}"
+            if keyword in ("comment", "obj_info"):
+                self.comments.append(line.strip()[len(keyword) :].strip())
+            elif keyword == "format":
+                if len(rest) != 2 or rest[0] not in _FORMATS or rest[1] != "1.0":
+                    expected = f"one of {', '.join(_FORMATS)}, and the version 1.0"
+                    raise file_error(self.owner, where, expected, quoted(" ".join(rest)))
+                self.order = _FORMATS[rest[0]]
+            elif keyword == "element":
+                if len(rest) != 2 or not re.fullmatch(r"[0-9]{1,18}", rest[1]):
+                    where, found = f"{where} {' '.join(rest[:1])[:32]}", quoted(" ".join(rest[1:]))
+                    raise file_error(self.owner, where, "a name and a number of rows from 0", found)
+                names.append(rest[0])
+                element = self.elements[rest[0]] = Element(rest[0], int(rest[1]))
+            elif keyword == "property":
+                if element is None:
+                    raise file_error(self.owner, where, "an element before it", "none")
+                self._add_property(element, rest, where)
+            else:
+                expected = "format, element, property, comment, obj_info or end_header"
+                raise file_error(self.owner, f"line {number}", expected, quoted(keyword))
+        if self.order == "?":
+            raise file_error(self.owner, "header", "a line of format", "none")
+        for element in self.elements.values():
+            lists = sum(bool(item.count) for item in element.properties)
+            if lists > MAX_LISTS:
+                raise file_error(self.owner, f"element {element.name}", f"at most {MAX_LISTS} lists", str(lists))
+        if len(self.elements) != len(names):
+            raise file_error(self.owner, "header", "elements of different names", ", ".join(names)[:80])
+
+    def _add_property(self, element: Element, words: list[str], where: str) -> None:
+        listed = words[:1] == ["list"]
+        if len(words) != (4 if listed else 2):
+            expected = "a type and a name, or list, two types and a name"
+            raise file_error(self.owner, where, expected, quoted(" ".join(words)))
+        *types, name = words[1:] if listed else words
+        for word in types:
+            if word not in _TYPES:
+                raise file_error(self.owner, where, f"one of the types {' '.join(_TYPES)}", quoted(word))
+        if listed and _TYPES[types[0]][0] == "f":
+            expected = "a type of whole numbers for the length of a list"
+            raise file_error(self.owner, where, expected, quoted(types[0]))
+        if any(name == item.name for item in element.properties):
+            expected = f"properties of different names in element {element.name}"
+            raise file_error(self.owner, where, expected, quoted(name))
+        element.properties.append(Property(name, _TYPES[types[-1]], _TYPES[types[0]] if listed else ""))
+
+    def _numbers(self, data: bytes, start: int, lines: int) -> Array:
+        """Return the numbers of text from byte `start` on, after so many lines."""
+        parts, body = [np.zeros(0)], start
+        while start < len(data):
+            end = data.find(b"\n", start + _CHUNK) + 1 or len(data)
+            text = b" " + data[start:end]
+            blank = is_blank(text)
+            part = numbers(text, float, int(np.count_nonzero(blank[:-1] & ~blank[1:])))
+            if part is None:
+                bad = next((word for word in text.split() if numbers(word, float, 1) is None), b"")
+                line = lines + data.count(b"\n", body, data.find(bad, start)) + 1
+                raise file_error(self.owner, f"line {line}", "numbers", quoted(bad))
+            parts.append(part)
+            start = end
+        return np.concatenate(parts)
+
+    def _read_rows(self, place: int) -> int:
+        """Fill in the columns of all elements, whose rows begin at a byte. Returns the position after them."""
+        for element in self.elements.values():
+            items = []
+            for item in element.properties:
+                kind, count = ("f8", item.count and "f8") if self.order == "=" else (item.kind, item.count)
+                length = struct.Struct(self.order + np.dtype(count).char) if count else None
+                items.append(Stored(item.name, np.dtype(self.order + kind), length))
+            row_size = sum(item.length.size if item.length else item.kind.itemsize for item in items)
+            if element.rows * row_size > len(self.data) - place:
+                expected = f"{element.rows} rows, of at least {self._amount(row_size)} each"
+                found = f"{self._amount(len(self.data) - place)} left in the file"
+                raise file_error(self.owner, f"element {element.name}", expected, found)
+            if element.rows and items:
+                place = self._read_even_rows(place, element, items) or self._read_ragged_rows(place, element, items)
+        return place
+
+    def _amount(self, size: int) -> str:
+        return f"{size // 8} values" if self.order == "=" else f"{size} bytes"
+
+    def _read_even_rows(self, place: int, element: Element, items: list[Stored]) -> int:
+        """Fill in the columns of an element all of whose rows have lists as long as the first. Returns the position after
+        its rows, 0 for other elements."""
+        counts, starts, size = [], [], 0
+        for _, kind, length in items:
+            count, start = 1, place + size
+            if length is not None:
+                fits = start + length.size <= len(self.data)
+                (count,) = length.unpack_from(self.data, start) if fits else (0,)
+                count = int(count) if count > 0 and count % 1 == 0 else 0
+                start += length.size
+            counts.append(count)
+            starts.append(start)
+            size = start - place + kind.itemsize * count
+        if size > (len(self.data) - place) // element.rows:
+            return 0
+        for (_, _, length), count, start in zip(items, counts, starts, strict=True):
+            if length is not None:
+                kind = np.dtype(length.format)
+                lengths: Array = np.ndarray((element.rows,), kind, self.data, start - length.size, (size,))
+                if (lengths != count).any():
+                    return 0
+        for (name, kind, length), count, start in zip(items, counts, starts, strict=True):
+            if length is not None:
+                values = runs(self.data, start, element.rows, size, kind, count).reshape(-1)
+                element.columns[name] = values, np.broadcast_to(np.int64(count), element.rows)
+            else:  # a view of the data: the only copy is made where the column is used
+                single: Array = np.ndarray((element.rows,), kind, self.data, start, (size,))
+                element.columns[name] = single.astype(kind.newbyteorder("="), copy=False)
+        return place + element.rows * size
+
+    def _read_ragged_rows(self, place: int, element: Element, items: list[Stored]) -> int:
+        """Read rows of unequal length: locate them one by one, then read their values all at once."""
+        starts, counts = ([array("q") for _ in items] for _ in range(2))
+        steps, data, total = [(kind.itemsize, length) for _, kind, length in items], self.data, len(self.data)
+        for row in range(element.rows):
+            for number, (size, length) in enumerate(steps):
+                count: Any = 1
+                if length is not None and place + length.size <= total:
+                    (count,) = length.unpack_from(data, place)
+                place += 0 if length is None else length.size
+                if place > total or not 0 <= count * size <= total - place or count % 1:
+                    where = f"element {element.name}: row {row}: {items[number].name}"
+                    found = f"a length of {count:.10g}, and {self._amount(total - place)} left in the file"
+                    found = "the end of the file" if place > total else found
+                    raise file_error(self.owner, where, "a length and as many values", found)
+                starts[number].append(place)
+                counts[number].append(int(count))
+                place += int(count) * size
+        for number, (name, kind, length) in enumerate(items):
+            start, lengths = np.array(starts[number]), np.array(counts[number])
+            first = np.repeat(start - kind.itemsize * (np.cumsum(lengths) - lengths), lengths)
+            from_every_byte: Array = np.ndarray((total - kind.itemsize + 1,), kind, data, 0, (1,))
+            values = from_every_byte[first + kind.itemsize * np.arange(len(first))]
+            values = values.astype(kind.newbyteorder("="), copy=False)
+            element.columns[name] = values if length is None else (values, lengths)
+        return place

@@ -1,13 +1,12 @@
 """The .npy container of course scenes: a pickled dict in a 0-d object array, read without executing it.
 
-Nothing in a pickle is executed, and none takes long. It is read by the standard library's interpreter in Python, which
-Ctrl-C interrupts, for the opcodes that NumPy writes (protocols 3 and 4), and for no others. The only names that a pickle
-can refer to are those of NumPy's arrays and data types, which stand for records here: nothing of NumPy is called.
+The standard library's interpreter in Python, which Ctrl-C interrupts, reads the opcodes that NumPy writes (protocols 3 and
+4), and no others. The only names that a pickle can refer to are those of NumPy's arrays and data types, which stand for
+records here: nothing of NumPy is called.
 
-Each opcode takes time and memory in proportion to its own bytes. With the memo a few bytes can describe a tree of 2^60
-leaves, so no value is hashed, compared, copied or printed as a whole; keys of dicts are short text. Records become arrays
-under limits, for the requested fields. A value that a file refers to many times is counted each time: time and memory stay
-proportional to the file's size.
+With the memo a few bytes can describe a tree of 2^60 leaves, so no value is hashed, compared, copied or printed as a whole;
+keys of dicts are short text. Records become arrays under limits, for the requested fields. A value that a file refers to
+many times is counted each time: time and memory stay proportional to the file's size.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from __future__ import annotations
 import ast
 import gc
 import io
+import math
 import pickle
 import pickletools
 from collections.abc import Iterator
@@ -45,11 +45,7 @@ class Refused(Exception):
 
 @contextmanager
 def paused_collection() -> Iterator[None]:
-    """Pause Python's cyclic garbage collector.
-
-    A million small records would make it traverse all objects of the process again and again, and none of them is
-    garbage.
-    """
+    """Pause the cyclic garbage collector, which a million small records would keep busy in vain."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -61,14 +57,14 @@ def paused_collection() -> Iterator[None]:
 
 @dataclass(slots=True, eq=False, repr=False)
 class PickledArray:
-    """An array. state: (shape, dtype, whether Fortran order, data), unchecked; None without one."""
+    """An array. state: (shape, dtype, whether Fortran order, data), unchecked."""
 
     state: Any = None
 
 
 @dataclass(slots=True, eq=False, repr=False)
 class PickledDtype:
-    """A data type: its name, such as `f4`, and its byte order; unchecked."""
+    """A data type, unchecked. name: such as `f4`."""
 
     name: Any
     order: Any = "="
@@ -119,11 +115,8 @@ class _Unpickler(pickle._Unpickler):
         self.stack[-1].extend(items)
 
     def set_items(self, items: list[Any]) -> None:
-        """Set items of a dict. Keys are checked before they are hashed.
-
-        Hashing a nested tuple may take forever, and integers can be chosen such that all of them collide. Text cannot, see
-        PYTHONHASHSEED.
-        """
+        # Keys are checked before they are hashed: hashing a nested tuple may take forever, and integers can be chosen such
+        # that all of them collide. Text cannot, see PYTHONHASHSEED.
         changed = self.stack[-1]
         if not isinstance(changed, dict) or len(items) % 2:
             raise Refused("items for what is no dict")
@@ -143,10 +136,8 @@ class _Unpickler(pickle._Unpickler):
             raise Refused("a call of something other than NumPy's functions")
 
     def build(self) -> None:
-        """Set the state of an array, (version, shape, dtype, whether Fortran order, data), or of a data type.
-
-        That of a data type is (version, byte order, parts ...); a plain one has no parts.
-        """
+        """Set the state of an array, (version, shape, dtype, whether Fortran order, data), or of a data type, (version,
+        byte order, parts ...), of which a plain one has no parts."""
         state, built = self.stack.pop(), self.stack[-1]
         if not isinstance(state, tuple) or not 5 <= len(state) <= MAX_ARGUMENTS:
             raise Refused("a state of an unknown form")
@@ -170,11 +161,10 @@ _STEPS: dict[int, Any] = {
 
 
 def unpickle(data: bytes, start: int = 0) -> Any:
-    """Return the value of the pickle that begins at byte `start`.
+    """Return the value of the pickle from byte `start` on: built-in values, PickledArray and PickledDtype, nested and shared
+    in any way, including cycles.
 
-    It consists of None, bool, int, float, text, bytes, tuple, list, dict, PickledArray and PickledDtype, nested and shared
-    in any way, including cycles. Raises Refused for content that NumPy would not write, and exceptions of any type for
-    damaged data.
+    Raises Refused for content that NumPy would not write, and exceptions of any type for damaged data.
     """
     file = io.BytesIO(data)
     file.seek(start)
@@ -218,25 +208,23 @@ class Content:
 
         cache: converted parts by identity of their records: a file may refer to an array a million times.
         """
-        if not isinstance(packed, (list, tuple)):
-            part = cache.get(id(packed))
-            if part is None:
-                part = cache[id(packed)] = _single(packed)
-            size = part.size if isinstance(part, np.ndarray) else 1
-            if size > _MAX_PART:
-                raise Refused(f"a list with an array of {size} numbers")
-            if part is None:
-                raise Refused("a list with None")
-            self._left -= max(size, 1)
-            if self._left < 0:
+        if isinstance(packed, (list, tuple)):
+            if depth == 0:
+                raise Refused("a list that is nested too deep")
+            if len(packed) > self._left:
                 raise Refused("a list that is too long")
-            return part
-        if depth == 0:
-            raise Refused("a list that is nested too deep")
-        if len(packed) > self._left:
+            self._left -= 1
+            return [self._listed(part, depth - 1, cache) for part in packed]
+        part = cache.get(id(packed))
+        if part is None:
+            part = cache[id(packed)] = _single(packed)
+        size = part.size if isinstance(part, np.ndarray) else 1
+        if part is None or size > _MAX_PART:
+            raise Refused("a list with None" if part is None else f"a list with an array of {size} numbers")
+        self._left -= max(size, 1)
+        if self._left < 0:
             raise Refused("a list that is too long")
-        self._left -= 1
-        return [self._listed(part, depth - 1, cache) for part in packed]
+        return part
 
 
 def unpack(data: bytes, owner: str) -> Content:
@@ -282,11 +270,9 @@ def _single(packed: Any) -> Any:
     """Return an array, a number or None: anything but a list."""
     if isinstance(packed, PickledArray):
         return _array(packed)
-    if packed is None or isinstance(packed, (bool, float)):
-        return packed
-    if isinstance(packed, int):
-        if abs(packed) >= 1 << 63:
-            raise Refused("an integer beyond 64 bits")
+    if isinstance(packed, int) and abs(packed) >= 1 << 63:
+        raise Refused("an integer beyond 64 bits")
+    if packed is None or isinstance(packed, (int, float)):
         return packed
     if isinstance(packed, (str, bytes)):
         raise Refused(quoted(packed))
@@ -308,9 +294,7 @@ def _array(packed: PickledArray) -> Array:
     ):
         raise Refused("an array without a proper shape")
     kind = np.dtype(dtype.name).newbyteorder("=" if dtype.order == "|" else dtype.order)
-    size = kind.itemsize
-    for extent in shape:
-        size *= extent
+    size = math.prod((kind.itemsize, *shape))
     if not isinstance(data, bytes) or len(data) != size:
         raise Refused(f"an array of shape {shape} with other than {size} bytes of data")
     try:

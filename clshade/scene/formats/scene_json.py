@@ -33,7 +33,7 @@ from ..environment import Environment
 from ..lights import LIGHTS
 from ..metallic_roughness import MAPS
 from ..model import Material, Mesh, MetallicRoughness, Scene, Texture
-from .options import Options
+from .reading import Options
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -209,9 +209,9 @@ class _Reader:
             self._arrays[key] = array.astype(kind.newbyteorder("="), copy=False).reshape(shape)
         return self._arrays[key]
 
-    def _whole(self, value: Any, where: str, most: int, expected: str = "") -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
-            raise self.error(where, expected or f"a whole number from 0 to {most}", found_text(value))
+    def _whole(self, value: Any, where: str, maximum: int, expected: str = "") -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= maximum:
+            raise self.error(where, expected or f"a whole number from 0 to {maximum}", found_text(value))
         return value
 
     def _list(self, value: Any, where: str) -> list[Any]:
@@ -229,11 +229,8 @@ class SceneFile(NamedTuple):
 
 
 def checked_name(path: Path, argument: tuple[str, str] = ("Scene.to_json", "path")) -> str:
-    """Return the name of a scene's JSON file.
-
-    argument: function and argument, for messages. Raises InputError for a name that `clshade.load` does not take, or to
-    which no scene file may refer.
-    """
+    """Return the name of a scene's JSON file. argument: function and argument, for messages. Raises InputError for a name
+    that `clshade.load` does not take, or to which no scene file may refer."""
     name = checked_path(*argument, path)
     if os.path.splitext(name)[1].lower() != ENDING:
         raise file_error(*argument, f"a name ending in {ENDING}", shown(path))
@@ -247,8 +244,8 @@ def checked_name(path: Path, argument: tuple[str, str] = ("Scene.to_json", "path
 def write_scene(scene: DataclassInstance, path: Path) -> None:
     """Write a scene, see `Scene.to_json`.
 
-    The JSON names its binary file, whose name has its hash: whenever this process ends, and whoever else writes the same
-    scene file, the JSON and what it names are those of one scene.
+    The JSON names its binary file, whose name has its hash: whenever this process ends, and whoever else writes this file,
+    the JSON and the arrays belong to one scene.
     """
     text = checked_name(path)
     folder, basename = os.path.split(text)
@@ -288,7 +285,8 @@ def encoded(scene: DataclassInstance, name: str) -> SceneFile:
         digest.update(part)
     file = f"{name}.{digest.hexdigest()[:16]}.bin" if encoder.parts else ""
     facts = {"file": file, "bytes": encoder.size, "sha256": digest.hexdigest()}
-    text = (_text({**content, "arrays": facts if encoder.parts else None}) + "\n").encode()
+    document = _text({**content, "arrays": facts if encoder.parts else None}) + "\n"
+    text = document.encode("utf-8", "backslashreplace")  # halves of surrogate pairs, as JSON escapes them
     values = sum(map(text.count, (b",", b"[", b"{")))
     if values > MAX_VALUES or len(text) > MAX_BYTES:
         expected = f"at most {MAX_VALUES} values and {MAX_BYTES} bytes beside its arrays"
@@ -358,25 +356,15 @@ class _Encoder:
 
 
 def _text(value: Any, indent: str = "") -> str:
-    """Return JSON in which short objects and lists stand in one line."""
+    """Return JSON in which short objects and lists stand in one line, unescaped."""
     inner = indent + "  "
     if isinstance(value, dict):
-        parts, ends = [f"{_scalar(key)}: {_text(entry, inner)}" for key, entry in value.items()], "{}"
+        parts, ends = [f"{_text(key)}: {_text(entry, inner)}" for key, entry in value.items()], "{}"
     elif isinstance(value, list):
         parts, ends = [_text(entry, inner) for entry in value], "[]"
     else:
-        return _scalar(value)
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
     line = ends[0] + ", ".join(parts) + ends[1]
     if "\n" not in line and len(indent) + len(line) <= _WIDTH:
         return line
     return ends[0] + "\n" + ",\n".join(inner + part for part in parts) + "\n" + indent + ends[1]
-
-
-def _scalar(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    if isinstance(value, str):
-        try:
-            text.encode()
-        except UnicodeEncodeError:  # half of a surrogate pair
-            return json.dumps(value)
-    return text

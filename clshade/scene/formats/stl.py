@@ -14,7 +14,7 @@ from ...base.input_files import file_error, quoted, read_file, runs
 from .. import framing
 from ..geometry import crease_normals, welded
 from ..model import MAX_FACES, Mesh, Scene
-from .options import DEFAULT_MATERIAL, Options, warn_ignored
+from .reading import DEFAULT_MATERIAL, Options, warn_ignored
 from .text_tokens import numbers
 
 MAX_BYTES = 1 << 31
@@ -34,9 +34,7 @@ def read_stl(path: Path, options: Options) -> Scene:
     to that angle are smooth. The file's normals, which many programs write wrong, are ignored.
 
     A file of exactly 84 + 50 * count bytes is binary, whatever it begins with; another that begins with `solid` is
-    ascii, if it is text; else it is binary. A count of 0 or 2^32 - 1, which stands for an unknown one, is read as the
-    number of whole facets in the file; bytes after the last facet are left out; both with a warning. Raises InputError,
-    one line that names the file and the facet, see clshade.scene.formats.load.load.
+    ascii, if it is text; else it is binary.
     """
     owner = shown(path)
     if options.texture is not None:

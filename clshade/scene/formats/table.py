@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from ...base.atomic_files import Path
     from ..framing import Up
     from ..model import Lookup, Scene
-    from .options import Options, VertexColors
+    from .reading import Options, VertexColors
 
 _MODULES = {  # of the functions read_course and so on
     "course": "clshade.scene.formats.course_npy",
@@ -60,7 +60,7 @@ FORMATS = (
     Format((".stl",), "meshes", "stl", up="z"),
     Format((".json",), "saved scene", "scene", takes=(), has_sides=True),
 )
-BY_EXTENSION = {extension: each for each in FORMATS for extension in each.extensions}
+BY_EXTENSION = {extension: form for form in FORMATS for extension in form.extensions}
 EXTENSIONS = tuple(BY_EXTENSION)
 
 

@@ -31,10 +31,8 @@ def is_blank(text: bytes) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """The lines of a chunk that are not blank.
-
-    text: the chunk between two line ends. starts, ends: (T,) of each token in it. first: (L,) the token that opens
-    each line. count: (L,) tokens after it. kind: (L,) V, VT, VN, F or 0 for any other keyword.
+    """The lines of a chunk that are not blank. text: the chunk between two line ends. starts, ends: (T,) of its tokens.
+    first: (L,) the token that opens a line. count: (L,) tokens after it. kind: (L,) V, VT, VN, F, or 0 for another keyword.
     """
 
     text: bytes
@@ -49,10 +47,8 @@ class Lines:
 
 
 def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
-    """Yield (offset, text) pieces of whole lines of the file; lines continued by a backslash are not split.
-
-    Raises InputError for a line, including its continuation, of more than MAX_LINE bytes.
-    """
+    """Yield (offset, text) pieces of whole lines of the file; lines continued by a backslash are not split. Raises
+    InputError for a line, including its continuation, of more than MAX_LINE bytes."""
     start = 0
     while start < len(data):
         end = _line_end(data, min(start + CHUNK, len(data)))
@@ -73,7 +69,7 @@ def _line_end(data: bytes, end: int) -> int:
         end += 1
 
 
-def cleaned(chunk: bytes) -> bytes:
+def blank_comments(chunk: bytes) -> bytes:
     """Return the chunk with comments and continued line ends blanked; every other byte keeps its position.
 
     In a line of numbers a comment begins at a # after a blank; a line with a name (usemtl ...) has none.
@@ -93,7 +89,7 @@ def cleaned(chunk: bytes) -> bytes:
     return bytes(text).replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
 
 
-def tokenized(chunk: bytes) -> Lines:
+def tokenize(chunk: bytes) -> Lines:
     """Split a cleaned chunk into lines and tokens."""
     text = b"\n" + chunk + b"\n"
     letters, blank = np.frombuffer(text, np.uint8), is_blank(text)
