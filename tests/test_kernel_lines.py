@@ -170,7 +170,7 @@ def test_samples_within_half_the_width(device, width):
     long = [[[5000, -600], [5001, 8_000_000]], [[8_000_000, 3000], [-8_000_000, 3001]]]
     ends = np.concatenate([random_ends(24), long])
     found = Drawing(device, lines_at(ends), width=width).shown()
-    expected = np.any([covered(each, width) for each in ends], axis=0)
+    expected = np.any([covered(end, width) for end in ends], axis=0)
     assert np.array_equal(found[..., 0] == 1, expected)
     assert not found[..., 1].any()
     assert width == 1 or expected.any()
@@ -185,7 +185,7 @@ def test_a_bit_for_each_sample_and_marked_lines_apart(device):
     found = Drawing(device, lines, places=places).shown()
     for s in (3, 31, 32, 59):
         for kind, ends in enumerate((first, second)):
-            expected = np.any([covered(each, 384, places[s]) for each in ends], axis=0)
+            expected = np.any([covered(end, 384, places[s]) for end in ends], axis=0)
             assert np.array_equal(found[..., kind] >> np.uint64(s) & np.uint64(1) == 1, expected)
 
 
@@ -208,12 +208,12 @@ def test_lists_hold_what_lies_in_a_cell(device):
         points = np.floor(a + share[:, None] * (b - a)).astype(int)
         cells = {drawing.cell(x, y) for x, y in points if -512 <= x < COLUMNS * 256 and -512 <= y < ROWS * 256}
         assert all(k in lines[cell] for cell in cells)
-        assert sum(k in each for each in lines) <= 3 * len(cells) + 9
+        assert sum(k in line for line in lines) <= 3 * len(cells) + 9
     weights = np.random.default_rng(1).dirichlet((1, 1, 1), 200)
     for k, corners in enumerate(xy):
         u, v = corners[1] - corners[0], corners[2] - corners[0]
         if u[0] * v[1] == u[1] * v[0]:
-            assert not any(k in each for each in triangles)
+            assert not any(k in triangle for triangle in triangles)
             continue
         points = np.floor(weights @ corners).astype(int)
         assert all(

@@ -51,7 +51,7 @@ def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
 def test_every_macro_that_a_kernel_tests_is_defined(path):
     """A macro in #if that nobody defines would silently be 0: a feature that is a condition at run time, or misspelled."""
     known = {"FP64", "LANES", *COMPILED} | set(
-        re.findall(r"^\s*#\s*define\s+(\w+)", "\n".join(each.read_text() for each in KERNELS), re.MULTILINE)
+        re.findall(r"^\s*#\s*define\s+(\w+)", "\n".join(kernel.read_text() for kernel in KERNELS), re.MULTILINE)
     )
     text = code_of(path.read_text())
     tested = set()

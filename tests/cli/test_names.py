@@ -172,7 +172,7 @@ def test_looking_into_such_names(monkeypatch, capsys, name):
     ids=" ".join,
 )
 def test_refusals_of_such_names(capsys, name, arguments):
-    code, out, err = run(capsys, *(each.format(name) for each in arguments))
+    code, out, err = run(capsys, *(argument.format(name) for argument in arguments))
     assert (code, out) == (2, "")
     assert err
     assert all(line.isprintable() and line.startswith("clshade") for line in err), err

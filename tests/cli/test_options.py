@@ -69,9 +69,9 @@ def options_of(command: str) -> dict[str, argparse.Action]:
 @pytest.mark.parametrize("command", ["render", "turntable", "animate", "stability", "poster"])
 def test_each_setting_has_an_option(command):
     found = options_of(command)
-    for each in fields(Settings):
-        declared, option = each.metadata["declared"], found[each.name]
-        if each.name == "edges":  # whose option is that of Edges.kinds
+    for field in fields(Settings):
+        declared, option = field.metadata["declared"], found[field.name]
+        if field.name == "edges":  # whose option is that of Edges.kinds
             declared = Edges.__dataclass_fields__["kinds"].metadata["declared"]
         assert option.help.startswith(declared.about)
         assert option.default is None
@@ -90,7 +90,7 @@ def test_what_options_say_of_defaults():
 def test_flags_that_a_preset_or_pictures_set_can_be_taken_back():
     found = options_of("render")
     by_presets = {name for changed in PRESET_FIELDS.values() for name in changed}
-    flags = {each.name for each in fields(Settings) if isinstance(each.default, bool)}
+    flags = {field.name for field in fields(Settings) if isinstance(field.default, bool)}
     assert {name for name in flags if len(found[name].option_strings) == 2} == {"shadows", "sample_shading"}
     assert flags & by_presets == {"shadows"}
 

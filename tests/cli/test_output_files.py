@@ -95,7 +95,7 @@ def test_a_stereo_pair_with_magnified_crops(tmp_path, capsys):
     command = (*SMALL, "--stereo", "0.5", "--crop-zoom", "2,3,8,6", "--json", "--formats", "png")
     code, out, _ = run(capsys, *command)
     assert code == 0
-    assert [each["resolution"] for each in json.loads(out)["stereo"].values()] == [[32, 24]] * 2
+    assert [entry["resolution"] for entry in json.loads(out)["stereo"].values()] == [[32, 24]] * 2
     assert listing(tmp_path) == [
         f"out.{eye}{ending}.png" for eye in ("left", "right") for ending in ("", "_crop", "_marked")
     ]
@@ -138,8 +138,8 @@ def test_others_find_the_parts(folder, capsys):
     assert run(capsys, "render", *ROOM, "--cryptomatte", "object", "-o", "room", "--quiet")[0] == 0
     image = oiio.ImageInput.open("room.exr")
     assert image.seek_subimage(1, 0)
-    names = [each for each in image.spec().extra_attribs if each.name.startswith("cryptomatte/")]
-    manifest = next(json.loads(each.value) for each in names if each.name.endswith("/manifest"))
+    names = [attribute for attribute in image.spec().extra_attribs if attribute.name.startswith("cryptomatte/")]
+    manifest = next(json.loads(name.value) for name in names if name.name.endswith("/manifest"))
     assert len(manifest) == len(clshade.builtin("box_room").meshes)
 
 

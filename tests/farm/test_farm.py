@@ -436,12 +436,12 @@ def test_flow_to_the_frames_beside(tmp_path, capsys):
     for numbers in ("1", "1..3"):
         assert run(capsys, *command, "--flow", "--frames", numbers, "-o", pattern)[0] == 0
     files = [exr.read(tmp_path / f"f{k}.exr")[0] for k in (1, 2, 3)]
-    assert [("flow.X" in each, "flow_back.X" in each) for each in files] == [
+    assert [("flow.X" in file, "flow_back.X" in file) for file in files] == [
         (False, False),
         (True, True),
         (False, True),
     ]
-    assert all("id" in each for each in files)
+    assert all("id" in file for file in files)
     scene = builtin("icosphere", resolution=(32, 24))
     cameras = read_cameras(tmp_path / "c.json", scene.camera)
     frame = render(replace(scene, camera=cameras[1]), preset="course", layers="id")

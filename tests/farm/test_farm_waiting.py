@@ -119,7 +119,7 @@ class FakeCluster:
         return found
 
     def waiting(self, worker: str) -> list[FakeFuture]:
-        return [each for each in self.futures.values() if each.worker == worker and each.status == "pending"]
+        return [future for future in self.futures.values() if future.worker == worker and future.status == "pending"]
 
     def say(self, future: FakeFuture, sign: str, **more: Any) -> None:
         said = {"run": "run", "key": future.key, "worker": future.worker, "sign": sign, **more}
@@ -173,8 +173,8 @@ class Run:
         self.steps_left = seconds
         found: list[DrawnFrame | Lost | Silent] = []
         try:
-            for each in self.dispatcher.results():
-                found.append(each)
+            for result in self.dispatcher.results():
+                found.append(result)
         except Paused:
             pass
         self.found += found

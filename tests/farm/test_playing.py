@@ -59,7 +59,7 @@ def test_flow_of_what_moves(folder, capsys):
     command = ("animate", "bar.glb", "--animation", "Bend", "--count", "3", *VIEW, *SMALL, "--shader", "nolight")
     assert run(capsys, *command, "--flow", "-o", "f.#.exr")[0] == 0
     files = [exr.read(f"f.{k}.exr")[0] for k in (1, 2, 3)]
-    assert [("flow.X" in each, "flow_back.X" in each) for each in files] == [(True, False), (True, True), (False, True)]
+    assert [("flow.X" in file, "flow_back.X" in file) for file in files] == [(True, False), (True, True), (False, True)]
     there, back = (
         np.stack([files[1][f"{name}.{letter}"] for letter in "XY"], axis=-1) for name in ("flow", "flow_back")
     )

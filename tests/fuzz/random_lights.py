@@ -58,7 +58,7 @@ def _light(rng: Random, sized: bool, point: PointLight, scale: float, center: Ar
     """Return a light where a point is, and as bright. Half of those with a direction shine at the center."""
     while True:
         kind = LIGHTS[rng.integers(len(LIGHTS))]
-        values = {each.name: _value(rng, FIELDS[each.name], scale) for each in fields(kind)}
+        values = {field.name: _value(rng, FIELDS[field.name], scale) for field in fields(kind)}
         known = {"position": point.position, "intensity": point.intensity}
         if rng.random() < 0.5:
             known["direction"] = center - point.position + scale * rng.uniform(0.0, 0.5) * rng.normal(size=3)

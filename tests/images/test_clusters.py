@@ -38,9 +38,9 @@ def test_equal_images_have_none():
 def test_diagonal_neighbors_are_connected_and_distant_pixels_are_not():
     errors = np.zeros((64, 64))
     errors[range(8, 24), range(8, 24)] = errors[60, 60] = 1.0
-    assert [each.pixels for each in find_clusters(errors)] == [16, 1]
+    assert [cluster.pixels for cluster in find_clusters(errors)] == [16, 1]
     errors[range(23, 7, -1), range(8, 24)] = 1.0  # a cross
-    assert [each.pixels for each in find_clusters(errors)] == [32, 1]
+    assert [cluster.pixels for cluster in find_clusters(errors)] == [32, 1]
 
 
 def test_infinite_errors_count_and_are_the_worst():
@@ -67,7 +67,7 @@ def test_what_counts_as_large():
     errors = planted()
     assert 1e-4 < large_error(errors) < 0.05  # above the noise, below all regions
     assert large_error(errors, 0.15) == 0.15
-    assert [each.pixels for each in find_clusters(errors, 0.15)] == [1, 1]
+    assert [cluster.pixels for cluster in find_clusters(errors, 0.15)] == [1, 1]
     assert large_error(errors, 0.5) == large_error(errors)  # nothing is over that
     everywhere = np.full((8, 8), 0.3)
     assert find_clusters(everywhere)[0][:5] == (0, 0, 8, 8, 64)

@@ -64,7 +64,7 @@ def test_names_of_files_that_are_not_utf8(tmp_path, capsys):
     files = [written(tmp_path, name) for name in names]
     assert run(capsys, "coco", *files, "-o", tmp_path / "a.json")[0] == 0
     assert "é.exr" in (tmp_path / "a.json").read_text("utf-8")
-    assert [each["file_name"] for each in json.loads((tmp_path / "a.json").read_bytes())["images"]] == names
+    assert [image["file_name"] for image in json.loads((tmp_path / "a.json").read_bytes())["images"]] == names
 
 
 def test_nothing_is_seen():
@@ -85,9 +85,9 @@ def test_pycocotools_reads_the_data_set(tmp_path, capsys):
     assert (code, err) == (0, [])
     assert "2 images, 4 annotations, 2 categories" in out
     found = COCO(str(tmp_path / "found.json"))
-    assert [each["file_name"] for each in found.loadImgs([1, 2])] == ["in/a.png", "b.exr"]
-    assert [(each["height"], each["width"]) for each in found.loadImgs([1, 2])] == [(3, 4)] * 2
-    categories = {each["name"]: each["id"] for each in found.loadCats(found.getCatIds())}
+    assert [image["file_name"] for image in found.loadImgs([1, 2])] == ["in/a.png", "b.exr"]
+    assert [(image["height"], image["width"]) for image in found.loadImgs([1, 2])] == [(3, 4)] * 2
+    categories = {category["name"]: category["id"] for category in found.loadCats(found.getCatIds())}
     assert set(categories) == {"cat", "object 3"}
     tail, other = found.loadAnns(found.getAnnIds(catIds=[categories["object 3"]]))
     assert [(each["image_id"], each["instance_id"], each["name"]) for each in (tail, other)] == [

@@ -43,7 +43,7 @@ def test_pdf(tmp_path):
     width = int(re.search(rb"/Subtype /Image.*?/Width (\d+)", data, re.DOTALL)[1])
     assert 200 < width < 3.0 * figures.VECTOR_DPI
     streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL)
-    text = b"".join(zlib.decompress(each) for each in streams if each[:1] == b"\x78")
+    text = b"".join(zlib.decompress(stream) for stream in streams if stream[:1] == b"\x78")
     assert re.search(rb"\] TJ|\) Tj", text)  # text, not outlines
 
 

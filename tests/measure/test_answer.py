@@ -38,7 +38,7 @@ def planted(device, figures=FIGURES, usual: str = "shaded-4") -> Study:
     """Return a study with these figures."""
     found = small_study(device)
     one, base = found.measured[0], base_settings(sphere())
-    known = {each.name: each for each in variants.VARIANTS}
+    known = {variant.name: variant for variant in variants.VARIANTS}
     measured = [
         replace(
             one,
@@ -179,7 +179,7 @@ def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, 
         for mesh, other in zip(drawn.meshes, expected.meshes, strict=True):
             assert mesh.vertices.shape == other.vertices.shape
             textures = [each.material.texture for each in (mesh, other)]
-            assert len({None if each is None else each.image.tobytes() for each in textures}) == 1
+            assert len({None if texture is None else texture.image.tobytes() for texture in textures}) == 1
         assert (drawn.environment is None) == (expected.environment is None)
 
 
@@ -187,7 +187,7 @@ def test_without_details_only_variants_that_may_be_worth_their_time_are_measured
     chosen = []
 
     def stop(scene, opened, variants, frames, settings, details):
-        chosen.append(([each.name for each in variants], details))
+        chosen.append(([variant.name for variant in variants], details))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(report, "study", stop)

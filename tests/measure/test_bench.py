@@ -23,7 +23,7 @@ from clshade.pipeline.renderer import Renderer, render
 
 
 def test_workloads_are_what_they_say():
-    made = {each.name: each.make() for each in workloads.WORKLOADS}
+    made = {workload.name: workload.make() for workload in workloads.WORKLOADS}
     assert len(made) == 11
     for name, scene in made.items():
         assert scene.preset == "standard"
@@ -111,13 +111,13 @@ def test_the_command_times_scenes_of_the_user_beside_workloads(opened, capsys, m
     assert code == 0
     assert {path.name for path in tmp_path.glob("b.*")} == {"b.csv", "b.json", "b.md"}
     figures = json.loads(Path("b.json").read_text())
-    assert [(each["name"], each["image"], each["frames"]) for each in figures["frames"]] == [
+    assert [(figure["name"], figure["image"], figure["frames"]) for figure in figures["frames"]] == [
         ("own.obj", "48x32", 2),
         ("teapot", "48x32", 2),
     ]
     assert figures["bytes_held"][1]["scene"] > figures["bytes_held"][0]["scene"] > 0
     assert figures["bytes_held"][0]["image"] == 48 * 32 * 16
-    assert [each["name"] for each in figures["bytes_held"]] == ["own.obj", "teapot"]
+    assert [figure["name"] for figure in figures["bytes_held"]] == ["own.obj", "teapot"]
     assert opened.title in out
     assert opened.title in Path("b.md").read_text()
     Path("knot").write_text("v 0 0 0\n")  # a file of a workload's name counts
@@ -167,4 +167,4 @@ def test_the_list_names_all(capsys):
     code, out, err = run(capsys, "bench", "--list")
     assert (code, err) == (0, [])
     named = [line.split()[0] for line in out.splitlines() if not line.startswith(" ")]
-    assert named == [each.name for each in workloads.WORKLOADS]
+    assert named == [workload.name for workload in workloads.WORKLOADS]

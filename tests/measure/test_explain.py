@@ -33,7 +33,7 @@ def plain_scene() -> Scene:
     generator = np.random.default_rng(4)
     material = Material(ka=0.0, kd=0.6, ks=0.0)
     verts = np.float32(generator.uniform(-1, 1, (2, 90, 3)))
-    meshes = tuple(Mesh(each, np.arange(90).reshape(-1, 3), material=material) for each in verts)
+    meshes = tuple(Mesh(vertices, np.arange(90).reshape(-1, 3), material=material) for vertices in verts)
     camera = Camera((0.2, 0.5, -4.0), (0, 0, 0), (0, 1, 0), 4.0, (3.0, 3.0), (61, 47))
     return Scene(meshes, camera, (PointLight((1, 2, -3)), PointLight((-3, 1, -2), (0.4, 0.5, 0.9))))
 
@@ -66,9 +66,9 @@ ELSEWHERE = {"ENVIRONMENT", "UV_SETS"}  # features that none of these needs: tes
 
 def test_every_feature_is_left_out_of_some_scene_and_needed_by_another():
     left_out = [
-        {name for name, _ in derive(each.scene, each.settings, double_positions=double).left_out}
-        for each in SCENES
-        for double in [each.choice["positions"] == "float64"]
+        {name for name, _ in derive(scene.scene, scene.settings, double_positions=double).left_out}
+        for scene in SCENES
+        for double in [scene.choice["positions"] == "float64"]
     ]
     assert set.union(*left_out) == set(OPTIONAL)
     assert set.intersection(*left_out) == ELSEWHERE
@@ -78,9 +78,9 @@ def test_every_feature_is_left_out_of_some_scene_and_needed_by_another():
     "golden",
     [
         pytest.param(
-            each, id=each.name, marks=() if each.choice["program"] in ("phong", "nolight") else pytest.mark.long
+            scene, id=scene.name, marks=() if scene.choice["program"] in ("phong", "nolight") else pytest.mark.long
         )
-        for each in SCENES
+        for scene in SCENES
     ],
 )
 def test_leaving_out_what_a_scene_does_not_need_changes_no_bit(device, golden):

@@ -72,8 +72,8 @@ def test_the_right_image_is_the_oracle_s(shader, visibility):
 
 def test_every_mistake_has_a_name_of_its_own_and_says_what_to_do():
     assert len(MISTAKES) == 62
-    assert len({each.name for each in MISTAKES}) == len(MISTAKES)
-    assert all(each.advice.endswith(".") for each in MISTAKES)
+    assert len({mistake.name for mistake in MISTAKES}) == len(MISTAKES)
+    assert all(mistake.advice.endswith(".") for mistake in MISTAKES)
 
 
 def test_terms_of_the_light_in_closed_form():
@@ -298,4 +298,4 @@ def test_every_mistake_shows_somewhere_and_is_found_alone():
             if change.mistake.name not in seen and search.wrong(image, given.codes).sum() > 20:
                 seen.add(change.mistake.name)
                 assert {change.label} in found_first(given, image), change.label
-    assert {each.name for each in MISTAKES} - seen <= {"the other interpolation"}
+    assert {mistake.name for mistake in MISTAKES} - seen <= {"the other interpolation"}

@@ -94,7 +94,7 @@ def places(scale: int, samples: int) -> set[tuple[float, float]]:
 
 
 def test_the_reference_samples_where_no_variant_does():
-    of_variants = set().union(*(places(1, each.changes.get("samples", 1)) for each in variants.VARIANTS))
+    of_variants = set().union(*(places(1, variant.changes.get("samples", 1)) for variant in variants.VARIANTS))
     assert len(of_variants) == 1 + 4 + 16 + 64
     for step in STEPS[:-1]:
         assert len(places(*step)) == step[0] ** 2 * step[1]

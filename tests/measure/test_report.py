@@ -325,7 +325,7 @@ def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
     code, out, err = run(capsys, "report", "--list")
     assert (code, err) == (0, [])
     listed = [line.split()[0] for line in out.splitlines() if not line.startswith(" ")]
-    assert listed == [each.name for each in variants.VARIANTS]
+    assert listed == [variant.name for variant in variants.VARIANTS]
     assert "4 shaded samples: --samples=4 --sample-shading" in out
 
 

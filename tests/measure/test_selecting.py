@@ -103,7 +103,7 @@ def test_nine_of_ten_tolerances_are_kept_to_a_tenth(device):
 
 def test_a_family_is_of_rising_work():
     """What is not drawn is no faster: it differs from what was drawn before only in more samples, or more work for each."""
-    changes = {each.name: each.changes for each in VARIANTS}
+    changes = {variant.name: variant.changes for variant in VARIANTS}
     for family in LADDER:
         for less, more in pairwise(changes[name] for name in family):
             others = {"samples", "sample_shading"} & {*less, *more}
@@ -213,10 +213,10 @@ def test_the_windows_are_the_image(device, name):
     windows = thinned(image, scene.face_count)
     assert len(windows.windows) > 1
     assert 0.05 < windows.count / windows.pixels < 0.6
-    assert {(each.width, each.height) for each in windows.windows} > {(16, 16)}
+    assert {(window.width, window.height) for window in windows.windows} > {(16, 16)}
     parts = [
-        render(replace(scene, camera=each.camera(scene.camera)), settings=base, device=device).rgb
-        for each in windows.windows
+        render(replace(scene, camera=window.camera(scene.camera)), settings=base, device=device).rgb
+        for window in windows.windows
     ]
     assert np.array_equal(np.concatenate([part.reshape(-1, 3) for part in parts]), windows.of(image))
     best = best_settings(base, device)

@@ -15,9 +15,9 @@ from clshade.scene.model import Settings
 
 
 def test_every_variant_is_another_way_and_names_are_unique():
-    names = [each.name for each in variants.VARIANTS]
+    names = [variant.name for variant in variants.VARIANTS]
     assert len(set(names)) == len(names)
-    changes = [tuple(sorted(each.changes.items())) for each in variants.VARIANTS]
+    changes = [tuple(sorted(variant.changes.items())) for variant in variants.VARIANTS]
     assert len(set(changes)) == len(changes)
     assert {*variants.COMMON, *variants.LIMITED} <= set(names)
 

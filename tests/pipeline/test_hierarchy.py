@@ -41,7 +41,7 @@ def one_by_one(device, hierarchy: Hierarchy, points: Array, receivers: Array, li
     """Return whether rays meet any triangle, by the predicate alone; a multiple of 16 of them."""
     count, frame = len(points), hierarchy.frame
     rays = np.ascontiguousarray(frame.pairs(points).T), receivers.astype(np.int32), frame.light(light)
-    values = dict(zip(("points", "receivers", "lights"), (Buffer(device, each) for each in rays), strict=True))
+    values = dict(zip(("points", "receivers", "lights"), (Buffer(device, ray) for ray in rays), strict=True))
     dark = Buffer.empty(device, count, np.int32)
     stages = Stages(device, build(device, mask(), ONE_BY_ONE, lanes=16))
     more = {"dark": dark, "face_count": len(hierarchy.faces.array), "stride": count}

@@ -207,7 +207,7 @@ def test_panes_in_one_plane(device, shared):
         "mesh": (
             Mesh(verts.reshape(-1, 3), (faces + 4 * np.arange(count)[:, None, None]).reshape(-1, 3), material=material),
         ),
-        "meshes": tuple(Mesh(each, faces, material=material) for each in verts),
+        "meshes": tuple(Mesh(vertices, faces, material=material) for vertices in verts),
         "instances": (Mesh(unit, faces, material=material, instances=placements),),
     }[shared]
     camera = Camera((0, 0, 7.3), (0, 0, 0), (0, 1, 0), 7.3, (3.2, 3.2), (64, 64))

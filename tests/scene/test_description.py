@@ -73,7 +73,7 @@ def test_only_the_part_that_changed_differs():
     for part, changed in (
         ("camera", replace(before, camera=before.camera.with_resolution((40, 30)))),
         ("lights", replace(before, lights=())),
-        ("meshes", replace(before, meshes=tuple(replace(each, name="other") for each in before.meshes))),
+        ("meshes", replace(before, meshes=tuple(replace(mesh, name="other") for mesh in before.meshes))),
         ("materials", with_materials(before, lambda each: replace(each, kd=0.25))),
         ("materials", with_materials(before, lambda each: replace(each, texture=None))),
         ("materials", with_materials(before, lambda each: replace(each, texture=Texture(other)))),

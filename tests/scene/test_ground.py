@@ -45,8 +45,8 @@ def test_cameras_and_views_leave_it_out():
     for name, camera in named_cameras(SCENE, ("front", "iso")).items():
         with_it = named_cameras(scene, ("front", "iso"))[name]
         assert with_it.plane == camera.plane
-        assert [each.position.tolist() for each in seen_by(scene, with_it).lights] == [
-            each.position.tolist() for each in seen_by(SCENE, camera).lights
+        assert [light.position.tolist() for light in seen_by(scene, with_it).lights] == [
+            light.position.tolist() for light in seen_by(SCENE, camera).lights
         ]
     turned = {"azimuth": 30.0}
     assert camera_of(scene, turned).eye.tolist() == camera_of(SCENE, turned).eye.tolist()

@@ -31,7 +31,7 @@ def glb(path: Path, count: int, kind: str) -> Path:
         document.mesh({"POSITION": CORNERS}, INDICES, material=document.add("materials", {"name": f"m{k}"}))
     meshes = document.json["meshes"]
     if kind == "primitives":
-        document.json["meshes"] = [{"primitives": [each["primitives"][0] for each in meshes]}]
+        document.json["meshes"] = [{"primitives": [mesh["primitives"][0] for mesh in meshes]}]
     for k in range(1 if kind == "primitives" else count):
         document.add("nodes", {"mesh": k % len(document.json["meshes"]), "name": f"n{k}", "translation": [k, 0, 0]})
     return document.glb(path)

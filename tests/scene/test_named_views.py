@@ -36,7 +36,7 @@ def box(size, up=(0.0, 1.0, 0.0), resolution=(80, 60)):
 def test_where_the_eye_is(up, eyes):
     cameras = named_cameras(box((2.0, 3.0, 4.0), up), NAMED)
     assert tuple(map(towards_eye, cameras.values())) == eyes
-    assert all(each.orthographic and (each.lookat == (10, 20, 30)).all() for each in cameras.values())
+    assert all(camera.orthographic and (camera.lookat == (10, 20, 30)).all() for camera in cameras.values())
     upward = geometry.camera_axes(cameras["front"])[1]
     assert upward.round(12).tolist() == np.sign(np.round(up)).tolist()
     assert (
@@ -52,14 +52,14 @@ def test_where_the_eye_is(up, eyes):
 def test_the_whole_scene_fits_at_one_scale(size, resolution):
     scene = box(size, resolution=resolution)
     cameras = named_cameras(scene, NAMED)
-    assert len({each.plane for each in cameras.values()}) == 1
+    assert len({camera.plane for camera in cameras.values()}) == 1
     low, high = geometry.bounding_box(scene)
     fill = 0.0
-    for each in cameras.values():
-        half = np.abs(geometry.camera_axes(each)[:2] @ (scene.meshes[0].verts - each.lookat).T).max(axis=1)
-        assert (half <= np.array(each.plane[::-1]) / 2.0).all()
-        fill = max(fill, *(2.0 * half / each.plane[::-1]))
-        assert np.linalg.norm(each.eye - each.lookat) > np.linalg.norm(high - low) / 2.0
+    for camera in cameras.values():
+        half = np.abs(geometry.camera_axes(camera)[:2] @ (scene.meshes[0].verts - camera.lookat).T).max(axis=1)
+        assert (half <= np.array(camera.plane[::-1]) / 2.0).all()
+        fill = max(fill, *(2.0 * half / camera.plane[::-1]))
+        assert np.linalg.norm(camera.eye - camera.lookat) > np.linalg.norm(high - low) / 2.0
     assert fill == pytest.approx(FILL if (high > low).any() else 0.0)
 
 

@@ -80,7 +80,7 @@ def parts_of(value: Any) -> list[Any]:
         return [part for each in value for part in parts_of(each)]
     if not dataclasses.is_dataclass(value):
         return []
-    inner = [part for each in dataclasses.fields(value) for part in parts_of(getattr(value, each.name))]
+    inner = [part for field in dataclasses.fields(value) for part in parts_of(getattr(value, field.name))]
     return [value, *inner]
 
 
@@ -89,7 +89,7 @@ def same(a: Any, b: Any) -> bool:
     if type(a) is not type(b):
         return False
     if dataclasses.is_dataclass(a):
-        return all(same(getattr(a, each.name), getattr(b, each.name)) for each in dataclasses.fields(a))
+        return all(same(getattr(a, field.name), getattr(b, field.name)) for field in dataclasses.fields(a))
     if isinstance(a, np.ndarray):
         return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
     if isinstance(a, dict):
@@ -112,8 +112,8 @@ def test_every_field_comes_back(tmp_path):
     found = again(scene, tmp_path)
     assert same(scene, found)
     for part in parts_of(found):
-        for each in dataclasses.fields(part):
-            value = getattr(part, each.name)
+        for field in dataclasses.fields(part):
+            value = getattr(part, field.name)
             assert not isinstance(value, np.ndarray) or not value.flags.writeable
 
 
@@ -133,9 +133,9 @@ def test_the_scene_of_this_test_has_every_field():
     parts = parts_of(full_scene())
     assert {type(part) for part in parts} == set(CLASSES)
     for kind, default in plain.items():
-        for each in dataclasses.fields(kind):
-            values = [getattr(part, each.name) for part in parts if type(part) is kind]
-            assert any(not same(value, getattr(default, each.name)) for value in values), (kind.__name__, each.name)
+        for field in dataclasses.fields(kind):
+            values = [getattr(part, field.name) for part in parts if type(part) is kind]
+            assert any(not same(value, getattr(default, field.name)) for value in values), (kind.__name__, field.name)
 
 
 def test_what_is_shared_is_shared_again(tmp_path):

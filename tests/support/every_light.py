@@ -18,5 +18,5 @@ EVERY: tuple[Light, ...] = (
 
 def default_of(light: Light) -> Light:
     """Return a light of the same kind with defaults, other values where there are none."""
-    needed = [each.name for each in fields(light) if each.default is MISSING and each.default_factory is MISSING]
+    needed = [field.name for field in fields(light) if field.default is MISSING and field.default_factory is MISSING]
     return type(light)(**{name: getattr(light, name)[::-1] for name in needed})

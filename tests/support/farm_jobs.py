@@ -22,7 +22,7 @@ def tasks(folder: Path, count: int, resolution: tuple[int, int]) -> list[Task]:
     """Return frames 1 to `count` of a turn."""
     frames = parse_frames(f"1..{count}")
     cameras = orbit(builtin("icosphere").camera.with_resolution(resolution), frames.numbers, frames)
-    return [Task(number, each, folder / f"{number:03d}") for number, each in cameras.items()]
+    return [Task(number, camera, folder / f"{number:03d}") for number, camera in cameras.items()]
 
 
 class HangingCamera(Camera):

@@ -117,10 +117,10 @@ def shown(shared):
 def test_tone_maps_are_those_of_the_library(shown):
     """Within one code, which float32 may miss at a step."""
     settings = [{"operator": o, "exposure": e, "marking": False} for o in OPERATORS for e in (0.0, -3.5, 4.0)]
-    for each, found in zip(settings, pixels_of_each(shown, settings), strict=True):
-        off = np.abs(found - tonemap(ramp(), each["operator"], each["exposure"]).astype(int))
-        assert off.max() <= 1, each
-        assert (off > 0).mean() < 0.02, each
+    for setting, found in zip(settings, pixels_of_each(shown, settings), strict=True):
+        off = np.abs(found - tonemap(ramp(), setting["operator"], setting["exposure"]).astype(int))
+        assert off.max() <= 1, setting
+        assert (off > 0).mean() < 0.02, setting
 
 
 @pytest.mark.long
@@ -423,8 +423,8 @@ def test_without_webgl(launch, written, how):
     shown = opened(plain, written, script=NO_CONTEXT if how == "no context" else "")
     assert "No WebGL 2" in shown.text_content("#notice")
     settings = [{"operator": operator, "exposure": 1.5, "marking": False} for operator in OPERATORS]
-    for each, found in zip(settings, pixels_of_each(shown, settings), strict=True):
-        assert np.abs(found - tonemap(ramp(), each["operator"], 1.5).astype(int)).max() <= 1, each
+    for setting, found in zip(settings, pixels_of_each(shown, settings), strict=True):
+        assert np.abs(found - tonemap(ramp(), setting["operator"], 1.5).astype(int)).max() <= 1, setting
     expected = thumbnails(exr.flatten(channels_of_a()))
     for name in ("Z", "N", "object_id", "uv", "P"):
         shown.evaluate("(name) => viewer.setLayer(name)", name)

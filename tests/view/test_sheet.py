@@ -41,7 +41,7 @@ def sheet():
 
 
 def views(sheet):
-    return {each["name"]: each for each in sheet.facts["views"]}
+    return {fact["name"]: fact for fact in sheet.facts["views"]}
 
 
 @pytest.mark.long
