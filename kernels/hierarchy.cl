@@ -59,11 +59,11 @@ kernel void hierarchy_keys(global const float *vertices,  // V x VERTEX_ROW
         global const float *c = vertices + VERTEX_ROW * (size_t)v[2];
         float largest = 0.0f, sum = 0.0f;
         for (int k = 0; k < 3; ++k) {
-            float low = LEAST_OF_TWO(a[k], LEAST_OF_TWO(b[k], c[k])), high = MOST_OF_TWO(a[k], MOST_OF_TWO(b[k], c[k]));
+            float low = MIN(a[k], MIN(b[k], c[k])), high = MAX(a[k], MAX(b[k], c[k]));
             float along = (0.5f * (low + high) + (float)(SHADOW_REACH)) / cell;
             // NaN, of faces to be dropped, becomes 0.
-            place[k][s] = (uint)LEAST_OF_TWO(MOST_OF_TWO(along, 0.0f), (float)((1 << AXIS_BITS) - 1));
-            largest = MOST_OF_TWO(largest, high - low);
+            place[k][s] = (uint)MIN(MAX(along, 0.0f), (float)((1 << AXIS_BITS) - 1));
+            largest = MAX(largest, high - low);
             sum += (a[k] + b[k]) + c[k];
         }
         int drop = v[0] == v[1] || v[1] == v[2] || v[2] == v[0] || !(fabs(sum) <= FLT_MAX);
@@ -92,13 +92,13 @@ void halve(global const float *from, global float *to, int count, int below)
     float16 lows = (float16)(FLT_MAX), highs = -lows;
     for (int i = 0; i < count / 4; ++i) {
         float16 four = load16(from + 16 * i);
-        lows = LEAST_OF_TWO(four, lows), highs = MOST_OF_TWO(four, highs);
+        lows = MIN(four, lows), highs = MAX(four, highs);
     }
-    float8 low8 = LEAST_OF_TWO(lows.lo, lows.hi), high8 = MOST_OF_TWO(highs.lo, highs.hi);
-    float4 low = LEAST_OF_TWO(low8.lo, low8.hi), high = MOST_OF_TWO(high8.lo, high8.hi);
+    float8 low8 = MIN(lows.lo, lows.hi), high8 = MAX(highs.lo, highs.hi);
+    float4 low = MIN(low8.lo, low8.hi), high = MAX(high8.lo, high8.hi);
     for (int i = count / 4 * 4; i < count; ++i) {
         float4 row = load4(from + 4 * i);
-        low = LEAST_OF_TWO(row, low), high = MOST_OF_TWO(row, high);
+        low = MIN(row, low), high = MAX(row, high);
     }
     float4 size = high - low;
     int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : size.y > size.z ? 1 : 2;
@@ -187,8 +187,8 @@ kernel void hierarchy_leaves(global const float *vertices, global const int *fac
                 global const float *v = vertices + VERTEX_ROW * (size_t)faces[3 * (size_t)face + corner];
                 UNROLL for (int k = 0; k < 3; ++k) {
                     leaf[(3 * corner + k) * LEAF_TRIANGLES + s] = v[k];
-                    low[k] = LEAST_OF_TWO(low[k], v[k]);
-                    high[k] = MOST_OF_TWO(high[k], v[k]);
+                    low[k] = MIN(low[k], v[k]);
+                    high[k] = MAX(high[k], v[k]);
                 }
             }
             leaf[9 * LEAF_TRIANGLES + s] = as_float(face);
@@ -206,8 +206,8 @@ kernel void hierarchy_level(global float *nodes, int first, int above, int below
         global const float *node = nodes + (size_t)(first + i) * NODE_SIZE;
         for (int k = 0; k < 3; ++k)
             for (int child = 0; child < NODE_CHILDREN; ++child) {
-                low[k] = LEAST_OF_TWO(low[k], node[k * NODE_CHILDREN + child]);
-                high[k] = MOST_OF_TWO(high[k], node[(3 + k) * NODE_CHILDREN + child]);
+                low[k] = MIN(low[k], node[k * NODE_CHILDREN + child]);
+                high[k] = MAX(high[k], node[(3 + k) * NODE_CHILDREN + child]);
             }
     }
     store_box(nodes + (size_t)(above + i / NODE_CHILDREN) * NODE_SIZE, i % NODE_CHILDREN, low, high);

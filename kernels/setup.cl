@@ -58,15 +58,15 @@ depth_t depth_of_face(const Faces *f, int lane, global const Vertex *vertices)
     depth_t a = DEPTH_OF(vertices[f->vertex[0][lane]].depth), b = DEPTH_OF(vertices[f->vertex[1][lane]].depth);
     depth_t c = DEPTH_OF(vertices[f->vertex[2][lane]].depth);
 #if DEPTH_TEST
-    return LEAST_OF_TWO(LEAST_OF_TWO(a, b), c);
+    return MIN(MIN(a, b), c);
 #else
     return ((a + b) + c) / 3.0;
 #endif
 }
 #endif
 
-// Completes the `asked` triangles, with corners by x, y and w. Returns which may be visible.
-INLINE fixeds complete_sides(Corners *t, fixeds asked, const int *face, Culled *culled, SETUP_PARAMETERS)
+// Completes the `active` triangles, with corners by x, y and w. Returns which may be visible.
+INLINE fixeds complete_sides(Corners *t, fixeds active, const int *face, Culled *culled, SETUP_PARAMETERS)
 {
     fixeds front_only = NEEDS(image, CULL) ? (fixeds)(-1) : (fixeds)(0);
     if (!NEEDS(image, CULL) && NEEDS(image, SIDES)) {
@@ -75,7 +75,7 @@ INLINE fixeds complete_sides(Corners *t, fixeds asked, const int *face, Culled *
             own[lane] = materials[face_materials[face[lane]]].front_only;
         front_only = LOAD_LANES(own) != 0;
     }
-    return complete(t, asked, front_only, image, culled);
+    return complete(t, active, front_only, image, culled);
 }
 
 void add_culled(global Counters *counters, const Culled *culled)
@@ -147,9 +147,9 @@ INLINE void write_triangle(const Stored *s, int lane, global Triangle *triangle,
 }
 #endif
 
-// Completes the `asked` faces that lie before the near plane and not beside the image. Returns which may be visible; those that
+// Completes the `active` faces that lie before the near plane and not beside the image. Returns which may be visible; those that
 // cross that plane or the guard band are listed to be clipped. instance: of each lane if they are listed with it, else null.
-INLINE fixeds cull_faces(Corners *t, const Faces *f, fixeds asked, const int *instance, int room, Culled *culled, FACE_PARAMETERS)
+INLINE fixeds cull_faces(Corners *t, const Faces *f, fixeds active, const int *instance, int room, Culled *culled, FACE_PARAMETERS)
 {
     fixeds behind[3];  // which corners lie behind the near plane: project and place leave their w as 0
     for (int k = 0; k < 3; ++k) {
@@ -173,15 +173,15 @@ INLINE fixeds cull_faces(Corners *t, const Faces *f, fixeds asked, const int *in
     int right_end = image->columns << SUBPIXEL_BITS, top_end = image->rows << SUBPIXEL_BITS;
     fixeds left = MIN3(t->x), right = MAX3(t->x), bottom = MIN3(t->y), top = MAX3(t->y);
     fixeds any_behind = (behind[0] | behind[1]) | behind[2], all_behind = (behind[0] & behind[1]) & behind[2];
-    COUNT(culled->behind, asked & all_behind);
-    asked = asked & !all_behind;
+    COUNT(culled->behind, active & all_behind);
+    active = active & !all_behind;
     fixeds beside = !any_behind & (((right < 0) | (top < 0)) | ((left > right_end) | (bottom > top_end)));
     fixeds far = ((left == -SNAP_LIMIT) | (right == SNAP_LIMIT)) | ((bottom == -SNAP_LIMIT) | (top == SNAP_LIMIT));
     if (NEEDS(image, LINES))
         beside = beside & !far;  // its pieces may hide what is seen of a line, somewhat beside the image too
-    COUNT(culled->off_screen, asked & beside);
-    asked = asked & !beside;
-    fixeds cut = asked & (any_behind | far);
+    COUNT(culled->off_screen, active & beside);
+    active = active & !beside;
+    fixeds cut = active & (any_behind | far);
     if (any_lane(TO_INTS(cut))) {
         int crossing[LANES];
         STORE_LANES(cut, crossing);
@@ -197,8 +197,8 @@ INLINE fixeds cull_faces(Corners *t, const Faces *f, fixeds asked, const int *in
             }
         }
     }
-    asked = asked & !cut;
-    return any_lane(TO_INTS(asked)) ? complete_sides(t, asked, f->face, culled, SETUP_ARGUMENTS) : asked;
+    active = active & !cut;
+    return any_lane(TO_INTS(active)) ? complete_sides(t, active, f->face, culled, SETUP_ARGUMENTS) : active;
 }
 
 // Culls faces of a scene, from `first` on and before `end`.

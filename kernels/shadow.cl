@@ -32,8 +32,8 @@ kernel void shadow_rays(global const float *points,   // 6 x K, high then low pa
     ShadowReceiver at = receivers_of(points, receivers, stride, first);
     ShadowLight light = lights[0];
     BlockRays block;
-    ints asked = TO_INTS(at.face >= 0);
-    begin_rays(&block, &at, &in, &light, asked);
-    trace_block(&block, casters, asked);
+    ints active = TO_INTS(at.face >= 0);
+    begin_rays(&block, &at, &in, &light, active);
+    trace_block(&block, casters, active);
     STORE_LANES(TO_FIXEDS(TO_INTS(block.dark) ? (ints)(1) : (ints)(0)), dark + first);
 }

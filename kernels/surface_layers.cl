@@ -25,13 +25,13 @@ void put_weights(reals3 *target, ints mine, Weights m, int turned)
     put_vector(target, mine, all);
 }
 
-// Sets the lanes in `mine`, which triangle t owns. asked: the layers, a bit each.
-INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, Places at, int asked,
+// Sets the lanes in `mine`, which triangle t owns. requested: the layers, a bit each.
+INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const Triangle *t, Places at, int requested,
                        global const int *mirrored, global const real *scalars)
 {
     int face = t->face, triangle = (int)(t - in->triangles);
     Weights m = weights_at(t, in->pieces, at, NEEDS(in, PERSPECTIVE), 0);
-    if (asked & LAYER_N) {
+    if (requested & LAYER_N) {
         real side = side_of(in, t);
         put_vector(&shown->N, mine,
                    mix_vectors(m, side * corner_normal(in, triangle, face, 0), side * corner_normal(in, triangle, face, 1),
@@ -45,14 +45,14 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
             put_texels(&shown->turned, mine, in, t, at, MAP_NORMAL);
         }
     }
-    if (asked & LAYER_P) {
+    if (requested & LAYER_P) {
         // In perspective, like depth, with any interpolation of attributes: the visible point.
         Weights p = weights_at(t, in->pieces, at, !NEEDS(in, ORTHOGRAPHIC), 0);
         put_vector(&shown->P, mine,
                    mix_vectors(p, corner_point(in, triangle, face, 0), corner_point(in, triangle, face, 1),
                                corner_point(in, triangle, face, 2)));
     }
-    if (asked & LAYER_ALBEDO) {
+    if (requested & LAYER_ALBEDO) {
         reals3 albedo = gray((reals)(1.0f));
         if (shows_colors(in)) {
             real4 c0 = in->colors[color_index(in, face, 0)], c1 = in->colors[color_index(in, face, 1)];
@@ -65,23 +65,23 @@ INLINE void show_owner(Shown *shown, ints mine, const Inputs *in, global const T
         if (shown->shows_texels)
             put_texels(&shown->texels, mine, in, t, at, MAP_COLOR);
     }
-    if (asked & LAYER_UV) {
+    if (requested & LAYER_UV) {
         Mapped uv = uv_at(in, t, at, 0);
         shown->uv.x = where(mine, uv.u.high + uv.u.low, shown->uv.x);
         shown->uv.y = where(mine, uv.v.high + uv.v.low, shown->uv.y);
     }
-    if (asked & LAYER_SCALAR) {
+    if (requested & LAYER_SCALAR) {
         global const real *s = scalars + 3 * face;
         shown->scalar.x = where(mine, weigh(m, s[0], s[1], s[2]), shown->scalar.x);
     }
-    if (asked & LAYER_BARYCENTRICS)
-        put_weights(&shown->barycentrics, mine, m, asked & MIRRORED ? mirrored[face] : 0);
+    if (requested & LAYER_BARYCENTRICS)
+        put_weights(&shown->barycentrics, mine, m, requested & MIRRORED ? mirrored[face] : 0);
 }
 
 // Completes the layers of a block: normals of unit length, colors with their texels.
-INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
+INLINE void finish_shown(Shown *shown, const Inputs *in, int requested)
 {
-    if (asked & LAYER_N) {
+    if (requested & LAYER_N) {
         if (shown->shows_turned && any_lane(shown->turned.textured)) {
             reals3 texel = texel_colors(&shown->turned, in, NEEDS(in, MIPMAPS));
             reals across = shown->turned.textured ? shown->across : (reals)(0.0f);
@@ -89,7 +89,7 @@ INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
         }
         shown->N = normalize_or_zero(shown->N);
     }
-    if (asked & LAYER_ALBEDO) {
+    if (requested & LAYER_ALBEDO) {
         if (shown->shows_texels && any_lane(shown->texels.textured))
             shown->albedo = times_texel(shown->albedo, shown->texels.textured,
                                         texel_colors(&shown->texels, in, NEEDS(in, MIPMAPS)));
@@ -98,14 +98,14 @@ INLINE void finish_shown(Shown *shown, const Inputs *in, int asked)
 }
 
 // The layers of a block that is sampled at these places.
-Shown show_block(const Inputs *in, ints owner, Places at, int asked, global const int *mirrored, global const real *scalars)
+Shown show_block(const Inputs *in, ints owner, Places at, int requested, global const int *mirrored, global const real *scalars)
 {
     Shown shown;
 #define START(name, bit, components, background) shown.name.x = shown.name.y = shown.name.z = (reals)((real)background);
     FOR_LAYERS(START)
 #undef START
-    shown.shows_turned = (asked & LAYER_N) && NEEDS(in, NORMAL_MAP);
-    shown.shows_texels = (asked & LAYER_ALBEDO) && NEEDS(in, TEXTURED);
+    shown.shows_turned = (requested & LAYER_N) && NEEDS(in, NORMAL_MAP);
+    shown.shows_texels = (requested & LAYER_ALBEDO) && NEEDS(in, TEXTURED);
     if (shown.shows_texels)
         shown.texels = no_texels(NEEDS(in, MIPMAPS));
     if (shown.shows_turned) {
@@ -115,10 +115,10 @@ Shown show_block(const Inputs *in, ints owner, Places at, int asked, global cons
     }
     for (ints todo = owner >= 0, mine; any_lane(todo); todo = todo & !mine) {
         int index = next_owner(owner, todo, &mine);
-        show_owner(&shown, mine, in, in->triangles + index, at, asked, mirrored, scalars);
+        show_owner(&shown, mine, in, in->triangles + index, at, requested, mirrored, scalars);
     }
 #if CASTERS
-    if (asked & LAYER_AO) {
+    if (requested & LAYER_AO) {
         ShadingInput input;
         see_receivers(&input, in, owner, at);
         input.shift = light_shift(at, in->image);
@@ -126,18 +126,18 @@ Shown show_block(const Inputs *in, ints owner, Places at, int asked, global cons
         shown.AO.x = owner >= 0 ? open : (reals)(0.0f);
     }
 #endif
-    finish_shown(&shown, in, asked);
+    finish_shown(&shown, in, requested);
     return shown;
 }
 
 #define WRITE(name, bit, components, background)                                                                         \
-    if (asked & bit)                                                                                                     \
+    if (requested & bit)                                                                                                     \
         write_components(to_##name, components, shown.name, &pixels);
 #define CLEAR(name, bit, components, background)                                                                         \
-    if (asked & bit)                                                                                                     \
+    if (requested & bit)                                                                                                     \
         clear_layer(to_##name, components, (real)background, &whole);
 
-// The output arrays are M x N x components; layers not asked for are not written. N is of unit length or 0, P relative to the
+// The output arrays are M x N x components; layers not requested are not written. N is of unit length or 0, P relative to the
 // eye and scaled, both along the world's axes; the scalar is as in its table. A work-item does a tile, or with several
 // ITEMS_PER_TILE a block of it.
 ITEM_BY_ITEM
@@ -146,7 +146,7 @@ kernel void surface_layers(SURFACE_PARAMETERS,
                            global const int *mirrored,    // F, whether the face's placement mirrors; with MIRRORED
                            global const real *scalars,    // F x 3, scaled, NAN_POSITION for none; with LAYER_SCALAR
                            LAYER_PARAMETERS,
-                           int asked)                     // the layers, and whether placements mirror, a bit each
+                           int requested)                     // the layers, and whether placements mirror, a bit each
 {
     Inputs inputs = SURFACE_ARGUMENTS;
     const Inputs *in = &inputs;
@@ -164,7 +164,7 @@ kernel void surface_layers(SURFACE_PARAMETERS,
         int column = left + block % BLOCKS_X * BLOCK_WIDTH, row = bottom + block / BLOCKS_X * BLOCK_HEIGHT;
         LayerBlock pixels = layer_block(image, column, row);
         ints owner = owners_in(owners, &pixels);
-        Shown shown = show_block(in, owner, places_at(sample_at(image, 0, column, row)), asked, mirrored, scalars);
+        Shown shown = show_block(in, owner, places_at(sample_at(image, 0, column, row)), requested, mirrored, scalars);
         FOR_LAYERS(WRITE)
     }
 }

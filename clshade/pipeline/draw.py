@@ -203,7 +203,7 @@ class SceneDrawing:
     def __init__(self, device: Device, packed: Packed, features: Features, lanes: int | None) -> None:
         self.device, self.features = device, features
         self.scene, self.settings = scene, settings = packed.scene, packed.settings
-        of_layers = layer_features(features, packed.layers.asked)
+        of_layers = layer_features(features, packed.layers.requested)
         slow = any(features[name] for name in ("CASTERS", "BLEND", "DOUBLE", "LINES"))
         first = this_thread.is_first and device.keeps_programs and not slow and compiles_longer(scene, settings)
         self.stages = stages = scene_stages(device, features, lanes, of_layers, first=first)

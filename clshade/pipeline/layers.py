@@ -25,14 +25,14 @@ _BAND = 1 << 13  # pixels
 class LayerTables(NamedTuple):
     """What only layers read.
 
-    asked: bits of LAYER_BITS and MIRRORED, 0 without any. arrays: those of object_id, material_id and
+    requested: bits of LAYER_BITS and MIRRORED, 0 without any. arrays: those of object_id, material_id and
     instance_id, (F,) uint32; and by the names of the kernel's parameters, normals and uvs with their indices as in
     scene_tables.Packed, unless those of the lighting serve; mirrored, (F,) int32, whether a face's placement mirrors;
     scalars, (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn
     from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
     """
 
-    asked: int
+    requested: int
     arrays: Mapping[str, Array]
     scalar_exponent: int = 0
 
@@ -71,23 +71,23 @@ def number_names(scene: Scene, layer: Layer) -> Iterable[tuple[int, str]]:
     return enumerate(object_names(scene) if layer == "object_id" else instance_names(scene), 1)
 
 
-def layer_features(light: Features, asked: int) -> Features | None:
+def layer_features(light: Features, requested: int) -> Features | None:
     """Return the features of the layers' program; None if it draws none. light: those of the image's.
-    asked: see LayerTables."""
-    if not asked:
+    requested: see LayerTables."""
+    if not requested:
         return None
-    casts = any(asked & bit for name, bit in LAYER_BITS.items() if "casters" in LAYER_TABLE[name].reads)
+    casts = any(requested & bit for name, bit in LAYER_BITS.items() if "casters" in LAYER_TABLE[name].reads)
     return light.including("CASTERS") if casts else light
 
 
 def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Features) -> LayerTables:
     """Return the tables of the layers asked for. scene: with its own materials. light: the features of the image's
     program."""
-    asked = settings.layers
-    bits = sum(bit for name, bit in LAYER_BITS.items() if name in asked)
+    names = settings.layers
+    bits = sum(bit for name, bit in LAYER_BITS.items() if name in names)
     if not gatherer.copies:
         return LayerTables(bits, {})
-    reads = {table for name in asked for table in LAYER_TABLE[name].reads}
+    reads = {table for name in names for table in LAYER_TABLE[name].reads}
     exponent, found = 0, dict[str, Array]()
     if "normals" in reads and not light.needs_any("TERMS"):
         indexed = any(uses_normal_indices(scene, mesh) for mesh in scene.meshes if len(mesh.faces))
@@ -101,8 +101,8 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     if "scalars" in reads:
         found["scalars"], exponent = gatherer.corner_scalars()
     numbers = {"object_id": object_numbers, "material_id": material_numbers}
-    found |= {name: gatherer.per_face(of(scene), np.uint32) for name, of in numbers.items() if name in asked}
-    if "instance_id" in asked and not light["INSTANCES"]:
+    found |= {name: gatherer.per_face(of(scene), np.uint32) for name, of in numbers.items() if name in names}
+    if "instance_id" in names and not light["INSTANCES"]:
         found["instance_id"] = gatherer.per_copy(first_instances(scene))
     return LayerTables(bits, found, exponent)
 
@@ -119,7 +119,7 @@ class Layers:
         self.kinds: dict[str, tuple[tuple[int, ...], np.dtype]]
         self.kinds = {name: (LAYER_TABLE[name].shape, LAYER_TABLE[name].dtype(real)) for name in names}
         self.kernel_types = {name: np.dtype(real) if name == "P" else kind for name, (_, kind) in self.kinds.items()}
-        self._asked, self._scalar_exponent = tables.asked, tables.scalar_exponent
+        self._requested, self._scalar_exponent = tables.requested, tables.scalar_exponent
         self._own = {name: Buffer(stages.device, array) for name, array in tables.arrays.items()}
         self._surface = {name: buffer for name, buffer in self._own.items() if name in surface_parameters("INSTANCES")}
 
@@ -161,7 +161,11 @@ class Layers:
                 frame.events[f"layer_{name}"] = stages.run("layer_number", items(owners.array.size), values, **own)
         if any(name in LAYER_BITS for name in found):
             values = {**values, **self._surface}
-            values |= {"mirrored": self._own.get("mirrored"), "scalars": self._own.get("scalars"), "asked": self._asked}
+            values |= {
+                "mirrored": self._own.get("mirrored"),
+                "scalars": self._own.get("scalars"),
+                "requested": self._requested,
+            }
             values |= {f"to_{name}": found.get(name) for name in LAYER_BITS}
             size = stages.tiles("surface_layers", frame.tiles)
             frame.events["surface_layers"] = stages.run("surface_layers", size, values)

@@ -210,9 +210,9 @@ def test_each_layer_alone_has_the_same_bits(device, name):
 
 
 def test_programs_know_which_layers_are_asked_for(device):
-    asked = LAYER_BITS["N"] | LAYER_BITS["uv"]
+    requested = LAYER_BITS["N"] | LAYER_BITS["uv"]
     with Renderer(mixed(), device=device, layers=("N", "uv", "id")) as renderer:
-        assert renderer._drawing.layers._asked == asked
+        assert renderer._drawing.layers._requested == requested
     with Renderer(mixed(), device=device, layers=("Z", "material_id")) as renderer:
         assert "surface_layers" not in renderer.stages._programs
 
