@@ -53,15 +53,15 @@ def main() -> None:
     lock = lock_file(cache_root() / f"{_DONE}.lock")
     if lock is None:  # another process is at it
         return
-    trial, drawn = sys.stdin.buffer.read(), 0
-    for each in ([pickle.loads(trial)[0]] if trial else []) + _likely():
-        with contextlib.suppress(Exception), Renderer(**each) as renderer:
+    trial, pictures = sys.stdin.buffer.read(), 0
+    for scene in ([pickle.loads(trial)[0]] if trial else []) + _likely():
+        with contextlib.suppress(Exception), Renderer(**scene) as renderer:
             renderer.render()
-            drawn += 1
+            pictures += 1
             # From its middle, where faces are clipped: such a frame is sorted, by kernels that others do not launch.
             camera, middle = renderer.scene.camera, np.mean(bounding_box(renderer.scene), axis=0)
             renderer.render(replace(camera, eye=middle, lookat=middle + (camera.lookat - camera.eye)))
-    if drawn:
+    if pictures:
         (cache_root() / _DONE).write_text(kernels_digest())
 
 

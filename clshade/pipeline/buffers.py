@@ -38,9 +38,9 @@ def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
     queue.finish()
     written = bool((array == 7).all())
     array[:] = 9
-    seen = np.zeros_like(array)
-    cl.enqueue_copy(queue, seen, memory)
-    return written and bool((seen == 9).all())
+    read_back = np.zeros_like(array)
+    cl.enqueue_copy(queue, read_back, memory)
+    return written and bool((read_back == 9).all())
 
 
 def aligned(shape: tuple[int, ...], dtype: np.dtype) -> Array:
@@ -186,7 +186,7 @@ class TriangleBuffers:
     @property
     def nbytes(self) -> int:
         """Size of all that is in use."""
-        return sum(each.array.nbytes for each in vars(self).values() if isinstance(each, Buffer))
+        return sum(value.array.nbytes for value in vars(self).values() if isinstance(value, Buffer))
 
     @property
     def values(self) -> dict[str, Any]:
@@ -248,7 +248,7 @@ class Pool:
         held = self._held[kind] = self._held.pop(kind, [])
         while len(self._held) > self._kinds:
             del self._held[next(iter(self._held))]
-        block = next((each for each in held if each.user() is None), None)
+        block = next((candidate for candidate in held if candidate.user() is None), None)
         if block is None:
             buffer = Buffer.empty(self._device, shape, dtype) if with_buffer else None
             block = _Block(aligned(shape, np.dtype(dtype)) if buffer is None else buffer.array, buffer)

@@ -161,15 +161,15 @@ def _cut(polygons: Array, counts: Array, distance: Array, closed: bool) -> tuple
     end = np.cumsum(emitted, axis=1)
     place = end - emitted
     result = np.zeros((n, m + 1, width))
-    made = np.zeros((n, m + 1), bool)
+    is_new = np.zeros((n, m + 1), bool)
     i, j = np.nonzero(inside)
     result[i, place[i, j]] = polygons[i, j]
     i, j = np.nonzero(crosses)
     k = following[i, j]
     at = place[i, j] + inside[i, j]
     result[i, at] = _crossings(polygons[i, j], polygons[i, k], distance[i, j], distance[i, k])
-    made[i, at] = True
-    return result, end[:, -1], made
+    is_new[i, at] = True
+    return result, end[:, -1], is_new
 
 
 def cut_to_view(polygons: Array, camera: Camera, near: float, *, closed: bool = True) -> tuple[Array, Array]:
@@ -189,10 +189,10 @@ def cut_to_view(polygons: Array, camera: Camera, near: float, *, closed: bool = 
             if not far.any():
                 break
         distance = side * (slope * polygons[..., axis]) + side * offset * (1.0 if flat else polygons[..., 2])
-        polygons, counts, made = _cut(polygons, counts, np.where(far[:, None], distance, 1.0), closed)
+        polygons, counts, is_new = _cut(polygons, counts, np.where(far[:, None], distance, 1.0), closed)
         # Exactly on the plane: on an edge from -1e38 to 1e38 rounding could give any point at all.
         on_plane = -offset * (1.0 if flat else polygons[..., 2]) / slope
-        polygons[..., axis] = np.where(made, on_plane, polygons[..., axis])
+        polygons[..., axis] = np.where(is_new, on_plane, polygons[..., axis])
     return polygons, counts
 
 
@@ -215,19 +215,19 @@ def project_on_host(positions: Array, space: CameraSpace, vertices: Array, relat
     """Fill `vertices` (V,) SINGLE.Vertex and `relative` (V, 4) float32 from positions (V, 3), world space, with the
     operations of kernels/project.cl, hence its bits: what lies beyond the guard band is at SNAP_LIMIT."""
     points, raster = space.points(positions), space.raster
-    seen = np.flatnonzero(points[:, 2] >= space.near)
+    in_front = np.flatnonzero(points[:, 2] >= space.near)
     with np.errstate(over="ignore", invalid="ignore"):
-        pixels = image_positions(points[seen], space.camera)
+        pixels = image_positions(points[in_front], space.camera)
         from_region = pixels - np.array(raster.corner, np.float64)
         inside = (from_region >= GUARD_LOW) & (from_region <= GUARD_HIGH)
-        w = scaled_w(points[seen, 2], space)
+        w = scaled_w(points[in_front, 2], space)
     snapped = np.rint(np.where(inside, pixels, 0.0) * (1 << SUBPIXEL_BITS))
     snapped -= np.array(raster.first, np.int64) << SUBPIXEL_BITS
     snapped = np.where(inside, snapped, np.where(from_region > 0.0, SNAP_LIMIT, -SNAP_LIMIT)).astype(np.int32)
     vertices[:] = 0
     vertices["depth"] = points[:, 2]
-    vertices["x"][seen], vertices["y"][seen] = snapped.T
-    vertices["w"][seen], vertices["w_low"][seen] = w, w - w.astype(np.float32)
+    vertices["x"][in_front], vertices["y"][in_front] = snapped.T
+    vertices["w"][in_front], vertices["w_low"][in_front] = w, w - w.astype(np.float32)
     relative[:, :3] = np.clip((positions - space.camera.eye) * space.scale, -MOST_LENGTH, MOST_LENGTH)
     relative[:, 3] = 0.0
 

@@ -109,8 +109,8 @@ class TileLists:
     def _split(self, count: int, frame: FrameInFlight, multiple: int = 1) -> None:
         """Split so many triangles into chunks of a multiple of triangles, with memory for the counts of the tiles."""
         tiles, memory = frame.tiles, self._memory
-        most = min(max(self._usual_chunks, count // _LARGE_CHUNK), self._most_chunks, max(2, _COUNTS_BUDGET // tiles))
-        number = max(1, min(count // _LEAST_CHUNK, most))
+        limit = min(max(self._usual_chunks, count // _LARGE_CHUNK), self._most_chunks, max(2, _COUNTS_BUDGET // tiles))
+        number = max(1, min(count // _LEAST_CHUNK, limit))
         size = max(-(-count // (number * multiple)), 1) * multiple
         number = -(-count // size)
         counts, parts = memory("counts", number * tiles, np.uint32), min(-(-number * tiles // _SCAN_RUN), _MOST_PARTS)

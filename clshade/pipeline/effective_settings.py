@@ -105,13 +105,15 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
     usual: dict[str, Any] = {"samples": SAMPLES}
     if any(isinstance(light, RectangleLight) for light in scene.lights):
         usual["shadows"] = True
-    known = {**vars(Settings.from_preset(preset)), **usual, **given}
-    is_pbr = known["shader"] == "pbr"
+    all_fields = {**vars(Settings.from_preset(preset)), **usual, **given}
+    is_pbr = all_fields["shader"] == "pbr"
     lights_shine = not is_pbr or scene.own_lights
     if given.get("shadows") and not lights_shine:
         usual["ambient_occlusion"] = OCCLUSION_RAYS
-    varies = (known["shadows"] and lights_shine) or {**usual, **given}.get("ambient_occlusion")
-    if known["samples"] > 1 and (varies or any(textures_of(each, maps=is_pbr) for each in objects_of(scene).meshes)):
+    varies = (all_fields["shadows"] and lights_shine) or {**usual, **given}.get("ambient_occlusion")
+    if all_fields["samples"] > 1 and (
+        varies or any(textures_of(mesh, maps=is_pbr) for mesh in objects_of(scene).meshes)
+    ):
         usual["sample_shading"] = True
     return {**usual, **given}
 
@@ -120,7 +122,7 @@ def changed_fields(settings: Settings, scene: Scene, preset: Preset, **given: An
     """Return the fields of Settings that `render` has to be given with this preset to draw the scene with these settings.
     given: those that it is given in any case."""
     values, last = vars(settings), ("ambient_occlusion", "sample_shading")  # whose usual values depend on others
-    for name in [each for each in (*(each for each in values if each not in last), *last) if each not in given]:
+    for name in [key for key in (*(value for value in values if value not in last), *last) if key not in given]:
         usual = {**vars(Settings.from_preset(preset)), **picture_fields(scene, preset, **given)}
         if values[name] != usual[name]:
             given[name] = values[name]

@@ -49,15 +49,15 @@ def replaces_colors(mesh: Mesh) -> bool:
 
 def ignored(scene: Scene, settings: Settings) -> tuple[str, ...]:
     """Return what the scene's file or the settings ask for but no render shows, a few words each."""
-    found = list(scene.ignored)
+    names = list(scene.ignored)
     if settings.texture_filter == "trilinear" and any(map(replaces_colors, scene.meshes)):
-        found.append("the trilinear filter of textures with the course's lookup")
+        names.append("the trilinear filter of textures with the course's lookup")
     looked_up = [texture for mesh in scene.meshes for texture in textures_of(mesh, maps=False)]
     if settings.texture_at == "vertex" and any(texture.filter == "nearest" for texture in looked_up):
-        found.append("the filter nearest of textures that are looked up at vertices")
+        names.append("the filter nearest of textures that are looked up at vertices")
     if scene.environment is not None and settings.shader != "pbr" and settings.background != "environment":
-        found.append("the environment, which only shader pbr shows")
-    return tuple(found)
+        names.append("the environment, which only shader pbr shows")
+    return tuple(names)
 
 
 def no_environment(scene: Scene) -> str:
@@ -90,13 +90,13 @@ def _any_beyond_one(mesh: Mesh, at_corners: bool) -> bool:
     looked_up = at_corners and texture_applies(mesh)
     if mesh.colors is None and not looked_up:
         return False
-    most = np.abs(mesh.material.color)
+    largest = np.abs(mesh.material.color)
     with np.errstate(over="ignore"):
         if mesh.colors is not None and not replaces_colors(mesh):
-            most = most * np.maximum(mesh.colors.max(axis=0, initial=0.0), -mesh.colors.min(axis=0, initial=0.0))
+            largest = largest * np.maximum(mesh.colors.max(axis=0, initial=0.0), -mesh.colors.min(axis=0, initial=0.0))
         if looked_up:
-            most = most * np.abs(mesh.material.texture.image[..., :3]).max(axis=(0, 1))  # type: ignore[union-attr]
-    return bool((most > 1.0).any())
+            largest = largest * np.abs(mesh.material.texture.image[..., :3]).max(axis=(0, 1))  # type: ignore[union-attr]
+    return bool((largest > 1.0).any())
 
 
 def unless(needed: object, reason: str) -> str:
@@ -185,7 +185,7 @@ class Drawn:
 
     def no_light(self, has: Callable[[Light], bool], why: str) -> str:
         """Return why nothing is needed that only some lights have."""
-        return self.no_normals or unless(any(has(each) for each in self.scene.lights if each.intensity.any()), why)
+        return self.no_normals or unless(any(has(light) for light in self.scene.lights if light.intensity.any()), why)
 
     def no_colors(self) -> str:
         if self.at_corners:
@@ -372,7 +372,7 @@ def bit_definitions() -> str:
     """Return OpenCL C that numbers the features that are conditions at run time, for `NEEDS` and `NEEDS_ANY`."""
     lines = [f"#define BIT_{name} {index}\n" for name, index in _BITS.items()]
     for name, group in GROUPS.items():
-        bits = [_BITS[each] for each in group]
+        bits = [_BITS[feature] for feature in group]
         lines.append(f"#define FIRST_BIT_{name} {bits[0]}\n#define BITS_{name} {sum(1 << bit for bit in bits)}UL\n")
     return "".join(lines)
 
@@ -435,9 +435,9 @@ _NOTHING = Scene((), Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0)), a
 def derive_alone(shader: Shader, material: Material, shining: bool, bright: bool = False) -> Features:
     """Return the features of a single triangle or point with its own colors: preset `course`, no background, ambient light
     in its material. bright: whether colors beyond 1 are interpolated."""
-    drawn = Drawn(_NOTHING, _settings(shader), [material], shining)
+    frame = Drawn(_NOTHING, _settings(shader), [material], shining)
     terms = ("LIT", "AMBIENT", *GROUPS["TERMS"], "POWER", "EMISSION")
-    names = [name for name in terms if drawn.needs(name)] + ["CENTROID", "VERTEX_COLORS", "SORTED"]
+    names = [name for name in terms if frame.needs(name)] + ["CENTROID", "VERTEX_COLORS", "SORTED"]
     return Features.of(names + ["PHONG"] * (shader == "phong") + ["BRIGHT"] * (shader == "phong" and bright))
 
 
@@ -445,13 +445,13 @@ def derive(scene: Scene, settings: Settings, **how: Any) -> Features:
     """Return the features that this scene needs under these settings. how: further fields of `Drawn`."""
     lit_around = settings.shader == "pbr" and not no_environment(scene)
     shining = lit_around or any(light.intensity.any() for light in scene.lights)
-    drawn = Drawn(scene, settings, list(materials_of(scene).values()), shining, **how)
-    chosen = {name for name, holds in _CHOICES.items() if holds(drawn)}
-    needed = {name for name in OPTIONAL if drawn.needs(name)}
-    return Features.of(chosen | needed, tuple((name, drawn.why(name)) for name in OPTIONAL if name not in needed))
+    frame = Drawn(scene, settings, list(materials_of(scene).values()), shining, **how)
+    chosen = {name for name, holds in _CHOICES.items() if holds(frame)}
+    needed = {name for name in OPTIONAL if frame.needs(name)}
+    return Features.of(chosen | needed, tuple((name, frame.why(name)) for name in OPTIONAL if name not in needed))
 
 
-def at_lanes(features: Features, own: int, chosen: int | None) -> Features:
+def at_lanes(features: Features, device_lanes: int, chosen: int | None) -> Features:
     """Return the features for a device with its own number of lanes, and another one chosen for the pixels. Only kernels of
     several lanes set up faces in their order and order the lists of tiles themselves."""
-    return features if min(own, chosen or own) > 1 else features.including("SORTED")
+    return features if min(device_lanes, chosen or device_lanes) > 1 else features.including("SORTED")

@@ -67,18 +67,18 @@ def flow(frame: Frame, to: View, *, device: Device | str | None = None) -> Flow:
     settings = to.settings if isinstance(to, Frame) else frame.settings
     scene = replace(frame.scene, camera=to) if isinstance(to, Camera) else to.scene if isinstance(to, Frame) else to
     _check_faces(frame.scene, scene)
-    shown = frame["id"]
-    vectors = np.full((*shown.shape, 2), np.nan, np.float32)
-    occluded = np.ones(shown.shape, bool)
+    ids = frame["id"]
+    vectors = np.full((*ids.shape, 2), np.nan, np.float32)
+    occluded = np.ones(ids.shape, bool)
     target = _Target(frame.scene, scene, settings, device)
     right, up = (sample_positions(frame.settings.samples)[0] / (1 << SAMPLE_BITS)).tolist()
-    step = max(1, _BAND // shown.shape[1])
-    for start in range(0, len(shown), step):
+    step = max(1, _BAND // ids.shape[1])
+    for start in range(0, len(ids), step):
         rows = slice(start, start + step)
         rays, origins = pixel_rays(frame.scene.camera, (right, up), rows)
-        at = np.nonzero(shown[rows])
+        at = np.nonzero(ids[rows])
         if len(at[0]):
-            face = shown[rows][at].astype(np.int64) - 1
+            face = ids[rows][at].astype(np.int64) - 1
             vectors[rows][at], occluded[rows][at] = target.of(face, origins[at], rays[at])
     return Flow(vectors, occluded, scene, settings)
 
@@ -88,10 +88,10 @@ def _check_faces(scene: Scene, other: Scene) -> None:
     if len(scene.meshes) != len(other.meshes):
         raise value_error("flow", "to", f"{len(scene.meshes)} meshes, as in the frame's scene", len(other.meshes))
     for number, (mesh, moved) in enumerate(zip(scene.meshes, other.meshes, strict=True), 1):
-        counts, found = ((len(each.faces), len(np.asarray(each.instances))) for each in (mesh, moved))
-        if counts != found:
+        counts, counts_there = ((len(one.faces), len(np.asarray(one.instances))) for one in (mesh, moved))
+        if counts != counts_there:
             expected = f"{counts[0]} faces and {counts[1]} instances of mesh {number}, as in the frame's scene"
-            raise value_error("flow", "to", expected, found)
+            raise value_error("flow", "to", expected, counts_there)
         if mesh.faces is not moved.faces and not np.array_equal(mesh.faces, moved.faces):
             expected = f"the faces of mesh {number} as in the frame's scene, which may move but not change"
             raise value_error("flow", "to", expected, "others")
@@ -130,21 +130,23 @@ class _Target:
         with np.errstate(invalid="ignore"):
             ahead = (depth >= self._near) & (np.abs(vectors) <= np.finfo(np.float32).max).all(axis=1)
             inside = ((place >= 0.0) & (place < self._camera.resolution)).all(axis=1)
-        asked = ahead & inside & self._shown[face]
+        traced = ahead & inside & self._shown[face]
         points = offsets(self._verts, self._origin)
         is_flat = self._camera.orthographic
         eye = (
             -camera_axes(self._camera)[2] if is_flat else self._camera.eye - self._origin
         )  # or the direction toward it
-        hidden = self._hierarchy.shadowed(points, np.where(asked, face, -1), np.append(eye, 0.0 if is_flat else 1.0))
-        return np.where(ahead[:, None], vectors, np.nan), hidden | ~asked
+        hidden = self._hierarchy.shadowed(points, np.where(traced, face, -1), np.append(eye, 0.0 if is_flat else 1.0))
+        return np.where(ahead[:, None], vectors, np.nan), hidden | ~traced
 
 
 def _not_shown(scene: Scene, settings: Settings, verts: Floats, faces: Faces) -> tuple[Bools, Bools]:
     """Return the faces whose back the camera sees, where backs are not drawn, (F,), and those through which layers look."""
     culled, clear = np.zeros((2, len(faces)), bool)
     end = 0
-    for mesh, matrix in [(each, matrix) for each in scene.meshes for matrix in np.asarray(each.instances)]:
+    for mesh, matrix in [
+        (drawn_mesh, matrix) for drawn_mesh in scene.meshes for matrix in np.asarray(drawn_mesh.instances)
+    ]:
         start, end = end, end + len(mesh.faces)
         clear[start:end] = mesh.blends and mesh.material.opacity < settings.layer_alpha
         if mesh.material.sides == "both" and not settings.cull:

@@ -162,11 +162,11 @@ class Frame(Picture):
         These are R, G, B, A and the layers; ``flow`` and ``flow_occluded``, ``flow_back`` and
         ``flow_back_occluded`` of `flows`; also ``error``, (M, N), if every pixel was checked.
         """
-        found = {**{name: self._rgba[..., i] for i, name in enumerate("RGBA")}, **self._layers}
+        channels = {**{name: self._rgba[..., i] for i, name in enumerate("RGBA")}, **self._layers}
         for name, flow in self.flows.items():
             choice("Frame", "flows", name, FLOWS)
-            found |= {name: flow.vectors, f"{name}_occluded": flow.occluded.astype(np.uint32)}
-        return found if self.check is None or self.check.image is None else {**found, "error": self.check.image}
+            channels |= {name: flow.vectors, f"{name}_occluded": flow.occluded.astype(np.uint32)}
+        return channels if self.check is None or self.check.image is None else {**channels, "error": self.check.image}
 
     def metadata(self, *, deterministic: bool = False) -> dict[str, Any]:
         """Return the EXR's header attributes other than its channels.
@@ -199,13 +199,13 @@ class Frame(Picture):
         """
         camera = self.scene.camera
         if camera.orthographic:
-            found: dict[str, Any] = {"pose": camera.pose(), "plane": camera.plane}
+            arrays: dict[str, Any] = {"pose": camera.pose(), "plane": camera.plane}
         else:
-            found = {**dict(zip(("K", "pose"), camera.to_matrix(), strict=True)), "pixel_center": 0.5}
+            arrays = {**dict(zip(("K", "pose"), camera.to_matrix(), strict=True)), "pixel_center": 0.5}
         metadata = json.dumps(plain(self.metadata(deterministic=deterministic)), ensure_ascii=False)
-        found |= {"convention": "opencv", "resolution": camera.resolution, "metadata": metadata}
+        arrays |= {"convention": "opencv", "resolution": camera.resolution, "metadata": metadata}
         layers = {name: array for name, array in self.channels().items() if name not in ("R", "G", "B", "A")}
-        return {"rgba": self._rgba, **layers, **{name: np.asarray(value) for name, value in found.items()}}
+        return {"rgba": self._rgba, **layers, **{name: np.asarray(value) for name, value in arrays.items()}}
 
     def to_png8(self, tonemap: Operator | None = None, exposure: float = 0.0) -> Bytes:
         """Return the tone-mapped 8-bit image, (M, N, 3), or (M, N, 4) without a background.
@@ -321,11 +321,11 @@ class Frame(Picture):
         saving = frame_files.check_output(path, self.settings, **options)
         paths = frame_files.chosen_paths(path, saving["files"])
         frame_files.check_layers(paths, self._layers)
-        shown, deterministic = (saving["tonemap"], saving["exposure"]), saving["deterministic"]
+        display, deterministic = (saving["tonemap"], saving["exposure"]), saving["deterministic"]
 
         def image() -> Bytes:
-            pixels, bar = self.to_png8(*shown), saving["colorbar"]
-            return frame_files.with_colorbar(pixels, self.scene, self.settings, *shown) if bar else pixels
+            pixels, bar = self.to_png8(*display), saving["colorbar"]
+            return frame_files.with_colorbar(pixels, self.scene, self.settings, *display) if bar else pixels
 
         encoders: dict[FileKind, frame_files.Encoder] = {
             "exr": lambda file: self._encode_exr(file, saving),

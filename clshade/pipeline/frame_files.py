@@ -57,7 +57,7 @@ SAVING = tuple(_DEFAULTS)
 ASKED = ("Frame.save", "path")
 
 # Headers leave fields of Settings out where they are as by default, from this one on.
-_FIRST_LEFT_OUT = [each.name for each in fields(Settings)].index("scalars")
+_FIRST_LEFT_OUT = [field.name for field in fields(Settings)].index("scalars")
 
 _IMAGES = ".jpg .jpeg .jp2 .jxl .webp .avif .heic .gif .apng .bmp .tif .tiff .tga .ico .ppm .pgm .pnm .pfm"
 _IMAGES += " .hdr .rgbe .pic .dds .dpx .cin .psd .svg .pdf .eps"
@@ -65,30 +65,30 @@ _OTHERS = ".csv .mp4 .mov .avi .mkv .webm"
 OTHER_FORMATS = (*_IMAGES.split(), *EXTENSIONS, *_OTHERS.split())  # extensions of formats that are not written
 
 
-def output_paths(path: AnyPath, asked: tuple[str, str] = ASKED) -> tuple[Path, Path]:
+def output_paths(path: AnyPath, extensions: tuple[str, str] = ASKED) -> tuple[Path, Path]:
     """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
     standard output, or a file of another format. asked: function and argument that errors name."""
-    stem = _stem(path, asked)
+    stem = _stem(path, extensions)
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 
-def _stem(path: AnyPath, asked: tuple[str, str]) -> Path:
+def _stem(path: AnyPath, extensions: tuple[str, str]) -> Path:
     """Return what the names of all files for `path` begin with. Raises InputError like `output_paths`."""
-    path = Path(checked_path(*asked, path))
+    path = Path(checked_path(*extensions, path))
     ending = path.suffix.lower()
     stem = path.with_suffix("") if ending in (".exr", ".png", ".npz") else path
     if stem.name in ("", ".."):
-        raise value_error(*asked, "a file name", str(path))
+        raise value_error(*extensions, "a file name", str(path))
     if path.name == "-" or ending in OTHER_FORMATS:
         name = path.stem if path.name != "-" else "image"
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
-        raise value_error(*asked, both, str(path))
+        raise value_error(*extensions, both, str(path))
     return stem
 
 
-def visible_path(path: AnyPath, ending: str, asked: tuple[str, str] = ASKED) -> Path:
+def visible_path(path: AnyPath, ending: str, extensions: tuple[str, str] = ASKED) -> Path:
     """Return the path of the table of shares of instances that is written with `path`. ending: csv or json."""
-    stem = _stem(path, asked)
+    stem = _stem(path, extensions)
     return stem.with_name(f"{stem.name}_visible.{ending}")
 
 
@@ -113,8 +113,8 @@ def resolution_of(path: str, kind: FileKind) -> tuple[int, int] | None:
     """Return columns and rows of a file that `Frame.save` wrote, from its header; None if it is no such file."""
     from ..images import exr, npz, png
 
-    found: tuple[int, int] | None = {"exr": exr, "npz": npz}.get(kind, png).resolution(path)
-    return found
+    resolution: tuple[int, int] | None = {"exr": exr, "npz": npz}.get(kind, png).resolution(path)
+    return resolution
 
 
 def check_layers(files: Container[str], layers: Container[str]) -> None:
@@ -124,7 +124,10 @@ def check_layers(files: Container[str], layers: Container[str]) -> None:
 
 
 def check_output(
-    path: AnyPath, settings: Settings | None = None, asked: tuple[str, str] = ASKED, **options: Unpack[SavingOptions]
+    path: AnyPath,
+    settings: Settings | None = None,
+    extensions: tuple[str, str] = ASKED,
+    **options: Unpack[SavingOptions],
 ) -> SavingOptions:
     """Return the options of `Frame.save`, complete with defaults. Raises what it would raise for these arguments, as far as
     can be known without writing. settings: of the frame, which needs scalars for a colorbar."""
@@ -141,7 +144,7 @@ def check_output(
     checked("srgb" if chosen["tonemap"] is None else chosen["tonemap"], chosen["exposure"])
     choice("exr", "compression", chosen["compression"], exr.COMPRESSIONS)
     number("Frame.save", "depth_scale", chosen["depth_scale"], above=0.0)
-    _stem(path, asked)
+    _stem(path, extensions)
     for file in chosen_paths(path, chosen["files"]).values():
         atomic_files.check(file)
     return chosen
@@ -152,23 +155,23 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
     from ..scene.geometry import camera_metadata
     from .layers import number_names
 
-    found = camera_metadata(scene.camera)
-    values = [(each.name, getattr(settings, each.name), each.default) for each in fields(settings)]
+    attributes = camera_metadata(scene.camera)
+    values = [(field.name, getattr(settings, field.name), field.default) for field in fields(settings)]
     written = (each for k, each in enumerate(values) if k < _FIRST_LEFT_OUT or each[1] != each[2])
-    found["settings"] = ", ".join(f"{name}={value}" for name, value, _ in written)
+    attributes["settings"] = ", ".join(f"{name}={value}" for name, value, _ in written)
     if settings.scalars is not None:
         color_map = color_map_of(scene, settings.scalars)
-        found |= {"scalarName": settings.scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
-    found["scene"] = f"{scene.name or 'unnamed'}, {scene.face_count} triangles"
+        attributes |= {"scalarName": settings.scalars.name, "scalarLow": color_map.low, "scalarHigh": color_map.high}
+    attributes["scene"] = f"{scene.name or 'unnamed'}, {scene.face_count} triangles"
     around = scene.environment
     if around is not None and (settings.shader == "pbr" or settings.background == "environment"):
         turned = f"rotation={around.rotation:g}, intensity={around.intensity:g}"
-        found["environment"] = f"{around.name or 'unnamed'}, {turned}"
+        attributes["environment"] = f"{around.name or 'unnamed'}, {turned}"
     for layer, row in LAYER_TABLE.items():  # the names of what their numbers count as JSON, number -> name
         if row.names and layer in layers:
             names = {number: name for number, name in number_names(scene, layer) if name}
-            found |= {row.names: json.dumps(names, ensure_ascii=False)} if names else {}
-    return found
+            attributes |= {row.names: json.dumps(names, ensure_ascii=False)} if names else {}
+    return attributes
 
 
 def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Operator | None, exposure: float) -> Bytes:
@@ -201,4 +204,4 @@ def write_files(paths: Mapping[FileKind, Path], encoders: Mapping[FileKind, Enco
         with ThreadPoolExecutor(max(1, len(others))) as beside:
             waiting = [beside.submit(write, kind) for kind in others]
             lines = write(first)
-            return [*lines, *(line for each in waiting for line in each.result())]
+            return [*lines, *(line for future in waiting for line in future.result())]

@@ -125,7 +125,7 @@ class Check:
     def metadata(self) -> dict[str, Any]:
         """Return header attributes for the EXR."""
         of_what = "largest error" if self.complete else "lower bound of the largest error"
-        found = {
+        attributes = {
             "check": f"{of_what}: {self.pixels} of {self.of} pixels computed again in float64; "
             + f"{self.allowed:g} bounds allowed, a bound is {self.unit} * kappa of the light",
             "checkPixels": self.pixels,
@@ -134,7 +134,7 @@ class Check:
             "checkKappa": self.kappa,
             "checkWrongPixels": self.wrong,
         }
-        return found if self.depth is None else {**found, "checkDepthRoundings": self.depth}
+        return attributes if self.depth is None else {**attributes, "checkDepthRoundings": self.depth}
 
 
 FlowName: TypeAlias = Literal["flow", "flow_back"]  # to the next image, to the one before
@@ -172,8 +172,8 @@ class Flow:
         if not name.lower().endswith(".flo"):
             raise value_error("Flow.save", "path", "a file name ending in .flo", name)
         rows, columns = self.occluded.shape
-        known = np.nan_to_num(self.vectors, nan=_UNKNOWN).astype("<f4")
-        write_bytes(name, struct.pack("<fii", _TAG, columns, rows) + known.tobytes())
+        vectors = np.nan_to_num(self.vectors, nan=_UNKNOWN).astype("<f4")
+        write_bytes(name, struct.pack("<fii", _TAG, columns, rows) + vectors.tobytes())
 
 
 RECORD, SEAL = "clshade", "clshadeSeal"  # names of the header's attributes
@@ -194,7 +194,7 @@ def record_of(
     is_part, usual = isinstance(scene.camera, PartCamera), vars(Settings())
     options: dict[str, Any] = {**saving, "tonemap": saving["tonemap"] or default_tonemap(scene)}
     png, storage = ({name: kind(options[name]) for name, kind in kinds.items()} for kinds in (PNG, EXR))
-    found = {
+    record = {
         "version": VERSION,
         "scene": part_digests(scene),
         "name": scene.name,
@@ -206,11 +206,11 @@ def record_of(
         "device": device,
         "command": command,
     }
-    return {name: value for name, value in found.items() if value is not None or name == "camera"}
+    return {name: value for name, value in record.items() if value is not None or name == "camera"}
 
 
 def _values(instance: Any) -> dict[str, Any]:
-    return {each.name: plain(getattr(instance, each.name)) for each in fields(instance)}
+    return {declared.name: plain(getattr(instance, declared.name)) for declared in fields(instance)}
 
 
 def plain_value(value: Any) -> Any:
@@ -263,9 +263,9 @@ def why_unseen(rgba: Reals, scene: Scene, settings: Settings, counts: Mapping[st
     objects, is_empty = objects_of(scene), not (rgba[::16, ::16, 3].any() or rgba[..., 3].any())
     grounds = scene.face_count - objects.face_count
     if is_empty or (grounds and objects.face_count and counts["visible"] <= grounds and settings.edges is None):
-        own = _object_counts(objects, settings) if grounds else counts
-        if is_empty or not own["visible"] or _is_clear(objects):
-            return f"nothing can be seen{'' if is_empty else ' but the ground'}: {_not_covered(objects, own)}"
+        counts_of_objects = _object_counts(objects, settings) if grounds else counts
+        if is_empty or not counts_of_objects["visible"] or _is_clear(objects):
+            return f"nothing can be seen{'' if is_empty else ' but the ground'}: {_not_covered(objects, counts_of_objects)}"
     few, rgb = rgba[::16, ::16, :3], rgba[..., :3]  # a few pixels tell it of most images
     if not few.any() and not rgb.any():
         return f"the image is black: {_dark(scene, settings)}"
@@ -315,10 +315,10 @@ def _not_covered(scene: Scene, counts: Mapping[str, Any]) -> str:
         if any(mesh.blends or mesh.tests_alpha for mesh in scene.meshes):
             return "alpha is 0, or below its cutoff, wherever there is a face"
         return "no face covers a sample of a pixel"
-    most = max(_NOT_DRAWN, key=lambda name: counts[name])
-    if counts[most] == counts["triangles"]:
-        return f"every triangle is {_NOT_DRAWN[most]}"
-    return f"{counts[most]:,} of {counts['triangles']:,} triangles are {_NOT_DRAWN[most]}"
+    reason = max(_NOT_DRAWN, key=lambda name: counts[name])
+    if counts[reason] == counts["triangles"]:
+        return f"every triangle is {_NOT_DRAWN[reason]}"
+    return f"{counts[reason]:,} of {counts['triangles']:,} triangles are {_NOT_DRAWN[reason]}"
 
 
 def _dark(scene: Scene, settings: Settings) -> str:

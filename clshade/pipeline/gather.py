@@ -39,9 +39,9 @@ def map_positions(values: Array, color_map: ColorMap) -> Floats:
     exponent = -np.frexp(np.abs(every).max(axis=1, keepdims=True))[1] - 1  # to at most 1/2: no difference overflows
     ends, scaled = np.ldexp(ends, exponent), np.ldexp(values.astype(np.float64), exponent)
     apart, width = scaled - ends[:, :1], ends[:, 1:] - ends[:, :1]
-    most = np.fmax.reduce(np.abs(apart), axis=1, keepdims=True, initial=0.0)
+    largest = np.fmax.reduce(np.abs(apart), axis=1, keepdims=True, initial=0.0)
     narrow = width < _LEAST_WIDTH
-    width = np.where(narrow, np.where(most > 0.0, most, 1.0), width)
+    width = np.where(narrow, np.where(largest > 0.0, largest, 1.0), width)
     # The product first: where the quotient is a whole number, it is exact.
     return np.asarray(apart * np.where(narrow, 1.0 / _LEAST_WIDTH, color_map.count) / width)
 
@@ -53,10 +53,10 @@ class ScalarTables:
     def __init__(self, scene: Scene, scalars: Scalars) -> None:
         """Raises InputError if the scene has no such scalars."""
         self._name, self.color_map = scalars.name, color_map_of(scene, scalars)
-        shown = [mesh for mesh in scene.meshes if self._name in mesh.scalars]
+        meshes = [mesh for mesh in scene.meshes if self._name in mesh.scalars]
         self.at_corners = not all(
             at_vertices(mesh, self._name) and (np.abs(self._of_vertices(mesh)[mesh.faces]) <= MOST_POSITION).all()
-            for mesh in shown
+            for mesh in meshes
         )
 
     def _of_vertices(self, mesh: Mesh) -> Floats:
@@ -71,8 +71,8 @@ class ScalarTables:
             return self._of_vertices(mesh)
         positions = map_positions(at_corners(mesh, self._name), self.color_map)
         missing = np.isnan(positions).any(axis=1, keepdims=True)
-        most = np.where(missing, 0.0, np.abs(positions)).max(axis=1, keepdims=True)
-        too_large = np.maximum(np.frexp(most)[1] - _MOST_BITS, 0)
+        largest = np.where(missing, 0.0, np.abs(positions)).max(axis=1, keepdims=True)
+        too_large = np.maximum(np.frexp(largest)[1] - _MOST_BITS, 0)
         return np.asarray(np.where(missing, NAN_POSITION, np.ldexp(positions, -too_large)))
 
     def values(self, mesh: Mesh) -> Floats:
@@ -108,7 +108,7 @@ def _kind(mesh: Mesh, maps: bool) -> tuple[Any, ...] | None:
         return None
     optional = (mesh.colors, mesh.normals, mesh.normal_faces, mesh.uvs, mesh.uv_faces, mesh.alphas)
     textured = mesh.uvs is not None and bool(textures_of(mesh, maps=maps))
-    return mesh.verts.dtype, *(each is None for each in optional), len(mesh.more_uvs), textured, replaces_colors(mesh)
+    return mesh.verts.dtype, *(array is None for array in optional), len(mesh.more_uvs), textured, replaces_colors(mesh)
 
 
 class Copies:
@@ -149,9 +149,9 @@ class Copies:
 
     def one(self, mirrored: bool) -> Copies:
         """Return the mesh itself, or with the winding of one that a placement mirrors."""
-        found = copy(self)
-        found.matrices, found.mirrored, found.count = np.eye(4)[None], np.array([mirrored]), 1
-        return found
+        first = copy(self)
+        first.matrices, first.mirrored, first.count = np.eye(4)[None], np.array([mirrored]), 1
+        return first
 
     def points(self) -> Array:
         """Return the placed vertices, (K V, 3)."""
@@ -202,18 +202,18 @@ class Copies:
         if self.mesh.uv_faces is not None:
             return [joined(list(rows)) for rows in zip(*every, strict=True)], self._all_indices("uv_faces", "uvs")
         counts = [len(mesh.verts) for mesh in self._meshes]
-        every = [tuple(rows[:count] for rows in own) for count, own in zip(counts, every, strict=True)]
+        every = [tuple(rows[:count] for rows in rows_of_set) for count, rows_of_set in zip(counts, every, strict=True)]
         return [self.own(joined(list(rows))) for rows in zip(*every, strict=True)], self.faces
 
     def colors(self, real: Real) -> Array:
         """Return the colors of the vertices in use, (V, 4), but for the fourth component."""
         white = self.mesh.colors is None or replaces_colors(self.mesh)
-        own = np.broadcast_to(1.0, (len(self.verts), 3)) if white else self.of_vertices("colors")
+        colors = np.broadcast_to(1.0, (len(self.verts), 3)) if white else self.of_vertices("colors")
         factors = np.array([mesh.material.color for mesh in self._meshes])
         factors = factors if len(factors) == 1 else np.repeat(factors, self.sizes[0], axis=0)
-        rows = np.full((len(own), 4), WHITE_POSITION, real)
-        for block in row_blocks(len(own)):
-            rows[block, :3] = to_real(own[block] * (factors if len(factors) == 1 else factors[block]), real)
+        rows = np.full((len(colors), 4), WHITE_POSITION, real)
+        for block in row_blocks(len(colors)):
+            rows[block, :3] = to_real(colors[block] * (factors if len(factors) == 1 else factors[block]), real)
         return rows
 
     def own(self, rows: Array) -> Array:
@@ -236,7 +236,9 @@ class Gatherer:
         self.scene = scene = without_colors(scene, settings.scalars)
         self._materials = materials_of(scene)
         meshes = [(number, mesh) for number, mesh in enumerate(scene.meshes) if len(mesh.faces)]
-        self.textures = list({id(each): each for _, mesh in meshes for each in textures_of(mesh, maps=maps)}.values())
+        self.textures = list(
+            {id(texture): texture for _, mesh in meshes for texture in textures_of(mesh, maps=maps)}.values()
+        )
         self._white = len(self.textures)
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
@@ -247,85 +249,87 @@ class Gatherer:
                 self.placed.append(Copies(*zip(*some, strict=True)))
         self.copies = self.placed
         if one_copy:
-            self.copies = [each.one(side) for each in self.placed for side in np.unique(each.mirrored)]
+            self.copies = [texture.one(side) for texture in self.placed for side in np.unique(texture.mirrored)]
 
     def positions(self) -> tuple[Array, Array]:
         """Return the vertices, (V, 3), float32 if that holds them, and the faces."""
         if not self.copies:
             return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
-        points = [each.points() for each in self.copies]
+        points = [one.points() for one in self.copies]
         with np.errstate(over="ignore"):
             fits = all(rows.dtype == np.float32 or (rows.astype(np.float32) == rows).all() for rows in points)
-        faces = self._indices([(each.faces, len(each.verts)) for each in self.copies])
+        faces = self._indices([(one.faces, len(one.verts)) for one in self.copies])
         return joined(points, np.float32 if fits else np.float64), faces
 
-    def _indices(self, own: Sequence[tuple[Array, int]]) -> Array:
+    def _indices(self, tables: Sequence[tuple[Array, int]]) -> Array:
         """Return indices, (F, 3) int32, into a table whose rows are gathered copies by copies. own: of each, its indices and
         its number of rows."""
         parts, first = [], 0
-        for each, (index, rows) in zip(self.copies, own, strict=True):
-            parts.append(each.indices(index, rows, first))
-            first += rows * each.count
+        for copies, (index, rows) in zip(self.copies, tables, strict=True):
+            parts.append(copies.indices(index, rows, first))
+            first += rows * copies.count
         return joined(parts, np.int32)
 
     def normals(self, indexed: bool, *, bends: bool = False) -> dict[str, Array]:
         """Return the normals, (K, 4), and their indices if they have their own. bends: the fourth component is as of
         `_bends`. Of one copy they are float64 in object space, of any length, and the fourth is 1 if they are units."""
         parts, index = [], list[tuple[Array, int]]()
-        for each in self.copies:
-            is_unit = each.mesh.normals is None or self.scene.preset == "course"
-            normals, faces, counts = each.normals(computed=is_unit)
+        for copies in self.copies:
+            is_unit = copies.mesh.normals is None or self.scene.preset == "course"
+            normals, faces, counts = copies.normals(computed=is_unit)
             index.append((faces, len(normals)))
             if self._prefix:
-                own = normals if is_unit else about_one(normals)
+                directions = normals if is_unit else about_one(normals)
             else:
-                how = each.matrices, each.mirrored, np.float64 if bends else self._real
-                own = placed_normals(normals, *how, is_unit=is_unit, counts=counts if len(counts) > 1 else None)
-            rows = np.zeros((len(own), 4), np.float64 if self._prefix else self._real)
-            rows[:, :3] = own
+                how = copies.matrices, copies.mirrored, np.float64 if bends else self._real
+                directions = placed_normals(normals, *how, is_unit=is_unit, counts=counts if len(counts) > 1 else None)
+            rows = np.zeros((len(directions), 4), np.float64 if self._prefix else self._real)
+            rows[:, :3] = directions
             if self._prefix:
                 rows[:, 3] = is_unit
             elif bends:
-                own_faces = each.indices(faces, len(normals))
-                rows[:, 3] = _bends(own, own_faces, each.points(), each.indices(each.faces, len(each.verts)))
+                own_faces = copies.indices(faces, len(normals))
+                rows[:, 3] = _bends(
+                    directions, own_faces, copies.points(), copies.indices(copies.faces, len(copies.verts))
+                )
             parts.append(rows)
-        found = {f"{self._prefix}normals": joined(parts)}
-        return {**found, "normal_faces": self._indices(index)} if indexed else found
+        tables = {f"{self._prefix}normals": joined(parts)}
+        return {**tables, "normal_faces": self._indices(index)} if indexed else tables
 
     def tangents(self) -> dict[str, Array]:
         """Return the tangents of meshes with a normal map, (K, 4), unit or 0, with the side of the bitangent, and their
         indices. Row 0 is that of all others. Of one copy they are float64 in object space, of any length."""
         real = np.float64 if self._prefix else self._real
         parts, index, count = [np.zeros((1, 4), real)], [], 1
-        for each in self.copies:
-            texture = map_of(each.mesh, "normal_texture")
+        for copies in self.copies:
+            texture = map_of(copies.mesh, "normal_texture")
             if texture is None:
-                index.append(each.repeated(np.zeros_like(each.faces)))
+                index.append(copies.repeated(np.zeros_like(copies.faces)))
                 continue
-            own, faces = mesh_tangents(each.mesh, texture.coordinates)
+            tangents, faces = mesh_tangents(copies.mesh, texture.coordinates)
             if self._prefix:
-                parts.append(np.column_stack([about_one(own[:, :3]), own[:, 3]]))
+                parts.append(np.column_stack([about_one(tangents[:, :3]), tangents[:, 3]]))
             else:
-                parts.append(placed_tangents(own, each.matrices, each.mirrored).astype(real))
-            index.append(each.indices(faces, len(own), count))
-            count += len(own) * each.count
+                parts.append(placed_tangents(tangents, copies.matrices, copies.mirrored).astype(real))
+            index.append(copies.indices(faces, len(tangents), count))
+            count += len(tangents) * copies.count
         return {f"{self._prefix}tangents": joined(parts), "tangent_faces": joined(index, np.int32)}
 
     def colors(self, at_corners: bool) -> Array:
         """Return colors and positions in the color map of the vertices, (V, 4), or of the faces' corners, (3F, 4)."""
         parts = []
-        for each in self.copies:
-            rows = each.colors(self._real)
-            positions = None if self.scalars is None else to_real(self.scalars.positions(each.mesh), self._real)
+        for copies in self.copies:
+            rows = copies.colors(self._real)
+            positions = None if self.scalars is None else to_real(self.scalars.positions(copies.mesh), self._real)
             if positions is not None and positions.ndim == 1:
-                rows[:, 3] = each.own(positions)
+                rows[:, 3] = copies.own(positions)
             if not at_corners:
-                parts.append(each.repeated(rows))
+                parts.append(copies.repeated(rows))
                 continue
-            rows = rows[each.faces]
+            rows = rows[copies.faces]
             if positions is not None and positions.ndim == 2:
                 rows[:, :, 3] = positions
-            parts.append(each.turned(rows).reshape(-1, 4))
+            parts.append(copies.turned(rows).reshape(-1, 4))
         return joined(parts)
 
     def color_map(self) -> Array:
@@ -337,20 +341,20 @@ class Gatherer:
 
     def alphas(self) -> Array:
         """Return the alphas of the vertices, (V,)."""
-        return joined([each.repeated(to_real(each.of_vertices("alphas"), self._real)) for each in self.copies])
+        return joined([copies.repeated(to_real(copies.of_vertices("alphas"), self._real)) for copies in self.copies])
 
     def corner_scalars(self) -> tuple[Array, int]:
         """Return the scalars at the corners of faces, (3F,), over a power of two, NAN_POSITION for none, and the power's
         exponent: 0 unless they are very large or very small."""
 
-        def own(each: Copies) -> Array:
-            return np.full(each.faces.shape, np.nan) if self.scalars is None else self.scalars.values(each.mesh)
+        def own(copies: Copies) -> Array:
+            return np.full(copies.faces.shape, np.nan) if self.scalars is None else self.scalars.values(copies.mesh)
 
-        values = np.concatenate([each.turned(own(each)).reshape(-1) for each in self.copies])
+        values = np.concatenate([copies.turned(own(copies)).reshape(-1) for copies in self.copies])
         own_exponent = int(np.frexp(np.abs(values[np.isfinite(values)]).max(initial=0.0))[1])
-        most = np.finfo(self._real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
+        exponent_limit = np.finfo(self._real).maxexp - _MOST_BITS  # what is beyond a real's range saturates
         large = own_exponent > _MOST_BITS
-        exponent = min(own_exponent - _MOST_BITS, most) if large else min(own_exponent + _LEAST_BITS, 0)
+        exponent = min(own_exponent - _MOST_BITS, exponent_limit) if large else min(own_exponent + _LEAST_BITS, 0)
         held = np.clip(np.ldexp(values, -exponent), -2.0 * MOST_POSITION, 2.0 * MOST_POSITION)
         return to_real(np.where(np.isnan(values), NAN_POSITION, held), self._real), exponent
 
@@ -364,31 +368,33 @@ class Gatherer:
         include those of meshes without a texture, which are 0 otherwise."""
         sets, index = self.uv_sets, list[tuple[Array, int]]()
         parts: list[list[Array]] = [[] for _ in range(sets)]
-        for each in self.copies:
-            if each.mesh.uvs is None or not (untextured or textures_of(each.mesh, maps=self._maps)):
-                own, faces = [np.zeros((len(each.verts), 2))] * sets, each.faces
+        for copies in self.copies:
+            if copies.mesh.uvs is None or not (untextured or textures_of(copies.mesh, maps=self._maps)):
+                coordinates, faces = [np.zeros((len(copies.verts), 2))] * sets, copies.faces
             else:
-                own, faces = each.uvs()
-                own = [*own, *[np.zeros_like(own[0])] * sets][:sets]
-            for part, rows in zip(parts, own, strict=True):
-                part.append(each.repeated(split_uvs(rows, self._real)))
-            index.append((faces, len(own[0])))
-        found = {"uvs": joined([part for each in parts for part in each])}
-        return {**found, "uv_faces": self._indices(index)} if indexed else found
+                coordinates, faces = copies.uvs()
+                coordinates = [*coordinates, *[np.zeros_like(coordinates[0])] * sets][:sets]
+            for part, rows in zip(parts, coordinates, strict=True):
+                part.append(copies.repeated(split_uvs(rows, self._real)))
+            index.append((faces, len(coordinates[0])))
+        tables = {"uvs": joined([part for copies in parts for part in copies])}
+        return {**tables, "uv_faces": self._indices(index)} if indexed else tables
 
     def mirrored(self) -> Array:
         """Return for each face whether its placement mirrors, (F,) int32."""
-        return joined([np.repeat(each.mirrored, each.sizes[1]) for each in self.copies], np.int32)
+        return joined([np.repeat(copies.mirrored, copies.sizes[1]) for copies in self.copies], np.int32)
 
     def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
         """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""
         table = np.array(values, kind)
-        return joined([np.repeat(table[list(each.numbers)], each.sizes[1] * each.count) for each in self.copies], kind)
+        return joined(
+            [np.repeat(table[list(copies.numbers)], copies.sizes[1] * copies.count) for copies in self.copies], kind
+        )
 
     def per_copy(self, first: Sequence[int]) -> Array:
         """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
-        own = [np.repeat(np.arange(each.count, dtype=np.uint32), len(each.faces)) for each in self.copies]
-        return self.per_face(first, np.uint32) + joined(own, np.uint32)
+        numbers = [np.repeat(np.arange(copies.count, dtype=np.uint32), len(copies.faces)) for copies in self.copies]
+        return self.per_face(first, np.uint32) + joined(numbers, np.uint32)
 
     def face_materials(self) -> Array:
         """Return each face's row of the material table, (F,) int32."""

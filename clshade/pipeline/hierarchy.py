@@ -110,8 +110,8 @@ class Hierarchy:
         keys = Buffer.empty(device, count, np.uint64)
         mesh = {"vertices": self.vertices, "faces": self.faces, "index_bits": _index_bits(count)}
         stages.run("hierarchy_keys", items(count, 16), mesh, keys=keys, face_count=count)
-        found = keys.to_host()
-        parts = [found] if veils is None else [found[~veils], found[veils]]
+        sorted_keys = keys.to_host()
+        parts = [sorted_keys] if veils is None else [sorted_keys[~veils], sorted_keys[veils]]
         for part in parts:
             part.sort()
         trees = [Buffer(device, part[: np.searchsorted(part, _NO_CASTER)]) for part in parts]

@@ -106,16 +106,16 @@ class Stages:
         parameters = program.parameters(name)
         arguments = list(map(values.__getitem__, parameters))
         # Setting thirty arguments takes longer than a small kernel runs.
-        kept = [ref(each) if isinstance(each, Buffer) else each for each in arguments]
+        references = [ref(argument) if isinstance(argument, Buffer) else argument for argument in arguments]
         code = name, size[1], size[0] >= _WIDE
         try:
             with program.lock:  # a kernel has one set of arguments, shared by all threads
-                if program.arguments.get(name) != (self._token, kept):
+                if program.arguments.get(name) != (self._token, references):
                     program.arguments.pop(name, None)
                     types = zip(parameters.values(), arguments, strict=True)
-                    raw = [kind(each) if kind else (each or self._dummy).memory for kind, each in types]
+                    raw = [kind(value) if kind else (value or self._dummy).memory for kind, value in types]
                     program[name].set_args(*raw)
-                    program.arguments[name] = self._token, kept
+                    program.arguments[name] = self._token, references
                 # PoCL compiles at the first launch with a local size, and again for a wide grid.
                 if code not in program.launched:
                     return self._run_first(program, code, size)

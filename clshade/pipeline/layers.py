@@ -53,14 +53,14 @@ def material_numbers(scene: Scene) -> tuple[int, ...]:
     alike: dict[tuple[Any, ...], list[tuple[Texture | None, int]]] = {}
     count = 0
     for material in {id(mesh.material): mesh.material for mesh in scene.meshes}.values():
-        mine, known = material.texture, alike.setdefault(_material_key(material), [])
-        for texture, number in known:
+        mine, same_key = material.texture, alike.setdefault(_material_key(material), [])
+        for texture, number in same_key:
             if texture is mine or (texture and mine and np.array_equal(texture.texels, mine.texels)):
                 numbers[id(material)] = number
                 break
         else:
             numbers[id(material)] = count = count + 1
-            known.append((mine, count))
+            same_key.append((mine, count))
     return tuple(numbers[id(mesh.material)] for mesh in scene.meshes)
 
 
@@ -88,23 +88,23 @@ def layer_tables(gatherer: Gatherer, scene: Scene, settings: Settings, light: Fe
     if not gatherer.copies:
         return LayerTables(bits, {})
     reads = {table for name in names for table in LAYER_TABLE[name].reads}
-    exponent, found = 0, dict[str, Array]()
+    exponent, tables = 0, dict[str, Array]()
     if "normals" in reads and not light.needs_any("TERMS"):
         indexed = any(uses_normal_indices(scene, mesh) for mesh in scene.meshes if len(mesh.faces))
-        found |= gatherer.normals(indexed)
+        tables |= gatherer.normals(indexed)
     if "uvs" in reads:
         indexed = any(mesh.uv_faces is not None for mesh in scene.meshes if len(mesh.faces))
-        found |= gatherer.uvs(indexed, untextured=True)
-    if "mirrored" in reads and any(each.mirrored.any() for each in gatherer.copies):
+        tables |= gatherer.uvs(indexed, untextured=True)
+    if "mirrored" in reads and any(copy.mirrored.any() for copy in gatherer.copies):
         bits |= MIRRORED
-        found["mirrored"] = gatherer.mirrored()
+        tables["mirrored"] = gatherer.mirrored()
     if "scalars" in reads:
-        found["scalars"], exponent = gatherer.corner_scalars()
+        tables["scalars"], exponent = gatherer.corner_scalars()
     numbers = {"object_id": object_numbers, "material_id": material_numbers}
-    found |= {name: gatherer.per_face(of(scene), np.uint32) for name, of in numbers.items() if name in names}
+    tables |= {name: gatherer.per_face(of(scene), np.uint32) for name, of in numbers.items() if name in names}
     if "instance_id" in names and not light["INSTANCES"]:
-        found["instance_id"] = gatherer.per_copy(first_instances(scene))
-    return LayerTables(bits, found, exponent)
+        tables["instance_id"] = gatherer.per_copy(first_instances(scene))
+    return LayerTables(bits, tables, exponent)
 
 
 class Layers:
@@ -130,63 +130,68 @@ class Layers:
 
     def draw(self, frame: FrameInFlight) -> dict[str, Array]:
         """Draw the layers of a frame that is drawn: by name, (M, N) or (M, N, K)."""
-        drawn, owners = dict[str, Array](), frame.values["owners"]
+        layers, owners = dict[str, Array](), frame.values["owners"]
         if owners is None:
-            return drawn
+            return layers
         size = owners.array.shape
         for name, (width, _) in self.kinds.items():
-            frame.layers[name], drawn[name] = self._pool.take((*size, *width), self.kernel_types[name])
+            frame.layers[name], layers[name] = self._pool.take((*size, *width), self.kernel_types[name])
         self.enqueue(frame)
-        for buffer in (*frame.layers.values(), *([owners] if "P" in drawn else [])):
+        for buffer in (*frame.layers.values(), *([owners] if "P" in layers else [])):
             buffer.to_host()
-        arrays = dict(drawn)
-        if "P" in drawn and drawn["P"].dtype != np.float64:
+        arrays = dict(layers)
+        if "P" in layers and layers["P"].dtype != np.float64:
             arrays["P"] = self._pool.take_host((*size, 3), np.float64)
-        self.finish(drawn, arrays, owners.array, frame.space)
+        self.finish(layers, arrays, owners.array, frame.space)
         return arrays
 
     def enqueue(self, frame: FrameInFlight) -> None:
         """Enqueue the drawing of the layers into the frame's buffers."""
-        found, values, owners, stages = frame.layers, frame.values, frame.values["owners"], self._stages
-        if owners is None or not found:
+        layers, values, owners, stages = frame.layers, frame.values, frame.values["owners"], self._stages
+        if owners is None or not layers:
             return
-        for name, buffer in found.items():
+        for name, buffer in layers.items():
             if name == "Z":
                 size = stages.tiles("layer_z", frame.tiles)
                 frame.events["layer_z"] = stages.run("layer_z", size, values, depths=buffer)
             elif name not in LAYER_BITS:
                 of_instances = name == "instance_id" and values["instances"] is not None
-                own = {"shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
-                own |= {"in_table": name != "id" and not of_instances, "of_instances": of_instances}
-                frame.events[f"layer_{name}"] = stages.run("layer_number", items(owners.array.size), values, **own)
-        if any(name in LAYER_BITS for name in found):
+                arguments = {"shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
+                arguments |= {"in_table": name != "id" and not of_instances, "of_instances": of_instances}
+                frame.events[f"layer_{name}"] = stages.run(
+                    "layer_number", items(owners.array.size), values, **arguments
+                )
+        if any(name in LAYER_BITS for name in layers):
             values = {**values, **self._surface}
             values |= {
                 "mirrored": self._own.get("mirrored"),
                 "scalars": self._own.get("scalars"),
                 "requested": self._requested,
             }
-            values |= {f"to_{name}": found.get(name) for name in LAYER_BITS}
+            values |= {f"to_{name}": layers.get(name) for name in LAYER_BITS}
             size = stages.tiles("surface_layers", frame.tiles)
             frame.events["surface_layers"] = stages.run("surface_layers", size, values)
 
-    def finish(self, drawn: dict[str, Array], arrays: dict[str, Array], owners: Array, space: CameraSpace) -> None:
+    def finish(self, layers: dict[str, Array], arrays: dict[str, Array], owners: Array, space: CameraSpace) -> None:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and
         the scalar in place."""
-        if "P" in drawn:
-            points, world = drawn["P"], arrays["P"]  # eye-relative, times the scale: far away float32 would lose digits
+        if "P" in layers:
+            points, world = (
+                layers["P"],
+                arrays["P"],
+            )  # eye-relative, times the scale: far away float32 would lose digits
             rows = max(1, _BAND // points.shape[1])
             for start in range(0, len(points), rows):  # in bands that fit the caches
                 band = slice(start, start + rows)
                 np.divide(points[band], space.scale, out=world[band], dtype=np.float64)
                 world[band] += space.camera.eye
                 np.copyto(world[band], 0.0, where=(owners[band] < 0)[..., None])
-        if "scalar" in drawn:
-            scalars, exponent = drawn["scalar"], self._scalar_exponent
+        if "scalar" in layers:
+            scalars, exponent = layers["scalar"], self._scalar_exponent
             none = scalars >= NAN_POSITION  # what the kernel writes where there is no scalar
             if exponent:
-                most = np.finfo(scalars.dtype).max
+                largest = np.finfo(scalars.dtype).max
                 with np.errstate(over="ignore", under="ignore"):
                     scaled = np.ldexp(scalars.astype(np.float64), exponent)
-                    np.clip(scaled, -most, most, out=scalars, casting="same_kind")
+                    np.clip(scaled, -largest, largest, out=scalars, casting="same_kind")
             scalars[none] = np.nan

@@ -121,8 +121,8 @@ class LightTable:
 
 def typical_intensities(lights: Sequence[Light], radius: float) -> Floats:
     """Return the intensities (L, 3) with which lights arrive, the attenuated ones at a distance of `radius`."""
-    found = np.array([light.intensity for light in lights]).reshape(-1, 3)
+    intensities = np.array([light.intensity for light in lights]).reshape(-1, 3)
     attenuated = np.array([light.attenuates and radius > 0.0 for light in lights], bool)
     with np.errstate(over="ignore"):
-        found[attenuated] = np.nan_to_num(found[attenuated] / (radius or 1.0) / (radius or 1.0))
-    return found
+        intensities[attenuated] = np.nan_to_num(intensities[attenuated] / (radius or 1.0) / (radius or 1.0))
+    return intensities

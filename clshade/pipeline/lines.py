@@ -39,13 +39,13 @@ class MeshEdges:
 
 def mesh_edges(positions: Array, faces: Array) -> MeshEdges:
     """Return the edges of faces (F, 3) between positions (V, 3). A face with two corners at the same place has none."""
-    kept, which = welded(positions)
-    corners = kept[which][faces]
+    points, which = welded(positions)
+    corners = points[which][faces]
     a, b, c = corners.T
-    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
-    corners = corners[whole]
+    proper = np.flatnonzero((a != b) & (b != c) & (c != a))
+    corners = corners[proper]
     start, end = corners.reshape(-1), corners[:, [1, 2, 0]].reshape(-1)
-    face = np.repeat(whole, 3)
+    face = np.repeat(proper, 3)
     forward = start < end
     low, high = np.where(forward, start, end), np.where(forward, end, start)
     order = np.lexsort((face, high, low))
@@ -71,7 +71,7 @@ def _dot(a: Array, b: Array) -> Array:
 def sharp(edges: MeshEdges, normals: Floats, angle: float) -> Bools:
     """Return (E,) bool: the edges of two faces whose normals (F, 3) differ by more than `angle`, degrees. Faces without
     area have no normal, and faces that wind the other way have it turned."""
-    found = np.zeros(len(edges), bool)
+    is_sharp = np.zeros(len(edges), bool)
     pairs = np.flatnonzero(edges.counts == 2)
     first = edges.starts[pairs]
     a, b = (normals[edges.faces[first + k]] for k in (0, 1))
@@ -79,20 +79,20 @@ def sharp(edges: MeshEdges, normals: Floats, angle: float) -> Bools:
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         a, b = (v / np.abs(v).max(axis=1, initial=0.0, keepdims=True) for v in (a, b))  # squares stay in range
         cosine = turned * _dot(a, b) / np.sqrt(_dot(a, a) * _dot(b, b))
-        found[pairs] = cosine < np.cos(np.radians(angle))  # false for NaN
-    return found
+        is_sharp[pairs] = cosine < np.cos(np.radians(angle))  # false for NaN
+    return is_sharp
 
 
-def always_drawn(edges: MeshEdges, asked: Edges, normals: Floats) -> Bools:
+def always_drawn(edges: MeshEdges, style: Edges, normals: Floats) -> Bools:
     """Return (E,) bool: the edges of the kinds asked for that do not depend on the camera."""
-    found = np.full(len(edges), "all" in asked.kinds)
-    if "boundary" in asked.kinds or "silhouette" in asked.kinds:
-        found |= edges.counts == 1
-    if "nonmanifold" in asked.kinds:
-        found |= edges.counts > 2
-    if "feature" in asked.kinds:
-        found |= sharp(edges, normals, asked.angle)
-    return found
+    always = np.full(len(edges), "all" in style.kinds)
+    if "boundary" in style.kinds or "silhouette" in style.kinds:
+        always |= edges.counts == 1
+    if "nonmanifold" in style.kinds:
+        always |= edges.counts > 2
+    if "feature" in style.kinds:
+        always |= sharp(edges, normals, style.angle)
+    return always
 
 
 def facing(positions: Array, faces: Array, normals: Floats, eye: Floats, axis: Floats | None) -> Integers:
@@ -129,15 +129,15 @@ class Lines:
     DeviceError on a device without float64.
     """
 
-    def __init__(self, source: TriangleSource, asked: Edges, front_only: Bools) -> None:
+    def __init__(self, source: TriangleSource, style: Edges, front_only: Bools) -> None:
         device = source.stages.device
         if not device.has_fp64:
             raise DeviceError(f"{device.name}: expected a device with float64 for edges, found one without")
-        self._source, self._asked, self._front_only = source, asked, front_only
+        self._source, self._asked, self._front_only = source, style, front_only
         self._positions, self._faces = source.positions.array, source.faces.array
         self._edges = mesh_edges(self._positions, self._faces)
         self._normals = face_normals(self._positions, self._faces)
-        self._always = always_drawn(self._edges, asked, self._normals)
+        self._always = always_drawn(self._edges, style, self._normals)
         self._edge_faces = Buffer(device, self._edges.faces.astype(np.int32))
         self._memory, self._kinds = Scratch(device), {"listed": np.uint32, "hiders": source.stages.structs.Hider}
 
@@ -194,24 +194,24 @@ class Lines:
         chosen = self._chosen(space)
         ends, before = self._edges.ends[chosen], vertices["depth"] >= space.near
         at = np.stack([vertices["x"], vertices["y"]], axis=-1).astype(np.int64)
-        whole = (before & (np.abs(at) < SNAP_LIMIT).all(axis=1))[ends].all(axis=1)
+        unclipped = (before & (np.abs(at) < SNAP_LIMIT).all(axis=1))[ends].all(axis=1)
         z = np.where(before, vertices["depth"], space.near)  # only those before the near plane are read
-        index = np.flatnonzero(whole)
+        index = np.flatnonzero(unclipped)
         xy, w = _on_line_grid(at[ends[index]]), scaled_w(z, space)[ends[index]]
-        rest = np.flatnonzero(before[ends].any(axis=1) & ~whole)
-        if len(rest):
+        clipped = np.flatnonzero(before[ends].any(axis=1) & ~unclipped)
+        if len(clipped):
             with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-                points = space.points(self._positions[ends[rest]])
+                points = space.points(self._positions[ends[clipped]])
                 points, counts = cut_to_view(points, space.camera, space.near, closed=False)
             left = np.flatnonzero(counts)
             points = points[left, :2]
-            index = np.concatenate([index, rest[left]])
+            index = np.concatenate([index, clipped[left]])
             snapped = snap(image_positions(points, space.camera), space.raster)
             xy = np.concatenate([xy, _on_line_grid(snapped)])
             w = np.concatenate([w, scaled_w(points[..., 2], space)])
         size, reach = np.array(space.camera.resolution) << SAMPLE_BITS, (self._asked.steps + 1) // 2
-        seen = ((xy.max(axis=1) >= -reach) & (xy.min(axis=1) <= size + reach)).all(axis=1)
-        index, xy, w = index[seen], xy[seen], w[seen]
+        in_view = ((xy.max(axis=1) >= -reach) & (xy.min(axis=1) <= size + reach)).all(axis=1)
+        index, xy, w = index[in_view], xy[in_view], w[in_view]
         lines = np.zeros(len(index), self._source.stages.structs.Line)
         lines["x"], lines["y"], lines["w"] = xy[..., 0], xy[..., 1], w
         with np.errstate(divide="ignore"):
@@ -237,12 +237,12 @@ class Lines:
     def _chosen(self, space: CameraSpace) -> Integers:
         """Return the indices of the edges to be drawn from this camera."""
         edges, culls = self._edges, bool(self._front_only.any())
-        found = self._always
+        chosen = self._always
         if culls or "silhouette" in self._asked.kinds:
             axis = space.axes[2] if space.camera.orthographic else None
             front = facing(self._positions, self._faces, self._normals, space.camera.eye, axis)
             if "silhouette" in self._asked.kinds:
-                found = found | outlines(edges, front)
+                chosen = chosen | outlines(edges, front)
             if culls:
-                found = found & (edges.sums(((front > 0) | ~self._front_only)[edges.faces]) > 0)
-        return np.flatnonzero(found)
+                chosen = chosen & (edges.sums(((front > 0) | ~self._front_only)[edges.faces]) > 0)
+        return np.flatnonzero(chosen)

@@ -44,13 +44,13 @@ def products(vectors: Floats, matrices: Floats) -> Floats:
     """Return the products of matrices (..., R, 3) and vectors (..., 3), which broadcast: (..., R). The last column of
     matrices (..., R, 4) is added."""
     x, y, z = np.moveaxis(vectors, -1, 0)
-    found = np.empty((*np.broadcast_shapes(matrices.shape[:-2], x.shape), matrices.shape[-2]))
+    result = np.empty((*np.broadcast_shapes(matrices.shape[:-2], x.shape), matrices.shape[-2]))
     for i in range(matrices.shape[-2]):
         row = matrices[..., i, :]
-        found[..., i] = (row[..., 0] * x + row[..., 1] * y) + row[..., 2] * z
+        result[..., i] = (row[..., 0] * x + row[..., 1] * y) + row[..., 2] * z
         if matrices.shape[-1] == 4:
-            found[..., i] += row[..., 3]
-    return found
+            result[..., i] += row[..., 3]
+    return result
 
 
 def _placed(
@@ -65,15 +65,15 @@ def _placed(
     (L, 3, 3 or 4) of those that are and `vectors` (V, 3), `finished`; of the type of `own`. counts: see `placed_points`."""
     if counts is not None:
         rows = np.repeat(moved, counts)
-        found: Array = own.copy()
-        found[rows] = finished(products(vectors[rows], np.repeat(matrices, counts[moved], axis=0)))
-        return found
-    found = np.empty((len(moved), *own.shape), own.dtype)
+        placed: Array = own.copy()
+        placed[rows] = finished(products(vectors[rows], np.repeat(matrices, counts[moved], axis=0)))
+        return placed
+    placed = np.empty((len(moved), *own.shape), own.dtype)
     numbers = np.flatnonzero(moved)
-    found[~moved] = own
+    placed[~moved] = own
     for block in row_blocks(len(numbers), max(1, _BLOCK // max(len(vectors), 1))):
-        found[numbers[block]] = finished(products(vectors, matrices[block, None]))
-    return found.reshape(-1, 3)
+        placed[numbers[block]] = finished(products(vectors, matrices[block, None]))
+    return placed.reshape(-1, 3)
 
 
 def placed_points(points: Array, matrices: Floats, counts: Integers | None = None) -> Array:
@@ -99,11 +99,11 @@ def _cofactors(matrices: Floats, mirrored: Bools) -> Floats:
     m = about_one(matrices[:, :3, :3])
     following = [1, 2, 0], [2, 0, 1]
     a, b = (m[:, rows] for rows in following)
-    found = np.empty_like(m)
+    cofactors = np.empty_like(m)
     for i, (j, k) in enumerate(zip(*following, strict=True)):
-        found[:, :, i] = a[:, :, j] * b[:, :, k] - a[:, :, k] * b[:, :, j]
-    found[mirrored] = -found[mirrored]
-    return found
+        cofactors[:, :, i] = a[:, :, j] * b[:, :, k] - a[:, :, k] * b[:, :, j]
+    cofactors[mirrored] = -cofactors[mirrored]
+    return cofactors
 
 
 def unit(vectors: Floats) -> Floats:
@@ -111,8 +111,8 @@ def unit(vectors: Floats) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled = vectors / np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
         x, y, z = (scaled[..., k] for k in range(3))
-        found = scaled / np.sqrt((x * x + y * y) + z * z)[..., None]
-    return np.where(np.isfinite(found), found, 0.0)
+        normalized = scaled / np.sqrt((x * x + y * y) + z * z)[..., None]
+    return np.where(np.isfinite(normalized), normalized, 0.0)
 
 
 def placed_normals(
@@ -129,14 +129,14 @@ def placed_normals(
     normals: (V, 3) in object space. mirrored: (K,), of `mirroring`: the front stays in front. is_unit: whether the normals
     are unit vectors, which an identity leaves as they are. counts: see `placed_points`.
     """
-    moved, own = ~plain(matrices), np.empty((len(normals), 3), real)
+    moved, unplaced = ~plain(matrices), np.empty((len(normals), 3), real)
     if not moved.all():
         for rows in row_blocks(len(normals)):
             wide = np.asarray(normals[rows], np.float64)
-            own[rows] = wide if is_unit else unit(wide)
+            unplaced[rows] = wide if is_unit else unit(wide)
     if not moved.any():
-        return own if counts is not None or len(matrices) == 1 else np.tile(own, (len(matrices), 1))
-    return _placed(own, about_one(normals), moved, _cofactors(matrices[moved], mirrored[moved]), counts, unit)
+        return unplaced if counts is not None or len(matrices) == 1 else np.tile(unplaced, (len(matrices), 1))
+    return _placed(unplaced, about_one(normals), moved, _cofactors(matrices[moved], mirrored[moved]), counts, unit)
 
 
 def placed_tangents(tangents: Array, matrices: Floats, mirrored: Bools) -> Floats:
@@ -144,8 +144,8 @@ def placed_tangents(tangents: Array, matrices: Floats, mirrored: Bools) -> Float
     goes with the surface, as the tangent does, but the product of normal and tangent does not."""
     wide, moved = np.asarray(tangents[:, :3], np.float64), ~plain(matrices)
     sides = np.where(tangents[:, 3] < 0.0, -1.0, 1.0) * np.where(mirrored, -1.0, 1.0)[:, None]
-    own, vectors = wide if moved.all() else unit(wide), about_one(wide) if moved.any() else wide
+    unplaced, vectors = wide if moved.all() else unit(wide), about_one(wide) if moved.any() else wide
     found = np.empty((sides.size, 4))
-    found[:, :3] = _placed(own, vectors, moved, about_one(matrices[moved, :3, :3]), None, unit)
+    found[:, :3] = _placed(unplaced, vectors, moved, about_one(matrices[moved, :3, :3]), None, unit)
     found[:, 3] = np.where(found[:, :3].any(axis=1), sides.ravel(), 0.0)
     return found

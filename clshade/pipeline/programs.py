@@ -98,12 +98,12 @@ class Program:
 
     def _declared(self, text: str, types: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
         """Yield the names of parameters, and their types, from OpenCL C that declares them."""
-        for each in _COMMENT.sub("", text).split(","):
-            *kind, name = re.findall(r"\w+|\*", each)
+        for parameter in _COMMENT.sub("", text).split(","):
+            *kind, name = re.findall(r"\w+|\*", parameter)
             if kind:
                 yield name, None if "*" in kind else types[kind[-1]]
             elif name == "SURFACE_PARAMETERS":  # declared under conditions
-                conditions = [each for each in ("CASTERS", "INSTANCES") if self.features[each]]
+                conditions = [parameter for parameter in ("CASTERS", "INSTANCES") if self.features[parameter]]
                 yield from dict.fromkeys(struct_layout.surface_parameters(*conditions)).items()
             else:
                 macro = re.search(rf"#define {name}\b((?:.*\\\n)*.*)", self.source)
@@ -248,8 +248,8 @@ def _built_or_loaded(
         folders |= {folder.joinpath(*name.split("/")[:2]) for name in files}
     built = Program(features, lanes, kernels, bool(files), stored, folder, folders, warned, text)
     built.keep()
-    taken = (time.perf_counter() - start) * 1e3
-    console.detail(f"{'loaded' if files else 'compiled'} a program of {len(kernels)} kernels, {taken:.0f} ms")
+    build_ms = (time.perf_counter() - start) * 1e3
+    console.detail(f"{'loaded' if files else 'compiled'} a program of {len(kernels)} kernels, {build_ms:.0f} ms")
     return built
 
 
@@ -267,8 +267,8 @@ def compiled(device: Device, text: str, options: list[str]) -> Any:
         folder = environment.pocl_folder()
         if not lines and device.keeps_programs and (reason := environment.fault(folder)):
             lines = [f"{folder}: {reason}"]
-        told = lines[0] if lines else "no message from its compiler"
-        raise DeviceError(f"{device.name}: the kernels did not build: {told}") from error
+        message = lines[0] if lines else "no message from its compiler"
+        raise DeviceError(f"{device.name}: the kernels did not build: {message}") from error
 
 
 def compiler_options(device: Device, *, quick: bool = False) -> list[str]:

@@ -52,9 +52,9 @@ def event_ms(event: Any) -> float:
     return float(sum(each.profile.end - each.profile.start for each in events)) / 1e6
 
 
-def _is_aligned(array: Array, least: int) -> bool:
+def _is_aligned(array: Array, alignment: int) -> bool:
     """Return whether each of the images in an array is contiguous and begins at a multiple of so many bytes."""
-    begins_well = array.ctypes.data % least == 0 and (len(array) < 2 or array.strides[0] % least == 0)
+    begins_well = array.ctypes.data % alignment == 0 and (len(array) < 2 or array.strides[0] % alignment == 0)
     return begins_well and all(first.flags.c_contiguous for first in array[:1])
 
 
@@ -73,8 +73,8 @@ class FrameQueue:
         self._arrays = {name: array.view(np.ndarray) for name, array in arrays.items()}
         self._staged = {}
         for name, array in self._arrays.items():
-            kind, least = types.get(name, array.dtype), ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
-            if not (drawing.tables["image"].is_shared and array.dtype == kind and _is_aligned(array, least)):
+            kind, alignment = types.get(name, array.dtype), ALIGNMENT if array.dtype == np.float64 else _LEAST_ALIGNMENT
+            if not (drawing.tables["image"].is_shared and array.dtype == kind and _is_aligned(array, alignment)):
                 self._staged[name] = [drawing.pool.take(array.shape[1:], kind) for _ in range(2)]
         image, is_direct = self._arrays["rgba"], "rgba" not in self._staged
         together = image if is_direct else image[:1]
@@ -113,7 +113,7 @@ class FrameQueue:
         self._device.queue.flush()
         names = "rgba", "counters", *(["owners"] if "P" in frame.layers else [])
         wanted = [*frame.layers.values(), *map(frame.values.get, names)]
-        return [each.fetch(self._transfers, last) for each in wanted if each is not None]
+        return [buffer.fetch(self._transfers, last) for buffer in wanted if buffer is not None]
 
     def _complete(self, index: int, frame: FrameInFlight, done: list[Any]) -> None:
         """Wait for a frame, draw it again if nothing of it was drawn, and do the host's part of its layers."""
@@ -152,15 +152,15 @@ def check_camera(owner: str, name: str, camera: Any, like: Camera) -> None:
 
 def check_cameras(cameras: Iterable[Camera], like: Camera) -> tuple[Camera, ...]:
     """Return cameras of one resolution, of the kind of another one. Raises InputError."""
-    found = None if isinstance(cameras, (str, bytes)) else sequence(cameras)
-    if found is None:
+    listed = None if isinstance(cameras, (str, bytes)) else sequence(cameras)
+    if listed is None:
         raise value_error(_OWNER, "cameras", "a sequence of Cameras", cameras)
-    for index, camera in enumerate(found):
+    for index, camera in enumerate(listed):
         check_camera(_OWNER, f"cameras[{index}]", camera, like)
-        if camera.resolution != found[0].resolution:
-            expected = f"the resolution of all, {found[0].resolution} as that of cameras[0]"
+        if camera.resolution != listed[0].resolution:
+            expected = f"the resolution of all, {listed[0].resolution} as that of cameras[0]"
             raise value_error(_OWNER, f"cameras[{index}]", expected, camera.resolution)
-    return found
+    return listed
 
 
 def result_arrays(
@@ -177,18 +177,18 @@ def result_arrays(
         if name not in kinds:
             near = hint(name, kinds, LAYER_WORDS, remarks=LAYER_REMARKS)
             raise value_error(_OWNER, "out", f"names of {', '.join(kinds)}", name, near)
-    found = {name: out[name] for name in kinds if name in out}
-    for name, array in found.items():
+    arrays = {name: out[name] for name in kinds if name in out}
+    for name, array in arrays.items():
         (shape, kind), field = kinds[name], f"out[{name!r}]"
         if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:
             raise value_error(_OWNER, field, f"an array of shape {shape} and type {kind}", array)
         if not array.flags.writeable:
             raise InputError(f"{_OWNER}: {field}: expected a writeable array, found a read-only one")
-    for one, other in combinations(found, 2):
-        if np.shares_memory(found[one], found[other]):
-            raise InputError(f"{_OWNER}: out[{other!r}]: expected memory of its own, found that of out[{one!r}]")
+    for one, another in combinations(arrays, 2):
+        if np.shares_memory(arrays[one], arrays[another]):
+            raise InputError(f"{_OWNER}: out[{another!r}]: expected memory of its own, found that of out[{one!r}]")
     try:
-        return {name: found[name] if name in found else make(*kind) for name, kind in kinds.items()}
+        return {name: arrays[name] if name in arrays else make(*kind) for name, kind in kinds.items()}
     except MemoryError:
         size = sum(np.prod(shape) * kind.itemsize for shape, kind in kinds.values())
         expected = "as many as fit in memory, or memory-mapped arrays as out"
@@ -199,10 +199,10 @@ def result_arrays(
 _TRIAL_SIZE, _TRIAL_FACES = (64, 48), 1 << 18
 
 
-def _with_small_images(value: Any, known: dict[int, Any]) -> Any:
+def _with_small_images(value: Any, replaced: dict[int, Any]) -> Any:
     """Return a texture or environment with 2x2 texels at most, all as bright as its brightest: it takes the same programs.
     Or a material that has such. known: what was returned before, by id."""
-    if id(value) not in known:
+    if id(value) not in replaced:
         small = value
         if isinstance(value, (Texture, Environment)):
             texels = value.texels if isinstance(value, Texture) else value.image
@@ -210,10 +210,10 @@ def _with_small_images(value: Any, known: dict[int, Any]) -> Any:
             height, width, channels = texels.shape
             small = replace(value, image=np.broadcast_to(brightest, (min(height, 2), min(width, 2), channels)))
         elif isinstance(value, (Material, MetallicRoughness)):
-            parts = {each.name: _with_small_images(getattr(value, each.name), known) for each in fields(value)}
+            parts = {field.name: _with_small_images(getattr(value, field.name), replaced) for field in fields(value)}
             small = replace(value, **parts)
-        known[id(value)] = small
-    return known[id(value)]
+        replaced[id(value)] = small
+    return replaced[id(value)]
 
 
 def trial_of(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes:
@@ -222,13 +222,13 @@ def trial_of(scene: Scene, settings: Settings, forced: Collection[str]) -> bytes
     if scene.face_count > _TRIAL_FACES:
         return b""
     with contextlib.suppress(Exception):
-        known: dict[int, Any] = {}
-        meshes = tuple(with_fields(each, material=_with_small_images(each.material, known)) for each in scene.meshes)
+        replaced: dict[int, Any] = {}
+        meshes = tuple(with_fields(mesh, material=_with_small_images(mesh.material, replaced)) for mesh in scene.meshes)
         first = programs.this_thread.is_first and compiles_longer(scene, settings)
         camera = replace(scene.camera, resolution=_TRIAL_SIZE)
-        around = _with_small_images(scene.environment, known)
-        seen = with_fields(scene, camera=camera, meshes=meshes, environment=around)
-        return pickle.dumps(({"scene": seen, "settings": settings, "forced": forced}, first))
+        around = _with_small_images(scene.environment, replaced)
+        small = with_fields(scene, camera=camera, meshes=meshes, environment=around)
+        return pickle.dumps(({"scene": small, "settings": settings, "forced": forced}, first))
     return b""
 
 
@@ -432,9 +432,9 @@ class Renderer:
     def _space(self, camera: Camera) -> CameraSpace:
         return CameraSpace.of(camera, self._drawing.extent, self.settings.near)
 
-    def _times_since(self, start: float, waited: float, whole: str, stage_ms: Mapping[str, float]) -> dict[str, Any]:
+    def _times_since(self, start: float, waited: float, total: str, stage_ms: Mapping[str, float]) -> dict[str, Any]:
         """Return times in ms for `stats`, those of making the renderer the first time. whole: name of the time of all."""
-        times = {**self._times, **stage_ms, whole: (running_time() - start) * 1e3}
+        times = {**self._times, **stage_ms, total: (running_time() - start) * 1e3}
         build_ms = self._build_ms + (programs.this_thread.waited - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0
         return {"times_ms": times, "build_ms": build_ms}

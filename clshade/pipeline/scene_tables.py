@@ -74,7 +74,7 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     if not one_copy:
         check_host(scene)
     gatherer = Gatherer(scene, settings, forced, one_copy=one_copy)
-    given, scene, structs = (scene, settings), gatherer.scene, gatherer.structs
+    source, scene, structs = (scene, settings), gatherer.scene, gatherer.structs
     positions, faces = gatherer.positions()
     corners = gatherer.scalars is not None and gatherer.scalars.at_corners
     how = {"double_positions": positions.dtype == np.float64, "scalars_at_corners": corners, "instanced": one_copy}
@@ -105,8 +105,8 @@ def pack(scene: Scene, settings: Settings, *, forced: Collection[str] = frozense
     if features["BACKDROP"] and scene.environment is not None:
         arrays["backdrop"] = backdrop_table(scene.environment, structs)
     instances = instance_tables(gatherer, structs) if one_copy else None
-    layers = layer_tables(gatherer, *given, features)
-    return Packed(*given, features, arrays, lookups if at_corners else {}, low, high, unit, layers, instances)
+    layers = layer_tables(gatherer, *source, features)
+    return Packed(*source, features, arrays, lookups if at_corners else {}, low, high, unit, layers, instances)
 
 
 def _of_vertices(gatherer: Gatherer, features: Features) -> dict[str, Array]:
@@ -164,7 +164,7 @@ class ResidentScene:
         if packed.corner_lookups:
             self._color_corners(packed.arrays["colors"], packed.corner_lookups)
         buffers = {name: Buffer(self._device, array) for name, array in packed.arrays.items()}
-        self.nbytes = sum(each.array.nbytes for each in buffers.values())
+        self.nbytes = sum(buffer.array.nbytes for buffer in buffers.values())
         positions = buffers.pop("positions")
         self.inputs = struct_layout.surface_inputs(**buffers)
         self.source: TriangleSource
@@ -205,17 +205,17 @@ class ResidentScene:
         rows, self._lights.shadow_factors = shadow_lights(self._scene.lights, casters.frame)
         hemisphere = hemisphere_row(self._settings, casters.frame, self._structs)
         tables = {"casters": np.concatenate([of_lights, trees]), "lights": rows, "hemisphere": hemisphere}
-        own = {"vertices": casters.vertices, "nodes": casters.nodes, "leaves": casters.leaves}
-        own |= {name: Buffer(self._device, table) for name, table in tables.items()}
-        return {f"shadow_{name}": buffer for name, buffer in own.items()}
+        arrays = {"vertices": casters.vertices, "nodes": casters.nodes, "leaves": casters.leaves}
+        arrays |= {name: Buffer(self._device, table) for name, table in tables.items()}
+        return {f"shadow_{name}": buffer for name, buffer in arrays.items()}
 
     def _color_corners(self, colors: Array, lookups: Mapping[str, Array]) -> None:
         """Multiply the (3F, 4) colors for texture_at vertex by the texel at each corner."""
         rows = np.flatnonzero(lookups["texture_of"] >= 0)
         textures = np.array(lookups["textures"])
         textures["nearest"] = 0  # see `ignored`
-        own = {"textures": textures, **{name: lookups[name][rows] for name in ("uvs", "texture_of")}}
-        values = {name: Buffer(self._device, array) for name, array in {**lookups, **own}.items()}
+        arrays = {"textures": textures, **{name: lookups[name][rows] for name in ("uvs", "texture_of")}}
+        values = {name: Buffer(self._device, array) for name, array in {**lookups, **arrays}.items()}
         looked_up = Buffer.empty(self._device, (len(rows), 4), self._structs.real)
         stages = stages_of(self._device, "bilerp.cl", self._stages.lanes, self._features.compiled(("DOUBLE",)))
         stages.run("bilerp", stages.vectors(len(rows)), values, colors=looked_up, count=len(rows))
@@ -243,7 +243,7 @@ class ResidentScene:
         columns, rows = resolution = frame.resolution
         first = frame.space.raster.first
         streamed = frame.streams and columns % 4 == 0
-        known = resolution, first, room, streamed, self.places.tobytes()
+        key = resolution, first, room, streamed, self.places.tobytes()
         with frame.values["image"].writing(waits=False) as table:
             image = table[0]
             image["unscale"] = to_real(np.float64(1.0) / frame.space.scale, real)
@@ -251,7 +251,7 @@ class ResidentScene:
             around = self._scene.environment if self._features["BACKDROP"] else None
             if around is not None:
                 _write_backdrop_rays(image, around, frame.space, real)
-            if self._written.get(frame.values["image"]) == known:
+            if self._written.get(frame.values["image"]) == key:
                 return
             self._written.pop(frame.values["image"], None)
             image["needs"] = self._features.needs
@@ -274,7 +274,7 @@ class ResidentScene:
             if background is not None:
                 image["background"] = to_real(background, real)
             image["layer_alpha"] = to_real(np.float64(settings.layer_alpha), real)
-        self._written[frame.values["image"]] = known
+        self._written[frame.values["image"]] = key
 
     def write_lights(self, frame: FrameInFlight) -> None:
         """Write what only shading reads: lights and shadows, relative to the eye."""
@@ -298,14 +298,14 @@ def _write_backdrop_rays(image: np.void, environment: Environment, space: Camera
     steps = 1 << struct_layout.SAMPLE_BITS
     pixels, principal = np.array(raster.resolution, np.float64), np.array(raster.principal)
     center = np.clip(principal * pixels * steps, -float(_MOST_CENTER), float(_MOST_CENTER))
-    whole = np.rint(center)
+    rounded = np.rint(center)
     with np.errstate(over="ignore"):
         pitch = np.minimum(np.array(raster.plane[::-1]) / (pixels * camera.focal), 1e150)
         largest = (np.maximum(np.abs(principal), np.abs(1.0 - principal)) * pixels * pitch).max()
     scale = 1.0 / max(1.0, min(float(largest), 1e300))
     step = np.zeros(2) if camera.orthographic else pitch * scale / steps
     forward = 1.0 if camera.orthographic else max(scale, _NARROWEST)
-    image["ray_center"] = whole.astype(np.int32) - steps * np.array(raster.first, np.int32)
+    image["ray_center"] = rounded.astype(np.int32) - steps * np.array(raster.first, np.int32)
     image["ray_step"] = to_real(step, real)
-    image["ray_offset"] = to_real((whole - principal * pixels * steps) * step, real)
+    image["ray_offset"] = to_real((rounded - principal * pixels * steps) * step, real)
     image["ray_axes"] = to_real(environment.axes @ space.axes.T * (1.0, 1.0, forward), real).reshape(-1)

@@ -80,15 +80,15 @@ def material_table(
     table["k"] = reals([np.concatenate([getattr(each, name) for name in TERMS]) for each in materials])
     table["n"] = [each.n for each in materials]
     for name, field in (("metallic", "metallic"), ("roughness", "roughness"), ("f90", "specular")):
-        table[name] = [getattr(each, field) for each in facets]
+        table[name] = [getattr(facet, field) for facet in facets]
     table["diffuse"] = reals([each.diffuse for each in materials])
     table["f0"], table["emission"] = reals([f.dielectric_f0 for f in facets]), reals([f.emission for f in facets])
     table["two_sided"] = [each.two_sided for each in materials]
     table["front_only"] = [each.sides == "front" for each in materials]
     table["texture"] = texture_numbers([each.texture for each in materials])
     for column, (name, kind) in enumerate(MAPS.items()):
-        table["maps"][:, column] = texture_numbers([getattr(each, name) for each in facets])
-        table["map_factors"][:, column] = [getattr(each, kind.factor) if kind.factor else 1.0 for each in facets]
+        table["maps"][:, column] = texture_numbers([getattr(facet, name) for facet in facets])
+        table["map_factors"][:, column] = [getattr(facet, kind.factor) if kind.factor else 1.0 for facet in facets]
     tested, blends = ([each.alpha_cutoff is not None for each in materials], [each.blend for each in materials])
     table["alpha_tested"], table["blends"] = tested, blends
     has_alpha = [each.texture is not None and each.texture.texels.shape[2] == 4 for each in materials]
@@ -150,30 +150,30 @@ def light_unit(
     """
     lobe = LEAST_ROUGHNESS**-6 / 2.0
     sums = (np.abs(m.diffuse) + lobe if pbr else sum(np.abs(getattr(m, name)) for name in TERMS) for m in materials)
-    reflected = max((float(each.max()) for each in sums), default=0.0)
+    reflected = max((float(total.max()) for total in sums), default=0.0)
     diffuse = max((float(np.abs(m.diffuse).max()) for m in materials), default=0.0)
     scattered = max((float(np.abs(m.ka * ambient).max()) for m in materials), default=0.0)
     with np.errstate(over="ignore"):
-        most = (float(np.abs(intensities).sum(axis=0).max(initial=0.0)) * reflected + scattered) * max(brightest, 1.0)
-        most += 8.0 * radiance * max(diffuse, 1.0) * max(brightest, 1.0)
-    return 2.0 ** max(min(math.frexp(most)[1] if math.isfinite(most) else 1000, 220) - 96, 0)
+        limit = (float(np.abs(intensities).sum(axis=0).max(initial=0.0)) * reflected + scattered) * max(brightest, 1.0)
+        limit += 8.0 * radiance * max(diffuse, 1.0) * max(brightest, 1.0)
+    return 2.0 ** max(min(math.frexp(limit)[1] if math.isfinite(limit) else 1000, 220) - 96, 0)
 
 
-def relative_lights(positions: Array, eye: Array, scale: float, most: Array | int = 60) -> Floats:
+def relative_lights(positions: Array, eye: Array, scale: float, limit: Array | int = 60) -> Floats:
     """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^most (half of
     that along an axis) only the direction is kept. most: a number, or (L,)."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
-    return np.asarray(np.ldexp(half, light_exponents(positions, eye, scale, most)[:, None] + 1))
+    return np.asarray(np.ldexp(half, light_exponents(positions, eye, scale, limit)[:, None] + 1))
 
 
 def light_exponents(
-    positions: Array, eye: Array, scale: float, most: Array | int = 60, sizes: Array | float = 0.0
+    positions: Array, eye: Array, scale: float, limit: Array | int = 60, sizes: Array | float = 0.0
 ) -> Array:
     """Return the powers of two (L,) that `relative_lights` scales by: that of `scale`, or less for lights beyond
     2^most. sizes: of what is to be scaled with them and no larger than 2^most either."""
     half = positions * 0.5 - eye * 0.5
     exponent = np.frexp(np.maximum(np.abs(half).max(axis=1, initial=0.0), 0.5 * np.asarray(sizes)))[1]
-    return np.asarray(np.minimum(math.frexp(scale)[1], most - exponent) - 1)
+    return np.asarray(np.minimum(math.frexp(scale)[1], limit - exponent) - 1)
 
 
 def scale_for(extent: float) -> float:
@@ -225,7 +225,7 @@ def kept(code: Iterable[Path], inputs: Iterable[bytes], compute: Callable[[], tu
     with contextlib.suppress(OSError, ClshadeError):
         path.parent.mkdir(exist_ok=True)
         write_bytes(path, content.getbuffer())
-        for old in sorted(path.parent.glob("*.npz"), key=lambda each: each.stat().st_mtime)[:-_MOST_KEPT]:
+        for old in sorted(path.parent.glob("*.npz"), key=lambda entry: entry.stat().st_mtime)[:-_MOST_KEPT]:
             old.unlink(missing_ok=True)
     return arrays
 
@@ -335,8 +335,8 @@ def backdrop_table(environment: Environment, structs: Structs) -> Array:
 
 def backdrop_unit(environment: Environment) -> float:
     """Return what the table is counted in: 1 for all but extreme radiance, a power of two."""
-    most = float(environment.image.max()) * environment.intensity
-    return max(1.0, 2.0 ** math.ceil(math.log2(most / _MOST_RADIANCE))) if most > 0.0 else 1.0
+    limit = float(environment.image.max()) * environment.intensity
+    return max(1.0, 2.0 ** math.ceil(math.log2(limit / _MOST_RADIANCE))) if limit > 0.0 else 1.0
 
 
 def write_backdrop_size(image: np.void, environment: Environment) -> None:

@@ -70,7 +70,7 @@ def _four(vectors: Array) -> Array:
 def _on_device(device: Device, values: dict[str, Any]) -> dict[str, Any]:
     """Return arguments of kernels with buffers in place of arrays. They stay referenced until the kernels are done: memory
     is freed with its buffer."""
-    return {name: Buffer(device, each) if isinstance(each, np.ndarray) else each for name, each in values.items()}
+    return {name: Buffer(device, value) if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
 
 def unit(vectors: Array) -> Floats:
@@ -120,15 +120,15 @@ def _clipped(polygon: list[list[Any]]) -> list[list[Any]]:
     for axis in (0, 1):
         for side, limit in ((1, struct_layout.GUARD_LOW), (-1, struct_layout.GUARD_HIGH)):
             distance = [side * (corner[axis] - limit) for corner in polygon]
-            kept = []
+            pieces = []
             for i, (corner, d) in enumerate(zip(polygon, distance, strict=True)):
                 following, d_following = polygon[i + 1 - len(polygon)], distance[i + 1 - len(polygon)]
                 if d >= 0:
-                    kept.append(corner)
+                    pieces.append(corner)
                 if (d >= 0) != (d_following >= 0):
                     t = d / (d - d_following)
-                    kept.append([a + t * (b - a) for a, b in zip(corner, following, strict=True)])
-            polygon = kept
+                    pieces.append([a + t * (b - a) for a, b in zip(corner, following, strict=True)])
+            polygon = pieces
     return polygon
 
 
@@ -174,7 +174,7 @@ def draw_triangle(
     pieces["y"] -= rows.start * _SUBPIXELS
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
     arrays = {**_lit(around, colors), "normals": _four(normals), "colors": _four(colors)}
-    shines, bright = (bool(found.any()) for found in (around.intensities, np.abs(colors) > 1.0))
+    shines, bright = (bool(some.any()) for some in (around.intensities, np.abs(colors) > 1.0))
     features = derive_alone(shader, around.material, shines, bright)
     rgba = _draw(device, features, pieces, arrays, target.shape[:2])
     if rgba is not None:
@@ -187,7 +187,7 @@ def _draw(
 ) -> Array | None:
     """Draw only the pieces: RGBA of a shape (M, N), row 0 at the top; None if no pixel is covered. arrays: of `_lit`, and of
     the corners."""
-    stages, made = scene_stages(device, features), TriangleBuffers(device, 1, len(pieces))
+    stages, buffers = scene_stages(device, features), TriangleBuffers(device, 1, len(pieces))
     image = np.zeros(1, struct_layout.SINGLE.Image)
     image["needs"], image["lights"] = features.needs, arrays["light_count"]
     image["unscale"], image["light_unit"] = 1.0, arrays["unit"]
@@ -199,7 +199,7 @@ def _draw(
     arrays |= {"counters": np.zeros(1, struct_layout.SINGLE.Counters), "rgba": np.empty((*shape, 4), np.float32)}
     arrays["image"] = image
     values = {**struct_layout.surface_inputs(**_on_device(device, arrays)), "owners": None, "shown": None}
-    values |= {**made.values, "keys": made.keys, "sorted": made.sorted_bounds}
+    values |= {**buffers.values, "keys": buffers.keys, "sorted": buffers.sorted_bounds}
     frame = FrameInFlight(values)
     set_up_pieces(stages, Buffer(device, pieces), frame, 1)
     frame.visible = int(frame.read_counters()["visible"])

@@ -59,7 +59,7 @@ OFF_MIRROR = specular.OFF_MIRROR
 
 CONSTANTS = {
     **{name: value for name, value in globals().items() if isinstance(value, (int, float))},  # all of the above
-    **{f"TERM_{each.feature}": index for index, each in enumerate(TERMS.values())},
+    **{f"TERM_{term.feature}": index for index, term in enumerate(TERMS.values())},
     "TERMS": len(TERMS),
     **{f"MAP_{each.name}": index for index, each in enumerate(MAPS.values())},
     "MAPS": len(MAPS),

@@ -78,8 +78,8 @@ class TriangleSource:
         if not self.room:
             return
         if self.stages.device.has_fp64:
-            own = {"positions": self.positions, "count": count}
-            frame.events["project"] = self.stages.run("project", items(count), values, **own)
+            arguments = {"positions": self.positions, "count": count}
+            frame.events["project"] = self.stages.run("project", items(count), values, **arguments)
         else:
             with vertices.projected.writing() as projected, vertices.relative.writing() as relative:
                 project_on_host(self.positions.array, frame.space, projected, relative)
@@ -113,9 +113,9 @@ class TriangleSource:
 
     def painter_depths(self, frame: FrameInFlight, index: Array) -> tuple[Floats, Integers]:
         """Return the exact painter's depths of the triangles in `index`, and numbers in the order of their faces."""
-        depth, whole = np.empty(len(index)), index < self.room
-        depth[whole] = self.mean_depths(self.vertices.projected.to_host(), index[whole])
-        depth[~whole] = frame.values["pieces"].array["key_depth"][index[~whole].astype(np.int64) - self.room]
+        depth, unclipped = np.empty(len(index)), index < self.room
+        depth[unclipped] = self.mean_depths(self.vertices.projected.to_host(), index[unclipped])
+        depth[~unclipped] = frame.values["pieces"].array["key_depth"][index[~unclipped].astype(np.int64) - self.room]
         return depth, self.faces_of(frame, index)
 
     def faces_of(self, frame: FrameInFlight, index: Array) -> Integers:
@@ -169,10 +169,10 @@ def instance_tables(gatherer: Gatherer, structs: Structs) -> InstanceTables:
     first_vertex, first_face = {}, {}
     numbers = first_instances(gatherer.scene)
     vertex = face = first = 0
-    for each in gatherer.copies:
-        key = each.numbers[0], bool(each.mirrored[0])
+    for copy in gatherer.copies:
+        key = copy.numbers[0], bool(copy.mirrored[0])
         first_vertex[key], first_face[key] = vertex, face
-        vertex, face = vertex + len(each.verts), face + len(each.faces)
+        vertex, face = vertex + len(copy.verts), face + len(copy.faces)
     parts: list[tuple[Array, ...]] = []
     for each in gatherer.placed:
         rows, copies = np.zeros(each.count, structs.Instance), np.arange(each.count)
@@ -203,17 +203,17 @@ def placed_extent(placed: Collection[Copies]) -> tuple[Floats, Floats]:
     """Return the least and the largest coordinates, (3,) each, of all copies' vertices. Only copies whose boxes reach far
     enough are placed."""
     ends = np.full((2, 3), np.inf)
-    for each in placed:
-        half, middle, margin = _box(each)
-        verts, step = np.asarray(each.verts, np.float64), max(1, _BLOCK // len(each.verts))
+    for copies in placed:
+        half, middle, margin = _box(copies)
+        verts, step = np.asarray(copies.verts, np.float64), max(1, _BLOCK // len(copies.verts))
         with np.errstate(over="ignore", invalid="ignore"):
-            reach = (np.abs(each.matrices[:, :3, :3]) * half).sum(axis=2) + margin
+            reach = (np.abs(copies.matrices[:, :3, :3]) * half).sum(axis=2) + margin
         for axis, (end, sign) in product(range(3), zip(ends, (1.0, -1.0), strict=True)):
             bounds = sign * middle[:, axis] - reach[:, axis]
             numbers = np.array([bounds.argmin()])  # the copy that reaches farthest, then all that may reach beyond it
             for _ in range(2):
                 for start in range(0, len(numbers), step):
-                    matrices = each.matrices[numbers[start : start + step], None, axis : axis + 1]
+                    matrices = copies.matrices[numbers[start : start + step], None, axis : axis + 1]
                     end[axis] = min(end[axis], (sign * products(verts, matrices)).min())
                 numbers = np.flatnonzero(~(bounds >= end[axis]))
     return ends[0], -ends[1]
@@ -254,8 +254,8 @@ class Instances(TriangleSource):
         """positions: (V, 3) float64 and faces: (F, 3) of the meshes. pixels: of the image."""
         device, self._tables = stages.device, tables
         face_count, vertex_count = int(tables.faces.sum()), int(tables.vertices.sum())
-        each = _ROOM_A_PIXEL if device.is_cpu else _ROOM_A_PIXEL_OF_GPU
-        super().__init__(stages, positions, faces, min(face_count, max(_LEAST_ROOM, each * pixels)))
+        room = _ROOM_A_PIXEL if device.is_cpu else _ROOM_A_PIXEL_OF_GPU
+        super().__init__(stages, positions, faces, min(face_count, max(_LEAST_ROOM, room * pixels)))
         self.sizes = {"triangles": face_count, "vertices": vertex_count}
         count = len(tables.rows)
         # listed: L numbers of those to draw. *_starts: L + 1, the number of vertices or faces of all listed before.
@@ -266,8 +266,8 @@ class Instances(TriangleSource):
             "face_starts": Buffer(device, np.zeros(count + 1, np.int64)),
         }
         self._listed = np.zeros(0, np.uint32)
-        most = _BLOCK if device.is_cpu else _BLOCK_OF_GPU
-        self._block = max(int(tables.vertices.max(initial=0)), min(most, vertex_count))
+        block = _BLOCK if device.is_cpu else _BLOCK_OF_GPU
+        self._block = max(int(tables.vertices.max(initial=0)), min(block, vertex_count))
         self._vertices = Buffer.empty(device, self._block, stages.structs.Vertex)
         # Size of memory that does not depend on the frame.
         self.resident_bytes = sum(buffer.array.nbytes for buffer in (*self._placing.values(), self._vertices))
@@ -296,8 +296,8 @@ class Instances(TriangleSource):
             needed = max(int(counters["visible"]), 2 * int(counters["to_clip"]))
             if needed <= self.room:
                 return
-            most = MAX_FACES - self.made.piece_capacity
-            self.make_memory(max(needed, min(needed + needed // 8, most)), self.made.piece_capacity)
+            limit = MAX_FACES - self.made.piece_capacity
+            self.make_memory(max(needed, min(needed + needed // 8, limit)), self.made.piece_capacity)
             frame.clear_counters()
 
     def _select(self, space: CameraSpace) -> None:
@@ -355,9 +355,9 @@ class Instances(TriangleSource):
             rows[self.room : self.room + len(numbers)] = numbers
 
     def painter_depths(self, frame: FrameInFlight, index: Array) -> tuple[Floats, Integers]:
-        depth, whole = np.empty(len(index)), index < self.room
-        depth[whole] = self._depths.to_host()[index[whole]]  # type: ignore[union-attr]
-        depth[~whole] = frame.values["pieces"].array["key_depth"][index[~whole].astype(np.int64) - self.room]
+        depth, unclipped = np.empty(len(index)), index < self.room
+        depth[unclipped] = self._depths.to_host()[index[unclipped]]  # type: ignore[union-attr]
+        depth[~unclipped] = frame.values["pieces"].array["key_depth"][index[~unclipped].astype(np.int64) - self.room]
         instances = self._of_triangles.to_host()[index].astype(np.int64)
         return depth, (instances << 32) + self.faces_of(frame, index)
 

@@ -68,8 +68,8 @@ class Visible:
             raise value_error("Visible.save", "path", f"a file name ending in {' or '.join(ENDINGS)}", name)
         rows = [plain(list(row.item())) for row in self.table]
         if ending == ".json":
-            named = [dict(zip(columns, row, strict=True)) for row in rows]
-            write_bytes(name, json.dumps(named, indent=1, ensure_ascii=False).encode() + b"\n")
+            records = [dict(zip(columns, row, strict=True)) for row in rows]
+            write_bytes(name, json.dumps(records, indent=1, ensure_ascii=False).encode() + b"\n")
         else:
             texts = (["" if value is None else str(value) for value in row] for row in rows)
             write_bytes(name, as_csv(columns, texts).encode())
@@ -122,36 +122,36 @@ def visible(
     with Renderer(scene, device=device, settings=settings) as renderer:
         seen, device = np.bincount(renderer.render()["instance_id"].ravel(), minlength=count + 1), renderer.device
     columns, height = scene.camera.resolution
-    alone, whole = np.zeros((2, count + 1), np.int64)
+    alone, visible_alone = np.zeros((2, count + 1), np.int64)
     found = np.zeros((count if many else 0, height, columns), bool)
     for group in _groups(placed):
-        numbers = [each.number for each in group]
-        shown = replace(scene, meshes=tuple(mesh for each in group for mesh in each.meshes))
-        for place, image in _drawn(shown, group, settings, device, beyond):
+        numbers = [instance.number for instance in group]
+        part_scene = replace(scene, meshes=tuple(mesh for instance in group for mesh in instance.meshes))
+        for place, image in _drawn(part_scene, group, settings, device, beyond):
             pixels = np.bincount(image.ravel(), minlength=len(group) + 1)[1:]
-            whole[numbers] += pixels
+            visible_alone[numbers] += pixels
             if not any(place):
                 alone[numbers] += pixels
                 for k, number in enumerate(numbers if many else (), 1):
                     found[number - 1] = image == k
     rows = []
     for number, object_number, name, *_ in placed:
-        counts = int(seen[number]), int(alone[number]), int(whole[number])
-        shares = (part / most if most else math.nan for part, most in (counts[:2], counts[1:]))
+        counts = int(seen[number]), int(alone[number]), int(visible_alone[number])
+        shares = (part / count_alone if count_alone else math.nan for part, count_alone in (counts[:2], counts[1:]))
         rows.append((number, object_number, name, *counts, *shares))
-    longest = max((len(each.name) for each in placed), default=0)
+    longest = max((len(instance.name) for instance in placed), default=0)
     kinds = f"u4 u4 U{max(longest, 1)} i8 i8 i8 f8 f8".split()
     return Visible(np.array(rows, list(zip(_COLUMNS, kinds, strict=True))), found if many else None)
 
 
 def _bare(mesh: Mesh) -> Mesh:
     """Return a mesh that covers the same pixels, without what only its colors need."""
-    own = mesh.material
+    material = mesh.material
     if mesh.tests_alpha or mesh.blends:
-        plain = replace(own, pbr=None)
+        plain = replace(material, pbr=None)
         return replace(mesh, material=plain, normals=None, normal_faces=None, tangents=None, tangent_faces=None)
     names: dict[str, Any] = {"name": mesh.name, "instance_names": mesh.instance_names, "part_of": mesh.part_of}
-    return Mesh(mesh.verts, mesh.faces, material=Material(sides=own.sides), instances=mesh.instances, **names)
+    return Mesh(mesh.verts, mesh.faces, material=Material(sides=material.sides), instances=mesh.instances, **names)
 
 
 class _Instance(NamedTuple):
@@ -173,8 +173,8 @@ def _instances(scene: Scene) -> Iterator[_Instance]:
     for first, object_number, mesh in zip(first_instances(scene), object_numbers(scene), scene.meshes, strict=True):
         for k, matrix in enumerate(np.asarray(mesh.instances)):
             name = mesh.instance_names[k : k + 1]
-            own = replace(mesh, instances=matrix[None], instance_names=name, part_of=f"{first + k}")
-            parts.setdefault((first + k, object_number), []).append(own)
+            alone = replace(mesh, instances=matrix[None], instance_names=name, part_of=f"{first + k}")
+            parts.setdefault((first + k, object_number), []).append(alone)
     for (number, object_number), meshes in sorted(parts.items()):
         boxes = np.array([_box(mesh, scene.camera) for mesh in meshes])
         ends = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
@@ -198,18 +198,18 @@ def _groups(placed: Sequence[_Instance]) -> Iterator[list[_Instance]]:
     """Yield groups of instances whose boxes do not overlap: drawn together, none hides another. What has alpha is together
     with other instances of its mesh alone, whose kernels it shares."""
     groups: dict[int, list[list[_Instance]]] = {}
-    for each in placed:
-        if not any(len(mesh.faces) for mesh in each.meshes):
+    for instance in placed:
+        if not any(len(mesh.faces) for mesh in instance.meshes):
             continue
-        own = any(mesh.tests_alpha or mesh.blends for mesh in each.meshes)
-        known = groups.setdefault(each.object_number if own else 0, [])
-        for group in known:
-            low, high = np.array([(other.low, other.high) for other in group]).swapaxes(0, 1)
-            if not ((low < each.high) & (each.low < high)).all(axis=1).any():
-                group.append(each)
+        sees_through = any(mesh.tests_alpha or mesh.blends for mesh in instance.meshes)
+        groups_there = groups.setdefault(instance.object_number if sees_through else 0, [])
+        for group in groups_there:
+            low, high = np.array([(member.low, member.high) for member in group]).swapaxes(0, 1)
+            if not ((low < instance.high) & (instance.low < high)).all(axis=1).any():
+                group.append(instance)
                 break
         else:
-            known.append([each])
+            groups_there.append([instance])
     for some in groups.values():
         yield from some
 
@@ -220,7 +220,7 @@ def _drawn(
     """Yield the layer instance_id of a scene of a group's instances, and of the images around that may show any, with how
     many images to the right and down these are."""
     around, camera = range(-margin, margin + 1), scene.camera
-    low, high = (np.array([getattr(each, end) for each in group]) for end in ("low", "high"))
+    low, high = (np.array([getattr(instance, end) for instance in group]) for end in ("low", "high"))
 
     def is_reached(place: tuple[int, int]) -> bool:
         start = np.array(place) * camera.resolution
@@ -259,10 +259,10 @@ def cryptomatte(
     device : Device or str, optional
         As for `Renderer`. The masks are the same on every device.
     """
-    asked = check_mattes(kinds)
+    checked = check_mattes(kinds)
     integer("cryptomatte", "ranks", ranks, 1, MAX_RANKS)
     scene, settings = frame.scene, frame.settings
-    layers: dict[MatteKind, Layer] = {kind: cast("Layer", f"{kind}_id") for kind in MATTES if kind in asked}
+    layers: dict[MatteKind, Layer] = {kind: cast("Layer", f"{kind}_id") for kind in MATTES if kind in checked}
     numbers: dict[MatteKind, list[Array]] = {kind: [] for kind in layers}
     with Renderer(scene, settings=numbers_alone(settings, tuple(layers.values())), device=device) as renderer:
         for place in sample_positions(settings.samples):  # nearest to the center first
@@ -281,12 +281,12 @@ def cryptomatte(
 def check_mattes(kinds: Sequence[MatteKind], files: Container[str] = ("exr",)) -> tuple[MatteKind, ...]:
     """Return kinds of `frame.mattes`. Raises InputError for others, without mmh3, and if these files of `Frame.save` do not
     hold them."""
-    asked = None if isinstance(kinds, str) else sequence(kinds)
-    if not asked:
+    names = None if isinstance(kinds, str) else sequence(kinds)
+    if not names:
         raise value_error("cryptomatte", "kinds", f"one or more of {', '.join(MATTES)}", kinds)
-    for kind in asked:
+    for kind in names:
         choice("cryptomatte", "kinds", kind, MATTES)
     hashes(())  # before anything is drawn: raises without mmh3
     if "exr" not in files:
         raise value_error("cryptomatte", "files", "exr among them, which holds it", files)
-    return tuple(asked)
+    return tuple(names)

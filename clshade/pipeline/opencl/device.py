@@ -46,17 +46,17 @@ def found_devices(name: str) -> list[DeviceInfo]:
     if "PYOPENCL_NO_CACHE" not in os.environ:
         cl._PYOPENCL_NO_CACHE = True
     environment.starting()
-    found: list[DeviceInfo] = []
+    infos: list[DeviceInfo] = []
     try:
         platforms = cl.get_platforms()
     except cl.Error:  # the ICD loader has none
-        return found
+        return infos
     for p, runtime in enumerate(platforms):
         try:
             devices = runtime.get_devices()
         except cl.Error:
             continue
-        found += [
+        infos += [
             DeviceInfo(
                 index=f"{p}:{d}",
                 platform=runtime.name.strip(),
@@ -71,10 +71,10 @@ def found_devices(name: str) -> list[DeviceInfo]:
             )
             for d, device in enumerate(devices)
         ]
-    return found
+    return infos
 
 
-def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
+def candidates(infos: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
     """Return the devices that `name` can mean, best first.
 
     name: "P:D"; or, in any case, part of a platform's name or a word of RUNTIMES; or else part of a device's name.
@@ -84,13 +84,13 @@ def candidates(found: Sequence[DeviceInfo], name: str) -> list[DeviceInfo]:
     word = name.strip().lower()
     if re.fullmatch(r"\d+\s*:\s*\d+", word):
         p, d = (int(part) for part in word.split(":"))
-        return [info for info in found if info.index == f"{p}:{d}"]
+        return [info for info in infos if info.index == f"{p}:{d}"]
     if word in RUNTIMES:
-        chosen = [info for info in found if is_runtime(info, word)]
-        chosen = chosen or [info for info in found if not info.is_cpu and word in info.name.lower()]
+        chosen = [info for info in infos if is_runtime(info, word)]
+        chosen = chosen or [info for info in infos if not info.is_cpu and word in info.name.lower()]
     else:
-        chosen = [info for info in found if word in info.platform.lower()]
-        chosen = chosen or [info for info in found if word in info.name.lower()]
+        chosen = [info for info in infos if word in info.platform.lower()]
+        chosen = chosen or [info for info in infos if word in info.name.lower()]
 
     def rank(info: DeviceInfo) -> int:  # PoCL's CPU, the rest of PoCL, Intel's CPU runtime, any other; emulators last
         if any(word in info.platform.lower() for word in ("fpga", "oclgrind")):
@@ -116,15 +116,15 @@ def open_untested(index: str, name: str, lanes: int = 0) -> Device:
 def chosen_devices(name: str | None) -> list[DeviceInfo]:
     """Return the devices that `name` can mean, best first. Raises DeviceError if there is none."""
     name = named(name)
-    found = found_devices(name)
-    if not found:
+    infos = found_devices(name)
+    if not infos:
         is_set = environment.is_users("OCL_ICD_VENDORS")
         hint = f" (OCL_ICD_VENDORS is {os.environ['OCL_ICD_VENDORS']})" if is_set else ""
         raise DeviceError(f"no OpenCL device found{hint}: install {install_advice()}")
-    chosen = candidates(found, name)
+    chosen = candidates(infos, name)
     if not chosen:
         hint = f"; for Intel's CPU runtime {probe.GET_INTEL}" if name.lower() == "intel" else ""
-        raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, found))}{hint}")
+        raise DeviceError(f"no OpenCL device matches {name!r}; found: {', '.join(map(str, infos))}{hint}")
     return chosen
 
 
@@ -237,13 +237,13 @@ def _connect(info: DeviceInfo) -> Device:
 
 def list_devices() -> list[DeviceInfo]:
     """Return every device found, all tested afresh in parallel. Raises DeviceError if pyopencl cannot be imported."""
-    found = found_devices("")
+    infos = found_devices("")
     if not probe.can_probe():
-        return found
+        return infos
     with environment.guard:
-        for info in found:
+        for info in infos:
             probe.start(info, waits=False)
-        return [probe.tried_out(info) for info in found]
+        return [probe.tried_out(info) for info in infos]
 
 
 def format_devices(infos: Sequence[DeviceInfo]) -> str:

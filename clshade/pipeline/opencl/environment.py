@@ -72,15 +72,15 @@ def fault(folder: Path) -> str:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with tempfile.TemporaryFile(dir=folder) as trial:
             trial.write(bytes(4096))
-        free, most = shutil.disk_usage(folder).free, limit("RLIMIT_FSIZE")
+        free, size_limit = shutil.disk_usage(folder).free, limit("RLIMIT_FSIZE")
     except FileExistsError:
         return "not a folder"
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
     if free < ROOM:
         return f"{free / 1e6:.1f} MB free, {ROOM / 1e6:.0f} MB needed"
-    if most < FILE:
-        return f"files of at most {most / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
+    if size_limit < FILE:
+        return f"files of at most {size_limit / 1e6:.1f} MB, {FILE / 1e6:.0f} MB needed: raise `ulimit -f`"
     return ""
 
 

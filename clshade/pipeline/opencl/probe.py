@@ -192,17 +192,17 @@ def tried_out(info: DeviceInfo, trial: bytes = b"") -> DeviceInfo:
     first = ""
     while True:
         out, fault = _finish(info.index, trial)
-        told = re.search(rf"{LANES}(\d+)", out)
+        match = re.search(rf"{LANES}(\d+)", out)
         problem = device_fault(info, fault) if fault else ""
-        found = replace(info, works=not problem, problem=problem, lanes=int(told[1]) if told else 0)
-        remember(found)
+        outcome = replace(info, works=not problem, problem=problem, lanes=int(match[1]) if match else 0)
+        remember(outcome)
         first = first or problem
-        if found.works:
-            fewer = f"{first}; it works, but takes longer, with {found.lanes} instead of more lanes" if first else ""
-            return replace(found, narrowed=fewer)
-        if found.lanes not in _NARROWER:
-            return replace(found, problem=first)
-        start(info, _NARROWER[found.lanes])
+        if outcome.works:
+            fewer = f"{first}; it works, but takes longer, with {outcome.lanes} instead of more lanes" if first else ""
+            return replace(outcome, narrowed=fewer)
+        if outcome.lanes not in _NARROWER:
+            return replace(outcome, problem=first)
+        start(info, _NARROWER[outcome.lanes])
 
 
 def _finish(index: str, trial: bytes) -> tuple[str, str]:
@@ -211,7 +211,7 @@ def _finish(index: str, trial: bytes) -> tuple[str, str]:
 
     process, left = _running[index], max(_deadlines[index] - time.monotonic(), 1.0)
     try:
-        out, err = (each.decode(errors="replace") for each in process.communicate(trial, min(left, PROBE_SECONDS)))
+        out, err = (stream.decode(errors="replace") for stream in process.communicate(trial, min(left, PROBE_SECONDS)))
         if index not in _running:  # ended by an interrupt, which says nothing of the device
             raise KeyboardInterrupt
         return out, _fault(process.returncode, out, err)
@@ -254,9 +254,9 @@ def _verdict_file(info: DeviceInfo) -> Path:
     return environment.cache_root() / "verdicts" / f"{digest[:32]}.json"
 
 
-def remember(found: DeviceInfo) -> None:
+def remember(info: DeviceInfo) -> None:
     """Store a device's verdict on disk; if that fails, it is tested again next time."""
-    file, verdict = _verdict_file(found), {"device": str(found), "problem": found.problem, "lanes": found.lanes}
+    file, verdict = _verdict_file(info), {"device": str(info), "problem": info.problem, "lanes": info.lanes}
     with contextlib.suppress(OSError, OutputError):
         if not file.parent.is_dir():
             file.parent.unlink(missing_ok=True)
@@ -271,8 +271,8 @@ def recall(info: DeviceInfo) -> DeviceInfo:
     before it is refused; the verdict only determines the order."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         file = _verdict_file(info)
-        found = json.loads(file.read_text())
-        problem, lanes = str(found["problem"]), int(found["lanes"])
+        verdict = json.loads(file.read_text())
+        problem, lanes = str(verdict["problem"]), int(verdict["lanes"])
         if not problem or file.stat().st_mtime >= time.time() - BROKEN_SECONDS:
             return replace(info, works=not problem, problem=problem, lanes=lanes)
     return info

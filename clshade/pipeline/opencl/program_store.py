@@ -91,7 +91,7 @@ class StoredProgram:
         if self.path is None or self.names.issuperset(files):
             return
         files = {**self.read(), **files}  # another process may have stored other kernels
-        index = json.dumps({name: len(each) for name, each in files.items()}).encode()
+        index = json.dumps({name: len(file) for name, file in files.items()}).encode()
         body = b"".join([index, b"\n", *files.values()])
         with contextlib.suppress(OSError):
             if not self.path.parent.is_dir():
@@ -136,12 +136,12 @@ def _refuse(program: Path, reason: str) -> dict[str, bytes]:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a whole file or none. It is not synced: a power cut that loses content leaves a wrong digest."""
-    made = path.with_name(f"{path.name}-{os.getpid()}-{threading.get_native_id()}")
+    temporary = path.with_name(f"{path.name}-{os.getpid()}-{threading.get_native_id()}")
     try:
-        made.write_bytes(content)
-        os.replace(made, path)
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
     finally:
-        made.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def _shrink(folder: Path) -> None:
@@ -149,7 +149,7 @@ def _shrink(folder: Path) -> None:
     if sum(status.st_size for status, _ in programs) <= MOST_BYTES:
         return
     left = 0
-    for status, path in sorted(programs, key=lambda each: each[0].st_mtime, reverse=True):
+    for status, path in sorted(programs, key=lambda entry: entry[0].st_mtime, reverse=True):
         left += status.st_size
         if left > MOST_BYTES // 2:
             path.unlink(missing_ok=True)
