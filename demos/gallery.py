@@ -22,8 +22,8 @@ if __name__ == "__main__":
 import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
-from clshade.images import contact_sheet, exr, png  # noqa: E402
-from clshade.images.thumbnails import thumbnails  # noqa: E402
+from clshade.images import exr, marks, png  # noqa: E402
+from clshade.images.figures import thumbnails  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
 SCENES = {
@@ -40,19 +40,17 @@ LAYERS = {
 }
 
 
-def panels() -> list[contact_sheet.Panel]:
+def panels() -> list[marks.Panel]:
     """Return a panel for each scene, then one for each layer of the first scene."""
     found, first = [], next(iter(SCENES))
     layers = tuple(LAYERS)
     for name, about in SCENES.items():
         scene = clshade.builtin(name, resolution=SIZE)
         frame = clshade.render(scene, samples=16)
-        found.append(contact_sheet.Panel(contact_sheet.reduced(frame.to_png8()), name, about))
+        found.append(marks.Panel(marks.reduced(frame.to_png8()), name, about))
     frame = clshade.render(clshade.builtin(first, resolution=SIZE), layers=layers)
     pictures = thumbnails(exr.flatten(frame.channels()), side=max(SIZE))
-    return found + [
-        contact_sheet.Panel(contact_sheet.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers
-    ]
+    return found + [marks.Panel(marks.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers]
 
 
 def main() -> int:
@@ -61,7 +59,7 @@ def main() -> int:
     options = parser.parse_args()
     try:
         path = create_folder(options.out) / "gallery.png"
-        png.write(path, contact_sheet.compose(panels(), "clshade: scenes made in code, and layers of the first"))
+        png.write(path, marks.compose_sheet(panels(), "clshade: scenes made in code, and layers of the first"))
     except ClshadeError as error:
         print(f"gallery.py: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -27,7 +27,7 @@ import khronos_surfaces as surfaces  # noqa: E402
 import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
-from clshade.images import contact_sheet, png  # noqa: E402
+from clshade.images import marks, png  # noqa: E402
 from clshade.scene.views import named_cameras  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
@@ -53,14 +53,14 @@ SCENES = {
 }
 
 
-def panels(folder: Path) -> list[contact_sheet.Panel]:
+def panels(folder: Path) -> list[marks.Panel]:
     """Write each scene's file into the folder and return its panel."""
     found = []
     for name, (write, about) in SCENES.items():
         scene = clshade.load(write(folder / f"{name}.glb"))
         camera = named_cameras(scene, ["front"], SIZE)["front"]
         frame = clshade.render(replace(scene, camera=camera), samples=16)
-        found.append(contact_sheet.Panel(contact_sheet.reduced(frame.to_png8()), name, about))
+        found.append(marks.Panel(marks.reduced(frame.to_png8()), name, about))
     return found
 
 
@@ -71,7 +71,7 @@ def main() -> int:
     try:
         folder = Path(create_folder(options.out))
         path = folder / "gltf_gallery.png"
-        png.write(path, contact_sheet.compose(panels(folder), "clshade: scenes after Khronos' glTF sample models"))
+        png.write(path, marks.compose_sheet(panels(folder), "clshade: scenes after Khronos' glTF sample models"))
     except (ClshadeError, OSError) as error:
         print(f"gltf_gallery.py: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

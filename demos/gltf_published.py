@@ -33,7 +33,7 @@ from PIL import Image  # noqa: E402
 import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
-from clshade.images import contact_sheet, png  # noqa: E402
+from clshade.images import marks, png  # noqa: E402
 from clshade.scene.fitting import FILL, fitted  # noqa: E402
 
 SIZE = (624, 602)  # of a panel
@@ -96,14 +96,14 @@ def published(path: Path) -> np.ndarray:
     return panel
 
 
-def panels(folder: Path) -> list[contact_sheet.Panel]:
+def panels(folder: Path) -> list[marks.Panel]:
     """Return ours in the first row, the published pictures below."""
     ours, theirs = [], []
     for name, view in VIEWS.items():
         picture = published(folder / f"{name}_expected.png")
         pixels = view.frame(folder).to_png8(exposure=EXPOSURE)
-        ours.append(contact_sheet.Panel(pixels, f"{name}: clshade", view.about))
-        theirs.append(contact_sheet.Panel(picture, f"{name}: published by Khronos", ""))
+        ours.append(marks.Panel(pixels, f"{name}: clshade", view.about))
+        theirs.append(marks.Panel(picture, f"{name}: published by Khronos", ""))
     return ours + theirs
 
 
@@ -118,11 +118,11 @@ def main() -> int:
             raise InputError("--models: expected a folder of models, or one in CLSHADE_DATA, found none")
         folder = Path(options.models) if options.models is not None else Path(str(data)) / "gltf"
         path = Path(create_folder(options.out)) / "gltf_published.png"
-        layout = contact_sheet.Layout(3, SIZE[0], 16, 30, 30, 40, 11, 9)
+        layout = marks.Layout(3, SIZE[0], 16, 30, 30, 40, 11, 9)
         heading = (
             "glTF sample models of Khronos: clshade in its studio, and the published pictures in other environments"
         )
-        png.write(path, contact_sheet.compose(panels(folder), heading, layout))
+        png.write(path, marks.compose_sheet(panels(folder), heading, layout))
     except ClshadeError as error:
         print(f"gltf_published.py: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -140,7 +140,7 @@ def run_compare(arguments: Arguments) -> int:
     if arguments.output:
         check_output_file(arguments.output, (arguments.image, arguments.reference), (".png",))
     image, reference = read_picture(arguments.image), read_picture(arguments.reference)
-    difference = compare.compared(image, reference, arguments.layer, arguments.threshold)
+    difference = compare.compare_layers(image, reference, arguments.layer, arguments.threshold)
     if difference.lacking():
         console.warning(f"not compared: {'; '.join(difference.lacking())}")
     names = {"image": arguments.image, "reference": arguments.reference}

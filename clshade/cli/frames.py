@@ -291,7 +291,7 @@ def draw(
 def _draw_eye(
     arguments: Arguments, scene: Scene, cameras: Mapping[int, Camera], output: str, poses: Mapping[int, Pose] | None
 ) -> Run | Film:
-    from ..view.film_format import is_film
+    from ..view.video import is_film
 
     options = {"poses": poses, **drawing_options(arguments, scene)}
     if is_film(output):

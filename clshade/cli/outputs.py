@@ -21,7 +21,7 @@ from ..scene.views import VIEWS, named_cameras, seen_by
 from .options import Arguments, Group, Option, check_output_file, names, reader
 
 if TYPE_CHECKING:
-    from ..images.crops import Crop
+    from ..images.marks import Crop
     from ..pipeline.frame import Frame
     from ..pipeline.frame_files import SavingOptions
     from ..scene.model import Scene
@@ -86,7 +86,7 @@ class Stereo:
 
 
 def _crop(text: str) -> Crop:
-    from ..images.crops import Crop
+    from ..images.marks import Crop
 
     values = tuple(map(int, text.split(",")))
     if len(values) not in (4, 5) or min(values) < 0 or 0 in values[2:]:
@@ -225,13 +225,13 @@ def write_crops(frame: Frame, stem: str, arguments: Arguments) -> list[Path]:
     if not arguments.crop_zoom:
         return []
     from ..images import png
-    from ..images.crops import magnified, marked
-    from ..images.transparency import over_checkers
+    from ..images.marks import magnify, mark_crops
+    from ..images.tonemap import over_checkers
 
     pixels = over_checkers(frame.to_png8(arguments.tonemap, arguments.exposure))
     paths = _crop_paths(stem, arguments.crop_zoom)
     with atomic_files.replacing_all(*paths) as files:
-        pictures = (*(magnified(pixels, crop) for crop in arguments.crop_zoom), marked(pixels, arguments.crop_zoom))
+        pictures = (*(magnify(pixels, crop) for crop in arguments.crop_zoom), mark_crops(pixels, arguments.crop_zoom))
         for path, file, picture in zip(paths, files, pictures, strict=True):
             with atomic_files.naming(path):
                 png.encode(file, picture)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
 import threading
@@ -15,7 +16,7 @@ import numpy as np
 
 from ..base.text_tables import create_folder
 from ..errors import ClshadeError, InputError
-from ..images import contact_sheet, lettering
+from ..images import marks
 from ..images.metrics import scale_end
 from ..scene.builtin.scenes import builtin
 from ..scene.formats.load import load
@@ -90,22 +91,22 @@ def _numbers(vector: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.3g}" for x in vector) + ")"
 
 
-def shown(scene: Scene, figure: Figure) -> contact_sheet.Panel:
+def shown(scene: Scene, figure: Figure) -> marks.Panel:
     """Return a panel of the figure, clamped, with the position and intensity of its lights and its drawing time."""
     lights = [plain_lights(scene.name, scene.lights)[k] for k in figure.lights]
     lines = [f"light at {_numbers(light.position)}, intensity {_numbers(light.intensity)}" for light in lights]
     text = "\n".join([*lines, f"{figure.milliseconds:.1f} ms"])
-    return contact_sheet.Panel(contact_sheet.reduced(figure.picture), figure.title, text)
+    return marks.Panel(marks.reduced(figure.picture), figure.title, text)
 
 
-def difference(gouraud: Figure, phong: Figure) -> contact_sheet.Panel:
+def difference(gouraud: Figure, phong: Figure) -> marks.Panel:
     """Return a panel of the difference of two figures in the channel that differs most."""
     apart = np.abs(phong.linear - gouraud.linear).max(axis=2)
     white = scale_end(apart)
     level = np.clip(apart / white * 255.0, 0.0, 255.0).astype(np.uint8)
     text = f"|figure {phong.number} - figure {gouraud.number}|, black: 0, white: {white:.2g} or more"
     text += f"\nmean {apart.mean():.2g}, largest {apart.max():.2g}"
-    return contact_sheet.Panel(contact_sheet.reduced(level), f"phong - gouraud: {phong.what}", text)
+    return marks.Panel(marks.reduced(level), f"phong - gouraud: {phong.what}", text)
 
 
 def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str) -> None:
@@ -117,7 +118,7 @@ def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str
         os.environ["CLSHADE_DEVICE"] = options.device
     scene = find_scene(options, figures[0].mapped)
     folder = create_folder(options.out)
-    importing = threading.Thread(target=lettering.prepare, daemon=True)
+    importing = threading.Thread(target=importlib.import_module, args=("matplotlib.ft2font",), daemon=True)
     importing.start()
     build_all(scene, figures)
     importing.join()
@@ -130,7 +131,7 @@ def _run(options: argparse.Namespace, figures: Sequence[Figure], sheet_name: str
         columns, rows = scene.camera.resolution
         size = f"{scene.name}, {scene.face_count} triangles, {columns} x {rows}"
         heading = f"{size}; ambient light {_numbers(scene.ambient)}; times: one call, programs built before"
-        png.write(folder / sheet_name, contact_sheet.compose(panels, heading))
+        png.write(folder / sheet_name, marks.compose_sheet(panels, heading))
         for result in written:
             result.result()
     print(f"{len(figures)} figures as .exr and .png and {sheet_name} in {folder.resolve()}")

@@ -22,8 +22,9 @@ from ..base.atomic_files import folder_made, shown
 from ..base.progress_bar import Bar
 from ..base.validation import arguments, choice, flag, integer, items, keywords, number, text, value_error
 from ..errors import InputError
-from ..images.colorbar import bar_width
 from ..images.cryptomatte import MatteKind
+from ..images.figures import bar_width
+from ..images.image_file import resolution_of
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import (
     FILES,
@@ -33,7 +34,6 @@ from ..pipeline.frame_files import (
     check_layers,
     check_output,
     chosen_paths,
-    resolution_of,
 )
 from ..pipeline.frame_results import FlowName
 from ..pipeline.visible import check_mattes
@@ -327,7 +327,7 @@ def _compare_sizes(
         columns, rows = _camera(cameras, frame).resolution
         if kind == "png" and colorbar:
             columns += bar_width(rows)
-        size = resolution_of(name, kind)
+        size = resolution_of(name)
         if size is not None and size != (columns, rows):
             problem = "found {}x{} of an earlier run: --overwrite draws it again".format(*size)
             raise InputError(f"{shown(name)}: expected {columns}x{rows} of the frames to draw, {problem}")

@@ -19,7 +19,8 @@ from ..base.input_files import file_error
 from ..base.json_values import parse_text
 from ..base.validation import value_error
 from ..errors import InputError
-from . import exr, png
+from . import exr
+from .image_file import resolution_of
 
 LAYERS = ("instance_id", "object_id")
 
@@ -77,11 +78,18 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
     annotations: list[dict[str, Any]] = []
     categories: dict[str, int] = {}
     for image_id, file in enumerate(files, 1):
-        instances, objects, header = _read(file)
+        channels, header = exr.read(file)
+        missing = [name for name in LAYERS if name not in channels]
+        if missing:
+            expected = f"the layers {' and '.join(LAYERS)} (`--layers {','.join(LAYERS)}`)"
+            raise file_error(shown(file), "layers", expected, f"no {missing[0]}")
+        instances, objects = (channels[name] for name in LAYERS)
+        if not instances.dtype == objects.dtype == np.uint32:
+            raise file_error(shown(file), "layers", "whole numbers", "others")
         names, object_names = (_names(header, name, shown(file)) for name in ("instanceNames", "objectNames"))
         rows, columns = instances.shape
         picture = Path(file).with_suffix(".png")
-        path = os.path.relpath(picture if png.resolution(picture) == (columns, rows) else file, folder)
+        path = os.path.relpath(picture if resolution_of(picture) == (columns, rows) else file, folder)
         images.append({"id": image_id, "file_name": Path(path).as_posix(), "width": columns, "height": rows})
         for name in object_names.values():
             categories.setdefault(name, len(categories) + 1)
@@ -105,19 +113,6 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
         raise InputError("coco: files: expected at least one image, found none")
     listed = [{"id": number, "name": name, "supercategory": ""} for name, number in categories.items()]
     return {"info": {"description": "clshade"}, "images": images, "annotations": annotations, "categories": listed}
-
-
-def _read(file: str | os.PathLike[str]) -> tuple[Array, Array, dict[str, Any]]:
-    """Return the layers of LAYERS and the header of an EXR file."""
-    channels, header = exr.read(file)
-    missing = [name for name in LAYERS if name not in channels]
-    if missing:
-        expected = f"the layers {' and '.join(LAYERS)} (`--layers {','.join(LAYERS)}`)"
-        raise file_error(shown(file), "layers", expected, f"no {missing[0]}")
-    instances, objects = (channels[name] for name in LAYERS)
-    if not instances.dtype == objects.dtype == np.uint32:
-        raise file_error(shown(file), "layers", "whole numbers", "others")
-    return instances, objects, header
 
 
 def _names(header: Mapping[str, Any], attribute: str, owner: str) -> dict[int, str]:

@@ -14,8 +14,7 @@ from ..base.input_files import file_error, quoted
 from ..base.json_values import in_line, named_values, plain
 from ..base.spelling import hint
 from ..base.text_tables import as_lines, digits, wrapped
-from .channels import Group, grouped
-from .image_file import Picture
+from .image_file import Group, Picture, group_channels
 from .layers import LAYER_WORDS
 from .metrics import decibels, flip_of_seen, has_flip, has_ssim, relmse, seen, ssim_of_seen
 
@@ -49,11 +48,6 @@ class Cluster(NamedTuple):
     def __str__(self) -> str:
         count = f"{self.pixels:,} pixel" + "s" * (self.pixels != 1)
         return f"{self.width} x {self.height} at {self.x},{self.y} ({count}, up to {self.maximum:.3g})"
-
-    def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON, with the text inf for an infinite error."""
-        figures: dict[str, Any] = plain(self._asdict(), words=True)
-        return figures
 
 
 class Worst(NamedTuple):
@@ -94,14 +88,17 @@ class Difference:
     clusters: tuple[Cluster, ...] = ()
 
     def stats(self) -> dict[str, Any]:
-        """Return the figures for JSON: null for the infinite PSNR of equal images."""
-        worst = None if self.worst is None else plain(self.worst._asdict(), words=True)
-        return {**plain(vars(self)), "worst": worst, "clusters": [cluster.stats() for cluster in self.clusters]}
+        """Return the figures for JSON: null for the infinite PSNR of equal images, the text inf for an infinite error."""
+        places = {
+            "worst": None if self.worst is None else self.worst._asdict(),
+            "clusters": [cluster._asdict() for cluster in self.clusters],
+        }
+        return {**plain(vars(self)), **plain(places, words=True)}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of `compared`. layers: by name. threshold: None if none was given.
+    """The result of `compare_layers`. layers: by name. threshold: None if none was given.
 
     only_image, only_reference: layers, or channels of layers, that only one image has and that were not compared.
     """
@@ -147,7 +144,7 @@ class Comparison:
                 values, reference = named_values(d.worst.values), named_values(d.worst.reference)
                 pixels.append(f"{name} at {place} (column, row from the top): {values}; expected {reference}")
             if d.different > 1 and d.clusters:
-                regions.append(f"{name} differs most in {'; '.join(map(str, leading(d.clusters, _LISTED)))}")
+                regions.append(f"{name} differs most in {'; '.join(map(str, leading_clusters(d.clusters, _LISTED)))}")
         height, width = self.shape
         details = [wrapped(line, 2) for line in pixels + regions]
         return [f"{width} x {height} pixels", *as_lines(header, rows), *details, self._verdict()]
@@ -176,31 +173,30 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
     reference's, and if nothing is left.
     """
     if picture.shape != reference.shape:
-        (rows, columns), (height, width) = picture.shape, reference.shape
-        raise file_error(
-            picture.name, "size", f"{width} x {height}, the size of {reference.name}", f"{columns} x {rows}"
-        )
+        height, width = reference.shape
+        expected, found = f"{width} x {height}, the size of {reference.name}", "{1} x {0}".format(*picture.shape)
+        raise file_error(picture.name, "size", expected, found)
     if bool(picture.bits) != bool(reference.bits):
         wanted, found = ("a PNG" if image.bits else "an EXR" for image in (reference, picture))
         raise file_error(picture.name, "file", f"{wanted} as {reference.name} is", found)
-    if names:
-        groups, expected = (_selected(image, names) for image in (picture, reference))
-    else:
-        shared = [name for name in reference.channels if name in picture.channels]
-        groups, expected = (grouped({name: p.channels[name] for name in shared}) for p in (picture, reference))
-        if not shared:
-            wanted, found = (_listed(grouped(image.channels)) for image in (reference, picture))
-            raise file_error(picture.name, "layers", f"some of {wanted}, the layers of {reference.name}", found)
-    for name, group in expected.items():
+    shared = names or [name for name in reference.channels if name in picture.channels]
+    if not shared:
+        wanted, found = (_listed(group_channels(image.channels)) for image in (reference, picture))
+        raise file_error(picture.name, "layers", f"some of {wanted}, the layers of {reference.name}", found)
+    groups, wanted_groups = (
+        _selected(image, names) if names else group_channels({name: image.channels[name] for name in shared})
+        for image in (picture, reference)
+    )
+    for name, group in wanted_groups.items():
         if groups[name].names != group.names:
             raise file_error(picture.name, name, "+".join(group.names), "+".join(groups[name].names))
-    return {name: (groups[name], group) for name, group in expected.items()}
+    return {name: (groups[name], group) for name, group in wanted_groups.items()}
 
 
 def _alone(picture: Picture, other: Picture) -> tuple[str, ...]:
     """Return the layers that the other image lacks, or single channels of those that it has in part."""
     names: list[str] = []
-    for name, group in grouped(picture.channels).items():
+    for name, group in group_channels(picture.channels).items():
         lacking = [channel for channel in group.names if channel not in other.channels]
         names += [name] if lacking == list(group.names) else lacking
     return tuple(names)
@@ -215,13 +211,13 @@ def _listed(groups: dict[str, Group]) -> str:
 
 
 def _selected(picture: Picture, names: Sequence[str]) -> dict[str, Group]:
-    groups = grouped(picture.channels)
-    single = {name: Group("", (name,), (plane,)) for name, plane in picture.channels.items()}
+    groups = group_channels(picture.channels)
+    every = {**{name: Group("", (name,), (plane,)) for name, plane in picture.channels.items()}, **groups}
     for name in names:
-        if name not in groups and name not in single:
-            near = hint(name, (*groups, *single), LAYER_WORDS)
+        if name not in every:
+            near = hint(name, (*groups, *picture.channels), LAYER_WORDS)
             raise file_error(picture.name, "--layer", "one of " + ", ".join(groups), f"{quoted(name)}{near}")
-    return {name: groups.get(name) or single[name] for name in names}
+    return {name: every[name] for name in names}
 
 
 def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Group]]:
@@ -255,34 +251,29 @@ def _is_exact(group: Group, reference: Group) -> bool:
     return any(plane.dtype.kind in "iub" for plane in (*group.planes, *reference.planes))
 
 
-def compared(
+def compare_layers(
     picture: Picture, reference: Picture, names: Sequence[str] = (), threshold: float | None = None
 ) -> Comparison:
     """Compare layers of an image with those of a reference: all that both have, or the named ones.
 
     See `chosen_layers` for the errors raised.
     """
-    layers = {
-        name: _difference(picture, reference, pair, threshold)
-        for name, pair in chosen_layers(picture, reference, names).items()
-    }
+    layers = {}
+    for name, pair in chosen_layers(picture, reference, names).items():
+        errors, exact = errors_of(*pair), _is_exact(*pair)
+        limit = 0.0 if exact or threshold is None else threshold
+        different, over, nonfinite = (int(np.count_nonzero(p)) for p in (errors, errors > limit, np.isinf(errors)))
+        measures: dict[str, Any] = {} if exact else {**_measures(*pair), **_display_measures(picture, *pair)}
+        if different:
+            measures["clusters"] = find_clusters(errors, threshold)
+            y, x = (int(index) for index in np.unravel_index(np.argmax(errors), errors.shape))
+            pixels = (image.pixel(x, y) for image in (picture, reference))
+            measures["worst"] = Worst(
+                x, y, *({channel: pixel[channel] for channel in pair[0].names} for pixel in pixels)
+            )
+        layers[name] = Difference(exact, errors.size, different, over, nonfinite, **measures)
     lacking = () if names else (_alone(picture, reference), _alone(reference, picture))
     return Comparison(picture.shape, threshold, layers, *lacking)
-
-
-def _difference(picture: Picture, reference: Picture, pair: tuple[Group, Group], threshold: float | None) -> Difference:
-    errors, exact = errors_of(*pair), _is_exact(*pair)
-    limit = 0.0 if exact or threshold is None else threshold
-    different, over, nonfinite = (int(np.count_nonzero(p)) for p in (errors, errors > limit, np.isinf(errors)))
-    measures: dict[str, Any] = {}
-    if not exact:
-        measures = {**_measures(*pair), **_display_measures(picture, *pair)}
-    if different:
-        measures["clusters"] = find_clusters(errors, threshold)
-        y, x = (int(index) for index in np.unravel_index(np.argmax(errors), errors.shape))
-        pixels = (image.pixel(x, y) for image in (picture, reference))
-        measures["worst"] = Worst(x, y, *({name: pixel[name] for name in pair[0].names} for pixel in pixels))
-    return Difference(exact, errors.size, different, over, nonfinite, **measures)
 
 
 def _measures(group: Group, reference: Group) -> dict[str, float | None]:
@@ -315,14 +306,14 @@ def _display_measures(picture: Picture, group: Group, reference: Group) -> dict[
 
     strips = _strips(group, reference)
     squared = sum(float(np.square(shown(part).astype(np.float64) - shown(other)).sum()) for _, part, other in strips)
-    measures: dict[str, float | None] = {"psnr": decibels(squared / (3 * group.planes[0].size))}
-    if has_ssim() or has_flip():  # these need whole images
-        images = (shown(group), shown(reference))
-        measures |= {"ssim": ssim_of_seen(*images), "flip": flip_of_seen(*images)}
-    return measures
+    psnr = decibels(squared / (3 * group.planes[0].size))
+    if not (has_ssim() or has_flip()):
+        return {"psnr": psnr}
+    images = shown(group), shown(reference)  # whole
+    return {"psnr": psnr, "ssim": ssim_of_seen(*images), "flip": flip_of_seen(*images)}
 
 
-def leading(clusters: Sequence[Cluster], count: int) -> list[Cluster]:
+def leading_clusters(clusters: Sequence[Cluster], count: int) -> list[Cluster]:
     """Return the `count` largest clusters, the one with the largest error always among them."""
     chosen = list(clusters[:count])
     if chosen and (worst := max(clusters, key=lambda cluster: cluster.maximum)) not in chosen:

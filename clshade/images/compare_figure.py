@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..base.arrays import Array
 from . import figures
-from .channels import Group
-from .compare import Cluster, errors_of, leading
-from .thumbnails import color_mapped, largest, thinned, thumbnails
+from .compare import Cluster, errors_of, leading_clusters
+from .figures import apply_color_map, block_maxima, thin, thumbnails
+from .image_file import Group
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,54 +70,55 @@ def windows(
     """Return the clusters of each layer that a figure shows, each with its window.
 
     Those are the CROPS leading ones of each layer, without any that an earlier window holds, and at most MAX_CROPS in
-    all.
+    all. A window is a square around a cluster with some of its surroundings, moved and clipped to the image; of a large
+    cluster the part around its worst pixel.
     """
     left = MAX_CROPS
     chosen: dict[str, list[tuple[Cluster, Window]]] = {}
     for name, (group, _) in layers.items():
+        rows, columns = group.planes[0].shape
         chosen[name] = []
-        for cluster in leading(clusters.get(name, ()), min(CROPS, left)):
-            if not any(
+        for cluster in leading_clusters(clusters.get(name, ()), min(CROPS, left)):
+            if any(
                 x <= cluster.x <= x + width - cluster.width and y <= cluster.y <= y + height - cluster.height
                 for _, (x, y, width, height) in chosen[name]
             ):
-                chosen[name].append((cluster, _window(cluster, group.planes[0].shape)))
+                continue
+            longer = max(cluster.width, cluster.height)
+            side = min(max(longer + longer // 2, _WINDOW_SIDES[0]), _WINDOW_SIDES[1])
+            column, row = cluster.worst
+            if longer <= side:
+                column, row = cluster.x + cluster.width // 2, cluster.y + cluster.height // 2
+            width, height = min(side, columns), min(side, rows)
+            x, y = min(max(column - width // 2, 0), columns - width), min(max(row - height // 2, 0), rows - height)
+            chosen[name].append((cluster, (x, y, width, height)))
         left -= len(chosen[name])
     return chosen
 
 
-def _window(cluster: Cluster, shape: tuple[int, ...]) -> Window:
-    """Return a square around a cluster with some of its surroundings, moved and clipped to an image of (M, N); of a large
-    cluster the part around its worst pixel."""
-    longer = max(cluster.width, cluster.height)
-    side = min(max(longer + longer // 2, _WINDOW_SIDES[0]), _WINDOW_SIDES[1])
-    column, row = cluster.worst
-    if longer <= side:
-        column, row = cluster.x + cluster.width // 2, cluster.y + cluster.height // 2
-    width, height = min(side, shape[1]), min(side, shape[0])
-    x = min(max(column - width // 2, 0), shape[1] - width)
-    y = min(max(row - height // 2, 0), shape[0] - height)
-    return x, y, width, height
-
-
 def draw_row(
-    figure: Any,
-    row: Any,
-    pair: tuple[Group, Group],
-    encoded: bool,
-    captions: Sequence[str],
-    prefix: str = "",
+    figure: Any, row: Any, pair: tuple[Group, Group], encoded: bool, captions: Sequence[str], prefix: str = ""
 ) -> None:
     """Draw image, reference and difference into three axes."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     # Computed together so that a color means the same in both.
     joined = {
-        channel: np.concatenate([thinned(plane, SIDE) for plane in planes])
+        channel: np.concatenate([thin(plane, SIDE) for plane in planes])
         for channel, *planes in zip(pair[0].names, pair[0].planes, pair[1].planes, strict=True)
     }
     (both,) = thumbnails(joined, encoded=encoded, side=2 * SIDE).values()
     for panel, pixels, caption in zip(row[:2], np.split(both.pixels, 2), captions, strict=True):
         figures.show_pixels(panel, pixels, caption)
-    _draw_errors(figure, row[2], errors_of(*pair), prefix)
+    errors = errors_of(*pair)
+    maximum = float(np.max(errors, initial=0.0, where=np.isfinite(errors)))
+    small = block_maxima(errors, SIDE)
+    pixels = apply_color_map(np.nan_to_num(small / (maximum or 1.0), posinf=1.0), "inferno")
+    pixels[np.isinf(small)] = UNEQUAL_COLOR
+    note = ("," + " \n"[bool(prefix)] + "cyan: NaN or infinite in one") if np.isinf(small).any() else ""
+    figures.show_pixels(row[2], pixels, f"{prefix}difference, up to {maximum:.4g}{note}")
+    figure.colorbar(ScalarMappable(Normalize(0.0, maximum or 1.0), "inferno"), ax=row[2])
 
 
 def _mark(axes: Any, window: Window, shape: tuple[int, ...], number: str) -> None:
@@ -138,16 +138,3 @@ def _mark(axes: Any, window: Window, shape: tuple[int, ...], number: str) -> Non
         at, side = (top + tall, "top") if y + height < (1.0 - _EDGE) * shape[0] else (top, "top")
     plate: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 0.6, "pad": 1.2}
     axes.text(left, at, number, fontsize=7, color="black", bbox=plate, ha="left", va=side)
-
-
-def _draw_errors(figure: Any, axes: Any, errors: Array, prefix: str = "") -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    maximum = float(np.max(errors, initial=0.0, where=np.isfinite(errors)))
-    small = largest(errors, SIDE)
-    pixels = color_mapped(np.nan_to_num(small / (maximum or 1.0), posinf=1.0), "inferno")
-    pixels[np.isinf(small)] = UNEQUAL_COLOR
-    note = ("," + " \n"[bool(prefix)] + "cyan: NaN or infinite in one") if np.isinf(small).any() else ""
-    figures.show_pixels(axes, pixels, f"{prefix}difference, up to {maximum:.4g}{note}")
-    figure.colorbar(ScalarMappable(Normalize(0.0, maximum or 1.0), "inferno"), ax=axes)

@@ -100,12 +100,12 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
         other = by_id.setdefault(ids[name], name)
         if other != name:
             raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {other!r}", name)
-    # Things of one name are one thing: numbered alike, in the order of the names.
+    # Things of one name are one thing, numbered in the order of the names.
     place = {name: k for k, name in enumerate(once, 1)}
-    known = np.array([0, *names], np.int64)
-    order = np.argsort(known)
-    alike = np.array([0, *(place[name] for name in names.values())], np.uint32)[order]
-    listed, counts = ranked(alike[np.searchsorted(known[order], numbers)], ranks)
+    keys = np.array([0, *names], np.int64)
+    order = np.argsort(keys)
+    places = np.array([0, *(place[name] for name in names.values())], np.uint32)[order]
+    listed, counts = ranked(places[np.searchsorted(keys[order], numbers)], ranks)
     bits = np.array([0, *ids.values()], np.uint32)[listed].view(np.float32)
     shares = counts.astype(np.float32) / np.float32(len(numbers))
     planes = [plane for pair in zip(bits, shares, strict=True) for plane in pair]

@@ -9,6 +9,7 @@ import sys
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -158,40 +159,31 @@ def read_png(path: Path) -> tuple[Array, dict[str, Any]]:
 
 def _decoded(data: bytes | memoryview, owner: str, count: Callable[[int], None]) -> tuple[Array, int]:
     """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
+    from PIL import Image
 
     def admit(width: int, height: int) -> None:
         if max(width, height) > MAX_SIDE or width * height > MAX_PIXELS:
             raise file_error(owner, "image", _LIMITS, f"{width} x {height}")
         count(width * height)
 
-    if bytes(data[:1]) == b"P":
-        data = bytes(data)
-        if (header := _pnm_header(data, owner)) is not None:
-            admit(header.shape[1], header.shape[0])
-            return _pnm_codes(data, header, owner), header.maximum
+    if bytes(data[:2]) in (b"P2", b"P3", b"P5", b"P6"):
+        return _decoded_pnm(bytes(data), owner, admit)
     if (layout := _foreign_tiff(data)) is not None:
         admit(layout.width, layout.height)
         return _tiff_codes(data, layout, owner), 65535
-    image = _opened(data, owner)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            image = Image.open(io.BytesIO(data), formats=FORMATS)
+        except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:  # of more than MAX_PIXELS
+            size = re.search(r"\d+ pixels", str(error))
+            raise file_error(owner, "image", _LIMITS, size.group() if size else str(error)) from None
     admit(image.width, image.height)
     return _codes(image, data, owner)
 
 
-def _opened(data: bytes | memoryview, owner: str) -> Any:
-    """Return Pillow's image, not yet decoded."""
-    from PIL import Image
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", Image.DecompressionBombWarning)
-        try:
-            return Image.open(io.BytesIO(data), formats=FORMATS)
-        except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:  # of more than MAX_PIXELS
-            size = re.search(r"\d+ pixels", str(error))
-            raise file_error(owner, "image", _LIMITS, size.group() if size else str(error)) from None
-
-
 def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int]:
-    """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of full intensity."""
+    """Return (h, w, C) uint8 or uint16 pixels, gray, gray and alpha, RGB or RGBA, and the code of white."""
     raw = image.tile[0][3] if image.format in ("PNG", "TIFF") and image.tile else ""
     raw = raw if isinstance(raw, str) else raw[0]
     image.load()
@@ -205,7 +197,12 @@ def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int
     if max(tags.get(_BITS, (1,))) > 8:
         found = f"a TIFF image with channels of {max(tags[_BITS])} bits and pixels of type {image.mode}"
         raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", found)
-    return _eight_bits(image, owner), 255
+    keyed = "transparency" in image.info and image.mode in ("P", "L", "RGB")
+    mode = "RGBA" if keyed else _CONVERTED.get(image.mode, image.mode)
+    if mode not in ("L", "LA", "RGB", "RGBA"):
+        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
+    codes = np.asarray(image if mode == image.mode else image.convert(mode))
+    return (codes[:, :, None] if codes.ndim == 2 else codes), 255
 
 
 def _sixteen_bits(image: Any, data: bytes | memoryview, raw: str) -> Array:
@@ -232,15 +229,6 @@ def _keyed(codes: Array, image: Any) -> Array:
         return codes
     alpha = np.where((codes == np.asarray(key, np.uint16)).all(axis=2), 0, 65535).astype(np.uint16)
     return np.concatenate([codes, alpha[:, :, None]], axis=2)
-
-
-def _eight_bits(image: Any, owner: str) -> Array:
-    keyed = "transparency" in image.info and image.mode in ("P", "L", "RGB")
-    mode = "RGBA" if keyed else _CONVERTED.get(image.mode, image.mode)
-    if mode not in ("L", "LA", "RGB", "RGBA"):
-        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
-    pixels = np.asarray(image if mode == image.mode else image.convert(mode))
-    return pixels[:, :, None] if pixels.ndim == 2 else pixels
 
 
 # TIFF with 16 bits per channel in layouts that Pillow lacks, or truncates to 8 bits, through tifffile.
@@ -353,58 +341,38 @@ def _check_tiff(page: Any, shape: tuple[int, ...], data: bytes | memoryview, own
 # Gray and RGB images of the PNM family, text and binary: Pillow keeps only 8 bits of color.
 
 
-class _Pnm(NamedTuple):
-    """The header of a PNM image. shape: (h, w, 1 or 3). maximum: the code of white. start: byte offset of the pixels."""
+def _decoded_pnm(data: bytes, owner: str, admit: Callable[[int, int], None]) -> tuple[Array, int]:
+    """Return (h, w, 1 or 3) codes of a PGM or PPM file (P2, P3, P5, P6) and its largest, white; data behind is ignored.
 
-    shape: tuple[int, int, int]
-    maximum: int
-    is_text: bool
-    start: int
-
-
-def _pnm_header(data: bytes, owner: str) -> _Pnm | None:
-    """Parse the header of a PGM or PPM file (P2, P3, P5, P6); None for anything else.
-
-    Raises InputError if it is malformed, and if the file has fewer bytes than its pixels take.
+    admit: called with width and height before pixels are read. Raises InputError if the header is malformed, the file has
+    fewer bytes than its pixels take, text stands in place of a number, or a value is above the largest.
     """
-    if data[:2] not in (b"P2", b"P3", b"P5", b"P6"):
-        return None
     match = _PNM_HEADER.match(data, 0, _MAX_PNM_HEADER)
     if match is None:
         raise file_error(owner, "image", "width, height and largest value of a PNM image", quoted(data[:32]))
-    kind, width, height, maximum = (int(number) for number in match.groups())
-    if not (width and height and 0 < maximum < 1 << 16):
+    form, width, height, white = (int(number) for number in match.groups())
+    if not (width and height and 0 < white < 1 << 16):
         expected = "a PNM image with pixels and a largest value from 1 to 65535"
-        raise file_error(owner, "image", expected, f"{width} x {height} with {maximum}")
-    channels = 3 if kind in (3, 6) else 1
-    count = width * height * channels
-    size = 2 * count - 1 if kind < 4 else count * (1 if maximum < 256 else 2)
-    if size > len(data) - match.end():
-        expected = f"at least {size} bytes for {width} x {height} pixels"
-        raise file_error(owner, "image", expected, f"{len(data) - match.end()} bytes")
-    return _Pnm((height, width, channels), maximum, kind < 4, match.end())
-
-
-def _pnm_codes(data: bytes, header: _Pnm, owner: str) -> Array:
-    """Return (h, w, 1 or 3) uint8 or uint16 values from 0 to header.maximum. Data after the first image is ignored.
-
-    Raises InputError for text in place of a number, and for values above header.maximum.
-    """
-    count = math.prod(header.shape)
-    kind = np.dtype(np.uint8 if header.maximum < 256 else ">u2")
-    if header.is_text:
-        values = np.fromiter(_numbers(data, header.start, count, owner), np.uint32)
+        raise file_error(owner, "image", expected, f"{width} x {height} with {white}")
+    shape, left = (height, width, 3 if form in (3, 6) else 1), len(data) - match.end()
+    count, kind = math.prod(shape), np.dtype(np.uint8 if white < 256 else ">u2")
+    size = 2 * count - 1 if form < 4 else count * kind.itemsize
+    if size > left:
+        raise file_error(owner, "image", f"at least {size} bytes for {width} x {height} pixels", f"{left} bytes")
+    admit(width, height)
+    if form < 4:
+        values = np.fromiter(islice(_numbers(data, match.end(), owner), count), np.uint32)
         if len(values) < count:
             raise file_error(owner, "image", f"{count} values", str(len(values)))
     else:
-        values = np.frombuffer(data, kind, count, header.start)
-    if values.max() > header.maximum:
-        raise file_error(owner, "image", f"values up to {header.maximum}", str(values.max()))
-    return values.astype(kind.newbyteorder("="), copy=False).reshape(header.shape)
+        values = np.frombuffer(data, kind, count, match.end())
+    if values.max() > white:
+        raise file_error(owner, "image", f"values up to {white}", str(values.max()))
+    return values.astype(kind.newbyteorder("="), copy=False).reshape(shape), white
 
 
-def _numbers(data: bytes, start: int, count: int, owner: str) -> Iterator[int]:
-    """Yield the first `count` whole numbers of a text."""
+def _numbers(data: bytes, start: int, owner: str) -> Iterator[int]:
+    """Yield the whole numbers of a text, without its comments."""
     for match in _WORD.finditer(data, start):
         word = match[0]
         if word.startswith(b"#"):
@@ -412,6 +380,3 @@ def _numbers(data: bytes, start: int, count: int, owner: str) -> Iterator[int]:
         if not (word.isdigit() and len(word) < 10):
             raise file_error(owner, "image", "whole numbers", quoted(word))
         yield int(word)
-        count -= 1
-        if not count:
-            return

@@ -9,7 +9,6 @@ import contextlib
 import io
 import math
 import os
-import struct
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -64,17 +63,14 @@ _LOCK = threading.Lock()  # OpenEXR's thread count and the standard streams are 
 def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
     """Split layers into one 2-D array per EXR channel, as views.
 
+    Raises InputError for another shape, no layer, sizes that differ, or two channels of one name.
+
     Parameters
     ----------
     layers : array_like, (M, N, 3) or (M, N, 4), or mapping of str to array_like
         RGB or RGBA; or arrays (M, N), kept under their names, and (M, N, K), split: `RGB` and
         `RGBA` into R, G, B, A, `N` and `P` into .X .Y .Z, `uv` into .U .V, `barycentrics` into
         .U .V .W, any other into .R .G .B .A. Row 0 is the top.
-
-    Raises
-    ------
-    InputError
-        Another shape, no layer at all, sizes that differ, or two channels of one name.
     """
     if not isinstance(layers, Mapping):
         layers = {"RGB": layers}
@@ -103,17 +99,14 @@ def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
 
 
 def drawn_window(channels: Mapping[str, Array]) -> Window:
-    """Return the smallest window outside of which every channel is 0.
+    """Return the smallest window (x0, y0, x1, y1) outside of which every channel is 0.
+
+    Columns and rows are inclusive, y down from the top; the first pixel if everything is 0. -0.0 counts as drawn, because
+    readers give +0 outside the data window.
 
     Parameters
     ----------
     channels : mapping of str to ndarray of shape (M, N)
-
-    Returns
-    -------
-    (int, int, int, int)
-        (x0, y0, x1, y1), inclusive, y down from the top; the first pixel if everything is 0. -0.0
-        counts as drawn, because readers give +0 outside the data window.
     """
     rows, columns = np.zeros(1, bool), np.zeros(1, bool)
     for plane in channels.values():
@@ -144,27 +137,26 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
     return x0, y0, x1, y1
 
 
-def _attribute(name: str, value: Any) -> Any:
-    """Return a header value in a form that OpenEXR stores as it is; it silently stores others wrongly."""
-    if not isinstance(name, str) or not name.isprintable() or not name or name in PROTECTED:
-        raise InputError(f"exr: metadata: expected the name of an attribute of the caller's, found {name!r}")
-    if isinstance(value, str):
-        return value.encode("utf-8", "replace").decode("utf-8")
-    if isinstance(value, np.ndarray) and value.shape == (4, 4) and value.dtype.kind in "fiu":
-        return np.ascontiguousarray(value, dtype=np.float32)
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, int) and -(2**31) <= value < 2**31:
-        return int(value)
-    if isinstance(value, float):
-        return value
-    expected = "text, a number, a whole number of 32 bits or a (4, 4) array"
-    raise file_error("exr: metadata", name, expected, quoted(repr(value)))
-
-
 def _header(metadata: Mapping[str, Any], data: Window, display: Window) -> dict[str, Any]:
+    """Return a header whose values OpenEXR stores as they are; it silently stores others wrongly."""
     header: dict[str, Any] = {**WRITTEN, "pixelAspectRatio": 1.0}
-    header |= {name: _attribute(name, value) for name, value in metadata.items() if value is not None}
+    for name, value in metadata.items():
+        if value is None:
+            continue
+        if not isinstance(name, str) or not name.isprintable() or not name or name in PROTECTED:
+            raise InputError(f"exr: metadata: expected the name of an attribute of the caller's, found {name!r}")
+        value = value.item() if isinstance(value, np.generic) else value
+        if isinstance(value, str):
+            header[name] = value.encode("utf-8", "replace").decode("utf-8")
+        elif isinstance(value, np.ndarray) and value.shape == (4, 4) and value.dtype.kind in "fiu":
+            header[name] = np.ascontiguousarray(value, dtype=np.float32)
+        elif isinstance(value, float):
+            header[name] = value
+        elif isinstance(value, int) and -(2**31) <= value < 2**31:
+            header[name] = int(value)
+        else:
+            expected = "text, a number, a whole number of 32 bits or a (4, 4) array"
+            raise file_error("exr: metadata", name, expected, quoted(repr(value)))
     aspect = header["pixelAspectRatio"]
     if not isinstance(aspect, float) or not 1e-6 <= aspect <= 1e6:
         raise InputError(f"exr: metadata: pixelAspectRatio: expected a float from 1e-6 to 1e6, found {aspect!r}")
@@ -260,6 +252,9 @@ def write(
 ) -> list[str]:
     """Write a scanline EXR file of a single part, atomically; the same arguments give the same bytes.
 
+    Returns warnings, one line each: finite values that became infinity, NaNs in half, rounding by a compression. Raises
+    InputError for an argument that is not allowed, OutputError if the file cannot be written.
+
     Parameters
     ----------
     path : str or path-like
@@ -282,20 +277,9 @@ def write(
         `clshade.scene.geometry.camera_metadata`.
     window : (int, int, int, int), {"drawn", "covered"} or None, default None
         Data window (x0, y0, x1, y1), inclusive: only these pixels are stored, and readers take the
-        others as 0. `drawn`: the smallest window that loses nothing. `covered`: the same, but
-        +infinity in Z is not stored either: the header attribute Zbackground has `read` restore it;
+        others as 0. `drawn`: the smallest window that loses nothing. `covered`: also leaves out
+        +infinity in Z: the header attribute Zbackground has `read` restore it;
         other readers take Z as 0 there. None: the whole image, which the display window always is.
-
-    Returns
-    -------
-    list of str
-        Warnings, one line each: finite values that became infinity, NaNs in half, rounding by a
-        compression.
-
-    Raises
-    ------
-    InputError, OutputError
-        An argument is not allowed; the file cannot be written.
     """
     with atomic_files.replacing(checked_path("exr.write", "path", path)) as file:
         return encode(file, channels, compression=compression, half=half, metadata=metadata, window=window)
@@ -312,7 +296,7 @@ def encode(
     parts: Mapping[str, Part] | None = None,
     tiled: bool = False,
 ) -> list[str]:
-    """Encode an EXR into an open file, see `write`.
+    """Encode an EXR into an open file, and return warnings, see `write`.
 
     Parameters
     ----------
@@ -326,11 +310,6 @@ def encode(
         pixelAspectRatio is that of all.
     tiled : bool, default False
         Store the data window as a single tile, in place of scanlines.
-
-    Returns
-    -------
-    list of str
-        Warnings, as for `write`.
     """
     choice("exr", "compression", compression, COMPRESSIONS)
     planes = flatten(channels)
@@ -448,21 +427,12 @@ def _displayed(plane: Array, data: Window, display: Window, fill: float) -> Arra
     return whole
 
 
-def resolution(path: Path) -> tuple[int, int] | None:
-    """Return columns and rows of the display window from the header of a file; None if there is no readable EXR."""
-    try:
-        with open(path, "rb") as file:
-            for name, _, value in exr_limits.attributes(file) if file.read(8).startswith(exr_limits.MAGIC) else ():
-                if name == b"displayWindow":
-                    x0, y0, x1, y1 = struct.unpack("<4i", value)
-                    return x1 - x0 + 1, y1 - y0 + 1
-    except (OSError, ValueError, struct.error):  # or shorter than its header says
-        return None
-    return None
-
-
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     """Read a flat EXR file, written by clshade or any other program.
+
+    Raises InputError, one line that names the file, if it is missing, not an EXR, truncated, damaged, deep, subsampled, or
+    larger than 2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold
+    (`clshade.images.exr_limits`).
 
     Parameters
     ----------
@@ -473,18 +443,11 @@ def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:
     channels : dict of str to ndarray
         One (M, N) array per channel, float32, float16 or uint32 as stored, row 0 at the top, in the
         display window. Outside the data window values are 0, or what the header says of Z and
-        scalar (see `write`). R, G, B, A come first. A multi-part file gives the channels of all parts; a name
-        that an earlier part has is prefixed with the name of its part and a dot.
+        scalar (see `write`). R, G, B, A come first. A multi-part file gives the channels of all
+        parts; a name that an earlier part has is prefixed with the name of its part and a dot.
     header : dict
         Attributes of the first part; windows as (x0, y0, x1, y1) inclusive, `compression` as in
         `write`.
-
-    Raises
-    ------
-    InputError
-        The file is missing, not an EXR, truncated, damaged, deep, subsampled, or larger than
-        2^28 pixels, 2^35 bytes, the free memory or what a file of its size can hold
-        (`clshade.images.exr_limits`). The message is one line that names the file.
     """
     owner = shown(checked_path("exr.read", "path", path))
     data = read_file(path, _MAX_BYTES)

@@ -85,8 +85,7 @@ def check(headers: Sequence[dict[str, Any]], data: bytes, owner: str) -> None:
     # another value.
     copied = filled = 0
     for header, part in zip(headers, channel_bytes(data, len(headers)), strict=True):
-        _check_part(header, owner)
-        data_window, display = _area(header["dataWindow"]), _area(header["displayWindow"])
+        data_window, display = _checked_areas(header, owner)
         for channel, size in part.items():
             densest = _DENSEST.get(header["compression"], _DENSEST_OF_OTHERS)
             if header["compression"].startswith("dwa") and channel.split(".")[-1].lower() in _DWA_COLORS:
@@ -110,17 +109,17 @@ def check(headers: Sequence[dict[str, Any]], data: bytes, owner: str) -> None:
         raise file_error(owner, "file", expected, str(needed))
 
 
-def _area(window: tuple[int, int, int, int]) -> int:
-    return (window[2] - window[0] + 1) * (window[3] - window[1] + 1)
-
-
-def _check_part(header: dict[str, Any], owner: str) -> None:
+def _checked_areas(header: dict[str, Any], owner: str) -> list[int]:
+    """Return the pixels of the data window and the display window of a part."""
     if str(header.get("type", "")).startswith("deep"):
         raise file_error(owner, "type", "a flat image", "a deep one")
+    areas = []
     for name in ("dataWindow", "displayWindow"):
         x0, y0, x1, y1 = header[name]
-        if x1 < x0 or y1 < y0 or _area(header[name]) > MAX_PIXELS:
+        areas.append((x1 - x0 + 1) * (y1 - y0 + 1))
+        if x1 < x0 or y1 < y0 or areas[-1] > MAX_PIXELS:
             raise file_error(owner, name, f"1 to {MAX_PIXELS} pixels", str(header[name]))
     for channel in header["channels"]:
         if (channel.xSampling, channel.ySampling) != (1, 1):
             raise file_error(owner, channel.name, "a value for every pixel", "a subsampled channel")
+    return areas

@@ -1,10 +1,12 @@
-"""EXR and PNG files of any program, as channels."""
+"""EXR and PNG files of any program, as channels, and these grouped into layers."""
 
 from __future__ import annotations
 
+import struct
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,10 +15,10 @@ from ..base.arrays import Array
 from ..base.atomic_files import Path, shown
 from ..base.input_files import file_error, first_bytes
 from . import decode, exr, exr_limits, png
-from .channels import color_group
 
 EXR = exr_limits.MAGIC
 SIGNATURES = (EXR, png.SIGNATURE)  # what files that are read begin with
+FAMILIES = ("RGB", "XYZ", "UVW")  # components that belong together, by the last part of a channel's name
 
 
 @dataclass(frozen=True)
@@ -83,3 +85,82 @@ def read_picture(path: Path) -> Picture:
     milliseconds = (time.perf_counter() - start) * 1e3
     console.detail(f"read {picture.name}: {len(picture.channels)} channels, {milliseconds:.0f} ms")
     return picture
+
+
+def resolution_of(path: Path) -> tuple[int, int] | None:
+    """Return columns and rows of an EXR, a PNG or the .npz of a frame, from its header; None for anything else."""
+    try:
+        with open(path, "rb") as file:
+            signature = file.read(8)
+            if signature.startswith(EXR):
+                windows = (value for name, _, value in exr_limits.attributes(file) if name == b"displayWindow")
+                x0, y0, x1, y1 = struct.unpack("<4i", next(windows))
+                return x1 - x0 + 1, y1 - y0 + 1
+            if signature == png.SIGNATURE:
+                columns, rows = struct.unpack(">8x2I", file.read(16))  # after the first chunk's length and name
+                return columns, rows
+            if signature.startswith(b"PK"):
+                with np.load(path, allow_pickle=False) as arrays:
+                    columns, rows = arrays["resolution"].tolist()
+                    return int(columns), int(rows)
+    except Exception:  # damaged files raise exceptions of many types
+        pass
+    return None
+
+
+class Group(NamedTuple):
+    """A layer: one plane (M, N), or two or three of a family of components.
+
+    family: `RGB`, `XYZ` or `UVW`; "" for a single channel.
+    names, planes: of its channels, in the family's order.
+    """
+
+    family: str
+    names: tuple[str, ...]
+    planes: tuple[Array, ...]
+
+
+def group_channels(channels: Mapping[str, Array]) -> dict[str, Group]:
+    """Return layers by name, in the order of their first channels.
+
+    R, G, B (X, Y, Z; U, V, W) of one prefix, at least two of them, in either case, form the layer of that prefix: N.X,
+    N.Y and N.Z are `N`; without a prefix R, G and B are `RGB`. All other channels, including A, are layers of their
+    own.
+    """
+    families: dict[tuple[str, str], dict[str, str]] = {}
+    for name in channels:
+        prefix, _, last = name.rpartition(".")
+        letter = last.upper()
+        family = next((family for family in FAMILIES if letter in family and len(letter) == 1), "")
+        members = families.setdefault((prefix, family) if family else (name, ""), {})
+        members.setdefault(letter if family and letter not in members else name, name)
+    groups: dict[str, Group] = {}
+
+    def add(title: str, family: str, names: tuple[str, ...]) -> None:
+        while title in groups:  # names in a file may collide in any way
+            title += "'"
+        groups[title] = Group(family, names, tuple(channels[name] for name in names))
+
+    for (prefix, family), members in families.items():
+        letters = "".join(letter for letter in family if letter in members)
+        together = tuple(members[letter] for letter in letters) if len(letters) > 1 else ()
+        if together:
+            title = prefix or letters
+            add(title if title not in channels else f"{title}.{letters}", family, together)
+        for name in members.values():
+            if name not in together:
+                add(name, "", (name,))
+    return groups
+
+
+def color_group(channels: Mapping[str, Array]) -> tuple[str, list[Array]] | None:
+    """Return the layer that is the image, and its planes R, G, B.
+
+    It is `RGB`, else a gray `Y` or `L` three times, else the first color layer of any name; None if there is none.
+    """
+    groups = group_channels(channels)
+    colors = {n: list(group.planes) for n, group in groups.items() if group.family == "RGB" and len(group.planes) == 3}
+    grays = {n: list(groups[n].planes * 3) for n in ("Y", "L") if n in groups and len(groups[n].planes) == 1}
+    if "RGB" in colors:
+        return "RGB", colors["RGB"]
+    return next(iter((grays | colors).items()), None)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -45,7 +44,7 @@ def image_error(image: Array, reference: Array) -> ImageError:
     if image.shape != reference.shape:
         raise value_error("image_error", "image", f"the reference's shape {reference.shape}", image)
     shown = seen(image), seen(reference)
-    psnr = decibels(float(np.mean(_squared(*shown))))
+    psnr = decibels(float(np.mean(np.square(shown[0] - shown[1]))))
     return ImageError(rmse(image, reference), relmse(image, reference), psnr, flip_of_seen(*shown))
 
 
@@ -55,16 +54,12 @@ def rms(difference: Array) -> float:
 
 
 def rmse(image: Array, reference: Array) -> float:
-    return math.sqrt(float(np.mean(_squared(image, reference))))
+    return rms(np.subtract(image, reference, dtype=np.float64))
 
 
 def relmse(image: Array, reference: Array) -> float:
-    scale = np.square(np.asarray(reference, np.float64)) + RELATIVE_FLOOR**2
-    return float(np.mean(_squared(image, reference) / scale))
-
-
-def _squared(image: Array, reference: Any) -> Array:
-    return np.square(np.asarray(image, np.float64) - np.asarray(reference, np.float64))
+    squared = np.square(np.subtract(image, reference, dtype=np.float64))
+    return float(np.mean(squared / (np.square(np.asarray(reference, np.float64)) + RELATIVE_FLOOR**2)))
 
 
 def scale_end(difference: Array) -> float:

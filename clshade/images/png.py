@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import struct
 import zlib
@@ -17,7 +16,7 @@ from ..errors import InputError
 from .decode import read_png
 
 _LEVEL = 1  # of zlib: the filters take most of the time, and higher levels gain little on renders
-_PAGE_LEVEL = 6  # of pictures in a page, which may be enlarged pixels, zlib's own default
+PAGE_LEVEL = 6  # of pictures in a page, which may be enlarged pixels, zlib's own default
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -62,10 +61,15 @@ def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.nda
             file.write(SIGNATURE)
             chunk(b"IHDR", struct.pack(">2I5B", columns, rows, 8, {3: 2, 4: 6}[band.shape[2]], 0, 0, 0))
         for row in band:
-            data = packed.compress(_filtered(row, above))
-            above = row
-            if data:
+            # Of the filters Sub and Up the one whose differences are smaller, as the PNG specification recommends.
+            sub = row.copy()
+            sub[1:] -= row[:-1]
+            choices = {b"\1": sub, b"\2": row - above}  # by filter type
+            sums = {k: int(np.abs(v.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for k, v in choices.items()}
+            best = min(sums, key=sums.__getitem__)
+            if data := packed.compress(best + choices[best].tobytes()):
                 chunk(b"IDAT", data)
+            above = row
         above, left = above.copy(), left - len(band)  # not a view, which would keep the band
         del band, row
     assert left == 0
@@ -73,33 +77,10 @@ def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.nda
     chunk(b"IEND", b"")
 
 
-def _filtered(row: np.ndarray, above: np.ndarray) -> bytes:
-    """Return a row (N, K) as PNG stores it, with that of the filters Sub and Up whose differences are smaller, as the PNG
-    specification recommends. above: the row before it."""
-    left = row.copy()
-    left[1:] -= row[:-1]
-    choices = {b"\1": left, b"\2": row - above}  # by filter type
-    sums = {k: int(np.abs(v.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for k, v in choices.items()}
-    best = min(sums, key=sums.__getitem__)
-    return b"".join((best, choices[best].tobytes()))
-
-
-def as_uri(rgb8: np.ndarray) -> str:
-    """Return an image as a URI that holds its PNG, for a page."""
+def to_bytes(rgb8: np.ndarray, level: int = _LEVEL) -> bytes:
     file = io.BytesIO()
-    encode(file, rgb8, _PAGE_LEVEL)
-    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode('ascii')}"
-
-
-def resolution(path: Path) -> tuple[int, int] | None:
-    """Return columns and rows from the header of a PNG, without reading more; None if there is no readable PNG."""
-    try:
-        with open(path, "rb") as file:
-            # 8x skips the first chunk's length and name.
-            signature, columns, rows = struct.unpack(">8s8x2I", file.read(24))
-    except (OSError, struct.error):
-        return None
-    return (columns, rows) if signature == SIGNATURE else None
+    encode(file, rgb8, level)
+    return file.getvalue()
 
 
 def read(path: Path, *, alpha: bool = False) -> np.ndarray:

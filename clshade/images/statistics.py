@@ -15,8 +15,8 @@ from ..base.atomic_files import Path
 from ..base.json_values import in_line, named_values, plain
 from ..base.text_tables import as_lines
 from . import exr, figures
+from .figures import Thumbnail, apply_color_map, thin, thumbnails
 from .image_file import Picture, read_picture
-from .thumbnails import Thumbnail, color_mapped, thinned, thumbnails
 from .tonemap import tonemap
 
 if TYPE_CHECKING:
@@ -90,15 +90,15 @@ class Statistics:
 def _channel_statistics(plane: Array, kind: str) -> ChannelStatistics:
     values = plane.reshape(-1)
     finite = np.isfinite(values)
-    nan = int(np.count_nonzero(np.isnan(values)))
-    inf = values.size - int(np.count_nonzero(finite)) - nan
-    values = values[finite] if nan or inf else values
-    minimum, maximum, mean, percentiles = math.nan, math.nan, math.nan, [math.nan] * len(PERCENTILES)
+    nan, lost = int(np.count_nonzero(np.isnan(values))), values.size - int(np.count_nonzero(finite))
+    values = values[finite] if lost else values
+    minimum, maximum, mean, percentiles = math.nan, math.nan, math.nan, (math.nan,) * len(PERCENTILES)
     if values.size:
         minimum, maximum, mean = float(values.min()), float(values.max()), float(values.mean(dtype=np.float64))
-        percentiles = [float(value) for value in np.percentile(values, PERCENTILES, method="nearest")]
-    negative = int(np.count_nonzero(values < 0))
-    return ChannelStatistics(kind, minimum, maximum, mean, tuple(percentiles), nan, inf, negative)
+        percentiles = tuple(map(float, np.percentile(values, PERCENTILES, method="nearest")))
+    return ChannelStatistics(
+        kind, minimum, maximum, mean, percentiles, nan, lost - nan, int(np.count_nonzero(values < 0))
+    )
 
 
 def luminance(color: Array) -> Array:
@@ -135,17 +135,16 @@ def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> St
     else:
         picture = read_picture(source) if isinstance(source, (str, os.PathLike)) else Picture(exr.flatten(source))
     color = picture.color()
-    ranges: tuple[float | None, float | None] = (None, None)
     stops = np.zeros(0) if color is None else stops_of(color[1])
+    ranges: tuple[float | None, float | None] = (None, None)
     if stops.size:
         whole = float(stops.max() - stops.min())
         low, high = np.percentile(stops, (0.1, 99.9), method="nearest", overwrite_input=True)  # saves a copy
         ranges = whole, float(high - low)
     del stops
+    coded = f"{picture.bits}-bit" if picture.bits else ""
     channels = {
-        name: _channel_statistics(
-            plane, f"{picture.bits}-bit" if picture.bits else _TYPES.get(str(plane.dtype), str(plane.dtype))
-        )
+        name: _channel_statistics(plane, coded or _TYPES.get(str(plane.dtype), str(plane.dtype)))
         for name, plane in picture.channels.items()
     }
     return Statistics(picture.shape, channels, None if color is None else color[0], *ranges)
@@ -204,7 +203,7 @@ def draw(picture: Picture, title: str) -> Figure:
     if color is not None:
         top, bottom = bottom.subfigures(2, 1, height_ratios=[upper, lower])
         left, right = top.subfigures(1, 2, width_ratios=[3, 2.6])
-        small = thinned(color[1], _SIDE)
+        small = thin(color[1], _SIDE)
         for axes, stops in zip(left.subplots(3, 3).reshape(-1), STOPS, strict=True):
             caption = f"{stops:+d} stop{'' if abs(stops) == 1 else 's'}" if stops else "as it is"
             figures.show_pixels(axes, tonemap(small, "srgb", stops), caption)
@@ -214,41 +213,27 @@ def draw(picture: Picture, title: str) -> Figure:
 
 
 def _draw_luminance(figure: Any, color: Array) -> None:
-    """Draw false colors and a histogram of linear (M, N, 3), on one scale of stops."""
+    """Draw false colors and a histogram of linear (M, N, 3), on one scale of stops.
+
+    The bins have a width of a power of two of a stop, the smallest that gives at most _BINS.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     above, below = figure.subplots(2, 1, height_ratios=[2, 1])
-    stops = stops_of(color)
+    stops, pixels = stops_of(color), color.shape[0] * color.shape[1]
     low, high = -1.0, 1.0  # in whole stops
     if stops.size:
         percentiles = np.percentile(stops, _MIDDLE)
         low = math.floor(percentiles[0])
         high = max(math.ceil(percentiles[1]), low + 1.0)
-    colored = false_colors(luminance(thinned(color, _SIDE)), low, high)
+    colored = false_colors(luminance(thin(color, _SIDE)), low, high)
     figures.show_pixels(above, colored.pixels, f"luminance, {colored.note}")
     figure.colorbar(ScalarMappable(Normalize(low, high), "turbo"), ax=above, label="stops, 0 is 1.0")
-    _draw_histogram(below, stops, color.shape[0] * color.shape[1])
-
-
-def false_colors(values: Array, low: float, high: float) -> Thumbnail:
-    """Map luminances (M, N) by stops from blue at `low` to red at `high`; those without stops get their own colors."""
-    lit = np.isfinite(values) & (values > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = np.where(lit, (np.log2(np.where(lit, values, 1.0)) - low) / (high - low), 0.0)
-    pixels = color_mapped(np.clip(place, 0.0, 1.0), "turbo")
-    pixels[values <= 0.0] = BLACK
-    pixels[np.isinf(values)] = INFINITE
-    pixels[np.isnan(values)] = NAN
-    return Thumbnail(pixels, "black: 0 or less, magenta: NaN, white: infinite")
-
-
-def _draw_histogram(axes: Any, stops: Array, pixels: int) -> None:
-    """Draw a luminance histogram: bins of a power of two of a stop, the smallest that give at most _BINS."""
-    axes.set_xlabel("luminance in stops, 0 is 1.0", fontsize=8)
-    axes.set_ylabel("% of pixels", fontsize=8)
-    axes.tick_params(labelsize=8)
-    axes.set_title(f"{len(stops) / pixels:.1%} of the pixels are above 0 and finite", fontsize=8)
+    below.set_xlabel("luminance in stops, 0 is 1.0", fontsize=8)
+    below.set_ylabel("% of pixels", fontsize=8)
+    below.tick_params(labelsize=8)
+    below.set_title(f"{len(stops) / pixels:.1%} of the pixels are above 0 and finite", fontsize=8)
     if not stops.size:
         return
     width = 0.125
@@ -256,5 +241,17 @@ def _draw_histogram(axes: Any, stops: Array, pixels: int) -> None:
         width *= 2.0
     first = math.floor(stops.min() / width)
     counts = np.bincount((np.floor(stops / width) - first).astype(np.int64))
-    axes.bar((first + np.arange(len(counts))) * width, 100.0 * counts / pixels, width, align="edge", color="#1f5fa8")
-    axes.set_yscale("log")
+    below.bar((first + np.arange(len(counts))) * width, 100.0 * counts / pixels, width, align="edge", color="#1f5fa8")
+    below.set_yscale("log")
+
+
+def false_colors(values: Array, low: float, high: float) -> Thumbnail:
+    """Map luminances (M, N) by stops from blue at `low` to red at `high`; those without stops get their own colors."""
+    lit = np.isfinite(values) & (values > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = np.where(lit, (np.log2(np.where(lit, values, 1.0)) - low) / (high - low), 0.0)
+    pixels = apply_color_map(np.clip(place, 0.0, 1.0), "turbo")
+    pixels[values <= 0.0] = BLACK
+    pixels[np.isinf(values)] = INFINITE
+    pixels[np.isnan(values)] = NAN
+    return Thumbnail(pixels, "black: 0 or less, magenta: NaN, white: infinite")

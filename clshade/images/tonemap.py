@@ -16,14 +16,17 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Bytes, Floats
+from ..base.arrays import Array, Bytes, Floats, Reals
 from ..base.validation import choice
 from ..errors import InputError
 
 Operator: TypeAlias = Literal["none", "srgb", "reinhard", "hable", "aces", "neutral", "agx"]
 OPERATORS: tuple[Operator, ...] = get_args(Operator)
+WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 MAX_EXPOSURE = 300.0  # stops; all of float32, denormals included, lies within 277 stops of 1
 
+_LIGHT, _DARK = 204, 153  # codes of a checkerboard, as image editors draw it
+_SQUARE = 8  # pixels
 _TABLE_EXPOSURE = 100.0  # stops; beyond, thresholds approach the denormals, where table entries are too coarse
 _SATURATED = 1e30  # every operator reaches its last code far below; keeps squares finite
 _LOW_BITS = 15  # a table entry covers the float32 values that differ only in their last 15 bits
@@ -123,13 +126,10 @@ def _hable(x: Array) -> Array:
     return (x * (a * x + c * b) + d * e) / (x * (a * x + b) + d * f) - e / f
 
 
-_CURVES: dict[str, Callable[[Array], Array]] = {
-    "none": lambda x: x,
-    "srgb": lambda x: x,
+_CURVES: dict[str, Callable[[Array], Array]] = {  # of those without one, the identity
     "reinhard": lambda x: x / (1.0 + x),
     "hable": lambda x: _hable(2.0 * x) / _hable(np.float64(11.2)),
     "aces": lambda x: (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14),
-    "neutral": lambda x: x,
     "agx": lambda x: np.minimum(x, 1.0) ** 2.2,
 }
 
@@ -143,7 +143,7 @@ def _exposed(values: Array, exposure: float) -> Floats:
 
 def _encoded(x: Array, operator: str) -> Array:
     """Evaluate the curve of a single channel: 0 to 1."""
-    y = np.clip(_CURVES[operator](x), 0.0, 1.0)
+    y = np.clip(_CURVES[operator](x) if operator in _CURVES else x, 0.0, 1.0)
     return y if operator == "none" else srgb_curve(y)
 
 
@@ -323,3 +323,44 @@ def radiance(codes: Array, operator: Operator = "srgb", exposure: float = 0.0) -
         with np.errstate(over="ignore"):
             values = JOINT[operator][1](values) * 2.0**-stops
     return values
+
+
+# Images over nothing: straight alpha from premultiplied colors, and what shows through.
+
+
+def straight(rgba: Reals) -> Reals:
+    """Return the colors (M, N, 3) of premultiplied (M, N, 4): divided by alpha, 0 where that is 0."""
+    alpha = rgba[..., 3:]
+    colors: Reals = np.divide(rgba[..., :3], alpha, out=np.zeros_like(rgba[..., :3]), where=alpha > 0.0)
+    return colors
+
+
+def tonemap_rgba(rgba: Reals, operator: Operator, exposure: float = 0.0) -> Bytes:
+    """Return the display image of premultiplied linear floats (M, N, 4) with straight alpha, uint8 (M, N, 4).
+
+    The color is divided by alpha, then tone-mapped as `tonemap` does; alpha, which is linear, becomes round(255*alpha).
+    """
+    alpha = np.clip(np.nan_to_num(rgba[..., 3]), 0.0, 1.0)
+    codes = np.floor(255.0 * alpha.astype(np.float64) + 0.5).astype(np.uint8)
+    with np.errstate(over="ignore"):
+        return np.dstack([tonemap(straight(rgba), operator, exposure), codes])
+
+
+def over(picture: Bytes, ground: Bytes | tuple[int, int, int]) -> Bytes:
+    """Return a display image without transparency, uint8 (M, N, 3): as viewers show it over a ground of that color, (3,),
+    or of a color each pixel, (M, N, 3). An image (M, N, 3) is returned as it is.
+
+    The codes are mixed, as viewers do, not the light.
+    """
+    if picture.shape[2] == 3:
+        return picture
+    share = picture[..., 3:].astype(np.uint32)
+    mixed = picture[..., :3] * share + np.asarray(ground, np.uint32) * (255 - share)
+    return ((mixed + 127) // 255).astype(np.uint8)
+
+
+def over_checkers(picture: Bytes) -> Bytes:
+    """Return a display image over gray squares where it is transparent, see `over`."""
+    rows, columns = (np.arange(length) // _SQUARE for length in picture.shape[:2])
+    ground: Array = np.where((rows[:, None] + columns) % 2, _DARK, _LIGHT)
+    return over(picture, np.repeat(ground[..., None], 3, axis=2).astype(np.uint8))

@@ -77,6 +77,19 @@ class Surface:
         return Surface(self.n, np.abs(self.ka_Ia), {name: np.abs(k) for name, k in self.k.items()})
 
 
+# Functions, not lambdas: workers that grade take terms from their parent.
+def _lambert(at: Directions, n: Floats) -> Floats:
+    return np.maximum(at.n_l, 0.0)
+
+
+def _no_jump(at: Directions, n: Floats, reach: Floats) -> Floats:
+    return np.zeros(())
+
+
+def _not_steep(at: Directions, n: Floats) -> Floats:
+    return np.ones(())
+
+
 class Term(NamedTuple):
     """A term of the model.
 
@@ -86,8 +99,8 @@ class Term(NamedTuple):
     """
 
     value: Callable[[Directions, Floats], Floats]
-    jump: Callable[[Directions, Floats, Floats], Floats] = lambda at, n, reach: np.zeros(())
-    steepness: Callable[[Directions, Floats], Floats] = lambda at, n: np.ones(())
+    jump: Callable[[Directions, Floats, Floats], Floats] = _no_jump
+    steepness: Callable[[Directions, Floats], Floats] = _not_steep
 
 
 def mirrored(at: Directions) -> tuple[Floats, Floats]:
@@ -135,7 +148,7 @@ def _specular_steepness(at: Directions, n: Floats) -> Floats:
 
 
 TERMS = {  # by coefficient
-    "kd": Term(lambda at, n: np.maximum(at.n_l, 0.0)),
+    "kd": Term(_lambert),
     "ks": Term(specular, _specular_jump, _specular_steepness),
 }
 _VALUES = {name: term.value for name, term in TERMS.items()}

@@ -222,7 +222,7 @@ class Frame(Picture):
             Stops, -300 to 300; +1 doubles the radiance.
         """
         from ..images.tonemap import tonemap as apply
-        from ..images.transparency import tonemap_rgba
+        from ..images.tonemap import tonemap_rgba
 
         operator = default_tonemap(self.scene) if tonemap is None else tonemap
         if self.scene.background is None:
@@ -316,7 +316,7 @@ class Frame(Picture):
         path, **options
             See `save`.
         """
-        from ..images import depth_png, npz, png
+        from ..images import depth_png, png
 
         saving = frame_files.check_output(path, self.settings, **options)
         paths = frame_files.chosen_paths(path, saving["files"])
@@ -330,7 +330,7 @@ class Frame(Picture):
         encoders: dict[FileKind, frame_files.Encoder] = {
             "exr": lambda file: self._encode_exr(file, saving),
             "png": lambda file: png.encode(file, image()),
-            "npz": lambda file: npz.encode(file, self.arrays(deterministic=deterministic)),
+            "npz": lambda file: frame_files.encode_npz(file, self.arrays(deterministic=deterministic)),
             "depth": lambda file: depth_png.encode(
                 file, self["Z"], saving["depth_scale"], ("Frame.save", "depth_scale")
             ),

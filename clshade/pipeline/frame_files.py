@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias, TypedDict, 
 import numpy as np
 
 from ..base import atomic_files
-from ..base.arrays import Bytes
+from ..base.arrays import Array, Bytes
 from ..base.atomic_files import Path as AnyPath
 from ..base.validation import choice, flag, known, number, sequence, value_error
 from ..base.validation import path as checked_path
@@ -109,14 +109,6 @@ def chosen_paths(path: AnyPath, files: Sequence[FileKind] | None = None) -> dict
     return {kind: stem.with_name(stem.name + ENDINGS[kind]) for kind in KINDS if kind in chosen}
 
 
-def resolution_of(path: str, kind: FileKind) -> tuple[int, int] | None:
-    """Return columns and rows of a file that `Frame.save` wrote, from its header; None if it is no such file."""
-    from ..images import exr, npz, png
-
-    resolution: tuple[int, int] | None = {"exr": exr, "npz": npz}.get(kind, png).resolution(path)
-    return resolution
-
-
 def check_layers(files: Container[str], layers: Container[str]) -> None:
     """Raise InputError if a file shows a layer that is not there."""
     if "depth" in files and "Z" not in layers:
@@ -177,9 +169,9 @@ def header(scene: Scene, settings: Settings, layers: Container[str]) -> dict[str
 def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Operator | None, exposure: float) -> Bytes:
     """Return the 8-bit image with a bar of the color map of `settings.scalars` to its right, on its background, or
     on white if that is no color."""
-    from ..images import colorbar
+    from ..images import figures
+    from ..images.tonemap import WHITE
     from ..images.tonemap import tonemap as apply
-    from ..images.transparency import WHITE
 
     scalars: Any = settings.scalars
     ground = np.array(WHITE, np.uint8)
@@ -187,7 +179,21 @@ def with_colorbar(image: Bytes, scene: Scene, settings: Settings, tonemap: Opera
         color = np.asarray(scene.background, np.float32)[None, None]
         ground = apply(color, tonemap or default_tonemap(scene), exposure)[0, 0]
     color_map = color_map_of(scene, scalars)
-    return colorbar.with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
+    return figures.with_colorbar(image, scalars.colormap, (color_map.low, color_map.high), scalars.name, ground)
+
+
+def encode_npz(file: BinaryIO, arrays: Mapping[str, Array]) -> None:
+    """Write arrays to an open .npz, as `numpy.savez_compressed` does; `numpy.load` reads them without pickle.
+
+    Equal arrays give equal bytes: members have the date 1980-01-01, which `ZipFile.open` gives them.
+    Raises ValueError for arrays of objects.
+    """
+    import zipfile
+
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:  # higher ones gain little
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
 
 
 def write_files(paths: Mapping[FileKind, Path], encoders: Mapping[FileKind, Encoder]) -> list[str]:

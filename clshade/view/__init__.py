@@ -20,12 +20,9 @@ _HOMES = {
 __all__ = ["Film", "Poster", "Sheet", "draw_film", "draw_poster", "draw_sheet"]
 
 if TYPE_CHECKING:
-    from .film import Film as Film
-    from .film import draw_film as draw_film
-    from .poster import Poster as Poster
-    from .poster import draw_poster as draw_poster
-    from .sheet import Sheet as Sheet
-    from .sheet import draw_sheet as draw_sheet
+    from .film import Film, draw_film
+    from .poster import Poster, draw_poster
+    from .sheet import Sheet, draw_sheet
 
 
 def __getattr__(name: str) -> Any:

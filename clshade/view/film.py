@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base import console
-from ..base.arrays import Array, Bytes, Floats
+from ..base.arrays import Array
 from ..base.atomic_files import check, replacing, shown
 from ..base.validation import arguments, flag, integer, keywords
 from ..base.validation import path as checked_path
@@ -23,18 +23,16 @@ from ..errors import InputError
 from ..farm.frames import parse_pattern
 from ..farm.running import LINES, Run, check_numbered, draw_frames
 from ..images import exr, png
-from ..images.colorbar import bar_width
-from ..images.tonemap import Operator, display_values
-from ..images.transparency import BLACK, over
+from ..images.figures import bar_width
+from ..images.tonemap import BLACK, Operator, display_values, over
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
 from ..scene.camera import Camera
 from ..scene.model import Scene, default_tonemap
 from ..scene.pose import Pose
-from ..scene.settings import FrameOptions
 from . import video
-from .film_format import FilmFormat, checked_rate, format_of
-from .frame_folder import FrameFolder, digest_of
+from .frame_folder import FarmOptions, FrameFolder, digest_of, split_options
+from .video import FilmFormat, checked_rate, format_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -53,18 +51,14 @@ class Film:
         The film's file.
     run : Run
         How its frames were drawn.
-    count : int
-        Number of frames.
-    fps : Fraction
-        Frames per second.
+    count, fps : int, Fraction
+        Number of frames in all, and per second.
     resolution : tuple of int
         Columns and rows of the film; even in MP4 and WebM.
     codec, pixels : str
         How the film is encoded, and what its pixels hold.
-    size : int
-        Bytes of the file.
-    encode_seconds : float
-        Time to encode it, after the frames were drawn.
+    size, encode_seconds : int, float
+        Bytes of the file, and the time to encode it, after the frames were drawn.
     frames : str or None
         The folder of the frames, if they are kept.
     """
@@ -120,16 +114,13 @@ def draw_film(
     bits: int = 8,
     keep_frames: bool = False,
     saving: SavingOptions | None = None,
-    overwrite: bool = False,
-    workers: int = 1,
-    scheduler: str | None = None,
-    timeout: float = 10.0,
-    frame_timeout: float | None = None,
-    progress: bool = True,
-    device: str | None = None,
-    **settings: Unpack[FrameOptions],
+    **options: Unpack[FarmOptions],
 ) -> Film:
     """Draw frames of a scene, and write them as a film.
+
+    Raises InputError if an argument is refused, or PyAV is missing, which MP4 and WebM need; and what
+    `clshade.farm.draw_frames` raises. An earlier film stays then, and so do frames that were drawn:
+    the next call with the same arguments continues from them.
 
     Parameters
     ----------
@@ -158,16 +149,8 @@ def draw_film(
         Also draw frames that an earlier run left.
     workers, scheduler, timeout, frame_timeout, progress, device
         See `clshade.farm.draw_frames`.
-    **settings
+    **options
         Keywords of `clshade.render`.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, or PyAV is missing, which MP4 and WebM need.
-    DeviceError, OutputError, WorkerError
-        See `clshade.farm.draw_frames`. An earlier film stays, and so do frames that were drawn: the
-        next call with the same arguments continues from them.
     """
     name = os.fspath(path)
     check_numbered(cameras, poses)
@@ -176,42 +159,28 @@ def draw_film(
     file_kind: FileKind = "png" if bits == 8 else "exr"
     folder = FrameFolder(name)
     keep_frames = keep_frames or folder.kept
-    options: SavingOptions = {**saving} if saving else {}
-    bar = options.get("colorbar", False)
+    farming, settings = split_options(options)
+    saved: SavingOptions = {**saving} if saving else {}
+    bar = saved.get("colorbar", False)
     if bar and file_kind == "exr":
         raise InputError("--colorbar: cannot go with --bit-depth 10, for a film of the EXR files")
     columns, rows = _resolution(cameras, kind, colorbar=bar)
     if not keep_frames:
-        options["files"] = (file_kind,)
+        saved["files"] = (file_kind,)
         settings["layers"] = ()
     scene_drawn, settings_drawn = effective_settings(scene, **settings)
     views: Any = cameras if poses is None else (list(cameras.items()), _source(poses, cameras))
-    with folder.of(digest_of(scene_drawn, settings_drawn, views, {**options, "files": None}), keep_frames):
+    with folder.of(digest_of(scene_drawn, settings_drawn, views, {**saved, "files": None}), keep_frames):
         check(name)
-        run = draw_frames(
-            scene,
-            cameras,
-            folder.pattern,
-            poses=poses,
-            workers=workers,
-            scheduler=scheduler,
-            timeout=timeout,
-            frame_timeout=frame_timeout,
-            overwrite=overwrite,
-            progress=progress,
-            device=device,
-            saving=options,
-            **settings,
-        )
+        run = draw_frames(scene, cameras, folder.pattern, poses=poses, saving=saved, **farming, **settings)
         start = time.perf_counter()
+        progress = farming.get("progress", True)
         if progress:
             console.progress(f"{shown(name)}: encoding {len(cameras)} frames")
-        load: Callable[[str], Array] = partial(_display_image, alpha=kind.alpha)
-        if file_kind == "exr":
-            tonemap = options.get("tonemap") or default_tonemap(scene_drawn)
-            load = partial(_tone_mapped, tonemap=tonemap, exposure=options.get("exposure", 0.0))
         names = parse_pattern(folder.pattern, len(cameras))
-        images = [partial(load, names.names(number, (file_kind,))[0]) for number in sorted(cameras)]
+        files = [names.names(number, (file_kind,))[0] for number in sorted(cameras)]
+        look = saved.get("tonemap") or default_tonemap(scene_drawn), saved.get("exposure", 0.0)
+        images = [partial(_display_image, file, kind.alpha, *look) for file in files]
         with replacing(name) as file:
             if kind.encoder:
                 video.encode_video(file, _loaded(images, name if progress else ""), len(images), rate, kind)
@@ -262,16 +231,13 @@ def _resolution(cameras: Mapping[int, Camera], kind: FilmFormat, *, colorbar: bo
     return columns, rows
 
 
-def _display_image(name: str, *, alpha: bool) -> Bytes:
-    """Read the codes of a PNG: with its alpha, or over black."""
-    picture = png.read(name, alpha=True)
+def _display_image(file: str, alpha: bool, tonemap: Operator, exposure: float) -> Array:
+    """Read the codes of a PNG, with its alpha or over black, or the colors of an EXR as display values."""
+    if file.endswith(".exr"):
+        channels, _ = exr.read(file)
+        return display_values(np.stack([channels[channel] for channel in "RGB"], axis=-1), tonemap, exposure)
+    picture = png.read(file, alpha=True)
     return picture if alpha else over(picture, BLACK)
-
-
-def _tone_mapped(name: str, *, tonemap: Operator, exposure: float) -> Floats:
-    """Read the colors of an EXR as display values."""
-    channels, _ = exr.read(name)
-    return display_values(np.stack([channels[channel] for channel in "RGB"], axis=-1), tonemap, exposure)
 
 
 def _loaded(images: Sequence[Callable[[], Array]], name: str) -> Iterator[Array]:

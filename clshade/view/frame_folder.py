@@ -18,10 +18,30 @@ import numpy as np
 from ..base import console, interrupts
 from ..base.atomic_files import folder_made, lock_file, naming, shown, write_bytes, write_error
 from ..errors import InputError
+from ..scene.settings import FrameOptions
 
 _LOCK = "lock"
 _FRAME = re.compile(r"\d{4,}\.(exr|png)")
 _TEMPORARY = re.compile(r"\.clshade-[0-9a-f]{16}\.tmp")
+
+
+class FarmOptions(FrameOptions, total=False):
+    """Keywords of `clshade.farm.draw_frames` that say by whom and how frames are drawn, and of `clshade.render`."""
+
+    overwrite: bool
+    workers: int
+    scheduler: str | None
+    timeout: float
+    frame_timeout: float | None
+    progress: bool
+    device: str | None
+
+
+def split_options(options: FarmOptions) -> tuple[dict[str, Any], FrameOptions]:
+    """Split options into keywords of `draw_frames` and keywords of `clshade.render`."""
+    settings: Any = {**options}
+    names = FarmOptions.__annotations__.keys() - FrameOptions.__annotations__.keys()
+    return {name: settings.pop(name) for name in names & settings.keys()}, settings
 
 
 def digest_of(*values: Any) -> str:

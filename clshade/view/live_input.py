@@ -78,9 +78,9 @@ def checked(message: Any) -> tuple[str, dict[str, Any]]:
         raise value_error("view", "type", f"one of {', '.join(MESSAGES)}", kind)
     fields = MESSAGES[kind]
     if kind == "set":
-        given = [name for name in message if name != "type"]
-        known("view", given, fields)
-        fields = {name: field for name, field in fields.items() if name in given}
+        names = [name for name in message if name != "type"]
+        known("view", names, fields)
+        fields = {name: field for name, field in fields.items() if name in names}
     return kind, {name: field.check(kind, name, message.get(name, field.default)) for name, field in fields.items()}
 
 

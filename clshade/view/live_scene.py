@@ -112,9 +112,9 @@ class LiveScene:
         loaded = source.load()
         lit = source.arrange(loaded, source.environment)
         scene, _ = lit
-        given = {name: value for name, value in source.settings.items() if name not in ("resolution", "preset")}
+        chosen = {name: value for name, value in source.settings.items() if name not in ("resolution", "preset")}
         preset = source.settings.get("preset")
-        _, settings = effective_settings(scene, preset, **picture_fields(scene, preset, **given))
+        _, settings = effective_settings(scene, preset, **picture_fields(scene, preset, **chosen))
         camera, resolution = camera_of(scene, source.camera, fit=source.fit), source.settings.get("resolution")
         camera = camera if resolution is None else camera.with_resolution(resolution)
         scaled_lights(scene, source.lights, "--light-intensity")  # refuses what the view could not use
@@ -122,7 +122,7 @@ class LiveScene:
         self._loaded, self._lit = loaded, {source.environment: lit}
         self._contact_shadow: Texture | None = None
         # The renderer chooses a distance of ambient occlusion, which depends on the ground.
-        self.settings = replace(settings, ao_distance=given.get("ao_distance"))
+        self.settings = replace(settings, ao_distance=chosen.get("ao_distance"))
         self.scene, self.first_camera, self.stamps = scene, camera, stamps
         self.version += 1
 
@@ -238,26 +238,24 @@ class LiveScene:
         unlit = view.environment == "none"  # by an environment, which then has no direction nor intensity
         repeated = [option for option in source.options if not (unlit and option.startswith("--environment-"))]
         intensity = source.environment_intensity if view.environment_intensity is None else view.environment_intensity
-        options: dict[str, Any] = {} if view.environment is None else {"environment": view.environment}
-        if intensity is not None and not unlit:
-            options["environment_intensity"] = intensity
-        if look != "plain" or not scene.own_lights:
-            options["look"] = look
-        if view.ground != self.has_default_ground(view.environment, view.settings):
-            options["ground"] = view.ground
-        for name, vector in (("position", camera.eye), ("focal_point", camera.lookat), ("view_up", camera.up)):
-            options[f"camera_{name}"] = tuple(vector.tolist())
-        if view.view_angle is not None:
-            options["camera_view_angle"] = view.view_angle
-        if source.settings.get("resolution") is None and camera.resolution != scene.camera.resolution:
-            options["resolution"] = camera.resolution
+        has_size = source.settings.get("resolution") is not None or camera.resolution == scene.camera.resolution
+        default_ground = self.has_default_ground(view.environment, view.settings)
+        is_scaled = look != "studio" and any(factor != 1.0 for factor in view.lights)
+        options = {  # None: as without the option
+            "environment": view.environment,
+            "environment_intensity": None if unlit else intensity,
+            "look": None if look == "plain" and scene.own_lights else look,
+            "ground": None if view.ground == default_ground else view.ground,
+            "camera_position": tuple(camera.eye.tolist()),
+            "camera_focal_point": tuple(camera.lookat.tolist()),
+            "camera_view_up": tuple(camera.up.tolist()),
+            "camera_view_angle": view.view_angle,
+            "resolution": None if has_size else camera.resolution,
+            "light_intensity": view.lights if is_scaled else None,
+            "tonemap": None if tonemap == default_tonemap(scene) else tonemap,
+            "exposure": exposure or None,
+        }
+        chosen = [as_option(name, value) for name, value in options.items() if value is not None]
         changed = changed_fields(view.settings, scene, preset)
-        options |= {name: value for name, value in changed.items() if name not in REPEATED}
-        if look != "studio" and any(factor != 1.0 for factor in view.lights):
-            options["light_intensity"] = view.lights
-        if tonemap is not None and tonemap != default_tonemap(scene):
-            options["tonemap"] = tonemap
-        if exposure:
-            options["exposure"] = exposure
-        given = [as_option(name, value) for name, value in options.items()]
-        return ["clshade", "render", as_argument(source.name), *repeated, *given]
+        chosen += [as_option(name, value) for name, value in changed.items() if name not in REPEATED]
+        return ["clshade", "render", as_argument(source.name), *repeated, *chosen]

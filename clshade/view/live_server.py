@@ -14,7 +14,7 @@ from collections import defaultdict, deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -39,8 +39,6 @@ MAX_MESSAGE = 1 << 16  # bytes, from a client
 CLOSE_SECONDS = 0.2  # for clients to say goodbye
 SEND_SECONDS = 30.0  # for a client to take a message; one that reads nothing is cut off
 KEPT_TIMES = 10_000  # of pictures, of each kind
-
-State: TypeAlias = Literal["loading", "compiling", "drawing", "idle"]  # what a client waits for
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -84,7 +82,7 @@ class LiveStats:
         rows = []
         for (samples, scale), kind in sorted(self._times.items()):
             values = ([times[name] for times in kind if name in times] for name in names)
-            medians = [f"{np.median(each):.2f}" if each else "-" for each in values]
+            medians = [f"{np.median(ms):.2f}" if ms else "-" for ms in values]
             rows.append([f"{samples}", f"1/{scale**2}" if scale > 1 else "all", f"{len(kind):,}", *medians])
         lines = text_tables.as_lines(["samples", "pixels", "pictures", *(f"{name} ms" for name in names)], rows)
         if self._intervals:
@@ -107,8 +105,8 @@ class LiveServer:
         self.stats, self.loaded = LiveStats(), asyncio.Event()
         self._open_scene, self._socket, self._page = open_scene, listening, page
         self._pending = 0  # functions that wait for the thread that draws, or run in it
-        self._state: State = "loading"
-        self._since = time.monotonic()  # when the state began
+        # What clients wait for: loading, compiling, drawing or idle; and when that began.
+        self._state, self._since = "loading", time.monotonic()
         self.clients: set[_Client] = set()
         self.token = secrets.token_urlsafe(24)
         self.port: int = listening.getsockname()[1]
@@ -223,12 +221,10 @@ class LiveServer:
         """Tell clients when they wait for something else."""
         while True:
             await asyncio.sleep(STATE_SECONDS)
-            state: State = "idle"
-            if not self.loaded.is_set():
-                state = "loading"
-            elif self._pending:
-                # Between two kernels the compiler is not at work.
-                state = "compiling" if console.is_compiling() or self._state == "compiling" else "drawing"
+            # Between two kernels the compiler is not at work.
+            compiling = console.is_compiling() or self._state == "compiling"
+            state = ("compiling" if compiling else "drawing") if self._pending else "idle"
+            state = state if self.loaded.is_set() else "loading"
             if state != self._state:
                 self._state, self._since = state, time.monotonic()
                 await self.tell_all(self.state())
@@ -268,9 +264,8 @@ class _Client:
         transport: asyncio.BaseTransport | None,
         size: dict[str, Any],
     ) -> None:
-        self.server, self.socket, self._transport = server, ws, transport
+        self.server, self.socket, self._transport, self._size = server, ws, transport, size
         self.session: Session | None = None
-        self._size = size
         self.changed = asyncio.Event()  # something may be due
         self._in_flight = 0  # pictures
         self._moved_at: float | None = None  # when the latest picture was drawn, if it was in motion
@@ -314,31 +309,29 @@ class _Client:
     async def _receive(self) -> None:
         async for message in self.socket:
             if message.type == WSMsgType.TEXT:
-                await self._handle(message.data)
+                try:
+                    await self._handle(json.loads(message.data))
+                except Exception as error:
+                    await self.tell({"type": "error", "text": _line(error)})
+                self.changed.set()
 
-    async def _handle(self, text: str) -> None:
-        try:
-            message = json.loads(text)
-            if not isinstance(message, dict):
-                raise InputError("view: message: expected an object")
-            session, kind = self.session, message.get("type")
-            if session is None:
-                self._size = message if kind == "size" else self._size
-                return  # nothing else to change yet
-            if kind == "shown":
-                self._in_flight = max(0, self._in_flight - 1)
-            elif kind == "reload":
-                await self.server.reload()
-            else:
-                if kind == "set" and "environment" in message:
-                    await self.server.in_drawing(session.checked_environment, message["environment"])
-                in_drawing = kind in ANSWERED
-                reply = await self.server.in_drawing(session.handle, message) if in_drawing else session.handle(message)
-                if reply is not None:
-                    await self.tell(reply)
-        except Exception as error:
-            await self.tell({"type": "error", "text": _line(error)})
-        self.changed.set()
+    async def _handle(self, message: Any) -> None:
+        if not isinstance(message, dict):
+            raise InputError("view: message: expected an object")
+        session, kind = self.session, message.get("type")
+        if session is None:
+            self._size = message if kind == "size" else self._size  # nothing else to change yet
+        elif kind == "shown":
+            self._in_flight = max(0, self._in_flight - 1)
+        elif kind == "reload":
+            await self.server.reload()
+        else:
+            if kind == "set" and "environment" in message:
+                await self.server.in_drawing(session.checked_environment, message["environment"])
+            in_drawing = kind in ANSWERED
+            reply = await self.server.in_drawing(session.handle, message) if in_drawing else session.handle(message)
+            if reply is not None:
+                await self.tell(reply)
 
     async def _send_pictures(self) -> None:
         await self.server.loaded.wait()

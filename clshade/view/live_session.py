@@ -7,6 +7,7 @@ padded to whole 8 bytes; the arrays, each padded to 8 bytes.
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 import time
@@ -29,11 +30,23 @@ from ..pipeline.frame_files import KINDS, chosen_paths
 from ..scene.camera import Camera
 from ..scene.model import default_tonemap
 from ..scene.settings import SHADERS, Settings
-from .live_input import ANSWERED, checked, dolly, fly, orbit, pan
+from .live_input import checked, dolly, fly, orbit, pan
 from .live_scene import LiveScene, View, in_motion
-from .refinement import Refinement, Step
 
+SAMPLES = (1, 4, 16, 64)
+SCALES = (1, 2, 4)  # pixels of a full picture per pixel of a coarse one, across and down
+FRAME_MS = 33.0  # of a picture while the view moves: 30 frames/s
+LARGE = 1_000_000  # triangles: larger scenes get no renderers for the steps in between
 _ALIGNMENT = 8  # bytes: typed arrays of a browser begin at multiples of their elements' size
+
+
+@dataclass(frozen=True)
+class Step:
+    """A picture: its samples per pixel, and how much coarser it is in both directions. last: nothing follows it."""
+
+    samples: int
+    scale: int = 1
+    last: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,10 +114,10 @@ class Session:
         Raises InputError, and OutputError from a snapshot; nothing changes then.
         """
         kind, fields = checked(message)
-        if kind in ANSWERED:
-            answers: dict[str, Callable[..., dict[str, Any]]] = {"probe": self.probe, "snapshot": self.snapshot}
-            answer = answers[kind](**fields) if kind in answers else {"command": self.command()}
-            return {"type": kind, **answer}
+        answers: dict[str, Callable[..., dict[str, Any]]] = {"probe": self.probe, "snapshot": self.snapshot}
+        answers["command"] = lambda: {"command": self.command()}
+        if kind in answers:
+            return {"type": kind, **answers[kind](**fields)}
         moves: dict[str, Callable[..., Camera]] = {"orbit": orbit, "pan": pan, "fly": fly}
         moves["dolly"] = partial(dolly, first=self._first.camera)
         if kind in moves:
@@ -113,21 +126,17 @@ class Session:
         elif kind == "reset":
             self._change(replace(self.view, camera=self._first.camera))
         elif kind == "size":
-            self._resize(**fields)
+            self._window = fields["columns"], fields["rows"]  # of pictures too, unless the source has a resolution
+            self._first = self._scene.first_view(self._window)
+            view = self._placed(self.view)
+            if view.camera.resolution != self.view.camera.resolution:
+                self._change(view)
         elif kind == "set":
             before = self.options()
             self._set(fields)
             if self.options() != before:  # not those that the client knows, or others are allowed
                 return {"type": "options", **self.options()}
         return None
-
-    def _resize(self, columns: int, rows: int) -> None:
-        """Take over the size of the client's window, pixels: that of pictures, unless the source has another."""
-        self._window = columns, rows
-        self._first = self._scene.first_view(self._window)
-        view = self._placed(self.view)
-        if view.camera.resolution != self.view.camera.resolution:
-            self._change(view)
 
     def _placed(self, view: View) -> View:
         """Return a view with the resolution and the lens of the first one."""
@@ -138,26 +147,25 @@ class Session:
     def _set(self, fields: Mapping[str, Any]) -> None:
         """Change settings (fields of Settings), lights, surroundings, and what the display shows."""
 
-        def given(kind: type[Display | View | Settings]) -> dict[str, Any]:
+        def fields_of(kind: type[Display | View | Settings]) -> dict[str, Any]:
             return {name: value for name, value in fields.items() if name in kind.__dataclass_fields__}
 
-        display = replace(self.display, **given(Display))
+        display = replace(self.display, **fields_of(Display))
         stops = checked_exposure("srgb" if display.tonemap is None else display.tonemap, display.exposure)
-        view = replace(self.view, **given(View))
+        view = replace(self.view, **fields_of(View))
         if len(view.lights) != len(self.view.lights):
             raise value_error("set", "lights", f"{len(self.view.lights)} factors", view.lights)
         if fields.get("ground") and view.settings.edges is not None:
             raise value_error("set", "ground", "none with edges, which would draw its edges too", True)
         if "environment" in fields:
             self.checked_environment(view.environment)
-        view = replace(view, settings=replace(view.settings, **given(Settings)))
+        view = replace(view, settings=replace(view.settings, **fields_of(Settings)))
         if view.settings.background == "environment" and self._scene.surroundings(view) is None:
             if "background" in fields:
                 raise value_error("set", "background", "another one, or an environment", "environment, and none")
             view = replace(view, settings=replace(view.settings, background="scene"))
-        display, before = replace(display, exposure=stops), self.display
-        self.display = display
-        if view != self.view or display.as_floats != before.as_floats:
+        before, self.display = self.display, replace(display, exposure=stops)
+        if view != self.view or self.display.as_floats != before.as_floats:
             self._change(view)
 
     def _environments(self) -> dict[str | None, str]:
@@ -213,7 +221,7 @@ class Session:
         )
         drawn = time.perf_counter()
         if floats:
-            size, arrays = full, {name: enlarged(plane, (rows, columns)) for name, plane in planes(frame).items()}
+            size, arrays = full, {name: enlarge(plane, (rows, columns)) for name, plane in planes(frame).items()}
         else:
             size, arrays = coarse, {"rgba": rgba8(frame, self._tonemap(view, task.display), task.display.exposure)}
         stages = {name: ms for name, ms in frame.stats["times_ms"].items() if name not in ("pack", "open", "upload")}
@@ -234,7 +242,7 @@ class Session:
             "times_ms": {name: round(ms, 3) for name, ms in times.items()},
             "camera": _pose(view.camera),
         }
-        return Drawing(task, frame, packed(header, arrays), times)
+        return Drawing(task, frame, pack_picture(header, arrays), times)
 
     def _tonemap(self, view: View, display: Display) -> Operator:
         return display.tonemap or default_tonemap(self._scene.lit(view.environment)[0])
@@ -369,7 +377,7 @@ def planes(frame: Frame) -> dict[str, Array]:
         }
 
 
-def enlarged(plane: Array, shape: tuple[int, int]) -> Array:
+def enlarge(plane: Array, shape: tuple[int, int]) -> Array:
     """Return a coarse channel at the full number of rows and columns, each pixel repeated."""
     if plane.shape == shape:
         return plane
@@ -378,7 +386,7 @@ def enlarged(plane: Array, shape: tuple[int, int]) -> Array:
     return repeated
 
 
-def packed(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+def pack_picture(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     """Return a picture's message. Its header lists the arrays: name, type, and offset behind the header."""
     listed, end = [], 0
     for name, array in arrays.items():
@@ -392,3 +400,67 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     for row, array in zip(listed, arrays.values(), strict=True):
         np.frombuffer(message, array.dtype, array.size, start + row["offset"])[:] = array.reshape(-1)
     return bytes(message)
+
+
+# Which picture to draw next
+
+
+class Refinement:
+    """The steps of a view, from the latest change on, and the time that a kind of picture took.
+
+    A step begins only when the view has been still for as long as the step is expected to take: an input never waits
+    much longer than it already did.
+    """
+
+    def __init__(self) -> None:
+        self._ms: dict[tuple[int, int], float] = {}  # (samples, scale) -> time of the latest picture
+        self._steps: list[Step] = []
+        self._changed, self.is_first = 0.0, False  # whether no picture of the view was drawn yet
+
+    def restart(self, samples: int, triangles: int, now: float) -> None:
+        """Begin again, for a view that changed at the time `now`, s, and is to end with so many samples."""
+        scale = self._coarse_scale()
+        between = [count for count in SAMPLES if 1 < count < samples and triangles <= LARGE]
+        steps = [Step(1, scale), *([Step(1)] if scale > 1 else []), *map(Step, between)]
+        self._steps = [*steps, Step(samples, last=True)]
+        self._changed, self.is_first = now, True
+
+    def due(self, now: float) -> Step | float | None:
+        """Return the next step, or the seconds until it is due, or None if all are drawn."""
+        if not self._steps:
+            return None
+        step = self._steps[0]
+        if self.is_first:
+            return step
+        wait = self._changed + self._expected_ms(step) / 1e3 - now
+        return step if wait <= 0.0 else wait
+
+    def drawn(self, step: Step, ms: float, *, current: bool) -> None:
+        """Note a step's time. current: whether it shows this view, not an earlier one."""
+        key = step.samples, step.scale
+        self._ms[key] = ms if key not in self._ms else 0.5 * (self._ms[key] + ms)
+        if current and self._steps and self._steps[0] == step:
+            del self._steps[0]
+            self.is_first = False
+
+    def _expected_ms(self, step: Step) -> float:
+        """Return a step's expected time: measured on such pictures, or estimated from pictures with fewer samples."""
+        measured = [(count, ms) for (count, scale), ms in self._ms.items() if scale == 1 and count <= step.samples]
+        count, ms = max(measured, default=(1, 0.0))
+        return ms * math.sqrt(step.samples / count)  # as a rule: edges alone have samples to light
+
+    def _coarse_scale(self) -> int:
+        """Return the finest scale whose pictures come fast enough, else the one beyond which nothing is gained."""
+        coarsest = SCALES[-1]
+        expected = {coarsest: self._ms.get((1, coarsest), 0.0)}
+        for scale in reversed(SCALES[:-1]):
+            # At most in proportion to the pixels: what a scale took once, on a busy machine, does not hold forever.
+            by_pixels = 4.0 * expected[2 * scale] if expected[2 * scale] else math.inf
+            expected[scale] = min(self._ms.get((1, scale), math.inf), by_pixels)
+        expected = {scale: ms for scale, ms in expected.items() if 0.0 < ms < math.inf}
+        fast = [scale for scale in SCALES if expected.get(scale, math.inf) <= FRAME_MS]
+        if fast or not expected:
+            return min(fast, default=1)
+        coarser = SCALES[min(SCALES.index(max(expected)) + 1, len(SCALES) - 1)]  # the first without a time
+        fastest = min(expected.values())
+        return coarser if coarser not in expected else min(s for s, ms in expected.items() if ms <= 1.5 * fastest)

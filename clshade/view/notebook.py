@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import sys
 from dataclasses import replace
 from typing import Any
@@ -32,9 +31,7 @@ def encoded(pixels: Array, side: int = FRAME_SIDE) -> bytes:
     factor = -(-max(pixels.shape[:2]) // side)
     if factor > 1:
         pixels = np.asarray(Image.fromarray(pixels).reduce(factor))
-    file = io.BytesIO()
-    png.encode(file, pixels)
-    return file.getvalue()
+    return png.to_bytes(pixels)
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
@@ -84,10 +81,9 @@ def view_frame(frame: Frame, path: Path | None, tonemap: Operator | None, exposu
 
 def plot_layers(frame: Frame) -> Any:
     """Return a matplotlib figure of a frame's image, coverage and layers."""
-    from ..images.figures import plot_thumbnails
-    from ..images.thumbnails import Thumbnail, thinned, thumbnails
-    from ..images.transparency import over_checkers
+    from ..images.figures import Thumbnail, plot_thumbnails, thin, thumbnails
+    from ..images.tonemap import over_checkers
 
     pictures = thumbnails(exr.flatten(frame.channels()))
-    pictures["RGB"] = Thumbnail(over_checkers(thinned(frame.to_png8())), f"tone map {default_tonemap(frame.scene)}")
+    pictures["RGB"] = Thumbnail(over_checkers(thin(frame.to_png8())), f"tone map {default_tonemap(frame.scene)}")
     return plot_thumbnails(pictures)

@@ -22,16 +22,15 @@ from ..base.arrays import Array
 from ..base.atomic_files import Path
 from ..base.json_values import in_line
 from ..errors import InputError
-from ..images.channels import color_group, grouped
-from ..images.image_file import Picture
+from ..images.image_file import Picture, color_group, group_channels
 from ..images.layers import LAYER_TABLE
 from ..images.tonemap import Operator, checked
 
 SCRIPTS = (
-    *("decode.js", "layers.js", "statistics.js", "tonemap.js", "shading.js", "display_webgl.js", "overlay.js"),
-    *("histogram.js", "viewport.js", "viewer.js", "panels.js", "layer_table.js", "keys.js", "main.js"),
+    *("images.js", "statistics.js", "shading.js", "display_webgl.js", "overlay.js"),
+    *("viewer.js", "panels.js", "keys.js", "main.js"),
 )  # in this order: each may use what those before it declare
-LIVE_SCRIPTS = ("live_camera.js", "live_panel.js", "live.js")
+LIVE_SCRIPTS = ("live_controls.js", "live.js")
 SHADERS = ("tonemap.glsl", "display.glsl")
 MAX_EXPOSURE = 100.0  # stops that the page takes: its arithmetic is float32
 _CHUNK = 1 << 22  # values of a chunk: browsers limit the length of a string
@@ -155,7 +154,7 @@ def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, texts: 
     rows, columns = picture.shape
     channels = []
     for channel, plane in picture.channels.items():
-        kind, bits = stored(plane, picture.bits)
+        kind, bits = stored_bits(plane, picture.bits)
         start = len(texts)
         values = bits.reshape(-1)
         texts += [threads.submit(_encoded, values[k : k + _CHUNK]) for k in range(0, values.size, _CHUNK)]
@@ -169,7 +168,7 @@ def _first_chunks(images: Mapping[str, Picture], described: Sequence[dict[str, A
         return set()
     picture = next(iter(images.values()))
     color = color_group(picture.channels)
-    names = grouped(picture.channels)[color[0]].names if color else tuple(picture.channels)[:1]
+    names = group_channels(picture.channels)[color[0]].names if color else tuple(picture.channels)[:1]
     return {number for row in described[0]["channels"] if row["name"] in names for number in row["chunks"]}
 
 
@@ -191,7 +190,7 @@ def info(picture: Picture) -> dict[str, Any]:
     return {"encoded": bool(picture.bits), "header": header, "names": names}
 
 
-def stored(plane: Array, bits: int = 0) -> tuple[str, Array]:
+def stored_bits(plane: Array, bits: int = 0) -> tuple[str, Array]:
     """Return the type in which the page keeps a channel, and its bits as unsigned integers.
 
     plane: (M, N). bits: of the codes of a PNG, whose values are code/(2^bits - 1); 0 for others.

@@ -2,41 +2,49 @@
 
 from __future__ import annotations
 
+import io
 import os
+import shutil
+import struct
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import numpy as np
 
 from ..base import console
 from ..base.arrays import Bytes
 from ..base.atomic_files import naming, replacing_all, shown
+from ..base.input_files import file_error, reason_of
 from ..base.validation import arguments, flag, integer, keywords, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..farm.frames import parse_pattern
 from ..farm.local import MOST_WORKERS
 from ..farm.running import Run, draw_frames
-from ..images import exr, exr_tiles, png
+from ..images import exr, exr_limits, png
 from ..images.layers import LAYER_TABLE
 from ..pipeline import frame_files
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, SavingOptions
 from ..pipeline.frame_results import record_of, sealed
-from ..scene.camera import Camera
 from ..scene.image_part import PartCamera, part_of, whole_camera
 from ..scene.model import Scene
-from ..scene.settings import FrameOptions
-from .frame_folder import FrameFolder, digest_of
+from ..scene.pose import PerFrame
+from .frame_folder import FarmOptions, FrameFolder, digest_of, split_options
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 TILE = 2048  # pixels a side
 MIN_TILE, MAX_TILE = 16, 8192  # 8192: PoCL has a buffer for its pixels in float64, too
+
+_CHUNK = struct.Struct("<5i")  # column and row of a tile, its levels, bytes of its pixels
+_SHARED = (b"channels", b"compression")  # attributes that a tile has in common with the whole
+
+Attributes: TypeAlias = dict[bytes, tuple[bytes, bytes]]  # name -> type and value
 
 
 @dataclass(frozen=True)
@@ -53,10 +61,8 @@ class Poster:
         Columns and rows.
     tile : int
         Pixels a side of a tile; those at the right and at the lower end may be smaller.
-    size : int
-        Bytes of the files.
-    join_seconds : float
-        Time to join the tiles, after they were drawn.
+    size, join_seconds : int, float
+        Bytes of the files, and the time to join the tiles, after they were drawn.
     tiles : str or None
         The folder of the tiles, if they are kept.
     """
@@ -88,29 +94,7 @@ class Poster:
         ]
 
 
-class _Tiles(Mapping[int, Camera]):
-    """The cameras of a poster's tiles, numbered from 0 row by row from the top; each is made when it is looked up."""
-
-    def __init__(self, whole: Camera, tile: int) -> None:
-        columns, rows = whole.resolution
-        self.whole, self.tile = whole, tile
-        self.across, self.down = -(-columns // tile), -(-rows // tile)
-
-    def __getitem__(self, number: int) -> PartCamera:
-        if not 0 <= number < len(self):
-            raise KeyError(number)
-        left, top = number % self.across * self.tile, number // self.across * self.tile
-        columns, rows = self.whole.resolution
-        return part_of(self.whole, left, top, min(self.tile, columns - left), min(self.tile, rows - top))
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(range(len(self)))
-
-    def __len__(self) -> int:
-        return self.across * self.down
-
-
-@arguments(path=checked_path, keep_tiles=flag, saving=partial(keywords, allowed=SAVING), overwrite=flag, progress=flag)
+@arguments(path=checked_path, keep_tiles=flag, saving=partial(keywords, allowed=SAVING))
 def draw_poster(
     scene: Scene,
     path: str | os.PathLike[str],
@@ -118,20 +102,17 @@ def draw_poster(
     tile: int = TILE,
     keep_tiles: bool = False,
     saving: SavingOptions | None = None,
-    overwrite: bool = False,
-    workers: int = 1,
-    scheduler: str | None = None,
-    timeout: float = 10.0,
-    frame_timeout: float | None = None,
-    progress: bool = True,
-    device: str | None = None,
-    **settings: Unpack[FrameOptions],
+    **options: Unpack[FarmOptions],
 ) -> Poster:
     """Draw an image of any size in tiles, and join them to one tiled EXR and one PNG.
 
     Every pixel has the bits that it has in an image drawn at once, whatever the tiles. An image of
     more than 16384 pixels a side, which cannot be drawn at once, has those of its regions of 16384
     pixels a side from the top left.
+
+    Raises InputError if an argument is refused, and what `clshade.farm.draw_frames` raises. Earlier
+    files stay then, and so do tiles that were drawn: the next call with the same arguments continues
+    from them.
 
     Parameters
     ----------
@@ -150,16 +131,8 @@ def draw_poster(
         Also draw tiles that an earlier run left.
     workers, scheduler, timeout, frame_timeout, progress, device
         See `clshade.farm.draw_frames`. Workers elsewhere need access to the folder of the tiles.
-    **settings
+    **options
         Keywords of `clshade.render`; ``resolution=(N, M)``, columns and rows, may be up to 131072 each.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused.
-    DeviceError, OutputError, WorkerError
-        See `clshade.farm.draw_frames`. Earlier files stay, and so do tiles that were drawn: the next
-        call with the same arguments continues from them.
 
     Notes
     -----
@@ -177,49 +150,47 @@ def draw_poster(
     (12, ('poster.exr', 'poster.png'))
     """
     name = os.fspath(path)
-    options: SavingOptions = {**saving} if saving else {}
-    paths = frame_files.chosen_paths(name, options.get("files"))
+    farming, settings = split_options(options)
+    saved: SavingOptions = {**saving} if saving else {}
+    paths = frame_files.chosen_paths(name, saved.get("files"))
     files = tuple(paths)
     refused = ",".join(kind for kind in files if kind not in ("exr", "png"))
     if refused:
         raise value_error("draw_poster", "files", "exr, png or both", refused)
     for option in ("crop", "colorbar"):
-        if options.get(option):
+        if saved.get(option):
             raise InputError(f"draw_poster: {option}: cannot go with tiles, which are joined as they are")
     tile = integer("draw_poster", "tile", tile, MIN_TILE, MAX_TILE)
     if tile & (tile - 1):
         raise value_error("draw_poster", "tile", "a power of two", tile)
     requested = settings.pop("resolution", None)
     scene, settled = effective_settings(scene, **settings)
-    tiles = _Tiles(whole_camera(scene.camera, scene.camera.resolution if requested is None else requested), tile)
-    whole, resolution = replace(scene, camera=tiles.whole), tiles.whole.resolution
+    camera = whole_camera(scene.camera, scene.camera.resolution if requested is None else requested)
+    whole, (columns, rows) = replace(scene, camera=camera), camera.resolution
+    across, down = -(-columns // tile), -(-rows // tile)
+
+    def part(number: int) -> PartCamera:
+        left, top = number % across * tile, number // across * tile
+        return part_of(camera, left, top, min(tile, columns - left), min(tile, rows - top))
+
+    tiles = PerFrame(range(across * down), part)  # row by row from the top
     # All that is refused is refused before tiles of an earlier run are removed.
-    chosen = frame_files.check_output(name, settled, **options)
-    if settled.layers and options.get("compression") in exr.LOSSY:
-        raise value_error("draw_poster", "compression", "a lossless one with layers", options["compression"])
-    integer("draw_poster", "workers", workers, 1, MOST_WORKERS)
+    chosen = frame_files.check_output(name, settled, **saved)
+    if settled.layers and saved.get("compression") in exr.LOSSY:
+        raise value_error("draw_poster", "compression", "a lossless one with layers", saved["compression"])
+    integer("draw_poster", "workers", farming.get("workers", 1), 1, MOST_WORKERS)
+    for option in ("overwrite", "progress"):
+        flag("draw_poster", option, farming.get(option, True))
     channels = len("RGBA") + sum(len(LAYER_TABLE[layer].components) or 1 for layer in settled.layers)
     if "exr" in files and 4 * channels * tile * tile >= 1 << 31:  # a chunk's size is an int32
         raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
     keep_tiles = keep_tiles or folder.kept
-    with folder.of(digest_of(whole, settled, tile, {**options, "files": files}), keep_tiles):
-        run = draw_frames(
-            replace(scene, camera=tiles[0]),
-            tiles,
-            folder.pattern,
-            workers=workers,
-            scheduler=scheduler,
-            timeout=timeout,
-            frame_timeout=frame_timeout,
-            overwrite=overwrite,
-            progress=progress,
-            device=device,
-            saving={**options, "files": files},
-            **settings,
-        )
+    with folder.of(digest_of(whole, settled, tile, {**saved, "files": files}), keep_tiles):
+        first = replace(scene, camera=tiles[0])
+        run = draw_frames(first, tiles, folder.pattern, saving={**saved, "files": files}, **farming, **settings)
         start = time.perf_counter()
-        if progress:
+        if farming.get("progress", True):
             console.progress(f"{shown(name)}: joining {len(tiles)} tiles")
         pattern = parse_pattern(folder.pattern, len(tiles))
         with replacing_all(*paths.values()) as opened:  # one after the other: a thread beside would not be interrupted
@@ -229,29 +200,114 @@ def draw_poster(
                     if kind == "exr":
                         metadata = frame_files.header(whole, settled, settled.layers)
                         metadata = sealed(metadata, record_of(whole, settled, chosen))
-                        header = exr_tiles.header(names[0], resolution, tile, metadata)
-                        exr_tiles.join(file, header, names, tiles.across, tiles.down)
+                        header = tiled_header(names[0], camera.resolution, tile, metadata)
+                        join_tiles(file, header, names, across, down)
                     else:
-                        png.encode_bands(file, *resolution, _bands(tiles, names))
+                        png.encode_bands(file, columns, rows, _bands(names, across, columns))
         seconds = time.perf_counter() - start
     return Poster(
         paths=tuple(map(os.fspath, paths.values())),
         run=run,
-        resolution=resolution,
+        resolution=camera.resolution,
         tile=tile,
-        size=sum(os.path.getsize(each) for each in paths.values()),
+        size=sum(map(os.path.getsize, paths.values())),
         join_seconds=seconds,
         tiles=folder.path if keep_tiles else None,
     )
 
 
-def _bands(tiles: _Tiles, names: Sequence[str]) -> Iterator[Bytes]:
-    """Yield the rows of tiles as images of the poster's width. names: the PNG of each tile."""
-    for row in range(tiles.down):
-        for column in range(tiles.across):
-            picture = png.read(names[row * tiles.across + column], alpha=True)
-            if not column:
-                band = np.empty((len(picture), tiles.whole.resolution[0], picture.shape[2]), np.uint8)
-            left = column * tiles.tile
+def _bands(names: Sequence[str], across: int, columns: int) -> Iterator[Bytes]:
+    """Yield the rows of tiles, `across` PNGs each, as images with this many columns."""
+    for start in range(0, len(names), across):
+        left = 0
+        for name in names[start : start + across]:
+            picture = png.read(name, alpha=True)
+            if not left:
+                band = np.empty((len(picture), columns, picture.shape[2]), np.uint8)
             band[:, left : left + picture.shape[1]] = picture
+            left += picture.shape[1]
         yield band
+
+
+# A tiled EXR put together from files of one tile each, without decoding them and with little memory. The layout is that of
+# "The OpenEXR File Layout" (openexr.com): a header, a table of offsets, and chunks, each with the place of its tile.
+# OpenEXR's own module writes whole images only.
+
+
+def _not_a_tile(name: str, found: str) -> InputError:
+    return file_error(shown(name), "file", "a tile of this image", found)
+
+
+def _read_header(file: BinaryIO, name: str) -> tuple[int, Attributes]:
+    """Read the version, the file's second word, and the header. Raises InputError, naming the file, if it has none."""
+    if file.read(4) != exr_limits.MAGIC:
+        raise _not_a_tile(name, "something else")
+    version = int.from_bytes(file.read(4), "little")
+    try:
+        return version, {key: (kind, value) for key, kind, value in exr_limits.attributes(file)}
+    except ValueError:
+        raise _not_a_tile(name, "a damaged one") from None
+
+
+def _opened(name: str) -> BinaryIO:
+    try:
+        return open(name, "rb")
+    except OSError as error:
+        raise _not_a_tile(name, reason_of(error)) from None
+
+
+def tiled_header(tile_name: str, resolution: tuple[int, int], tile: int, metadata: Mapping[str, Any]) -> bytes:
+    """Return the header of a tiled file, up to the table of offsets.
+
+    tile_name: a file of one of the tiles, which has their channels and compression. resolution: (N, M) of the whole. tile:
+    pixels a side. metadata: as for `exr.write`. Raises InputError if the file cannot be read.
+    """
+    with _opened(tile_name) as one:
+        tile_version, shared = _read_header(one, tile_name)
+    file = io.BytesIO()
+    exr.encode(file, np.zeros((1, 1, 3), np.float32), metadata=metadata, tiled=True)
+    file.seek(0)
+    version, attributes = _read_header(file, "")
+    attributes |= {name: shared[name] for name in _SHARED}
+    window = struct.pack("<4i", 0, 0, resolution[0] - 1, resolution[1] - 1)
+    size = struct.pack("<2I", tile, tile) + attributes[b"tiles"][1][8:]
+    for name, value in ((b"dataWindow", window), (b"displayWindow", window), (b"tiles", size)):
+        attributes[name] = attributes[name][0], value
+    start = exr_limits.MAGIC + (version | tile_version).to_bytes(4, "little")  # a bit of it tells of long names
+    stored = (
+        b"\0".join([name, kind, len(value).to_bytes(4, "little") + value]) for name, (kind, value) in attributes.items()
+    )
+    return start + b"".join(stored) + b"\0"
+
+
+def join_tiles(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, down: int) -> None:
+    """Write a tiled EXR to an open file.
+
+    start: from `tiled_header`. tiles: names of `across` times `down` files of one tile each, row by row from the top, with
+    the channels and the compression of the header. Raises InputError for a file that is not one of them.
+    """
+    _, shared = _read_header(io.BytesIO(start), "")
+    file.write(start)
+    file.write(bytes(8 * across * down))
+    offsets = np.zeros(across * down, np.uint64)
+    for number, name in enumerate(tiles):
+        offsets[number] = file.tell()
+        with _opened(name) as tile:
+            _, own = _read_header(tile, name)
+            for key in _SHARED:
+                if own.get(key) != shared[key]:
+                    raise _not_a_tile(name, f"one with other {key.decode()}")
+            offset = int.from_bytes(tile.read(8), "little")  # of its only chunk, with which it ends
+            size = tile.seek(0, io.SEEK_END) - offset - _CHUNK.size
+            chunk = b""
+            if offset and size >= 0:
+                tile.seek(offset)
+                chunk = tile.read(_CHUNK.size)
+            if not chunk or _CHUNK.unpack(chunk)[4] != size:
+                raise _not_a_tile(name, "one that does not end with its pixels")
+            file.write(_CHUNK.pack(number % across, number // across, 0, 0, size))
+            shutil.copyfileobj(tile, file, 1 << 20)
+    end = file.tell()
+    file.seek(len(start))
+    file.write(offsets.tobytes())
+    file.seek(end)

@@ -15,9 +15,9 @@ from ..base import atomic_files
 from ..base.arrays import Bytes
 from ..base.json_values import plain
 from ..base.validation import arguments, flag, sequence, value_error
-from ..images import contact_sheet, drawing_marks, lettering, png
+from ..images import marks, png
 from ..images.statistics import image_statistics
-from ..images.transparency import WHITE, over
+from ..images.tonemap import WHITE, over
 from ..pipeline.frame_files import output_paths
 from ..pipeline.renderer import render
 from ..scene import geometry
@@ -60,22 +60,12 @@ class Sheet:
     facts: dict[str, Any]
 
     def save(self, path: str | Path) -> tuple[Path, Path]:
-        """Write the picture and the facts to path.png and path.json, both or neither.
+        """Write the picture and the facts to path.png and path.json, both or neither; return these paths.
 
         Parameters
         ----------
         path : str or path-like
             An extension .png or .json is dropped.
-
-        Returns
-        -------
-        tuple of Path
-            The picture's path and that of the facts.
-
-        Raises
-        ------
-        OutputError
-            If they cannot be written.
         """
         picture, facts = sheet_paths(path)
         text = json.dumps({**self.facts, "image": picture.name}, indent=2)
@@ -87,10 +77,10 @@ class Sheet:
         return picture, facts
 
 
-def sheet_paths(path: str | Path, asked: tuple[str, str] = ("Sheet.save", "path")) -> tuple[Path, Path]:
-    """Return the paths that `Sheet.save` writes. Raises InputError as `output_paths` does, with `asked` in front."""
+def sheet_paths(path: str | Path, argument: tuple[str, str] = ("Sheet.save", "path")) -> tuple[Path, Path]:
+    """Return the paths that `Sheet.save` writes. Raises InputError as `output_paths` does, with `argument` in front."""
     path = Path(path)
-    picture = output_paths(path.with_suffix("") if path.suffix.lower() == ".json" else path, asked)[1]
+    picture = output_paths(path.with_suffix("") if path.suffix.lower() == ".json" else path, argument)[1]
     return picture, picture.with_suffix(".json")
 
 
@@ -106,6 +96,8 @@ def draw_sheet(
     **options: Unpack[FrameOptions],
 ) -> Sheet:
     """Draw views of a scene side by side.
+
+    Raises InputError if an argument is refused, or the sheet would have more than 2^28 pixels.
 
     Parameters
     ----------
@@ -123,17 +115,6 @@ def draw_sheet(
         See `Frame.to_png8`.
     **options
         Keywords of `clshade.render`; every view has the resolution.
-
-    Returns
-    -------
-    Sheet
-
-    Raises
-    ------
-    InputError
-        If an argument is refused, or the sheet would have more than 2^28 pixels.
-    DeviceError
-        If no OpenCL device works.
     """
     names = () if isinstance(views, str) else sequence(views)
     if not names:
@@ -145,7 +126,7 @@ def draw_sheet(
     layout, strip = _layout(next(iter(cameras.values())).resolution, len(cameras))
     facts = scene_facts(objects_of(scene))
     heading = _heading(facts, layout)
-    layout = replace(layout, head=round((1.2 + lettering.LINE * len(heading)) * layout.title_size))
+    layout = replace(layout, head=round((1.2 + marks.LINE * len(heading)) * layout.title_size))
     panels, views_facts = [], []
     for number, (name, camera) in enumerate(cameras.items()):
         frame = render(seen_by(scene, camera, fixed_lights=fixed_lights), device=device, **options)
@@ -156,7 +137,7 @@ def draw_sheet(
         rows, columns = pixels.shape[:2]
         seen["panel"] = [x + (layout.panel - columns) // 2, y, columns, rows]
         views_facts.append(seen)
-    picture = contact_sheet.compose(panels, "\n".join(heading), layout)
+    picture = marks.compose_sheet(panels, "\n".join(heading), layout)
     return Sheet(picture, {**facts, "views": views_facts, "size": [picture.shape[1], picture.shape[0]]})
 
 
@@ -206,7 +187,7 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
         title = f"{name}, perspective, {angle:.3g} degrees"
     scale = units_per_pixel(camera)
     max_length = _MAX_BAR * scale * camera.resolution[0]
-    length = drawing_marks.round_length(max_length) if 0.0 < max_length < math.inf else 0.0
+    length = marks.round_length(max_length) if 0.0 < max_length < math.inf else 0.0
     facts: dict[str, Any] = plain(
         {
             "name": name,
@@ -225,7 +206,7 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
     return facts
 
 
-def _layout(resolution: tuple[int, int], count: int) -> tuple[contact_sheet.Layout, int]:
+def _layout(resolution: tuple[int, int], count: int) -> tuple[marks.Layout, int]:
     """Return the layout of a sheet, about 4:3, without room for its heading, and the height of the strip below each
     image. Raises InputError for a sheet of more than MAX_PIXELS."""
     columns, rows = resolution
@@ -240,7 +221,7 @@ def _layout(resolution: tuple[int, int], count: int) -> tuple[contact_sheet.Layo
 
     across = min(range(1, count + 1), key=cost)
     size = min(max(width / 62.0, 8.0), 14.0)  # points
-    layout = contact_sheet.Layout(across, width, _GAP, round(3.0 * size), 8, 0, size, size)
+    layout = marks.Layout(across, width, _GAP, round(3.0 * size), 8, 0, size, size)
     height = layout.corner(-(-count // across) * across, rows + strip)[1]
     if height * across * (width + _GAP) > MAX_PIXELS:
         limit = f"a resolution with which {count} views have at most {MAX_PIXELS} pixels in all"
@@ -248,37 +229,35 @@ def _layout(resolution: tuple[int, int], count: int) -> tuple[contact_sheet.Layo
     return layout, strip
 
 
-def _panel(
-    pixels: Bytes, facts: dict[str, Any], camera: Camera, layout: contact_sheet.Layout, strip: int
-) -> contact_sheet.Panel:
+def _panel(pixels: Bytes, facts: dict[str, Any], camera: Camera, layout: marks.Layout, strip: int) -> marks.Panel:
     """Return the image with its title, and below it axes, scale bar and what it shows."""
     rows, columns = pixels.shape[:2]
     picture = np.full((rows + strip, layout.panel, 3), 255, np.uint8)
     left = (layout.panel - columns) // 2
-    picture[rows:, _PAD : _PAD + strip] = drawing_marks.triad(geometry.camera_axes(camera), strip)
-    picture[: rows + 1, max(left - 1, 0) : left + columns + 1] = contact_sheet.FRAME
+    picture[rows:, _PAD : _PAD + strip] = marks.triad(geometry.camera_axes(camera), strip)
+    picture[: rows + 1, max(left - 1, 0) : left + columns + 1] = marks.FRAME
     picture[:rows, left : left + columns] = pixels
     size, x = 0.9 * layout.text_size, 2 * _PAD + strip
     bar = facts["scale_bar"]
     if bar["pixels"] >= 4.0:
         y = rows + round(0.36 * strip)
-        drawing_marks.scale_bar(picture, x, y, bar["pixels"])
+        marks.scale_bar(picture, x, y, bar["pixels"])
         after = x + bar["pixels"] + _PAD
         label = f"{bar['length']:g} unit{'s' * (bar['length'] != 1.0)}"
         label += "" if camera.orthographic else " at the focal point"
-        text = lettering.fitted(label, size, layout.panel - after - _PAD)
-        lettering.put(picture, after, y + 0.5 * size, size, text, drawing_marks.INK)
+        text = marks.fit_text(label, size, layout.panel - after - _PAD)
+        marks.draw_text(picture, after, y + 0.5 * size, size, text, marks.INK)
     lines = (
         f"{facts['coverage']:.1%} covered, {facts['visible_faces']:,} faces visible",
         f"{facts['coverage']:.0%} covered",
     )
-    text = next((line for line in lines if lettering.width_of(line, size) <= layout.panel - x - _PAD), "")
-    lettering.put(picture, x, rows + round(0.80 * strip), size, text, drawing_marks.INK)
-    title = lettering.fitted(facts["title"], layout.title_size, layout.panel)
-    return contact_sheet.Panel(picture, title, "")
+    text = next((line for line in lines if marks.text_width(line, size) <= layout.panel - x - _PAD), "")
+    marks.draw_text(picture, x, rows + round(0.80 * strip), size, text, marks.INK)
+    title = marks.fit_text(facts["title"], layout.title_size, layout.panel)
+    return marks.Panel(picture, title, "")
 
 
-def _heading(facts: dict[str, Any], layout: contact_sheet.Layout) -> list[str]:
+def _heading(facts: dict[str, Any], layout: marks.Layout) -> list[str]:
     """Return lines on the scene, none wider than the sheet."""
     counts, width = facts["counts"], layout.across * (layout.panel + layout.gap) - 2 * _GAP
     shapes, area = counts["shapes"], facts["surface_area"]
@@ -291,8 +270,8 @@ def _heading(facts: dict[str, Any], layout: contact_sheet.Layout) -> list[str]:
     lines: list[str] = []
     for part in parts:
         joined = f"{lines[-1]}, {part}" if lines else part
-        if lines and lettering.width_of(lettering.drawable(joined), layout.title_size) <= width:
+        if lines and marks.text_width(marks.drawable(joined), layout.title_size) <= width:
             lines[-1] = joined
         else:
             lines.append(part)
-    return [lettering.fitted(line, layout.title_size, width) for line in lines]
+    return [marks.fit_text(line, layout.title_size, width) for line in lines]

@@ -99,7 +99,7 @@ def test_compare():
         name: np.where(np.isfinite(plane), plane / 2, plane).astype(plane.dtype)
         for name, plane in long_layers().items()
     }
-    found = compare.compared(Picture(changed, name="a"), Picture(long_layers(), name="b"), (), 1.2345678e-30)
+    found = compare.compare_layers(Picture(changed, name="a"), Picture(long_layers(), name="b"), (), 1.2345678e-30)
     table = [line for line in found.lines() if not any(LONG in word for word in line.split())]
     assert len(table) > 10
     assert_fits(table)

@@ -17,8 +17,8 @@ from PIL import Image
 
 import clshade
 from clshade import course
-from clshade.images import contact_sheet as sheet
 from clshade.images import exr, png
+from clshade.images import marks as sheet
 from clshade.images.tonemap import tonemap
 from clshade.scene.builtin.scenes import builtin
 

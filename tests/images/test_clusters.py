@@ -9,7 +9,7 @@ import pytest
 from command_line import run
 
 from clshade.images import compare, compare_figure, exr, png
-from clshade.images.compare import Cluster, find_clusters, large_error, leading
+from clshade.images.compare import Cluster, find_clusters, large_error, leading_clusters
 from clshade.images.image_file import Picture
 
 
@@ -48,8 +48,7 @@ def test_infinite_errors_count_and_are_the_worst():
     errors[100, 20] = np.inf
     found = find_clusters(errors)
     assert found[2] == Cluster(20, 100, 1, 1, 1, np.inf, (20, 100))
-    assert found[2] in leading(found, 2)
-    assert found[2].stats()["maximum"] == "inf"
+    assert found[2] in leading_clusters(found, 2)
     only = np.zeros((5, 5))
     only[2, 3] = np.inf
     assert find_clusters(only)[0].worst == (3, 2)
@@ -57,10 +56,10 @@ def test_infinite_errors_count_and_are_the_worst():
 
 def test_leading():
     clusters = [Cluster(0, 0, 9, 9, 81 - k, 1.0 + (k == 7), (0, 0)) for k in range(8)]
-    assert leading(clusters, 3) == [clusters[0], clusters[1], clusters[7]]
-    assert leading(clusters, 8) == clusters
-    assert leading(clusters, 0) == []
-    assert leading((), 3) == []
+    assert leading_clusters(clusters, 3) == [clusters[0], clusters[1], clusters[7]]
+    assert leading_clusters(clusters, 8) == clusters
+    assert leading_clusters(clusters, 0) == []
+    assert leading_clusters((), 3) == []
 
 
 def test_what_counts_as_large():
@@ -113,6 +112,7 @@ def test_the_command_says_where(files, capsys):
     (cluster,) = layers["Z"]["clusters"]
     assert [cluster[name] for name in ("x", "y", "width", "height", "pixels")] == [50, 30, 6, 5, 30]
     assert layers["RGB"]["clusters"][0]["worst"] == [4, 3]
+    assert layers["RGB"]["clusters"][0]["maximum"] == "inf"
     code, out, _ = run(capsys, "compare", "b.exr", "a.exr")
     assert code == 0
     assert "Z differs most in 6 x 5 at 50,30 (30 pixels, up to 1)" in " ".join(out.split())
@@ -121,7 +121,7 @@ def test_the_command_says_where(files, capsys):
 def test_the_figure_shows_them_magnified(files):
     image, reference = (Picture(exr.read(name)[0]) for name in ("b.exr", "a.exr"))
     layers = compare.chosen_layers(image, reference)
-    found = compare.compared(image, reference).layers
+    found = compare.compare_layers(image, reference).layers
     clusters = {name: found[name].clusters for name in layers}
     figure = compare_figure.draw(layers, encoded=False, titles=("b", "a"), clusters=clusters)
     panels = [axes for axes in figure.axes if axes.images]
@@ -143,7 +143,7 @@ def test_the_figure_shows_them_magnified(files):
 
 
 def test_windows_lie_in_the_image_and_hold_the_worst_pixel():
-    group = compare.grouped({"Z": np.zeros((300, 500))})["Z"]
+    group = compare.group_channels({"Z": np.zeros((300, 500))})["Z"]
     clusters = (
         Cluster(0, 0, 500, 300, 150_000, 0.5, (499, 299)),
         Cluster(400, 200, 3, 3, 9, 0.5, (400, 200)),  # within the first window
@@ -154,7 +154,7 @@ def test_windows_lie_in_the_image_and_hold_the_worst_pixel():
 
 
 def test_a_figure_of_many_layers_has_few_crops():
-    group = compare.grouped({"Z": np.zeros((30, 30))})["Z"]
+    group = compare.group_channels({"Z": np.zeros((30, 30))})["Z"]
     names = [f"L{k}" for k in range(40)]
     clusters = {name: (Cluster(3, 3, 1, 1, 1, 1.0, (3, 3)),) for name in names}
     found = compare_figure.windows(dict.fromkeys(names, (group, group)), clusters)

@@ -11,7 +11,7 @@ from clshade import Edges, Scalars, Settings
 from clshade.errors import InputError
 from clshade.images.colors import encoded_rgb, linear_rgb
 from clshade.images.decode import srgb_to_linear
-from clshade.images.ycbcr import even, planes_420
+from clshade.view.video import even, planes_420
 
 GRAY = float(srgb_to_linear(np.array([128 / 255]))[0])
 

@@ -35,7 +35,7 @@ def layers():
 
 
 def found(changed, reference, **options):
-    return compare.compared(Picture(changed), Picture(reference), **options).layers
+    return compare.compare_layers(Picture(changed), Picture(reference), **options).layers
 
 
 def test_what_is_equal_is_equal():
@@ -76,7 +76,7 @@ def test_over_counts_pixels_strictly_above_the_threshold():
     for threshold, over in ((None, 3), (0.0, 3), (0.5, 2), (0.75, 1), (2.0, 0)):
         layer = found(changed, reference, threshold=threshold)["Z"]
         assert (layer.different, layer.over) == (3, over)
-        assert compare.compared(Picture(changed), Picture(reference), (), threshold).passed == (
+        assert compare.compare_layers(Picture(changed), Picture(reference), (), threshold).passed == (
             threshold in (None, 2.0)
         )
 

@@ -351,4 +351,4 @@ def test_textures_of_every_kind_of_scene(tmp_path):
 @pytest.mark.parametrize("mode", ["F", "I"])
 def test_pixels_of_other_types_are_refused(mode):
     with pytest.raises(InputError, match=f"a.tif: image: expected 8 or 16 bits a channel.* pixels of type {mode}"):
-        decode._eight_bits(Image.new(mode, (2, 2)), "a.tif")
+        decode._codes(Image.new(mode, (2, 2)), b"", "a.tif")

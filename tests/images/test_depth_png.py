@@ -10,6 +10,7 @@ from PIL import Image
 
 from clshade.errors import InputError
 from clshade.images import depth_png, png
+from clshade.images.image_file import resolution_of
 
 
 def noise(shape: tuple[int, int] = (13, 17)) -> np.ndarray:
@@ -36,7 +37,7 @@ def test_depths_come_back_within_half_a_step(tmp_path, scale):
     assert np.array_equal(np.isinf(found), ~seen)
     assert np.abs(found[seen] - depth[seen]).max() <= scale / 2 * (1 + 1e-12)
     assert encoded(depth, scale) == encoded(depth.astype(np.float64), scale) == (tmp_path / "a.png").read_bytes()
-    assert png.resolution(tmp_path / "a.png") == (17, 13)
+    assert resolution_of(tmp_path / "a.png") == (17, 13)
 
 
 def test_other_programs_read_the_codes_and_the_scale(tmp_path):

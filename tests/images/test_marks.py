@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
-from clshade.images import contact_sheet, lettering
-from clshade.images.colorbar import _ticks, with_colorbar
-from clshade.images.crops import COLORS, SIDE, Crop, magnified, marked
-from clshade.images.drawing_marks import AXES, INK, faded, round_length, scale_bar, triad
+from clshade.images import marks
+from clshade.images.figures import _ticks, with_colorbar
+from clshade.images.marks import AXES, COLORS, INK, SIDE, Crop, fade, magnify, mark_crops
 
 X, Y, Z = np.eye(3)
 FRONT, BACK = np.array([X, Y, -Z]), np.array([-X, Y, Z])  # right, up, forward
@@ -35,12 +34,12 @@ def near(picture, color, tolerance=12):
     ],
 )
 def test_round_length(most, length):
-    assert round_length(most) == length
+    assert marks.round_length(most) == length
 
 
 def test_round_lengths_are_the_floats_that_decimal_numbers_are():
     for most in np.geomspace(1e-12, 1e12, 1000):
-        length = round_length(float(most))
+        length = marks.round_length(float(most))
         assert repr(length) == repr(float(f"{length:g}"))
         assert 0.4 * most - 1e-12 <= length <= most * (1.0 + 1e-9)
         assert f"{length:e}"[0] in "125"
@@ -48,7 +47,7 @@ def test_round_lengths_are_the_floats_that_decimal_numbers_are():
 
 def test_the_bar_is_as_long_as_it_says():
     picture = np.full((20, 90, 3), 255, np.uint8)
-    scale_bar(picture, 10, 10, 61.6)
+    marks.scale_bar(picture, 10, 10, 61.6)
     columns = near(picture, INK)[1]
     assert (columns.min(), columns.max() + 1) == (10, 72)
     assert (picture[10] == INK).all(axis=-1).sum() == 62 - 4 or (picture[9] == INK).all(axis=-1).sum() == 62
@@ -57,33 +56,33 @@ def test_the_bar_is_as_long_as_it_says():
 @pytest.mark.parametrize("side", [44, 100])
 def test_the_axes_point_where_they_do(side):
     """Seen from the front, x goes to the right, y up, and z is a dot at the origin."""
-    picture = triad(FRONT, side)
+    picture = marks.triad(FRONT, side)
     assert picture.shape == (side, side, 3)
     (_, x_columns), (y_rows, y_columns), (z_rows, z_columns) = (near(picture, color) for color in AXES.values())
     assert x_columns.max() > y_columns.max() + 0.2 * side
     assert y_rows.min() < z_rows.min() - 0.2 * side
     assert abs(z_columns.mean() - y_columns.mean()) < 0.25 * side
     assert len(z_rows) > 10
-    assert len(near(picture, faded(AXES["z"]))[0]) < len(z_rows) / 4  # edges alone
+    assert len(near(picture, fade(AXES["z"]))[0]) < len(z_rows) / 4  # edges alone
     edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
     assert (edge == 255).all()  # nothing is cut
 
 
 def test_an_axis_that_points_away_is_lighter():
-    picture = triad(BACK, 88)
-    assert len(near(picture, faded(AXES["z"]))[0]) > 5
+    picture = marks.triad(BACK, 88)
+    assert len(near(picture, fade(AXES["z"]))[0]) > 5
     assert not len(near(picture, AXES["z"])[0])
-    assert sum(faded(AXES["z"])) > sum(AXES["z"]) + 150
+    assert sum(fade(AXES["z"])) > sum(AXES["z"]) + 150
 
 
 def test_no_label_meets_another_or_the_edge():
     rng = np.random.default_rng(8)
     for _ in range(40):
         axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-        picture = triad(axes, 60)
+        picture = marks.triad(axes, 60)
         edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
         assert (edge == 255).all()
-        assert all(len(near(picture, faded(c) if axes[2, k] > 0 else c, 40)[0]) for k, c in enumerate(AXES.values()))
+        assert all(len(near(picture, fade(c) if axes[2, k] > 0 else c, 40)[0]) for k, c in enumerate(AXES.values()))
 
 
 # Text
@@ -92,19 +91,19 @@ def test_no_label_meets_another_or_the_edge():
 def test_text_is_shortened_to_its_width():
     text = "a rather long title of a view"
     for width in range(0, 300, 7):
-        found = lettering.fitted(text, 9.0, width)
-        assert not found or lettering.width_of(found, 9.0) <= width
+        found = marks.fit_text(text, 9.0, width)
+        assert not found or marks.text_width(found, 9.0) <= width
         assert found == text or found == "" or (found.endswith("...") and text.startswith(found[:-3]))
-    assert lettering.fitted(text, 9.0, 300) == text
-    assert lettering.fitted("", 9.0, 10) == ""
+    assert marks.fit_text(text, 9.0, 300) == text
+    assert marks.fit_text("", 9.0, 10) == ""
 
 
 def test_characters_that_cannot_be_drawn(recwarn):
     hostile = "a\nb\x1b[31m\udce9\u4e2d é"
-    found = lettering.drawable(hostile)
+    found = marks.drawable(hostile)
     assert found == "a?b?[31m?? é"
     picture = np.full((30, 200, 3), 255, np.uint8)
-    lettering.put(picture, 2, 20, 9.0, found)
+    marks.draw_text(picture, 2, 20, 9.0, found)
     assert picture.min() < 100
     assert not recwarn.list
 
@@ -112,14 +111,14 @@ def test_characters_that_cannot_be_drawn(recwarn):
 def test_text_is_clipped_at_the_picture():
     for x, y in ((-500, 5), (-9, 5), (35, 5), (500, 5), (3, -40), (3, 1), (3, 60), (3, 500)):
         picture = np.full((12, 40, 3), 255, np.uint8)
-        lettering.put(picture, x, y, 9.0, "clipped")
+        marks.draw_text(picture, x, y, 9.0, "clipped")
         assert picture.shape == (12, 40, 3)
 
 
 def test_panels_of_a_layout_lie_where_it_says():
-    layout = contact_sheet.Layout(across=2, panel=50, gap=6, title=20, caption=4, head=30)
-    panels = [contact_sheet.Panel(np.full((40, 50, 3), 10 * k, np.uint8), "", "") for k in range(3)]
-    sheet = contact_sheet.compose(panels, "", layout)
+    layout = marks.Layout(across=2, panel=50, gap=6, title=20, caption=4, head=30)
+    panels = [marks.Panel(np.full((40, 50, 3), 10 * k, np.uint8), "", "") for k in range(3)]
+    sheet = marks.compose_sheet(panels, "", layout)
     assert sheet.shape == (30 + 2 * 64, 112, 3)
     for k in range(3):
         x, y = layout.corner(k, 40)
@@ -157,7 +156,7 @@ IMAGE = np.random.default_rng(5).integers(0, 256, (40, 60, 3), dtype=np.uint8)
 
 
 def test_every_pixel_becomes_a_square():
-    large = magnified(IMAGE, Crop(10, 20, 3, 2, 5))
+    large = magnify(IMAGE, Crop(10, 20, 3, 2, 5))
     assert large.shape == (10, 15, 3)
     for row in range(10):
         for column in range(15):
@@ -175,7 +174,7 @@ def test_scale_of_a_crop(crop, scale):
 
 def test_marks_lie_outside_the_crops():
     crops = [Crop(24, 20, 12, 9), Crop(40, 0, 20, 8), Crop(0, 30, 5, 10)]
-    found = marked(IMAGE, crops)
+    found = mark_crops(IMAGE, crops)
     for crop in crops:
         inside = np.s_[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
         assert (found[inside] == IMAGE[inside]).all()
@@ -183,17 +182,17 @@ def test_marks_lie_outside_the_crops():
     assert (found[30, 26:36] == 0).all()
     assert (found[20:30, 36] == COLORS[0]).all()
     assert IMAGE.flags.writeable  # a copy was drawn into
-    assert (marked(IMAGE, []) == IMAGE).all()
+    assert (mark_crops(IMAGE, []) == IMAGE).all()
 
 
 def test_one_crop_has_no_number():
-    changed = (marked(IMAGE, [Crop(20, 20, 4, 4)]) != IMAGE).any(axis=-1)
+    changed = (mark_crops(IMAGE, [Crop(20, 20, 4, 4)]) != IMAGE).any(axis=-1)
     rows, columns = np.nonzero(changed)
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (18, 25, 18, 25)
 
 
 def test_the_number_of_a_crop_without_room_around_it_is_in_its_corner():
-    found = marked(IMAGE, [Crop(0, 0, 60, 40), Crop(20, 4, 8, 30)])
+    found = mark_crops(IMAGE, [Crop(0, 0, 60, 40), Crop(20, 4, 8, 30)])
     for x, y, color in ((0, 0, COLORS[0]), (20, 4, COLORS[1])):
         plate = found[y : y + 15, x : x + 8]
         assert (plate == color).all(axis=-1).sum() > 40

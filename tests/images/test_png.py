@@ -12,6 +12,7 @@ from scene_files import chunk
 
 from clshade.errors import InputError
 from clshade.images import png
+from clshade.images.image_file import resolution_of
 
 
 def noise(shape):
@@ -140,9 +141,9 @@ def test_a_header_that_claims_too_many_pixels(path):
 def test_the_resolution_of_a_file(tmp_path):
     path = tmp_path / "a.png"
     png.write(path, np.zeros((3, 500, 3), np.uint8))
-    assert png.resolution(path) == (500, 3)
+    assert resolution_of(path) == (500, 3)
     path.write_bytes(path.read_bytes()[:23])
-    assert png.resolution(path) is None
+    assert resolution_of(path) is None
     path.write_bytes(b"something else, and long enough")
-    assert png.resolution(path) is None
-    assert png.resolution(tmp_path) is None
+    assert resolution_of(path) is None
+    assert resolution_of(tmp_path) is None

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clshade.images import exr
-from clshade.images.channels import color_group, grouped
-from clshade.images.thumbnails import NOTHING, SIDE, thinned, thumbnails
+from clshade.images.figures import NOTHING, SIDE, thin, thumbnails
+from clshade.images.image_file import color_group, group_channels
 
 RNG = np.random.default_rng(3)
 
@@ -18,7 +18,7 @@ def named(*names):
 
 
 def layers(*names):
-    return {name: list(group.names) for name, group in grouped(named(*names)).items()}
+    return {name: list(group.names) for name, group in group_channels(named(*names)).items()}
 
 
 def test_channels_of_this_program():
@@ -116,8 +116,8 @@ def test_colors(encoded):
 def test_many_pixels_are_thinned_not_averaged():
     for shape, expected in (((1000, 2000), (143, 286)), ((20000, 3), (318, 3)), ((3, 3), (3, 3)), ((1, 640), (1, 320))):
         plane = RNG.integers(0, 9, shape, dtype=np.uint32)
-        thin = thinned(plane)
-        assert thin.shape == expected
-        assert max(thin.shape) <= SIDE
-        assert thin[0, 0] == plane[0, 0]
-        assert set(np.unique(thin)) <= set(range(9))
+        small = thin(plane)
+        assert small.shape == expected
+        assert max(small.shape) <= SIDE
+        assert small[0, 0] == plane[0, 0]
+        assert set(np.unique(small)) <= set(range(9))

@@ -12,8 +12,7 @@ from PIL import Image
 import clshade
 from clshade.errors import InputError
 from clshade.images import png
-from clshade.images.tonemap import tonemap
-from clshade.images.transparency import over, over_checkers, straight, tonemap_rgba
+from clshade.images.tonemap import over, over_checkers, straight, tonemap, tonemap_rgba
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.scene.settings import Settings, SettingsFields
 from clshade.view.sheet import draw_sheet

@@ -13,7 +13,7 @@ from PIL import Image
 
 from clshade.errors import InputError
 from clshade.view import video
-from clshade.view.film_format import FORMATS, checked_rate, durations, format_of, is_film
+from clshade.view.video import FORMATS, checked_rate, durations, format_of, is_film
 
 needs_av = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="PyAV is not installed")
 

@@ -22,7 +22,7 @@ from clshade.images import compare_figure, png  # noqa: F401  (imported once: ru
 from clshade.images.image_file import read_picture
 from clshade.pipeline.frame import Frame
 from clshade.view import page  # noqa: F401
-from clshade.view.regression import image_regression, library, plugin
+from clshade.view.regression import image_regression, plugin
 
 pytest_plugins = ["pytester"]
 PLUGIN = "clshade.view.regression.plugin"
@@ -314,12 +314,12 @@ def test_bad_libraries(fixture, tmp_path, text, message):
 def test_an_unreadable_library_is_not_an_empty_one(tmp_path):
     (tmp_path / "a_images.json").mkdir()
     with pytest.raises(InputError, match="expected a regular file, found a folder"):
-        library.read(tmp_path / "a_images.json")
+        image_regression.read_library(tmp_path / "a_images.json")
 
 
 def test_names_of_files_tell_images_apart():
     keys = ["test_a", "test_A", "test_b[a/b]", "test_b[a-b]", "test_b[ü]", "x" * 300, "x" * 299, "..", "."]
-    names = [library.file_name(key) for key in keys]
+    names = [image_regression.file_name(key) for key in keys]
     assert names[0] == "test_a"
     assert len({name.lower() for name in names}) == len(keys)
     assert all(re.fullmatch(r"[A-Za-z0-9_.-]{1,100}", name) and name not in (".", "..") for name in names)
@@ -327,18 +327,20 @@ def test_names_of_files_tell_images_apart():
 
 def test_hashes_are_those_of_the_bytes_on_any_machine():
     values = np.arange(6, dtype=np.float32).reshape(2, 3)
-    assert library.digest(values) == library.digest(values.astype(">f4")) == library.digest(np.asfortranarray(values))
-    assert library.digest(values) != library.digest(values.T.copy())
-    assert library.digest(values) != library.digest(values.view(np.uint32))
-    assert library.digest(np.zeros(1)) != library.digest(-np.zeros(1))
+    digest = image_regression.digest
+    assert digest(values) == digest(values.astype(">f4")) == digest(np.asfortranarray(values))
+    assert digest(values) != digest(values.T.copy())
+    assert digest(values) != digest(values.view(np.uint32))
+    assert digest(np.zeros(1)) != digest(-np.zeros(1))
 
 
 WRITER = """
 import sys
 from pathlib import Path
-from clshade.view.regression import library
+from clshade.view.regression import image_regression
 for number in range(20):
-    library.put(Path("test_images.json"), f"{sys.argv[1]}{number:02}", {"rgba": sys.argv[2]}, lambda file: file.write(b"x"))
+    key, entry = f"{sys.argv[1]}{number:02}", {"rgba": sys.argv[2]}
+    image_regression.put_image(Path("test_images.json"), key, entry, lambda file: file.write(b"x"))
 """
 
 
@@ -348,16 +350,16 @@ def test_processes_that_renew_one_library_at_once_lose_nothing(tmp_path):
     running = [subprocess.Popen([*command, name, DIGEST], cwd=tmp_path, env=environment) for name in "ab"]
     assert [each.wait(60) for each in running] == [0, 0]
     keys = [f"{name}{number:02}" for name in "ab" for number in range(20)]
-    assert list(library.read(tmp_path / "test_images.json")) == keys
+    assert list(image_regression.read_library(tmp_path / "test_images.json")) == keys
     files = ["test_images", "test_images.json", *(f"test_images/{key}.exr" for key in keys)]
     assert listing(tmp_path) == sorted(files)
 
 
 def test_a_library_that_stays_locked(tmp_path, monkeypatch):
-    monkeypatch.setattr(library, "_PATIENCE", 0.0)
-    monkeypatch.setattr(library, "lock_file", lambda path: None)
+    monkeypatch.setattr(image_regression, "_PATIENCE", 0.0)
+    monkeypatch.setattr(image_regression, "lock_file", lambda path: None)
     with pytest.raises(OutputError, match=r"a_images.json: cannot be written: another process has held .* for 0 s"):
-        library.put(tmp_path / "a_images.json", "key", {"rgba": DIGEST}, None)
+        image_regression.put_image(tmp_path / "a_images.json", "key", {"rgba": DIGEST}, None)
 
 
 # The plugin
@@ -425,7 +427,7 @@ def test_workers_and_other_devices_agree(project, pytester, monkeypatch):
     done = pytester.runpytest_subprocess(*arguments, "-n", "2", "--dist", "load", "--clshade-update")
     done.assert_outcomes(passed=3)
     assert "\n5 created\n" in done.stdout.str()
-    assert list(library.read(pytester.path / "test_pot_images.json")) == KEYS
+    assert list(image_regression.read_library(pytester.path / "test_pot_images.json")) == KEYS
     for device in working_devices():
         monkeypatch.setenv("CLSHADE_DEVICE", device)
         pytester.runpytest_subprocess(*arguments).assert_outcomes(passed=3)

@@ -18,7 +18,7 @@ from clshade.errors import InputError
 from clshade.scene.adjust_lights import scaled_lights
 from clshade.view import live_input
 from clshade.view.live_input import ANSWERED, MESSAGES, checked
-from clshade.view.live_session import enlarged, packed
+from clshade.view.live_session import enlarge, pack_picture
 from clshade.view.page import live_page
 
 CAMERA = clshade.Camera.from_fov((3.0, 4.0, 12.0), (0.0, 0.0, 0.0), (0.0, 2.0, 0.0), 40.0)
@@ -30,7 +30,7 @@ def test_messages_hold_their_arrays_at_multiples_of_eight_bytes():
         "id": np.arange(15, dtype=np.uint32).reshape(3, 5) + 2**31,
         "rgba": np.arange(60, dtype=np.uint8).reshape(3, 5, 4),
     }
-    message = packed({"width": 5, "height": 3, "name": "ü" * 3}, arrays)
+    message = pack_picture({"width": 5, "height": 3, "name": "ü" * 3}, arrays)
     header, found = unpacked(message)
     assert header["name"] == "üüü"
     assert len(message) % 8 == 0
@@ -42,7 +42,7 @@ def test_messages_hold_their_arrays_at_multiples_of_eight_bytes():
 @pytest.mark.parametrize("shape", [(4, 6), (5, 7), (2, 3), (1, 1)])
 def test_a_coarse_channel_covers_the_full_image(shape):
     coarse = np.arange(6.0).reshape(2, 3)[: shape[0], : shape[1]]
-    full = enlarged(coarse, shape)
+    full = enlarge(coarse, shape)
     assert full.shape == shape
     assert (full[0, 0], full[-1, -1]) == (coarse[0, 0], coarse[-1, -1])
     assert set(full.ravel()) == set(coarse.ravel())

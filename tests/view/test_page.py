@@ -80,16 +80,16 @@ def test_codes_of_a_png_are_kept(tmp_path, dtype):
     # Pillow writes 16 bits in gray alone.
     Image.fromarray(codes if dtype is np.uint8 else codes[:, :, 0]).save(tmp_path / "a.png")
     picture = read_picture(tmp_path / "a.png")
-    kind, found = page.stored(next(iter(picture.channels.values())), picture.bits)
+    kind, found = page.stored_bits(next(iter(picture.channels.values())), picture.bits)
     assert kind == f"u{dtype().itemsize * 8}"
     assert (found == codes[:, :, 0]).all()
     assert page.info(picture)["encoded"] is True
 
 
 def test_float64_is_rounded_and_other_types_are_refused():
-    assert page.stored(np.full((1, 1), 0.1))[1].view(np.float32) == np.float32(0.1)
+    assert page.stored_bits(np.full((1, 1), 0.1))[1].view(np.float32) == np.float32(0.1)
     with pytest.raises(InputError, match="expected floats or whole numbers, found type complex128"):
-        page.stored(np.zeros((1, 1), complex))
+        page.stored_bits(np.zeros((1, 1), complex))
 
 
 def test_nothing_of_a_file_becomes_markup():

@@ -10,10 +10,9 @@ import pytest
 from browsers import WITHOUT_GL, opened, until
 
 from clshade.images import exr
-from clshade.images.channels import color_group, grouped
-from clshade.images.image_file import Picture, read_picture
+from clshade.images.figures import thumbnails
+from clshade.images.image_file import Picture, color_group, group_channels, read_picture
 from clshade.images.statistics import LUMINANCE
-from clshade.images.thumbnails import thumbnails
 from clshade.images.tonemap import OPERATORS, tonemap
 from clshade.view import page
 
@@ -306,7 +305,7 @@ NAMES = [
 @pytest.mark.parametrize("names", NAMES)
 def test_channels_are_grouped_as_by_the_library(shown, names):
     planes = {name: np.zeros((1, 1)) for name in names}
-    expected = [[title, group.family, list(group.names)] for title, group in grouped(planes).items()]
+    expected = [[title, group.family, list(group.names)] for title, group in group_channels(planes).items()]
     call = "(names) => groupChannels(names).map(({ name, family, channels }) => [name, family, channels])"
     assert shown.evaluate(call, names) == expected
     color = color_group(planes)

@@ -18,7 +18,7 @@ import clshade
 from clshade import Camera, exr
 from clshade.cli import frames as command
 from clshade.errors import InputError
-from clshade.images import exr_tiles, png
+from clshade.images import png
 from clshade.view import draw_poster, poster
 from clshade.view.frame_folder import FrameFolder
 
@@ -91,7 +91,7 @@ def test_a_run_that_was_stopped_goes_on(folder, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(exr_tiles, "join", stop)
+    monkeypatch.setattr("clshade.view.poster.join_tiles", stop)
     with pytest.raises(KeyboardInterrupt):
         draw()
     assert listing(folder) == ["p.tiles"]
@@ -245,22 +245,22 @@ def one_tile(value: float = 1.0, **options) -> bytes:
 def test_files_that_are_no_tiles_of_it_are_refused(folder, damaged, found):
     (folder / "0.exr").write_bytes(damaged)
     (folder / "whole.exr").write_bytes(one_tile())
-    start = exr_tiles.header("whole.exr", (5, 3), 8, {})
+    start = poster.tiled_header("whole.exr", (5, 3), 8, {})
     with pytest.raises(InputError, match=rf"0\.exr: file: expected a tile of this image.*{found}"):
-        exr_tiles.join(io.BytesIO(), start, ["0.exr"], 1, 1)
+        poster.join_tiles(io.BytesIO(), start, ["0.exr"], 1, 1)
 
 
 def test_a_tile_that_is_gone_is_named(folder):
     (folder / "whole.exr").write_bytes(one_tile())
-    start = exr_tiles.header("whole.exr", (5, 3), 8, {})
+    start = poster.tiled_header("whole.exr", (5, 3), 8, {})
     with pytest.raises(InputError, match=r"gone\.exr: file: expected a tile of this image"):
-        exr_tiles.join(io.BytesIO(), start, ["gone.exr"], 1, 1)
+        poster.join_tiles(io.BytesIO(), start, ["gone.exr"], 1, 1)
 
 
 def test_headers_may_be_long(folder):
     (folder / "0.exr").write_bytes(one_tile(metadata={"objectNames": 300_000 * "x"}))
     file = io.BytesIO()
-    exr_tiles.join(file, exr_tiles.header("0.exr", (5, 3), 8, {"objectNames": "y" * 70_000}), ["0.exr"], 1, 1)
+    poster.join_tiles(file, poster.tiled_header("0.exr", (5, 3), 8, {"objectNames": "y" * 70_000}), ["0.exr"], 1, 1)
     (folder / "joined.exr").write_bytes(file.getvalue())
     channels, header = exr.read("joined.exr")
     assert (channels["R"] == 1.0).all()

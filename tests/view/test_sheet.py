@@ -10,8 +10,8 @@ from command_line import SMALL, assert_refused, listing, needs_device, run, with
 
 import clshade
 from clshade.errors import InputError
-from clshade.images import drawing_marks, exr, png
-from clshade.images.crops import Crop, magnified, marked
+from clshade.images import exr, marks, png
+from clshade.images.marks import Crop, magnify, mark_crops
 from clshade.pipeline.frame import Frame
 from clshade.scene.ground import with_ground
 from clshade.scene.model import Mesh, Scene
@@ -68,7 +68,7 @@ def test_the_bar_in_the_picture_has_the_length_that_the_box_has_there(sheet):
         assert bar["pixels"] == pytest.approx(bar["length"] / view["units_per_pixel"], rel=1e-12)
         assert 0.1 * columns < bar["pixels"] <= 0.3 * columns
         left = x - (module._MIN_WIDTH - columns) // 2
-        ink = (sheet.picture[y + rows + 2 :, left:][:40, :240] == drawing_marks.INK).all(axis=-1)
+        ink = (sheet.picture[y + rows + 2 :, left:][:40, :240] == marks.INK).all(axis=-1)
         longest = max(len(run) for line in ink for run in "".join(".#"[int(each)] for each in line).split("."))
         assert abs(longest - bar["pixels"]) <= 1
     assert views(sheet)["front"]["scale_bar"]["length"] == 1.0
@@ -212,9 +212,9 @@ def test_views_and_crops_are_written(folder, capsys):
     assert list(json.loads(out)["views"]) == ["front", "top"]
     image = png.read("a_front.png")
     first, second = Crop(3, 4, 10, 8), Crop(20, 10, 5, 5, 3)
-    assert (png.read("a_front_crop1.png") == magnified(image, first)).all()
-    assert (png.read("a_front_crop2.png") == magnified(image, second)).all()
-    assert (png.read("a_front_marked.png") == marked(image, [first, second])).all()
+    assert (png.read("a_front_crop1.png") == magnify(image, first)).all()
+    assert (png.read("a_front_crop2.png") == magnify(image, second)).all()
+    assert (png.read("a_front_marked.png") == mark_crops(image, [first, second])).all()
     assert exr.read("a_front.exr")[0]["A"].sum() > exr.read("a_top.exr")[0]["A"].sum()
 
 

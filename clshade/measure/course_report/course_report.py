@@ -25,7 +25,7 @@ from ...pipeline.programs import running_time
 from ...scene.formats.course_npy import only_mesh
 from ...scene.lights import plain_lights
 from ...scene.model import Scene, Settings
-from ..markup import element
+from ..markup import data_uri, element
 from ..report.decomposition import Decomposition, decompose
 from ..report.model_errors import ModelErrors
 from ..report.reference_image import reference
@@ -142,7 +142,7 @@ def _draw(scene: Scene, drawable: list[Figure]) -> Iterator[Drawn]:
 
 def _figure(picture: Drawn) -> Element:
     figure = picture.figure
-    image = element("img", src=png.as_uri(picture.picture), alt=figure.title)
+    image = element("img", src=data_uri("image/png", png.to_bytes(picture.picture, png.PAGE_LEVEL)), alt=figure.title)
     caption = element("figcaption", f"{figure.title.capitalize()}. {picture.first:.1f} ms, then {picture.again:.1f} ms")
     return element("figure", image, caption, id=f"f{figure.number}")
 

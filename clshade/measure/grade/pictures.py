@@ -10,7 +10,7 @@ import numpy as np
 
 from ...base.arrays import Floats
 from ...images import compare_figure, figures
-from ...images.channels import Group
+from ...images.image_file import Group
 from .grade import Grade, Right, explained_codes
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ uniform usampler2D numbersA[3];
 uniform usampler2D numbersB[3];
 uniform sampler2D colormap;
 uniform ivec2 sizeA, sizeB;    // pixels
-uniform int kindA, kindB;      // see KIND in layers.js
+uniform int kindA, kindB;      // see KIND in images.js
 uniform int countA, countB;    // planes
 uniform vec3 lowA, lowB;       // ranges of the planes
 uniform vec3 highA, highB;
@@ -62,7 +62,7 @@ uvec3 number(ivec2 p, bool second) {
   return second ? FETCHED(uvec3, numbersB, p) : FETCHED(uvec3, numbersA, p);
 }
 
-/** Return a color for each different tuple of numbers, black for zeros, as clshade.images.thumbnails does. */
+/** Return a color for each different tuple of numbers, black for zeros, as clshade.images.figures does. */
 vec3 numberColor(uvec3 numbers, int count) {
   uint state = 0u;
   bool nothing = true;

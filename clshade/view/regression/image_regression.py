@@ -3,32 +3,37 @@ image differs: a line for each layer, and files to look at."""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
+import os
 import re
 import shlex
-from collections.abc import Callable
+import tempfile
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 import numpy as np
 import pytest
 
-from ...base.atomic_files import folder_made, shown, write_bytes
-from ...base.input_files import read_file
-from ...base.json_values import in_line
+from ...base.arrays import Array
+from ...base.atomic_files import folder_made, lock_file, naming, replacing_all, shown, write_bytes, write_error
+from ...base.input_files import file_error, quoted, read_file
+from ...base.json_values import found_text, in_line, parse_text
+from ...base.spelling import hint
 from ...base.validation import known, value_error
 from ...errors import ClshadeError, InputError, OutputError
 from ...images import compare, exr, png
-from ...images.channels import Group
-from ...images.image_file import Picture, read_picture
-from ...images.tonemap import tonemap
-from ...images.transparency import tonemap_rgba
+from ...images.image_file import Group, Picture, read_picture
+from ...images.tonemap import tonemap, tonemap_rgba
 from ...pipeline.frame import Frame
 from ...scene.model import Scene, default_tonemap
-from ...scene.settings import FrameOptions
+from ...scene.settings import LAYERS, FrameOptions
 from .. import page
-from . import FIXTURE, RENEWED, UPDATE, library
+from . import FIXTURE, RENEWED, UPDATE
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -44,6 +49,19 @@ if TYPE_CHECKING:
 _MAX_BYTES = 1 << 31  # of a reference image
 _OPTIONS = (*FrameOptions.__annotations__, "device")
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,60}")  # no slash: a key ends with one and the name
+
+# Libraries
+VERSION = 1
+HASHES = "imageHashes"  # attribute of a reference's header: its entry as JSON
+IMAGE = "rgba"  # the name of the image itself, beside those of layers
+_KEYS = ("clshade_images", "images")  # the version, and key of an image -> Entry
+_ARRAYS = (IMAGE, *LAYERS)
+_DIGEST = re.compile(r"[a-z]+\d+ \d+(x\d+)+ [0-9a-f]{64}")
+_MAX_LIBRARY = 1 << 26
+_PATIENCE = 60.0  # seconds to wait for other processes that write the same library
+_MAX_NAME = 80  # characters of a file's name that are taken from a test's
+
+Entry: TypeAlias = dict[str, str]  # name of an array -> `digest`
 
 
 class ImageRegression:
@@ -64,38 +82,22 @@ class ImageRegression:
         return f"<{FIXTURE} of {self._key('')}>"
 
     def __call__(self, scene: Scene | Frame, name: str | None = None, **options: Unpack[Options]) -> Frame:
-        """Compare image and layers of a scene, which is drawn, or of a frame with the library's.
+        """Compare image and layers of a scene, which is drawn, or of a frame with the library's; return the frame.
 
-        Parameters
-        ----------
-        scene : Scene or Frame
-            What to draw, or what was drawn.
-        name : str, optional
-            Name of the image within its test, at most 60 letters, digits, ``_``, ``-`` and ``.``. A
-            test with several images has to name all of them but one.
-        **options
-            Keywords of `clshade.render`; none for a Frame.
+        name: of the image within its test, at most 60 letters, digits, ``_``, ``-`` and ``.``; a test with several images
+        has to name all of them but one. options: keywords of `clshade.render`; none for a Frame.
 
-        Returns
-        -------
-        Frame
-            The frame that was compared.
-
-        Raises
-        ------
-        InputError
-            If an argument is refused.
-        DeviceError
-            If no OpenCL device works.
-
-        Notes
-        -----
-        The test fails if a bit of the image or of a layer differs, if image or layer have another
-        type or shape, if layers are missing or new, or if the library has no such image. With
-        ``--clshade-update`` it passes, and the library is renewed.
+        The test fails if a bit of the image or of a layer differs, if image or layer have another type or shape, if
+        layers are missing or new, or if the library has no such image. With ``--clshade-update`` it passes, and the
+        library is renewed. Raises InputError for a refused argument, DeviceError if no OpenCL device works.
         """
         __tracebackhide__ = True
-        key = self._new_key(name)
+        if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
+            raise value_error(FIXTURE, "name", "1 to 60 letters, digits, _, - and ., or None", name)
+        key = self._key(name or "")
+        if key in self._compared:
+            raise value_error(FIXTURE, "name", "another one for each image of a test", name, ", for the second time")
+        self._compared.add(key)
         frame = _drawn(scene, options)
         try:
             message = self._check(key, frame)
@@ -104,15 +106,6 @@ class ImageRegression:
         if message:
             pytest.fail(f"{FIXTURE}: {message}", pytrace=False)
         return frame
-
-    def _new_key(self, name: str | None) -> str:
-        if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
-            raise value_error(FIXTURE, "name", "1 to 60 letters, digits, _, - and ., or None", name)
-        key = self._key(name or "")
-        if key in self._compared:
-            raise value_error(FIXTURE, "name", "another one for each image of a test", name, ", for the second time")
-        self._compared.add(key)
-        return key
 
     def _key(self, name: str) -> str:
         """Return an image's key: classes, test and parameters as pytest writes them, and the image's name."""
@@ -126,17 +119,16 @@ class ImageRegression:
 
     def _check(self, key: str, frame: Frame) -> str:
         """Compare an image with the library's, or renew that. Return the message of a failed test, "" if it passes."""
-        expected, actual = library.read(self._library).get(key), library.entry_of(frame)
+        expected, actual = read_library(self._library).get(key), entry_of(frame)
         if self._update:
             self._renew(key, frame, expected, actual)
             return ""
         if actual == expected:
             return ""
-        title, failure = f"{self._shown(self._library)} has no image {key}", _Failure(frame)
-        lines: list[str] = []
+        title, lines = f"{self._shown(self._library)} has no image {key}", list[str]()
+        failure = _Failure(frame, reference_path(self._library, key), expected)
         if expected is not None:
             title = f"{key} differs from {self._shown(self._library)}"
-            failure.read_reference(library.reference_path(self._library, key), expected)
             lines = _difference_lines(expected, actual, failure)
         try:
             lines.append(failure.write(self._folder(key)))
@@ -148,23 +140,22 @@ class ImageRegression:
 
     def _folder(self, key: str) -> Path:
         """Return the folder for the files of an image that differs."""
-        name = library.file_name(key)
+        name = file_name(key)
         if self._out is None:
             return self._temporary(name)
         root, tests = self._test.config.rootpath, self._test.path.with_suffix("")
         return self._out / (tests.relative_to(root) if tests.is_relative_to(root) else tests.name) / name
 
-    def _renew(self, key: str, frame: Frame, expected: library.Entry | None, actual: library.Entry) -> None:
+    def _renew(self, key: str, frame: Frame, expected: Entry | None, actual: Entry) -> None:
         """Put the image into the library if it is not there, and note that for the summary."""
-        state, remark, failure = "created", "", _Failure(frame)
+        state, remark, failure = "created", "", _Failure(frame, reference_path(self._library, key), expected)
         if expected is not None:
-            failure.read_reference(library.reference_path(self._library, key), expected)
             state = "unchanged" if actual == expected else "updated"
             remark = "; ".join(_difference_lines(expected, actual, failure)) if actual != expected else ""
         if state != "unchanged" or (self._references and failure.reference is None):
-            metadata = {**frame.metadata(deterministic=True), library.HASHES: json.dumps(actual)}
+            metadata = {**frame.metadata(deterministic=True), HASHES: json.dumps(actual)}
             encode = partial(exr.encode, channels=frame.channels(), metadata=metadata, window="drawn")
-            library.put(self._library, key, actual, encode if self._references else None)
+            put_image(self._library, key, actual, encode if self._references else None)
         self._test.user_properties.append((RENEWED, (state, self._shown(self._library), key, remark)))
 
 
@@ -181,37 +172,32 @@ def _drawn(scene: Scene | Frame, options: Options) -> Frame:
     return render(scene, **options)
 
 
+def _reference(path: Path, entry: Entry | None) -> tuple[Picture | None, str]:
+    """Return the reference image, or why it is not at hand: there is no file, or one with other hashes."""
+    if entry is None:
+        return None, ""
+    if not path.exists():
+        return None, f"there is no reference image {shown(path)}"
+    try:
+        picture = read_picture(path)
+    except InputError as error:
+        return None, f"no reference image: {error}"
+    if picture.header.get(HASHES) != json.dumps(entry):
+        return None, f"{shown(path)} is not the image of the library, and is not shown"
+    return Picture(picture.channels, picture.header, name="reference"), ""
+
+
 class _Failure:
-    """A frame, and the image that it should be, if that is at hand.
+    """A frame, and the image of the library that it should be, None without one, and why. path: of that image."""
 
-    reference: None without a file, or if the file has other hashes. lacking: why there is none.
-    """
-
-    def __init__(self, frame: Frame) -> None:
-        self.frame = frame
+    def __init__(self, frame: Frame, path: Path, expected: Entry | None) -> None:
+        self.frame, self._path = frame, path
         channels = exr.flatten(frame.channels())
         with np.errstate(over="ignore"):  # in the types in which an EXR stores them
             for name, plane in channels.items():
                 channels[name] = plane.astype(np.float32) if plane.dtype == np.float64 else plane
         self.result = Picture(channels, frame.metadata(deterministic=True), name="result")
-        self.reference: Picture | None = None
-        self.lacking = ""
-        self._path: Path | None = None
-
-    def read_reference(self, path: Path, entry: library.Entry) -> None:
-        """Read the reference image, if it belongs to `entry`."""
-        if not path.exists():
-            self.lacking = f"there is no reference image {shown(path)}"
-            return
-        try:
-            picture = read_picture(path)
-        except InputError as error:
-            self.lacking = f"no reference image: {error}"
-            return
-        if picture.header.get(library.HASHES) != json.dumps(entry):
-            self.lacking = f"{shown(path)} is not the image of the library, and is not shown"
-            return
-        self._path, self.reference = path, Picture(picture.channels, picture.header, name="reference")
+        self.reference, self.lacking = _reference(path, expected)
 
     def write(self, folder: Path) -> str:
         """Write result, reference, difference and their page into a folder, and return a line that names them.
@@ -221,7 +207,7 @@ class _Failure:
         names = ["result"]
         with folder_made(folder):
             self.frame.write(folder / "result", deterministic=True)
-            if self.reference is not None and self._path is not None:
+            if self.reference is not None:
                 names.append("reference")
                 write_bytes(folder / "reference.exr", read_file(self._path, _MAX_BYTES))
                 is_opaque, operator = self.frame.scene.background is not None, default_tonemap(self.frame.scene)
@@ -252,7 +238,7 @@ class _Failure:
         figures.save(figure, folder / "difference.png")
 
 
-def _difference_lines(expected: library.Entry, actual: library.Entry, failure: _Failure) -> list[str]:
+def _difference_lines(expected: Entry, actual: Entry, failure: _Failure) -> list[str]:
     """Return a line for each array that differs, for a header that does, and on a reference that is not at hand."""
     lines = []
     for name in sorted({*expected, *actual}, key=[*actual, *expected].index):
@@ -265,8 +251,14 @@ def _difference_lines(expected: library.Entry, actual: library.Entry, failure: _
         return [*lines, f"{different}: other bits; {failure.lacking}"] if different else lines
     if reference.shape != failure.result.shape:
         return lines
-    pairs = compare.chosen_layers(failure.result, reference)
-    worst = [line for name, pair in pairs.items() if (line := _worst_line(name, pair))]
+    worst = []
+    for name, pair in compare.chosen_layers(failure.result, reference).items():
+        errors = compare.errors_of(*pair)
+        if count := int(np.count_nonzero(errors)):
+            y, x = np.unravel_index(np.argmax(errors), errors.shape)
+            values, wanted = (" ".join(f"{plane[y, x]:.7g}" for plane in group.planes) for group in pair)
+            place = f"most at column {x}, row {y} from the top"
+            worst.append(f"{name}: {count} of {errors.size} pixels differ, {place}: expected {wanted}, found {values}")
     if different and not worst:
         worst = [f"{different}: other bits, equal values in float32"]
     facts, facts_now = _header_facts(reference), _header_facts(failure.result)
@@ -285,15 +277,106 @@ def _header_facts(picture: Picture) -> dict[str, Any]:
     return {**settings, "scene": picture.header.get("scene", "none")}
 
 
-def _worst_line(name: str, pair: tuple[Group, Group]) -> str:
-    """Return how many pixels of a layer differ, and the values where they differ most; "" if none does."""
-    errors = compare.errors_of(*pair)
-    count = int(np.count_nonzero(errors))
-    if not count:
-        return ""
-    y, x = np.unravel_index(np.argmax(errors), errors.shape)
-    values, wanted = (" ".join(f"{plane[y, x]:.7g}" for plane in group.planes) for group in pair)
-    return (
-        f"{name}: {count} of {errors.size} pixels differ, most at column {x}, row {y} from the top: "
-        f"expected {wanted}, found {values}"
-    )
+# Libraries of images: a JSON file of hashes beside each file of tests, and an EXR of each image.
+
+
+def digest(array: Array) -> str:
+    """Return type, shape and SHA-256 of an array's bytes in C order, little-endian: `float32 240x320x4 9f86...`."""
+    ordered = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    return f"{array.dtype.name} {'x'.join(map(str, array.shape))} {hashlib.sha256(ordered.data).hexdigest()}"
+
+
+def entry_of(frame: Frame) -> Entry:
+    return {IMAGE: digest(frame.rgba), **{name: digest(frame[name]) for name in frame.layers}}
+
+
+def reference_path(library: Path, key: str) -> Path:
+    """Return the EXR of an image, in a folder beside its library."""
+    return library.with_suffix("") / f"{file_name(key)}.exr"
+
+
+def file_name(key: str) -> str:
+    """Return the key as a file's name; with a hash if it is too long for one, has characters that some file systems
+    refuse, or upper case letters, which some do not tell from lower case."""
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", key).strip(".-")[:_MAX_NAME]
+    return name if name.lower() == key else f"{name}-{hashlib.sha256(key.encode('utf-8', 'replace')).hexdigest()[:8]}"
+
+
+def read_library(library: Path) -> dict[str, Entry]:
+    """Return the entries of a library, key -> Entry; none if there is no such file.
+
+    Raises InputError, one line that names the file and the place, for a file that is no library.
+    """
+    try:
+        data = read_file(library, _MAX_LIBRARY)
+    except ValueError:
+        if os.path.lexists(library):
+            raise
+        return {}
+    owner = shown(library)
+    content = _object(owner, "", parse_text(data, owner, "a library of images", unique=True), _KEYS)
+    for key in _KEYS:
+        if key not in content:
+            raise file_error(owner, key, "this key", "none")
+    version, images = (content[key] for key in _KEYS)
+    if version != VERSION or isinstance(version, bool):
+        raise file_error(owner, _KEYS[0], f"version {VERSION}", found_text(version))
+    entries = _object(owner, _KEYS[1], images)
+    for key, entry in entries.items():
+        place = f"images, {quoted(key)}"
+        for name, text in _object(owner, place, entry, _ARRAYS).items():
+            if not isinstance(text, str) or not _DIGEST.fullmatch(text):
+                raise file_error(owner, f"{place}, {name}", "type, shape and SHA-256", found_text(text))
+        if IMAGE not in entry:
+            raise file_error(owner, place, f"{IMAGE} among its keys", ", ".join(entry) or "none")
+    return entries
+
+
+def _object(owner: str, place: str, value: Any, keys: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return an object of JSON. keys: the allowed ones; none: all. Raises InputError for anything else."""
+    if not isinstance(value, dict):
+        raise file_error(owner, place or "JSON", "an object", found_text(value))
+    for key in value:
+        if keys and key not in keys:
+            expected = f"one of {', '.join(keys)}"
+            raise file_error(owner, f"{place}, key" if place else "key", expected, f"{quoted(key)}{hint(key, keys)}")
+    return value
+
+
+def put_image(library: Path, key: str, entry: Entry, encode: Callable[[BinaryIO], Any] | None) -> None:
+    """Put an entry into a library, and what `encode` writes into the file of its reference image, both or neither.
+
+    Entries that other processes put there at the same time are kept. Raises OutputError if a file cannot be written, and
+    as `read_library`.
+    """
+    with _locked(library):
+        entries = {**read_library(library), key: entry}
+        content = dict(zip(_KEYS, (VERSION, dict(sorted(entries.items()))), strict=True))
+        text = json.dumps(content, indent=2) + "\n"
+        reference = reference_path(library, key) if encode else None
+        paths = [library] if reference is None else [reference, library]
+        with folder_made(reference and reference.parent), replacing_all(*paths) as files:
+            if encode is not None:
+                with naming(paths[0]):
+                    encode(files[0])
+            with naming(library):
+                files[-1].write(text.encode())
+
+
+@contextlib.contextmanager
+def _locked(library: Path) -> Iterator[None]:
+    """Hold the lock of a library, a file in the folder for temporary ones: nothing is left beside the tests."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    name = hashlib.sha256(os.fsencode(os.path.realpath(library))).hexdigest()[:16]
+    path = os.path.join(tempfile.gettempdir(), f"clshade-{user}-{name}.lock")
+    with naming(path):
+        descriptor, until = lock_file(path), time.monotonic() + _PATIENCE
+        while descriptor is None:
+            if time.monotonic() > until:
+                raise write_error(library, f"another process has held {shown(path)} for {_PATIENCE:.0f} s")
+            time.sleep(0.01)
+            descriptor = lock_file(path)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
