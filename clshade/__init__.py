@@ -27,7 +27,7 @@ _HOMES = {
     "Scalars": "clshade.scene.model",
     "Scene": "clshade.scene.model",
     "Settings": "clshade.scene.model",
-    "Edges": "clshade.scene.edges",
+    "Edges": "clshade.scene.settings",
     "Environment": "clshade.scene.environment",
     "load_environment": "clshade.scene.formats.environment",
     "studio": "clshade.scene.builtin.studio",
@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     from .scene.builtin.scenes import builtin as builtin
     from .scene.builtin.studio import studio as studio
     from .scene.camera import Camera as Camera
-    from .scene.edges import Edges as Edges
     from .scene.environment import Environment as Environment
     from .scene.formats.environment import load_environment as load_environment
     from .scene.formats.load import load as load
@@ -90,6 +89,7 @@ if TYPE_CHECKING:
     from .scene.model import Scene as Scene
     from .scene.model import Settings as Settings
     from .scene.model import Texture as Texture
+    from .scene.settings import Edges as Edges
 
 
 def __getattr__(name: str) -> Any:

@@ -9,8 +9,7 @@ from kernel_stages import OTHER_LANES, Probe, bits
 from clshade.pipeline.shading_tables import environment_tables
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.scene.environment import Environment
-from clshade.scene.image_light.light import image_light
-from clshade.scene.image_light.octahedral import lookup
+from clshade.scene.image_light import bilinear, image_light
 
 TEXT = """
 #include "surface.clh"
@@ -64,7 +63,7 @@ def test_levels_in_any_direction(device):
     for number, level in enumerate(image_light(ENVIRONMENT).levels):
         mine = levels == number
         # A place in the map is right to some roundings of its side in texels; the colors around it are at most 1.
-        expected = lookup(level, d[mine].astype(np.float64))
+        expected = bilinear(level, d[mine].astype(np.float64))
         np.testing.assert_allclose(found[mine], expected, atol=8 * len(level) * 2.0**-24)
 
 

@@ -12,7 +12,7 @@ from reflection_quadrature import lost_energy
 
 from clshade.oracle import OracleFrame, microfacet, shade
 from clshade.oracle.lights import Directions, Interaction, Lights
-from clshade.scene.metallic_roughness import LEAST_ROUGHNESS, from_phong
+from clshade.scene.material import MIN_ROUGHNESS, from_phong
 from clshade.scene.model import Material, MetallicRoughness
 
 EYE = np.zeros(3)  # points and lights are relative to it
@@ -55,7 +55,7 @@ def test_closed_forms(device):
     assert one(device, rough, point=(0, 0, 0), light=(0, 0, 1)) == pytest.approx([0.96] * 3)  # the eye at it: no lobe
 
 
-@pytest.mark.parametrize("roughness", [0.0, 1e-4, LEAST_ROUGHNESS])
+@pytest.mark.parametrize("roughness", [0.0, 1e-4, MIN_ROUGHNESS])
 def test_the_least_roughness(device, roughness):
     """Less counts as 2^-5, whose lobe is 2^18 high: exact here."""
     assert one(device, MetallicRoughness(1.0, roughness)) == [2.0**18] * 3
@@ -118,7 +118,7 @@ def test_light_at_random_points(device, roughness, metallic):
 def test_lobes_own_relative_error(device, roughness):
     """Inside the lobe, |N x H| <= alpha, at most 32 / alpha * 2^-24 (clshade/measure/README.md)."""
     rng = np.random.default_rng(7)
-    alpha = max(roughness, LEAST_ROUGHNESS) ** 2
+    alpha = max(roughness, MIN_ROUGHNESS) ** 2
     light = float32([0.7, -0.4, 0.9])
     points = float32(unit(rng.normal(size=(4000, 3))) * rng.uniform(1.0, 2.0, (4000, 1)))
     to_eye, to_light = unit(-points.astype(np.float64)), unit(light.astype(np.float64) - points)

@@ -11,10 +11,7 @@ import pytest
 
 from clshade.base.declare import facts_of
 from clshade.images import layers
-from clshade.scene import camera, lights, model, settings, texture
-
-# Typed defaults in place of values that a factory creates.
-FACTORY = "..."
+from clshade.scene import camera, environment, lights, material, model, settings, texture
 
 
 def test_the_keywords_of_render_are_the_fields_of_settings():
@@ -44,11 +41,8 @@ def test_a_choice_has_the_same_values_for_type_checkers(field):
         (settings.Shader, settings.SHADERS),
         (settings.Precision, settings.PRECISIONS),
         (settings.Preset, settings.PRESETS),
-        (model.Wrap, model.WRAPS),
-        (model.Lookup, model.LOOKUPS),
-        (model.Filter, model.FILTERS),
-        (model.Sides, model.SIDES),
-        (model.Nonfinite, model.NONFINITE),
+        (texture.Wrap, texture.WRAPS),
+        (material.Sides, material.SIDES),
     ],
 )
 def test_other_choices_too(literal, choices):
@@ -80,26 +74,21 @@ def typed_constructors(module) -> dict[str, list[tuple[str, str]]]:
     for each in (node for node in tree.body if isinstance(node, ast.ClassDef)):
         for block in (node for node in each.body if isinstance(node, ast.If)):
             assert ast.unparse(block.test) == "TYPE_CHECKING"
-            function, *others = block.body  # others: overloads
+            function, *overloads = block.body
             assert isinstance(function, ast.FunctionDef)
-            given = function.args
-            defaults = [None] * (len(given.args) - len(given.defaults)) + given.defaults
-            pairs = zip(given.args, defaults, strict=True)
-            found[each.name] = [(a.arg, "" if d is None else ast.unparse(d)) for a, d in pairs][1:]
-            if others:
-                overload = others[0].args
-                values = [
-                    (a.arg, "" if d is None else ast.unparse(d))
-                    for a, d in zip(overload.kwonlyargs, overload.kw_defaults, strict=True)
-                ]
-                assert values == [("vertices", ""), *found[each.name][1:]]
+            if not overloads:
+                given = function.args
+                defaults = [None] * (len(given.args) - len(given.defaults)) + given.defaults
+                pairs = zip(given.args, defaults, strict=True)
+                found[each.name] = [(a.arg, "" if d is None else ast.unparse(d)) for a, d in pairs][1:]
     return found
 
 
 TYPED = {
     camera: {"Camera"},
+    environment: {"Environment"},
     lights: {kind.__name__ for kind in lights.LIGHTS},
-    model: {"Mesh", "Scene"},
+    model: {"Scene"},
     texture: {"Texture"},
 }
 
@@ -109,11 +98,33 @@ def test_the_constructors_for_type_checkers_are_those_of_the_classes(module):
     found = typed_constructors(module)
     assert set(found) == TYPED[module]
     for name, parameters in found.items():
-        own = []
-        for field in fields(getattr(module, name)):
-            default = "" if field.default is MISSING else repr(field.default)
-            own.append((field.name, FACTORY if field.default_factory is not MISSING else default))
-        assert parameters == own
+        own = [(x.name, "" if x.default is MISSING else repr(x.default)) for x in fields(getattr(module, name))]
+        shown = [
+            (name, default if typed == "..." else typed)
+            for (name, typed), (_, default) in zip(parameters, own, strict=True)
+        ]
+        assert shown == own
+
+
+def accepted(annotation: str) -> str:
+    """Return the type that a field accepts: the first of Converted."""
+    tree = ast.parse(ALIASES.get(annotation, annotation)).body[0].value
+    converted = isinstance(tree, ast.Subscript) and ast.unparse(tree.value) == "Converted"
+    return ast.unparse(tree.slice.elts[0] if converted else tree)
+
+
+ALIASES = dict.fromkeys(("Rows", "Indices"), "ArrayLike | None")
+
+
+def test_the_keywords_of_a_mesh_are_its_fields():
+    names = [(field.name, accepted(field.type)) for field in fields(model.Mesh)]
+    (keywords,) = [
+        node
+        for node in ast.walk(ast.parse(Path(model.__file__).read_text()))
+        if isinstance(node, ast.ClassDef) and node.name == "MeshFields"
+    ]
+    assert names[2:] == [(line.target.id, ast.unparse(line.annotation)) for line in keywords.body[1:]]
+    assert [name for name, _ in names[:2]] == ["verts", "faces"]
 
 
 RIGHT = """
@@ -129,11 +140,13 @@ camera = clshade.Camera.from_fov((0, 0, 5), [0, 0, 0], np.array([0, 1, 0]), 35.0
 material = replace(clshade.Material(kd=(0.5, 0.4, 0.3), n=40), ks=0.0)
 texture = clshade.Texture(np.zeros((2, 2, 3), np.uint8), wrap=("repeat", "clamp"))
 mesh = clshade.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.array([[0, 1, 2]]), material=material)
-mesh = clshade.Mesh(vertices=mesh.vertices, faces=mesh.faces, name="the same")
+mesh = clshade.Mesh(vertices=mesh.vertices, faces=mesh.faces, name="the same", uvs=[[0, 0]] * 3)
+mesh = replace(clshade.Mesh(mesh.verts, mesh.faces, np.ones((3, 3))), instances=None, scalars={"heat": [1, 2, 3]})
 scene = clshade.Scene([mesh], camera, [light], ambient=0.2, background=None)
 scene = replace(scene, ambient=(0.1, 0.1, 0.1), lights=light)
 sun, lamp = clshade.DirectionalLight((0, -1, 0)), clshade.SpotLight((0, 2, 0), (0, -1, 0), 3.0, attenuation="inverse-square")
-scene = replace(scene, lights=[sun, lamp, light])
+panel = clshade.RectangleLight([0, 2, 0], right=(1, 0, 0), up=np.array([0, 0, 1]), intensity=3)
+scene = replace(scene, lights=[sun, lamp, light, panel], environment=clshade.Environment(np.ones((1, 2, 3)), up=[0, 0, 1]))
 frame = clshade.render(scene, shader="phong", layers=["Z", "id"], samples=4, resolution=(64, 48), preset="standard")
 frame = clshade.render(scene, settings=clshade.Settings.from_preset("course", layers="all"), device="pocl")
 with clshade.Renderer(scene, resolve="weighted", samples=8) as renderer:
@@ -146,6 +159,10 @@ numbers: NDArray[np.uint32] = frame["id"]
 places: NDArray[np.float64] = frame["P"]
 verts: NDArray[np.floating] = mesh.verts
 placed: NDArray[np.float64] = mesh.instances
+eye: NDArray[np.float64] = camera.eye
+arms: NDArray[np.float64] = panel.right
+sky: NDArray[np.float32] = texture.image
+parts: tuple[clshade.Mesh, ...] = scene.meshes
 wraps: tuple[str, str] = texture.wrap
 lines: list[str] = frame.save("image", tonemap="aces", exposure=1.0, half=True, compression="piz")
 error: float = clshade.check(frame, "all").error
@@ -172,6 +189,11 @@ WRONG = {
     "clshade.Camera((0, 0, 5), (0, 0, 0), (0, 1, 0))": "Missing positional arguments",
     "clshade.PointLight()": "position",
     "clshade.Mesh(vertices=[], verts=[], faces=[])": "overload",
+    "clshade.Mesh([], [], colour=None)": "overload",
+    "clshade.Mesh(vertices=[], faces=[], name=1)": "overload",
+    "clshade.Environment()": "image",
+    "clshade.Texture(np.zeros((1, 1, 3)), wrap=1)": "wrap",
+    "clshade.Scene()": "meshes",
     'clshade.course.render_object("phongg", **{})': "Literal",
     'clshade.farm.draw_frames(scene, {}, "a", saving={"halb": True})': "saving",
 }

@@ -22,7 +22,7 @@ Kept = TypeVar("Kept", covariant=True)
 
 
 class Converted(Generic[Given, Kept]):
-    """The type of a dataclass field that accepts one type and keeps another, to which `__post_init__` converts.
+    """The type of a dataclass field that accepts one type and keeps another, to which its check converts.
 
     For fields with a default, and for type checkers only; it is never instantiated.
     """
@@ -32,11 +32,6 @@ class Converted(Generic[Given, Kept]):
         def __get__(self, instance: object, owner: object) -> Kept: ...
 
         def __set__(self, instance: object, value: Given) -> None: ...
-
-
-def kept(default: Any) -> Any:
-    """Return the default of a `Converted` field."""
-    return default
 
 
 Vector: TypeAlias = Converted[ArrayLike, Floats]  # from one number or three

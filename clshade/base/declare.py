@@ -1,13 +1,12 @@
-"""Fields of dataclasses that are declared once: their checks, docstrings and options come from the declaration."""
+"""Fields of dataclasses, declared once: their checks, docstrings and options come from the declaration."""
 
 from __future__ import annotations
 
 import inspect
-import math
 import os
 import textwrap
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
@@ -21,114 +20,109 @@ Check: TypeAlias = Callable[[str, str, Any], Any]  # owner, field and value -> t
 
 @dataclass(frozen=True)
 class Declared:
-    """What is known of a field besides its name, type and default.
+    """What docstrings and options say of a field besides its name and type.
 
-    about: what it is, in the help of options without its default, in docstrings with `more` after it. kind: the values
-    that it takes, for docstrings. check: returns the value that is kept, or raises InputError. usual: what happens by
-    default, where the default does not say it. choices: all values, if they can be listed. read: makes a value of an
-    option's text, whose form is `form`; None for choices and flags.
+    kind: its values, for docstrings. choices: all values, if they can be listed. read: converts an option's text, whose
+    form is `form`; None for choices and flags. text, usual: see `about`.
     """
 
-    about: str
-    more: str
-    kind: str
+    default: Any
     check: Check
-    usual: str = ""
+    kind: str
     choices: tuple[str, ...] = ()
     read: Callable[[str], Any] | None = None
     form: str | None = None
+    text: str = ""
+    usual: str = ""
+
+    def about(self, text: str, usual: str = "") -> Any:
+        """Return the field. text: what it is; the first sentence is the help of its option. usual: what happens by default,
+        where the default does not say it."""
+        return checked(self.default, self.check, declared=replace(self, text=text, usual=usual))
+
+    @property
+    def help(self) -> str:
+        return self.text.partition(". ")[0]
 
 
-def choice(default: str, literal: Any, about: str, more: str = "", usual: str = "") -> Any:
+def choice(default: str, literal: Any) -> Declared:
     """Declare a field that is one of the texts of a Literal."""
-    allowed = get_args(literal)
-    kind = ", ".join(f'"{text}"' for text in allowed)
-    check = partial(validation.choice, allowed=allowed)
-    return _field(default, Declared(about, more, f"{{{kind}}}", check, usual, choices=allowed))
+    choices = get_args(literal)
+    kind = "{" + ", ".join(f'"{text}"' for text in choices) + "}"
+    return Declared(default, partial(validation.choice, allowed=choices), kind, choices)
 
 
-def flag(default: bool, about: str, more: str = "", usual: str = "") -> Any:
+def flag(default: bool) -> Declared:
     """Declare a field that is True or False."""
-    return _field(default, Declared(about, more, "bool", validation.flag, usual))
+    return Declared(default, validation.flag, "bool")
 
 
-def whole(default: int, least: int, most: int, about: str, more: str = "", usual: str = "") -> Any:
-    """Declare a field that is a whole number."""
+def integer(default: int, least: int, most: int) -> Declared:
     check = partial(validation.integer, least=least, most=most)
-    form = f"{least}..{most}"
-    return _field(default, Declared(about, more, f"int from {least} to {most}", check, usual, read=int, form=form))
+    return Declared(default, check, f"int from {least} to {most}", (), int, f"{least}..{most}")
 
 
-def real(
-    default: float | None,
-    form: str,
-    about: str,
-    more: str = "",
-    usual: str = "",
-    *,
-    unit: str = "",
-    above: float = -math.inf,
-    least: float = -math.inf,
-    most: float = math.inf,
-) -> Any:
-    """Declare a field that is a number, see `validation.number`. unit: such as degrees."""
-    limits = validation.limits_of(above, least, most)
-    expected, kind = (unit + limits, f"float, {unit}{limits}") if unit else ("", f"float{limits}")
-    check = partial(validation.number, above=above, least=least, most=most, expected=expected)
-    return _field(default, Declared(about, more, kind, check, usual, read=float, form=form))
+def number(default: float | None, form: str, unit: str = "", **limits: Any) -> Declared:
+    """Declare a field that is a number. unit: such as degrees. limits: see `validation.number`."""
+    words = validation.limits_of(**limits)
+    kind = f"float, {unit}{words}" if unit else f"float{words}"
+    check = partial(validation.number, **limits, expected=unit and unit + words)
+    return Declared(default, check, kind, (), float, form)
 
 
-def other(default: Any, kind: str, check: Check, form: str, about: str, more: str = "", usual: str = "") -> Any:
+def value(default: Any, kind: str, check: Check, form: str) -> Declared:
     """Declare a field of another kind, whose option is a text that `check` takes, unless its command knows better."""
-    return _field(default, Declared(about, more, kind, check, usual, read=str, form=form))
-
-
-def _field(default: Any, declared: Declared) -> Any:
-    return checked(default, declared.check, declared=declared)
+    return Declared(default, check, kind, (), str, form)
 
 
 def checked(default: Any, check: Check, **facts: Any) -> Any:
-    """Declare a field whose docstring and options stand elsewhere. facts: by name, for `facts_of`."""
+    """Declare a field whose docstring and options stand elsewhere. facts: by name, for `facts_of`.
+
+    A field without a default is declared by `field(metadata={"check": check})`, which type checkers understand.
+    """
     return field(default=default, metadata={"check": check, **facts})
 
 
 def facts_of(kind: type[DataclassInstance], fact: str) -> dict[str, Any]:
     """Return a fact about each field that has it, by the fields' names, in their order."""
-    return {each.name: each.metadata[fact] for each in fields(kind) if fact in each.metadata}
+    return {item.name: item.metadata[fact] for item in fields(kind) if fact in item.metadata}
 
 
-def check_fields(instance: DataclassInstance) -> None:
-    """Replace each declared field by what its check makes of it, unless it is None as by default. Raises InputError."""
-    owner, values = type(instance).__name__, vars(instance)
-    for name, check, default, checked_default in _checks(type(instance)):
+def check_fields(instance: DataclassInstance, owner: str = "") -> None:
+    """Replace each declared field by what its check returns; a default of None stays. owner: for errors, by default the
+    class. Raises InputError."""
+    kind, values = type(instance), vars(instance)
+    for name, check, default, checked_default in _checks(kind):
         value = values[name]
-        values[name] = checked_default if value is default else check(owner, name, value)
+        values[name] = checked_default if value is default else check(owner or kind.__name__, name, value)
 
 
 @cache
 def _checks(kind: type[DataclassInstance]) -> list[tuple[str, Check, Any, Any]]:
-    """Return name, check and default of each declared field, and what the check makes of the default, once for all."""
-    declared = [(each.name, each.metadata["check"], each.default) for each in fields(kind) if "check" in each.metadata]
-    return [
-        (name, check, default, default if default in (None, MISSING) else check(kind.__name__, name, default))
-        for name, check, default in declared
-    ]
+    """Return name, check, default and checked default of the declared fields of a class."""
+    checks = []
+    for name, check in facts_of(kind, "check").items():
+        default = kind.__dataclass_fields__[name].default
+        kept = default if default in (None, MISSING) else check(kind.__name__, name, default)
+        checks.append((name, check, default, kept))
+    return checks
 
 
-def documented(kind: type) -> str:
-    """Return the docstring of a dataclass with a section that describes its fields."""
-    lines = [inspect.cleandoc(kind.__doc__ or ""), "", "Attributes", "----------"]
-    for each in fields(kind):
-        known: Declared = each.metadata["declared"]
-        default = (
-            f", default {known.usual or repr(each.default)}"
-            if known.usual or each.default is not None
-            else ", optional"
-        )
-        lines.append(f"{each.name} : {known.kind}{default}")
-        text = f"{known.about[0].upper()}{known.about[1:]}. {known.more}"
-        lines += textwrap.wrap(text, 100, initial_indent="    ", subsequent_indent="    ")
-    return "\n".join(lines)
+class Docstring:
+    """The docstring of a dataclass with a section that describes its fields, made when it is read: that takes a while."""
+
+    def __init__(self, text: str | None) -> None:
+        self._text = inspect.cleandoc(text or "")
+
+    def __get__(self, _instance: object, kind: type[DataclassInstance]) -> str:
+        lines = [self._text, "", "Attributes", "----------"]
+        for item in fields(kind):
+            declared: Declared = item.metadata["declared"]
+            default = declared.usual or ("" if item.default is None else repr(item.default))
+            lines.append(f"{item.name} : {declared.kind}, " + (f"default {default}" if default else "optional"))
+            text = declared.text[0].upper() + declared.text[1:].removesuffix(".") + "."
+            lines += textwrap.wrap(text, 100, initial_indent="    ", subsequent_indent="    ")
+        return "\n".join(lines)
 
 
 def as_option(name: str, value: Any) -> str:
@@ -137,7 +131,7 @@ def as_option(name: str, value: Any) -> str:
     if isinstance(value, bool):
         return f"--{option}" if value else f"--no-{option}"
     values = value if isinstance(value, tuple) else ("none" if value is None else value,)
-    return f"--{option}=" + ",".join(repr(each) if isinstance(each, float) else str(each) for each in values)
+    return f"--{option}=" + ",".join(repr(item) if isinstance(item, float) else str(item) for item in values)
 
 
 def as_argument(path: str) -> str:

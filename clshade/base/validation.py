@@ -119,12 +119,18 @@ def sequence(value: Any) -> tuple[Any, ...] | None:
         return None
 
 
-def items(owner: str, name: str, value: Any) -> tuple[Any, ...]:
-    """Return the items of an iterable other than a text as a tuple."""
-    found = None if isinstance(value, str) else sequence(value)
-    if found is None:
-        raise value_error(owner, name, "a sequence", value)
-    return found
+def items(
+    owner: str, name: str, value: Any, expected: str = "a sequence", count: int | None = None, kinds: Any = object
+) -> tuple[Any, ...]:
+    """Return the items of an iterable other than a text as a tuple. count: how many there have to be. kinds: their class,
+    or a tuple of classes."""
+    values = None if isinstance(value, str) else sequence(value)
+    if values is None or len(values) != (len(values) if count is None else count):
+        raise value_error(owner, name, expected, value)
+    for item in values:
+        if not isinstance(item, kinds):
+            raise value_error(owner, name, expected, item)
+    return values
 
 
 def floats(owner: str, name: str, value: Any, expected: str) -> Array:
@@ -146,8 +152,7 @@ def vector(owner: str, name: str, value: Any, *, finite: bool = True) -> Floats:
     array = array.astype(np.float64).reshape(3)
     if finite and not all(map(math.isfinite, array.tolist())):
         raise value_error(owner, name, expected, array.tolist())
-    array.flags.writeable = False
-    return array
+    return read_only(array)
 
 
 def coefficient(owner: str, name: str, value: Any) -> Floats:
@@ -157,14 +162,6 @@ def coefficient(owner: str, name: str, value: Any) -> Floats:
     if array.dtype.kind == "b" or (array.ndim and array.shape not in _VECTOR_SHAPES):
         raise value_error(owner, name, expected, value)
     return vector(owner, name, array if array.ndim else np.full(3, array.item()))
-
-
-def color_from_zero(owner: str, name: str, value: Any) -> Floats:
-    """Return a coefficient, none of whose channels may be below 0."""
-    color = coefficient(owner, name, value)
-    if (color < 0.0).any():
-        raise value_error(owner, name, "numbers from 0 on", color.tolist())
-    return color
 
 
 def limits_of(above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> str:
@@ -197,9 +194,7 @@ def number(
         return value  # at once: materials by the thousand have ten numbers
     expected = expected or f"a {'finite ' if most == math.inf else ''}number{limits_of(above, least, most)}"
     array = floats(owner, name, value, expected)
-    if array.ndim or array.dtype.kind == "b":
-        raise value_error(owner, name, expected, value)
-    result = float(array.item())
+    result = math.nan if array.ndim or array.dtype.kind == "b" else float(array.item())
     if not math.isfinite(result) or result <= above or not least <= result <= most:
         raise value_error(owner, name, expected, value)
     return result
@@ -218,12 +213,10 @@ def instance(owner: str, name: str, value: Any, kind: type) -> Any:
 def integer(owner: str, name: str, value: Any, least: int, most: int, expected: str = "") -> int:
     expected = expected or f"a whole number from {least} to {most}"
     array = floats(owner, name, value, expected)
-    if array.ndim or array.dtype.kind == "b" or not math.isfinite(array.item()):
+    result = math.nan if array.ndim or array.dtype.kind == "b" else array.item()
+    if not math.isfinite(result) or result != int(result) or not least <= result <= most:
         raise value_error(owner, name, expected, value)
-    result = int(array.item())
-    if result != array.item() or not least <= result <= most:
-        raise value_error(owner, name, expected, value)
-    return result
+    return int(result)
 
 
 def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, least: int = 0) -> Reals:
@@ -232,15 +225,11 @@ def rows(owner: str, name: str, value: Any, width: int, *, finite: bool = True, 
     array = floats(owner, name, value, expected)
     if array.ndim != 2 or array.shape[1] != width or array.shape[0] < least:
         raise value_error(owner, name, expected + (f" with K of at least {least}" if least else ""), array)
-    if array.dtype not in (np.float32, np.float64):
-        array = array.astype(np.float64)
-    array = np.ascontiguousarray(array)
+    array = np.ascontiguousarray(array, None if array.dtype in (np.float32, np.float64) else np.float64)
     if finite and not np.isfinite(array).all():
         bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise value_error(owner, name, "finite numbers", f"{array[bad].tolist()} in row {bad}")
-    kept: Reals = array.view()
-    kept.flags.writeable = False
-    return kept
+    return read_only(array.view())
 
 
 def indices(owner: str, name: str, value: Any, count: int) -> Faces:
@@ -255,11 +244,9 @@ def indices(owner: str, name: str, value: Any, count: int) -> Faces:
     if array.size and (array.min() < 0 or array.max() >= count):
         face, corner = np.argwhere((array < 0) | (array >= count))[0]
         raise value_error(owner, name, f"indices from 0 to {count - 1}", f"{array[face, corner]} in face {face}")
-    kept: Faces = np.ascontiguousarray(array, dtype=np.int32).view()
-    kept.flags.writeable = False
-    return kept
+    return read_only(np.ascontiguousarray(array, np.int32).view())
 
 
-def set_fields(instance: Any, **values: Any) -> None:
-    for name, value in values.items():
-        object.__setattr__(instance, name, value)
+def read_only(array: Array) -> Array:
+    array.flags.writeable = False
+    return array

@@ -17,7 +17,6 @@ from ..errors import InputError
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS
 from ..scene import adjust_camera, framing
 from ..scene.builtin.studio import studio_for
-from ..scene.edges import EDGE_KINDS, Edges
 from ..scene.environment import nearest_axis
 from ..scene.formats.reading import VERTEX_COLORS
 from ..scene.formats.table import extensions_with, listed
@@ -25,7 +24,7 @@ from ..scene.geometry import bounding_box
 from ..scene.ground import with_ground
 from ..scene.material import COMPONENTS
 from ..scene.model import Scalars, Scene, Settings, with_materials
-from ..scene.settings import LAYERS, LIGHT_FIELDS, LOOKS, PRESET_FIELDS, PRESETS, Look
+from ..scene.settings import EDGE_KINDS, LAYERS, LIGHT_FIELDS, LOOKS, PRESET_FIELDS, PRESETS, Edges, Look
 from .options import (
     Arguments,
     Group,
@@ -222,7 +221,7 @@ def _setting_options(kind: Any, defaults: Mapping[str, str]) -> dict[str, Option
         is_flag = declaration.read is None and not declaration.choices
         name = _EDGE_NAMES.get(field.name, field.name).replace("_", "-")
         head = f"--{'[no-]' if is_flag and default else ''}{name} {declaration.form or ''}".rstrip()
-        about = f"{head}: {declaration.about}" + (f" (default: {default})" if default else "")
+        about = f"{head}: {declaration.help}" + (f" (default: {default})" if default else "")
         choices: dict[str, Any] = {"choices": declaration.choices} if declaration.choices else {}
         options[field.name] = Option(about, readers.get(field.name) or declaration.read or str, **choices)
     return options
@@ -408,14 +407,14 @@ def choose_look(scene: Scene, arguments: Arguments) -> Look:
 
 def with_lights(scene: Scene, arguments: Arguments) -> Scene:
     """Return the scene with the lights of the options, at their intensities."""
-    from ..scene import adjust_lights
+    from ..scene import look
 
     if arguments.lights is not None:
-        scene = adjust_lights.with_lights(scene, arguments.lights, "--lights")
+        scene = look.with_lights(scene, arguments.lights, "--lights")
     if arguments.light_intensity is not None:
-        scene = adjust_lights.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
+        scene = look.scaled_lights(scene, arguments.light_intensity, "--light-intensity")
     if arguments.light_radius is not None:
-        scene = adjust_lights.sized_lights(scene, arguments.light_radius, "--light-radius")
+        scene = look.sized_lights(scene, arguments.light_radius, "--light-radius")
     return scene
 
 

@@ -15,9 +15,8 @@ from ..base.spelling import hint
 from ..base.validation import arguments, items, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
-from ..scene import pinhole
 from ..scene.adjust_camera import posed
-from ..scene.camera import Camera, checked_resolution
+from ..scene.camera import CONVENTIONS, Camera, Convention, checked_resolution, lens_of, placement_of
 from .frames import MOST
 
 MAX_BYTES = 1 << 27
@@ -41,7 +40,7 @@ FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "orthographic": ("true or false", lambda value: isinstance(value, bool)),
     "K": ("three rows of three numbers", partial(_is_matrix, rows=(3,), columns=3)),
     "pose": ("four or three rows of four numbers", partial(_is_matrix, rows=(3, 4), columns=4)),
-    "convention": (" or ".join(pinhole.CONVENTIONS), lambda value: isinstance(value, str)),
+    "convention": (" or ".join(CONVENTIONS), lambda value: isinstance(value, str)),
 }
 _SYNONYMS = {
     **dict.fromkeys(("intrinsics", "intrinsic", "camera_matrix"), "K"),
@@ -162,11 +161,11 @@ def _made(values: dict[str, Any], base: Camera, resolution: tuple[int, int] | No
         base = base.with_resolution(size)
     changes = {name: value for name, value in values.items() if name in _CAMERA_FIELDS}
     if "pose" in values:
-        eye, forward, up = pinhole.placement_of("Camera", values["pose"], values.get("convention", "opencv"))
+        eye, forward, up = placement_of("Camera", values["pose"], values.get("convention", "opencv"))
         changes |= {"eye": eye, "lookat": eye + forward, "up": up}
     if "K" in values:
         center = values.get("pixel_center", 0.5)
-        plane, principal = pinhole.lens_of("Camera", values["K"], base.resolution, center, "K")
+        plane, principal = lens_of("Camera", values["K"], base.resolution, center, "K")
         changes |= {"focal": 1.0, "plane": plane, "principal": principal, "orthographic": False}
     camera = posed(base, owner, **changes)
     if "fov" in values:
@@ -185,7 +184,7 @@ def _made(values: dict[str, Any], base: Camera, resolution: tuple[int, int] | No
 
 @arguments(path=checked_path, cameras=items)
 def write_cameras(
-    path: Path, cameras: Iterable[Camera], *, pixel_center: float = 0.5, convention: pinhole.Convention = "opencv"
+    path: Path, cameras: Iterable[Camera], *, pixel_center: float = 0.5, convention: Convention = "opencv"
 ) -> None:
     """Write cameras as a JSON file that `read_cameras` reads: with K and pose, orthographic ones with Camera's fields.
 
@@ -209,7 +208,7 @@ def write_cameras(
     write_bytes(path, ("[\n" + ",\n".join(lines) + "\n]\n").encode())
 
 
-def _described(camera: Camera, pixel_center: float, convention: pinhole.Convention) -> dict[str, Any]:
+def _described(camera: Camera, pixel_center: float, convention: Convention) -> dict[str, Any]:
     if not isinstance(camera, Camera):
         raise value_error("write_cameras", "cameras", "cameras", camera)
     if camera.orthographic:

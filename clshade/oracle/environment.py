@@ -11,9 +11,7 @@ import numpy as np
 from ..base.arrays import Floats, Integers
 from ..scene.camera import Camera
 from ..scene.environment import Environment
-from ..scene.image_light.brdf_table import SIDE, brdf_table
-from ..scene.image_light.light import image_light
-from ..scene.image_light.specular import OFF_MIRROR
+from ..scene.image_light import OFF_MIRROR, TABLE_SIDE, brdf_table, image_light
 from .microfacet import REACH, Facets, Reflected
 from .transform import SAMPLE_STEPS, camera_frame, dot, unit
 
@@ -61,13 +59,13 @@ def irradiance(factors: Floats, normal: Floats) -> tuple[Floats, Floats]:
 def shares(n_v: Floats, roughness: Floats) -> tuple[Floats, Floats]:
     """Return A, B and the diffuse term's 1 - C (..., 3) of `brdf_table`, bilinear, and their largest slopes nearby."""
     table = brdf_table() * (1.0, 1.0, -1.0) + (0.0, 0.0, 1.0)
-    x, y = np.broadcast_arrays(n_v * (SIDE - 1), roughness * (SIDE - 1))
-    column, row = (np.clip(np.floor(p).astype(np.int64), 0, SIDE - 2) for p in (x, y))
+    x, y = np.broadcast_arrays(n_v * (TABLE_SIDE - 1), roughness * (TABLE_SIDE - 1))
+    column, row = (np.clip(np.floor(p).astype(np.int64), 0, TABLE_SIDE - 2) for p in (x, y))
     across, down = (x - column)[..., None], (y - row)[..., None]
     top = table[row, column] * (1.0 - across) + table[row, column + 1] * across
     bottom = table[row + 1, column] * (1.0 - across) + table[row + 1, column + 1] * across
-    rows, columns = (np.clip(first[..., None] + np.arange(-1, 3), 0, SIDE - 1) for first in (row, column))
-    slope: Floats = np.ptp(table[rows[..., :, None], columns[..., None, :]], axis=(-3, -2)) * (SIDE - 1)
+    rows, columns = (np.clip(first[..., None] + np.arange(-1, 3), 0, TABLE_SIDE - 1) for first in (row, column))
+    slope: Floats = np.ptp(table[rows[..., :, None], columns[..., None, :]], axis=(-3, -2)) * (TABLE_SIDE - 1)
     return top * (1.0 - down) + bottom * down, slope
 
 

@@ -20,7 +20,7 @@ from ..scene.model import Scene
 from .coverage import GOLDEN_RATIO
 from .transform import SAMPLE_STEPS, cross, dot, length, unit
 
-NARROWEST_EDGE = 1e-3  # of a cone, in cosines (KHR_lights_punctual)
+MIN_CONE_EDGE = 1e-3  # of a cone, in cosines (KHR_lights_punctual)
 MAX_SHARE = 1e250  # keeps products with intensities finite
 NEAREST = 2.0**-50  # of s: nearer points have no direction to a light in float32 (kernels/numerics.clh)
 # |N.L| or |R.V| below this times kappa: float32 may decide the highlight's gate otherwise. Both are accurate to 16
@@ -297,7 +297,7 @@ class LightSample:
     def _fading(self, axis: Floats) -> Floats:
         """Return the root of the cone's factor, before it is clamped to 0 and 1."""
         cosine = dot(unit(self.at.point - self.position), axis)
-        return np.asarray((cosine - self.shape.outer) / max(self.shape.inner - self.shape.outer, NARROWEST_EDGE))
+        return np.asarray((cosine - self.shape.outer) / max(self.shape.inner - self.shape.outer, MIN_CONE_EDGE))
 
     @property
     def share(self) -> Floats:
@@ -339,7 +339,7 @@ class LightSample:
         if shape.front is not None:
             slopes = slopes + 1.0
         if shape.axis is not None:
-            width, fading = max(shape.inner - shape.outer, NARROWEST_EDGE), self._fading(shape.axis)
+            width, fading = max(shape.inner - shape.outer, MIN_CONE_EDGE), self._fading(shape.axis)
             flat = fading - turned / width >= 1.0
             slopes = slopes + np.where(flat, 0.0, 2.0 / width * np.clip(fading + turned / width, 0.0, 1.0))
         return slopes

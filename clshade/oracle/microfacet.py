@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..base.arrays import Bools, Floats
-from ..scene.model import LEAST_ROUGHNESS, Material
+from ..scene.model import MIN_ROUGHNESS, Material
 from .corners import blend
 from .lights import Directions, Interaction, LightSample
 from .shot import Hits
@@ -55,7 +55,7 @@ def facets_of(materials: Sequence[Material]) -> Facets:
 
 def alpha_of(roughness: Floats) -> Floats:
     """Return GGX's alpha (...)."""
-    return np.asarray(np.maximum(roughness, LEAST_ROUGHNESS) ** 2)
+    return np.asarray(np.maximum(roughness, MIN_ROUGHNESS) ** 2)
 
 
 def distribution(beside: Floats, alpha: Floats) -> Floats:

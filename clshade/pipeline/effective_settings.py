@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 from ..base.validation import choice, known, value_error
 from ..errors import InputError
 from ..scene.builtin.studio import without_stand_ins
-from ..scene.edges import PAPER
 from ..scene.geometry import bounding_box, half_diagonal
 from ..scene.ground import objects_of
 from ..scene.lights import RectangleLight
 from ..scene.model import Scene, Settings
-from ..scene.settings import PRESETS, Layer, Preset, SettingsFields
+from ..scene.settings import PAPER, PRESETS, Layer, Preset, SettingsFields
 from .shading_tables import textures_of
 
 if TYPE_CHECKING:

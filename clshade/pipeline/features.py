@@ -11,8 +11,7 @@ import numpy as np
 
 from ..scene.camera import Camera
 from ..scene.lights import Light
-from ..scene.material import POWERED, TERMS
-from ..scene.metallic_roughness import MAPS
+from ..scene.material import MAPS, POWERED, TERMS
 from ..scene.model import Material, Mesh, Scene, Settings
 from ..scene.settings import Shader
 from .shading_tables import map_of, textures_of, usable

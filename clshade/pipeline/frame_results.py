@@ -21,12 +21,11 @@ from ..base.version import VERSION
 from ..images import exr, exr_limits
 from ..scene.camera import MAX_RESOLUTION
 from ..scene.description import digest_of, part_digests
-from ..scene.edges import Edges
 from ..scene.geometry import in_image
 from ..scene.ground import objects_of
 from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
-from ..scene.scalars import Scalars
+from ..scene.settings import Edges, Scalars
 from .frame_files import SavingOptions
 from .placements import mirroring
 from .struct_layout import SUBPIXEL_BITS, kernels_digest

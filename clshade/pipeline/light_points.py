@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..base.arrays import Array, Floats
-from ..scene.lights import NARROWEST_EDGE, Light, PlacedLight
+from ..scene.lights import MIN_CONE_EDGE, Light, PlacedLight
 from .camera_space import GOLDEN
 from .shading_tables import light_exponents, relative_lights, to_real
 from .struct_layout import Structs
@@ -78,7 +78,7 @@ class LightTable:
             if light.cone is not None:
                 inner, outer = (math.cos(math.radians(angle)) for angle in light.cone)
                 row["cone"], row["cone_cosine"] = 1, outer
-                row["cone_scale"] = 1.0 / max(inner - outer, NARROWEST_EDGE)
+                row["cone_scale"] = 1.0 / max(inner - outer, MIN_CONE_EDGE)
         for k, light in placed:
             if light.has_size:
                 write_points(self.table[k], points, sphere=light.sides is None)

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
 from ..errors import DeviceError
-from ..scene.edges import Edges
 from ..scene.geometry import welded
+from ..scene.settings import Edges
 from .buffers import Buffer, Scratch, wait
 from .camera_space import CameraSpace, cut_to_view, image_positions, scaled_w, snap
 from .launches import FrameInFlight, items

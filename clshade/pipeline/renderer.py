@@ -23,7 +23,7 @@ from ..images.decode import CodedImage
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS
 from ..scene.camera import Camera
 from ..scene.environment import Environment
-from ..scene.metallic_roughness import MetallicRoughness
+from ..scene.material import MetallicRoughness
 from ..scene.model import Material, Scene, Settings, Texture, with_fields
 from ..scene.settings import LAYERS, Preset, RenderOptions
 from . import programs

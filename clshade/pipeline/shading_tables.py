@@ -22,12 +22,9 @@ from ..base.arrays import Array, Floats
 from ..base.atomic_files import write_bytes
 from ..errors import ClshadeError
 from ..images.decode import CodedImage
+from ..scene import image_light
 from ..scene.environment import Environment
-from ..scene.image_light import octahedral
-from ..scene.image_light.brdf_table import brdf_table
-from ..scene.image_light.light import image_light
-from ..scene.material import TERMS
-from ..scene.metallic_roughness import LEAST_ROUGHNESS, MAPS
+from ..scene.material import MAPS, MIN_ROUGHNESS, TERMS
 from ..scene.model import Material, Mesh, Texture
 from .opencl.environment import cache_root
 from .struct_layout import CONSTANTS, SINGLE, Structs
@@ -148,7 +145,7 @@ def light_unit(
     pbr, whose lobe is at most 1/(2 alpha^3), at grazing incidence. radiance: the largest of an environment; irradiance
     over pi is at most 4 times as much by spherical harmonics, as a sum of 9 terms, and reflected once more as highlights.
     """
-    lobe = LEAST_ROUGHNESS**-6 / 2.0
+    lobe = MIN_ROUGHNESS**-6 / 2.0
     sums = (np.abs(m.diffuse) + lobe if pbr else sum(np.abs(getattr(m, name)) for name in TERMS) for m in materials)
     reflected = max((float(total.max()) for total in sums), default=0.0)
     diffuse = max((float(np.abs(m.diffuse).max()) for m in materials), default=0.0)
@@ -188,12 +185,12 @@ def environment_tables(environment: Environment | None, unit: float, structs: St
     around = environment or Environment(np.zeros((1, 1, 3)))
 
     def compute() -> tuple[Array, Array]:
-        light, row = image_light(around), np.zeros(1, structs.Environment)
+        light, row = image_light.image_light(around), np.zeros(1, structs.Environment)
         row["irradiance"] = to_real(light.irradiance / unit, structs.real).reshape(-1)
-        share = brdf_table().copy()
+        share = image_light.brdf_table().copy()
         share[..., 2] = 1.0 - share[..., 2]
         parts = [np.pad(share, ((0, 1), (0, 1), (0, 0)), mode="edge").reshape(-1, 3)]
-        parts += [octahedral.padded(level).reshape(-1, 3) / unit for level in light.levels]
+        parts += [image_light.with_border(level).reshape(-1, 3) / unit for level in light.levels]
         starts = np.cumsum([len(part) for part in parts])
         for number, level in enumerate(light.levels):
             row["offset"][0, number], row["side"][0, number] = starts[number], len(level)
@@ -202,7 +199,7 @@ def environment_tables(environment: Environment | None, unit: float, structs: St
         return row, table
 
     sizes = around.image.shape, around.rotation, around.intensity, around.up.tolist(), unit, structs.Environment.descr
-    code = [Path(__file__), *sorted(Path(octahedral.__file__).parent.glob("*.py"))]
+    code = [Path(__file__), Path(image_light.__file__)]
     return kept(code, [repr(sizes).encode(), around.image.tobytes()], compute)
 
 
@@ -236,7 +233,7 @@ def has_coordinates(mesh: Mesh, texture: Texture | None) -> bool:
 
 
 def map_of(mesh: Mesh, name: str) -> Texture | None:
-    """Return a map of shader pbr, one of `metallic_roughness.MAPS`; None if the mesh cannot look it up."""
+    """Return a map of shader pbr, one of `scene.material.MAPS`; None if the mesh cannot look it up."""
     texture: Texture | None = None if mesh.material.pbr is None else getattr(mesh.material.pbr, name)
     return texture if has_coordinates(mesh, texture) else None
 

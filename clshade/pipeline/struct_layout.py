@@ -18,10 +18,8 @@ import numpy as np
 
 from ..errors import DeviceError
 from ..images.layers import LAYER_TABLE
-from ..scene import metallic_roughness
-from ..scene.image_light import brdf_table, specular
-from ..scene.material import TERMS
-from ..scene.metallic_roughness import MAPS
+from ..scene import image_light
+from ..scene.material import MAPS, MIN_ROUGHNESS, TERMS
 
 SUBPIXEL_BITS = 16  # snapped positions count 1/65536 px
 SAMPLE_BITS = 8  # samples lie at multiples of 1/256 px
@@ -52,10 +50,10 @@ MOST_HIERARCHY_LEVELS = 7  # of nodes: 16^8 triangles
 CURVE_BITS = 36  # of a caster's place along Hilbert's curve, 12 an axis
 HIERARCHY_RUN = 4096  # casters that are put in a better order than that curve's
 SIZE_BITS = 2  # of its class of size
-LEAST_ALPHA = metallic_roughness.LEAST_ROUGHNESS**2
-ENVIRONMENT_LEVELS = specular.LEVELS
-BRDF_SIDE = brdf_table.SIDE
-OFF_MIRROR = specular.OFF_MIRROR
+LEAST_ALPHA = MIN_ROUGHNESS**2
+ENVIRONMENT_LEVELS = image_light.LEVELS
+BRDF_SIDE = image_light.TABLE_SIDE
+OFF_MIRROR = image_light.OFF_MIRROR
 
 CONSTANTS = {
     **{name: value for name, value in globals().items() if isinstance(value, (int, float))},  # all of the above

@@ -104,17 +104,17 @@ def camera_of(scene: Scene, changes: Mapping[str, Any], *, fit: bool = False, tu
     fit: choose it so in any case but if position and focal point are both given.
     turning: it will go round the scene, see `fitting.fitted`.
     """
-    given = {name for name, value in changes.items() if value not in (None, False, 0.0)}
-    placed = given & {"position", "focal_point", "view_angle"}
-    again = not {"position", "focal_point"} <= given if fit else scene.fitted and not placed
-    if again and (turning or given):
+    changed = {name for name, value in changes.items() if value not in (None, False, 0.0)}
+    placed = changed & {"position", "focal_point", "view_angle"}
+    again = not {"position", "focal_point"} <= changed if fit else scene.fitted and not placed
+    if again and (turning or changed):
         return adjusted(scene.camera, **changes, fit=objects_of(scene).meshes, turning=turning)
     return adjusted(scene.camera, **changes)
 
 
 def refitted(scene: Scene, resolution: tuple[int, int] | None = None) -> Scene:
-    """Return the scene with the camera that its meshes would get without one, with the axis up that is nearest to its
-    camera's. resolution: (N, M), default: of its own camera."""
-    resolution = resolution or scene.camera.resolution
-    camera = default_camera(objects_of(scene).meshes, up_of(scene.camera), resolution)
+    """Return the scene with the default camera of its meshes; the axis nearest to its camera's up points up. resolution:
+    (N, M), default: its camera's."""
+    meshes, resolution = objects_of(scene).meshes, resolution or scene.camera.resolution
+    camera = default_camera(meshes, up_of(scene.camera), resolution)
     return replace(scene, camera=camera, fitted=True)

@@ -1,44 +1,55 @@
-"""The camera: a pose, a lens and a resolution; perspective or orthographic."""
+"""The camera: a pose, a lens and a resolution, perspective or orthographic; from and to an intrinsic matrix K and a pose.
+
+K is that of Hartley and Zisserman, Multiple View Geometry, section 6.1: a point (X, Y, Z) in the camera's frame, x to the
+right, y down, z forward, is seen at column fx X/Z + cx and row fy Y/Z + cy.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Floats
-from ..base.validation import choice, flag, floats, integer, number, sequence, set_fields, value_error, vector
+from ..base.arrays import Array, Floats
+from ..base.declare import check_fields, checked
+from ..base.validation import choice, flag, floats, integer, items, number, value_error, vector
 from ..errors import InputError
-from . import pinhole
-from .pinhole import axes_of
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
-
-
-def _pair(owner: str, name: str, expected: str, value: Any) -> tuple[Any, Any]:
-    items = sequence(value)
-    if items is None or len(items) != 2:
-        raise value_error(owner, name, expected, value)
-    return items[0], items[1]
+Convention: TypeAlias = Literal["opencv", "opengl"]
+CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
+_K_FORM = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+_POSE_FORM = "a finite (4, 4) or (3, 4) matrix, camera to world"
+# The signs of the columns that turn OpenCV's axes (x right, y down, z forward) into those of a convention.
+_SIGNS = {"opencv": np.array([1.0, 1.0, 1.0]), "opengl": np.array([1.0, -1.0, -1.0])}
+_RIGID = 1e-6  # how far a pose may be from a rotation and a translation: some roundings of float32
 
 
 def checked_resolution(owner: str, value: Any, most: int = MAX_RESOLUTION) -> tuple[int, int]:
     """Return columns and rows of an image, (N, M), 1 to `most` each. Raises InputError for anything else."""
-    columns, rows = _pair(owner, "resolution", "two whole numbers (N, M)", value)
+    columns, rows = items(owner, "resolution", value, "two whole numbers (N, M)", 2)
     return (integer(owner, "resolution N", columns, 1, most), integer(owner, "resolution M", rows, 1, most))
 
 
-def height_seen(who: str, name: str, degrees: Any) -> float:
-    """Return the height of the image at distance 1 for a vertical field of view in degrees.
+def _plane(owner: str, name: str, value: Any) -> tuple[float, float]:
+    height, width = items(owner, name, value, "two numbers (H, W)", 2)
+    return number(owner, "plane H", height, above=0.0), number(owner, "plane W", width, above=0.0)
 
-    Raises InputError, naming `who` and `name`, unless it is from 1e-6 to less than 180.
-    """
-    angle = number(who, name, degrees)
-    if not 1e-6 <= angle < 180.0:
-        raise value_error(who, name, "degrees from 1e-6 to less than 180", degrees)
+
+def _principal(owner: str, name: str, value: Any) -> tuple[float, float]:
+    u, v = items(owner, name, value, "two numbers", 2)
+    return number(owner, "principal u", u), number(owner, "principal v", v)
+
+
+def height_seen(who: str, name: str, degrees: Any) -> float:
+    """Return the height of the image at distance 1 for a vertical field of view. Raises InputError, naming `who` and `name`,
+    unless it is from 1e-6 to less than 180 degrees."""
+    limits = {"least": 1e-6, "most": math.nextafter(180.0, 0.0)}
+    angle = number(who, name, degrees, **limits, expected="degrees from 1e-6 to less than 180")
     return 2.0 * math.tan(math.radians(angle) / 2.0)
 
 
@@ -78,14 +89,14 @@ class Camera:
     (1920, 1080)
     """
 
-    eye: Floats
-    lookat: Floats
-    up: Floats
-    focal: float
-    plane: tuple[float, float]
-    resolution: tuple[int, int] = (800, 600)
-    principal: tuple[float, float] = (0.5, 0.5)
-    orthographic: bool = False
+    eye: Floats = field(metadata={"check": vector})
+    lookat: Floats = field(metadata={"check": vector})
+    up: Floats = field(metadata={"check": vector})
+    focal: float = field(metadata={"check": partial(number, above=0.0)})
+    plane: tuple[float, float] = field(metadata={"check": _plane})
+    resolution: tuple[int, int] = checked((800, 600), lambda owner, _name, value: checked_resolution(owner, value))
+    principal: tuple[float, float] = checked((0.5, 0.5), _principal)
+    orthographic: bool = checked(False, flag)
 
     if TYPE_CHECKING:  # the accepted types; the fields above have those that are kept
 
@@ -102,36 +113,21 @@ class Camera:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        who = "Camera"
-        eye, lookat, up = (vector(who, name, getattr(self, name)) for name in ("eye", "lookat", "up"))
+        check_fields(self, "Camera")
         with np.errstate(over="ignore"):
-            forward = lookat - eye
+            forward = self.lookat - self.eye
         if not np.isfinite(forward).all() or not forward.any():
-            raise value_error(who, "lookat", "a point other than eye", lookat.tolist())
-        if not up.any():
-            raise value_error(who, "up", "a vector other than zero", self.up)
-        unit_forward, unit_up = (v / np.abs(v).max() for v in (forward, up))
-        if np.linalg.norm(np.cross(unit_forward, unit_up)) <= 1e-12:
-            raise value_error(who, "up", "a vector not parallel to lookat - eye", up.tolist())
-        height, width = _pair(who, "plane", "two numbers (H, W)", self.plane)
-        right, up_part = _pair(who, "principal", "two numbers", self.principal)
-        set_fields(
-            self,
-            eye=eye,
-            lookat=lookat,
-            up=up,
-            focal=number(who, "focal", self.focal, above=0.0),
-            plane=(number(who, "plane H", height, above=0.0), number(who, "plane W", width, above=0.0)),
-            resolution=checked_resolution(who, self.resolution),
-            principal=(number(who, "principal u", right), number(who, "principal v", up_part)),
-            orthographic=flag(who, "orthographic", self.orthographic),
-        )
+            raise value_error("Camera", "lookat", "a point other than eye", self.lookat.tolist())
+        if not self.up.any():
+            raise value_error("Camera", "up", "a vector other than zero", self.up.tolist())
+        if np.linalg.norm(np.cross(forward / np.abs(forward).max(), self.up / np.abs(self.up).max())) <= 1e-12:
+            raise value_error("Camera", "up", "a vector not parallel to lookat - eye", self.up.tolist())
 
     @classmethod
     def from_fov(
         cls, eye: ArrayLike, lookat: ArrayLike, up: ArrayLike, fov: float, resolution: tuple[int, int] = (800, 600)
     ) -> Camera:
-        """Create a camera with square pixels from a vertical field of view.
+        """Create a camera with square pixels and focal 1 from a vertical field of view.
 
         Parameters
         ----------
@@ -141,15 +137,10 @@ class Camera:
             Vertical field of view, degrees, from 1e-6 to less than 180.
         resolution : (int, int), default (800, 600)
             (N, M), columns and rows of the image, 1 to 16384 pixels each.
-
-        Returns
-        -------
-        Camera
-            With focal 1 and the principal point in the middle of the image.
         """
         height = height_seen("Camera.from_fov", "fov", fov)
-        columns, count_rows = checked_resolution("Camera.from_fov", resolution)
-        return cls(eye, lookat, up, 1.0, (height, height * columns / count_rows), (columns, count_rows))
+        columns, rows = checked_resolution("Camera.from_fov", resolution)
+        return cls(eye, lookat, up, 1.0, (height, height * columns / rows), (columns, rows))
 
     @classmethod
     def from_matrix(
@@ -159,7 +150,7 @@ class Camera:
         resolution: tuple[int, int],
         *,
         pixel_center: float = 0.5,
-        convention: pinhole.Convention = "opencv",
+        convention: Convention = "opencv",
     ) -> Camera:
         """Create a camera from a 3x3 intrinsic matrix and a pose.
 
@@ -178,21 +169,15 @@ class Camera:
             Axes of the camera in `pose`: `opencv` (x right, y down, z forward) or `opengl` (x
             right, y up, z backward).
 
-        Returns
-        -------
-        Camera
-            With focal 1.
-
-        Raises
-        ------
-        InputError
-            The matrix has another form, the pose has a scale or reflection (beyond 1e-6), or
-            another argument is out of its range.
+        Notes
+        -----
+        The camera has focal 1. A matrix of another form is refused, as is a pose with a scale or a
+        reflection beyond 1e-6.
         """
         who = "Camera.from_matrix"
         size = checked_resolution(who, resolution)
-        plane, principal = pinhole.lens_of(who, matrix, size, pixel_center)
-        eye, forward, up = pinhole.placement_of(who, pose, convention)
+        plane, principal = lens_of(who, matrix, size, pixel_center)
+        eye, forward, up = placement_of(who, pose, convention)
         return cls(eye, eye + forward, up, 1.0, plane, size, principal)
 
     @classmethod
@@ -203,7 +188,7 @@ class Camera:
         resolution: tuple[int, int],
         *,
         pixel_center: float = 0.5,
-        convention: pinhole.Convention = "opencv",
+        convention: Convention = "opencv",
     ) -> tuple[Camera, ...]:
         """Create cameras from intrinsic matrices and poses, one for each pose.
 
@@ -214,49 +199,36 @@ class Camera:
         poses : array_like, (P, 4, 4) or (P, 3, 4)
             Camera to world.
         resolution, pixel_center, convention
-            See `from_matrix`.
-
-        Raises
-        ------
-        InputError
-            The numbers of matrices and poses differ, or `from_matrix` refuses one, which is counted
-            from 0.
+            See `from_matrix`. Errors count matrices and poses from 0.
         """
         who = "Camera.from_matrices"
         size = checked_resolution(who, resolution)
-        given = floats(who, "poses", poses, "an array of shape (P, 4, 4) or (P, 3, 4)")
+        placements = floats(who, "poses", poses, "an array of shape (P, 4, 4) or (P, 3, 4)")
         lenses = floats(who, "matrices", matrices, "an array of shape (3, 3) or (P, 3, 3)")
-        if given.ndim != 3:
-            raise value_error(who, "poses", "an array of shape (P, 4, 4) or (P, 3, 4)", given)
-        one = lenses.ndim < 3
-        if not one and len(lenses) != len(given):
-            raise InputError(f"{who}: matrices: expected one, or {len(given)} for as many poses, found {len(lenses)}")
+        if placements.ndim != 3:
+            raise value_error(who, "poses", "an array of shape (P, 4, 4) or (P, 3, 4)", placements)
+        if one_for_all := lenses.ndim < 3:
+            lenses = np.broadcast_to(lenses, (len(placements), *lenses.shape))
+        if len(lenses) != len(placements):
+            expected = f"one, or {len(placements)} for as many poses"
+            raise InputError(f"{who}: matrices: expected {expected}, found {len(lenses)}")
         cameras = []
-        for k, pose in enumerate(given):
-            lens, name = (lenses, "matrices") if one else (lenses[k], f"matrices[{k}]")
-            plane, principal = pinhole.lens_of(who, lens, size, pixel_center, name)
-            eye, forward, up = pinhole.placement_of(who, pose, convention, f"poses[{k}]")
+        for k, (lens, pose) in enumerate(zip(lenses, placements, strict=True)):
+            name = "matrices" if one_for_all else f"matrices[{k}]"
+            plane, principal = lens_of(who, lens, size, pixel_center, name)
+            eye, forward, up = placement_of(who, pose, convention, f"poses[{k}]")
             cameras.append(cls(eye, eye + forward, up, 1.0, plane, size, principal))
         return tuple(cameras)
 
-    def to_matrix(
-        self, *, pixel_center: float = 0.5, convention: pinhole.Convention = "opencv"
-    ) -> tuple[Floats, Floats]:
-        """Return the 3x3 intrinsic matrix and the pose: `from_matrix` the other way.
+    def to_matrix(self, *, pixel_center: float = 0.5, convention: Convention = "opencv") -> tuple[Floats, Floats]:
+        """Return the 3x3 intrinsic matrix K, in pixels, and the (4, 4) pose, camera to world, both float64.
 
-        An orthographic camera, for which there is no K, is refused.
+        It is the inverse of `from_matrix`. An orthographic camera, which has no K, is refused.
 
         Parameters
         ----------
         pixel_center, convention
             See `from_matrix`.
-
-        Returns
-        -------
-        matrix : ndarray of float64, (3, 3)
-            K, in pixels.
-        pose : ndarray of float64, (4, 4)
-            Camera to world.
 
         Examples
         --------
@@ -267,13 +239,17 @@ class Camera:
         [[240.0, 0.0, 320.0], [0.0, 240.0, 240.0], [0.0, 0.0, 1.0]]
         """
         who = "Camera.to_matrix"
-        center = pinhole.checked_center(who, pixel_center)
+        shift = 0.5 - _checked_center(who, pixel_center)
         pose = self.pose(convention)
         if self.orthographic:
             raise InputError(f"{who}: expected a perspective camera, found an orthographic one, which has no K")
-        return pinhole.matrix_of(self.focal, self.plane, self.principal, self.resolution, center), pose
+        (height, width), (columns, rows), (u, v) = self.plane, self.resolution, self.principal
+        matrix = np.eye(3)
+        matrix[0] = columns * (self.focal / width), 0.0, u * columns - shift
+        matrix[1] = 0.0, rows * (self.focal / height), (1.0 - v) * rows - shift
+        return matrix, pose
 
-    def pose(self, convention: pinhole.Convention = "opencv") -> Floats:
+    def pose(self, convention: Convention = "opencv") -> Floats:
         """Return the pose, camera to world, (4, 4) float64: a rotation and a translation.
 
         Parameters
@@ -281,9 +257,11 @@ class Camera:
         convention : {"opencv", "opengl"}
             Axes of the camera, see `from_matrix`.
         """
-        choice("Camera.pose", "convention", convention, pinhole.CONVENTIONS)
-        axes = axes_of(self.eye.tolist(), self.lookat.tolist(), self.up.tolist())
-        return pinhole.pose_of(axes, self.eye, convention)
+        choice("Camera.pose", "convention", convention, CONVENTIONS)
+        pose = np.eye(4)
+        pose[:3, :3] = np.transpose(axes_of(self)) * (1.0, -1.0, 1.0) * _SIGNS[convention]
+        pose[:3, 3] = self.eye
+        return pose + 0.0  # no -0.0 in files
 
     def stereo(self, baseline: float, convergence: float | None = None) -> tuple[Camera, Camera]:
         """Return a stereo pair around this camera: two of the same lens, half a baseline to its left and right.
@@ -310,7 +288,7 @@ class Camera:
         shift = 0.0
         if convergence is not None:
             shift = half * (self.focal / self.plane[1]) / number(who, "convergence", convergence, above=0.0)
-        right = np.array(axes_of(self.eye.tolist(), self.lookat.tolist(), self.up.tolist())[0])
+        right = np.array(axes_of(self)[0])
         u, v = self.principal
         left_eye, right_eye = (
             replace(self, eye=self.eye + side * right, lookat=self.lookat + side * right, principal=principal)
@@ -328,6 +306,92 @@ class Camera:
         resolution : (int, int)
             (N, M), columns and rows of the image, 1 to 16384 pixels each.
         """
-        columns, count_rows = checked_resolution("Camera", resolution)
-        height = self.plane[0]
-        return replace(self, plane=(height, height * columns / count_rows), resolution=(columns, count_rows))
+        columns, rows = checked_resolution("Camera", resolution)
+        return replace(self, plane=(self.plane[0], self.plane[0] * columns / rows), resolution=(columns, rows))
+
+
+def _checked_center(who: str, value: Any) -> float:
+    """Return the coordinate of the first pixel's center, 0.5 or 0."""
+    if not np.isscalar(value) or value not in (0, 0.5):
+        raise value_error(who, "pixel_center", "0.5 or 0", value)
+    return float(value)  # type: ignore[arg-type]
+
+
+def lens_of(
+    who: str, matrix: Any, resolution: tuple[int, int], pixel_center: float, name: str = "matrix"
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return `plane`, for focal 1, and `principal` of the camera with this K, see `Camera.from_matrix`.
+
+    who, name: for errors. Raises InputError for another form of matrix.
+    """
+    k = floats(who, name, matrix, _K_FORM).astype(np.float64)
+    if k.shape != (3, 3) or not np.isfinite(k).all():
+        raise value_error(who, name, _K_FORM, k.tolist() if k.size <= 9 else k)
+    if k[0, 1] != 0.0:
+        raise InputError(f"{who}: {name}: expected {_K_FORM}, found a skew of {k[0, 1]:g}, which this camera has not")
+    if (k[[1, 2, 2], [0, 0, 1]] != 0.0).any() or k[2, 2] != 1.0:
+        raise value_error(who, name, _K_FORM, k.tolist())
+    if min(k[0, 0], k[1, 1]) <= 0.0:
+        raise value_error(who, name, "fx and fy above 0", k.tolist())
+    (columns, rows), shift = resolution, 0.5 - _checked_center(who, pixel_center)
+    (fx, _, cx), (_, fy, cy), _ = k.tolist()
+    return (rows / fy, columns / fx), ((cx + shift) / columns, 1.0 - (cy + shift) / rows)
+
+
+def placement_of(who: str, pose: Any, convention: str, name: str = "pose") -> tuple[Array, Array, Array]:
+    """Return the eye, the viewing direction and the direction up, (3,) float64 each, of a pose, see `Camera.from_matrix`.
+
+    who, name: for errors. Raises InputError for a matrix that is no rotation with a translation.
+    """
+    matrix = floats(who, name, pose, _POSE_FORM).astype(np.float64)
+    if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
+        raise value_error(who, name, _POSE_FORM, matrix.tolist() if matrix.size <= 16 else matrix)
+    if len(matrix) == 4 and np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > _RIGID:
+        raise value_error(who, name, "a last row of 0, 0, 0, 1", matrix[3].tolist())
+    choice(who, "convention", convention, CONVENTIONS)
+    rotation, eye = matrix[:3, :3], matrix[:3, 3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        rigid = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _RIGID
+    if not rigid or np.linalg.det(rotation) < 0.0:
+        expected = "a rotation without scale or reflection"
+        raise InputError(f"{who}: {name}: expected {expected}, found {_described(rotation, rigid)}")
+    right_down_forward = rotation * _SIGNS[convention]
+    return eye, right_down_forward[:, 2], -right_down_forward[:, 1]
+
+
+def _described(rotation: Array, rigid: bool) -> str:
+    """Return what a matrix that is no rotation is instead."""
+    if rigid:
+        return "a reflection"
+    rows = "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rotation)
+    scale = np.abs(rotation).max()
+    singular = scale == 0.0 or np.linalg.matrix_rank(rotation / scale) < 3
+    return f"{'a singular matrix' if singular else 'the matrix'} [{rows}]"
+
+
+def axes_of(camera: Camera) -> tuple[tuple[float, float, float], ...]:
+    """Return right, up and the viewing direction, the rows of `geometry.camera_axes`, which says more. Raises InputError.
+
+    In plain floats: for one camera NumPy's overhead would make it ten times as slow.
+    """
+    eye, lookat, up = camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()
+    z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
+    if not any(z):
+        raise value_error("Camera", "lookat", "a point other than eye", lookat)
+    exponent = math.frexp(max(map(abs, up)))[1]
+    u = [math.ldexp(value, -exponent) for value in up]
+    along = (u[0] * z[0] + u[1] * z[1]) + u[2] * z[2]
+    across = [a - along * b for a, b in zip(u, z, strict=True)]
+    if max(map(abs, across)) <= 1e-12:
+        raise value_error("Camera", "up", "a vector not parallel to lookat - eye", up)
+    y = _unit(*across)
+    x = (z[1] * y[2] - z[2] * y[1], z[2] * y[0] - z[0] * y[2], z[0] * y[1] - z[1] * y[0])
+    return x, y, z
+
+
+def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Normalize a vector of any finite length; the zero vector is kept."""
+    exponent = math.frexp(max(abs(x), abs(y), abs(z)))[1]
+    x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
+    length = math.sqrt(x * x + y * y + z * z) or 1.0
+    return x / length, y / length, z / length

@@ -14,12 +14,13 @@ from ..base.text_tables import as_lines
 from .camera import Camera
 from .geometry import _cross, _edge_exponent, _edges, bounding_box, row_blocks, welded
 from .lights import described
-from .metallic_roughness import MAPS
+from .material import MAPS
 from .model import Material, Mesh, Scene, Texture
 from .objects import first_instances, object_numbers
 from .scalar_colors import at_vertices
 
-MOST_FACES = 1 << 22  # of which shapes and edges are counted: seconds, and some hundred MB
+_MODEL = ("ka", "kd", "ks", "n", "metallic", "roughness")  # what tells of a material's reflection
+MAX_COUNTED_FACES = 1 << 22  # of which shapes and edges are counted: seconds, and some hundred MB
 
 
 def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: int | None = None) -> dict[str, Any]:
@@ -31,10 +32,9 @@ def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: 
     low, high = bounding_box(scene)
     lights = scene.lights if scene.own_lights else ()
     materials = {id(mesh.material): mesh.material for mesh in scene.meshes}
-    textures = {id(each): each for material in materials.values() for each in _textures(material).values()}
-    material_numbers, texture_numbers = ({key: k for k, key in enumerate(each, 1)} for each in (materials, textures))
+    textures = {id(texture): texture for material in materials.values() for texture in _textures(material).values()}
+    numbers = {key: number for table in (materials, textures) for number, key in enumerate(table, 1)}
     objects = object_numbers(scene)
-    numbers = zip(objects, first_instances(scene), strict=True)
     lengths = [*seconds, *[None] * (len(scene.animations) - len(seconds))]
     return {
         "name": scene.name,
@@ -51,13 +51,15 @@ def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: 
         "each_light": [light.facts() for light in lights],
         "objects": max(objects, default=0),
         "meshes": [
-            {"number": number, "object": own, "first_instance": first, **_mesh(mesh, material_numbers)}
-            for number, (mesh, (own, first)) in enumerate(zip(scene.meshes, numbers, strict=True), 1)
+            {"number": k, "object": number, "first_instance": first, **_mesh(mesh, numbers)}
+            for k, (mesh, number, first) in enumerate(
+                zip(scene.meshes, objects, first_instances(scene), strict=True), 1
+            )
         ],
-        "materials": [_material(k, each, texture_numbers) for k, each in enumerate(materials.values(), 1)],
+        "materials": [{"number": k, **_material(item, numbers)} for k, item in enumerate(materials.values(), 1)],
         "textures": [
-            {"number": k, "name": each.name, "size": [*each.texels.shape[1::-1]], "channels": each.texels.shape[2]}
-            for k, each in enumerate(textures.values(), 1)
+            {"number": k, "name": item.name, "size": [*item.texels.shape[1::-1]], "channels": item.texels.shape[2]}
+            for k, item in enumerate(textures.values(), 1)
         ],
     }
 
@@ -65,38 +67,31 @@ def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: 
 def _camera(camera: Camera) -> dict[str, Any]:
     height = camera.plane[0]
     angle = math.degrees(2.0 * math.atan2(height / 2.0, camera.focal))
-    size = {"view_height": height} if camera.orthographic else {"view_angle": angle}
     return {
         "position": camera.eye.tolist(),
         "focal_point": camera.lookat.tolist(),
         "up": camera.up.tolist(),
-        **size,
+        **({"view_height": height} if camera.orthographic else {"view_angle": angle}),
         "resolution": list(camera.resolution),
     }
 
 
 def _textures(material: Material) -> dict[str, Texture]:
     """Return the textures of a material by what they are for."""
-    found = {"color": material.texture}
-    if material.pbr is not None:
-        found |= {name.removesuffix("_texture"): getattr(material.pbr, name) for name in MAPS}
-    return {name: texture for name, texture in found.items() if texture is not None}
+    maps = {} if material.pbr is None else {name: getattr(material.pbr, name) for name in MAPS}
+    textures = {"color": material.texture, **{name.removesuffix("_texture"): texture for name, texture in maps.items()}}
+    return {name: texture for name, texture in textures.items() if texture is not None}
 
 
-def _material(number: int, material: Material, numbers: dict[int, int]) -> dict[str, Any]:
-    pbr = material.pbr
-    if pbr is None:
-        model: dict[str, Any] = {name: np.asarray(getattr(material, name)).tolist() for name in ("ka", "kd", "ks", "n")}
-    else:
-        model = {"metallic": pbr.metallic, "roughness": pbr.roughness}
-    alpha = "blend" if material.blend else "opaque" if material.alpha_cutoff is None else "mask"
+def _material(material: Material, numbers: dict[int, int]) -> dict[str, Any]:
+    model = material if material.pbr is None else material.pbr
+    fields = ("ka", "kd", "ks", "n") if material.pbr is None else ("metallic", "roughness")
     return {
-        "number": number,
         "name": material.name,
         "color": material.color.tolist(),
-        **model,
+        **{name: np.asarray(getattr(model, name)).tolist() for name in fields},
         "opacity": material.opacity,
-        "alpha": alpha,
+        "alpha": "blend" if material.blend else "opaque" if material.alpha_cutoff is None else "mask",
         "textures": {name: numbers[id(texture)] for name, texture in _textures(material).items()},
     }
 
@@ -106,7 +101,7 @@ def _mesh(mesh: Mesh, numbers: dict[int, int]) -> dict[str, Any]:
         "name": mesh.name,
         "triangles": len(mesh.faces),
         "vertices": len(mesh.verts),
-        "instances": len(np.asarray(mesh.instances)),
+        "instances": len(mesh.instances),
         "instance_names": list(mesh.instance_names),
         "material": mesh.material.name,
         "material_number": numbers[id(mesh.material)],
@@ -116,50 +111,46 @@ def _mesh(mesh: Mesh, numbers: dict[int, int]) -> dict[str, Any]:
 
 def _scalars(mesh: Mesh, name: str) -> dict[str, Any]:
     values = mesh.scalars[name]
-    known = values[~np.isnan(values)]
-    ends = (float(known.min()), float(known.max())) if len(known) else (None, None)
+    numbers = values[~np.isnan(values)]
+    least, most = (float(numbers.min()), float(numbers.max())) if len(numbers) else (None, None)
     place = "vertices" if at_vertices(mesh, name) else "faces" if values.ndim == 1 else "corners"
-    return {"name": name, "of": place, "least": ends[0], "most": ends[1], "nan": int(values.size - len(known))}
+    return {"name": name, "of": place, "least": least, "most": most, "nan": int(values.size - len(numbers))}
 
 
 def format_contents(contents: dict[str, Any]) -> str:
     """Return the contents as lines for the terminal."""
     meshes = contents["meshes"]
-    rows = [
-        (
-            _shown(m["name"]),
-            *(f"{m[name]:,}" for name in ("number", "triangles", "vertices", "instances", "material_number", "object")),
-        )
-        for m in meshes
+    keys = ("name", "number", "triangles", "vertices", "instances", "material_number", "object")
+    head = ("mesh", "number", "triangles", "vertices", "instances", "material", "object")
+    lines = [*_general_lines(contents), *_table(head, [[mesh[key] for key in keys] for mesh in meshes])]
+    lines += _material_lines(contents) + _light_lines(contents)
+    animations = [(item["name"], number, item["seconds"]) for number, item in enumerate(contents["animations"])]
+    lines += _table(("animation", "number", "seconds"), animations)
+    instances = {
+        number: (name, number, mesh["object"])
+        for mesh in reversed(meshes)  # the first part of an object names it
+        for number, name in enumerate(mesh["instance_names"], mesh["first_instance"])
+        if name
+    }
+    lines += _table(("instance", "number", "object"), [instances[number] for number in sorted(instances)])
+    scalars = [
+        (s["name"], mesh["number"], s["of"], s["least"], s["most"], s["nan"])
+        for mesh in meshes
+        for s in mesh["scalars"]
     ]
-    lines = [
-        *_general_lines(contents),
-        "",
-        *as_lines(("mesh", "number", "triangles", "vertices", "instances", "material", "object"), rows),
-    ]
-    lines += _material_lines(contents)
-    found = [
-        (_shown(s["name"]), f"{m['number']}", s["of"], _number(s["least"]), _number(s["most"]), f"{s['nan']:,}")
-        for m in meshes
-        for s in m["scalars"]
-    ]
-    lines += _light_lines(contents)
-    animations = [(_shown(a["name"]), f"{k}", _number(a["seconds"])) for k, a in enumerate(contents["animations"])]
-    lines += ["", *as_lines(("animation", "number", "seconds"), animations)] if animations else []
-    lines += _instance_lines(meshes)
-    if found:
-        lines += ["", *as_lines(("scalars", "mesh", "of", "least", "most", "NaN"), found)]
-    return "\n".join(lines if found else [*lines, "no scalars"])
+    return "\n".join(lines + (_table(("scalars", "mesh", "of", "least", "most", "NaN"), scalars) or ["no scalars"]))
 
 
-def _instance_lines(meshes: list[dict[str, Any]]) -> list[str]:
-    """Return a table of the instances that have names, nothing without any. Numbers are those of the layer instance_id."""
-    found: dict[int, tuple[str, str, str]] = {}
-    for mesh in meshes:
-        for number, name in enumerate(mesh["instance_names"], mesh["first_instance"]):
-            if name:
-                found.setdefault(number, (_shown(name), f"{number}", f"{mesh['object']}"))
-    return ["", *as_lines(("instance", "number", "object"), [*found.values()])] if found else []
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
+    """Return an empty line and the lines of a table, whose rows begin with a name; nothing without rows."""
+    lines = as_lines(head, [(_shown(name), *map(_cell, cells)) for name, *cells in rows])
+    return ["", *lines] if rows else []
+
+
+def _cell(value: Any) -> str:
+    if value is None or isinstance(value, str):
+        return value or "-"
+    return _vector(value) if isinstance(value, list) else f"{value:.6g}" if isinstance(value, float) else f"{value:,}"
 
 
 def _general_lines(contents: dict[str, Any]) -> list[str]:
@@ -173,44 +164,39 @@ def _general_lines(contents: dict[str, Any]) -> list[str]:
     if camera is None:
         unused = f", {count} without use" if count else ""
         return [*lines, f"camera  none{unused}: one that shows all is added"]
-    seen = f"view angle {camera['view_angle']:.4g}" if "view_angle" in camera else f"height {camera['view_height']:.6g}"
+    view = f"view angle {camera['view_angle']:.4g}" if "view_angle" in camera else f"height {camera['view_height']:.6g}"
     size = "x".join(map(str, camera["resolution"]))
     first = f", the first of {count}" if count > 1 else ""
-    return [*lines, f"camera  {_vector(camera['position'])} to {_vector(camera['focal_point'])}, {seen}, {size}{first}"]
+    return [*lines, f"camera  {_vector(camera['position'])} to {_vector(camera['focal_point'])}, {view}, {size}{first}"]
 
 
 def _material_lines(contents: dict[str, Any]) -> list[str]:
     """Return tables of the materials and their textures."""
-    rows = []
+    rows, textures = [], []
     uses: dict[int, dict[str, list[str]]] = {}
-    for each in contents["materials"]:
-        names = ("metallic", "roughness") if "metallic" in each else ("ka", "kd", "ks", "n")
-        model = ", ".join(f"{name} {_vector(np.unique(each[name]))}" for name in names)
-        alpha = each["alpha"] + (f" {each['opacity']:.4g}" if each["opacity"] != 1.0 else "")
-        rows.append((_shown(each["name"]), f"{each['number']}", _vector(each["color"]), model, alpha))
-        for name, number in each["textures"].items():
-            uses.setdefault(number, {}).setdefault(name, []).append(f"{each['number']}")
-    lines = ["", *as_lines(("material", "number", "color", "model", "alpha"), rows)]
-    textures = [
-        (
-            *(_shown(each["name"]), f"{each['number']}", "x".join(map(str, each["size"])), f"{each['channels']}"),
-            "; ".join(f"{name} of {','.join(numbers)}" for name, numbers in uses[each["number"]].items()),
-        )
-        for each in contents["textures"]
+    for item in contents["materials"]:
+        model = ", ".join(f"{key} {_vector(np.unique(item[key]))}" for key in _MODEL if key in item)
+        alpha = item["alpha"] + (f" {item['opacity']:.4g}" if item["opacity"] != 1.0 else "")
+        rows.append((item["name"], item["number"], item["color"], model, alpha))
+        for name, number in item["textures"].items():
+            uses.setdefault(number, {}).setdefault(name, []).append(f"{item['number']}")
+    for item in contents["textures"]:
+        use = "; ".join(f"{name} of {','.join(numbers)}" for name, numbers in uses[item["number"]].items())
+        textures.append((item["name"], item["number"], "x".join(map(str, item["size"])), item["channels"], use))
+    return [
+        *_table(("material", "number", "color", "model", "alpha"), rows),
+        *_table(("texture", "number", "size", "channels", "used as, by material"), textures),
     ]
-    head = ("texture", "number", "size", "channels", "used as, by material")
-    return lines + (["", *as_lines(head, textures)] if textures else [])
 
 
 def _light_lines(contents: dict[str, Any]) -> list[str]:
     """Return a line of each light, or one on those that are added."""
-    lights, added = contents["each_light"], contents["added_lights"]
-    if added:
-        return ["", f"no lights: {added} are added, or with shader pbr the studio"]
-    lines = ["", *(f"light {number}: {each['kind']} {described(each)}" for number, each in enumerate(lights))]
-    if contents["light_scale"] != 1.0:
+    if contents["added_lights"]:
+        return ["", f"no lights: {contents['added_lights']} are added, or with shader pbr the studio"]
+    lines = [f"light {k}: {item['kind']} {described(item)}" for k, item in enumerate(contents["each_light"])]
+    if lines and contents["light_scale"] != 1.0:
         lines.append(f"intensities are the file's, in candela and lux, times {contents['light_scale']:.6g}")
-    return lines if lights else []
+    return ["", *lines] if lines else []
 
 
 def _shown(name: str) -> str:
@@ -221,10 +207,6 @@ def _vector(values: Any) -> str:
     return " ".join(f"{value + 0.0:.6g}" for value in values)
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.6g}"
-
-
 @dataclass(frozen=True)
 class SurfaceFacts:
     """Counts and area of all triangles in world space; every instance counts.
@@ -232,7 +214,7 @@ class SurfaceFacts:
     vertices: those of the meshes; positions: different ones. shapes: sets of triangles that are connected by vertices
     at equal positions, of whichever mesh. boundary_edges: edges of one triangle; non_manifold_edges: of more than two;
     a closed surface has neither. Triangles with two equal corners, which have no area, count in none of the three.
-    positions, shapes and edges are None for more than MOST_FACES triangles.
+    positions, shapes and edges are None for more than MAX_COUNTED_FACES triangles.
     area: in squared scene units.
     """
 
@@ -254,10 +236,10 @@ class SurfaceFacts:
 
 def surface_facts(scene: Scene) -> SurfaceFacts:
     """Return counts and area of a scene's triangles."""
-    vertices = sum(len(mesh.verts) * len(np.asarray(mesh.instances)) for mesh in scene.meshes)
+    vertices = sum(len(mesh.verts) * len(mesh.instances) for mesh in scene.meshes)
     triangles = scene.face_count
     area = sum((_area(verts, faces) for mesh in scene.meshes for verts, faces in _placed(mesh)), 0.0)
-    if triangles > MOST_FACES:
+    if triangles > MAX_COUNTED_FACES:
         return SurfaceFacts(vertices, triangles, area)
     return SurfaceFacts(vertices, triangles, area, *_topology(scene))
 
@@ -291,9 +273,9 @@ def _topology(scene: Scene) -> tuple[int, int, int, int]:
     """Return the numbers of positions, shapes, boundary and non-manifold edges."""
     points, faces, count = [], [], 0
     for mesh in scene.meshes:
-        for verts, own in _placed(mesh):
+        for verts, corners in _placed(mesh):
             points.append(verts)
-            faces.append(own + count)
+            faces.append(corners + count)
             count += len(verts)
     if not points:
         return 0, 0, 0, 0

@@ -40,10 +40,10 @@ def part_digests(scene: Scene) -> dict[str, str]:
     """
     parts = {name: getattr(scene, name) for name in ("meshes", "camera", "lights", "environment")}
     parts["materials"] = tuple(mesh.material for mesh in scene.meshes)
-    left = [each.name for each in fields(Scene) if each.name not in (*parts, *_LEFT_OUT[Scene])]
-    parts["others"] = {**{name: getattr(scene, name) for name in left}, "course": scene.preset == "course"}
-    known: dict[int, bytes] = {}
-    return {name: hashlib.sha256(_described(parts[name], known)).hexdigest() for name in PARTS}
+    others = [item.name for item in fields(Scene) if item.name not in (*parts, *_LEFT_OUT[Scene])]
+    parts["others"] = {**{name: getattr(scene, name) for name in others}, "course": scene.preset == "course"}
+    done: dict[int, bytes] = {}
+    return {name: hashlib.sha256(_described(parts[name], done)).hexdigest() for name in PARTS}
 
 
 def describe_images(scene: Scene) -> None:
@@ -57,13 +57,13 @@ def digest_of(value: Any) -> str:
     return hashlib.sha256(_described(value, {})).hexdigest()
 
 
-def _described(value: Any, known: dict[int, bytes]) -> bytes:
+def _described(value: Any, done: dict[int, bytes]) -> bytes:
     """Return bytes from which the value could be told: each begins with its kind and, if that varies, its length.
 
-    known: those of arrays and dataclasses by id: meshes by the thousand share materials and placements.
+    done: descriptions of arrays and dataclasses by id: meshes by the thousand share materials and placements.
     """
-    if id(value) in known:
-        return known[id(value)]
+    if id(value) in done:
+        return done[id(value)]
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int)):
@@ -74,15 +74,14 @@ def _described(value: Any, known: dict[int, bytes]) -> bytes:
         text = value.encode("utf-8", "surrogatepass")
         return b"text %d:%s" % (len(text), text)
     if isinstance(value, (tuple, list)):
-        return b"list %d:" % len(value) + b"".join([_described(each, known) for each in value])
+        return b"list %d:" % len(value) + b"".join([_described(item, done) for item in value])
     if isinstance(value, Mapping):
-        pairs = sorted((_described(key, known), _described(each, known)) for key, each in value.items())
-        return b"map %d:" % len(pairs) + b"".join(key + each for key, each in pairs)
+        pairs = sorted((_described(key, done), _described(item, done)) for key, item in value.items())
+        return b"map %d:" % len(pairs) + b"".join(key + item for key, item in pairs)
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         little = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
         data = hashlib.sha256(little.reshape(-1).view(np.uint8).data).digest()
-        known[id(value)] = f"array {little.dtype.str} {value.shape}:".encode() + data
-        return known[id(value)]
+        return done.setdefault(id(value), f"array {little.dtype.str} {value.shape}:".encode() + data)
     if isinstance(value, CodedImage):  # as its numbers, which are not held whole
         if value not in _images:
             numbers = hashlib.sha256()
@@ -91,24 +90,23 @@ def _described(value: Any, known: dict[int, bytes]) -> bytes:
             _images[value] = f"array <f4 {value.shape}:".encode() + numbers.digest()
         return _images[value]
     if is_dataclass(value) and not isinstance(value, type):
-        known[id(value)] = _described_fields(value, known)
-        return known[id(value)]
+        return done.setdefault(id(value), _described_fields(value, done))
     raise TypeError(f"digest_of: value: expected plain values, arrays or dataclasses, found {type(value).__name__}")
 
 
-def _described_fields(value: Any, known: dict[int, bytes]) -> bytes:
+def _described_fields(value: Any, done: dict[int, bytes]) -> bytes:
     kind: Any = type(value)
     named = _named(kind)
     if kind is Mesh and not value.part_of:  # as before the field existed, so that older digests stay valid
         named = [pair for pair in named if pair[0] != "part_of"]
-    content = b"".join([key + _described(getattr(value, name), known) for name, key in named])
-    found = f"{kind.__name__} map {len(named)}:".encode() + content
-    return hashlib.sha256(found).digest() if isinstance(value, _LARGE) else found
+    content = b"".join([key + _described(getattr(value, name), done) for name, key in named])
+    text = f"{kind.__name__} map {len(named)}:".encode() + content
+    return hashlib.sha256(text).digest() if isinstance(value, _LARGE) else text
 
 
 @functools.cache
 def _named(kind: type) -> list[tuple[str, bytes]]:
     """Return where a dataclass has the fields that count, and their names as `_described`, in the order of these."""
-    names = [each.name for each in fields(kind) if each.name not in _LEFT_OUT.get(kind, ())]
+    names = [item.name for item in fields(kind) if item.name not in _LEFT_OUT.get(kind, ())]
     pairs = [("texels" if (kind, name) == (Texture, "image") else name, _described(name, {})) for name in names]
     return sorted(pairs, key=operator.itemgetter(1))

@@ -4,16 +4,39 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Floats, Floats32, Vector, kept
-from ..base.validation import floats, number, set_fields, text, value_error, vector
+from ..base.arrays import Array, Floats, Floats32, Vector
+from ..base.declare import check_fields, checked
+from ..base.validation import floats, number, read_only, text, value_error, vector
 
 MAX_SIDE = 32768  # pixels
 MAX_RADIANCE = 1e30  # sums over all pixels stay within float32's range
+
+
+def _image(owner: str, name: str, value: Any) -> Floats32:
+    expected = "an array of shape (h, w, 3)"
+    image = floats(owner, name, value, expected)
+    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape or max(image.shape) > MAX_SIDE:
+        raise value_error(owner, name, f"{expected} with h and w from 1 to {MAX_SIDE}", image)
+    if image.dtype.kind in "iu":
+        image = image / np.float32(np.iinfo(image.dtype).max)
+    image = image.astype(np.promote_types(image.dtype, np.float32), copy=False)  # half floats do not reach 1e30
+    if bad := bad_radiance(image):
+        raise value_error(owner, name, "numbers from 0 to 1e30", bad)
+    return read_only(np.ascontiguousarray(image, np.float32).view())
+
+
+def _up(owner: str, name: str, value: Any) -> Floats:
+    up = vector(owner, name, value)
+    if not up.any():
+        raise value_error(owner, name, "a direction other than 0", value)
+    up = up / float(np.abs(up).max())  # squares of it are in range
+    return read_only(up / math.sqrt(float(up @ up)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,25 +57,20 @@ class Environment:
     name : str, default ""
         Name of the environment.
 
-    Raises
-    ------
-    InputError
-        A value is not allowed; the message names the field. `scene.formats.environment` replaces
-        the NaN, infinite and negative pixels of files instead.
-
     Notes
     -----
     The convention is that of OpenEXR (ImfEnvmap.h): with `up` +y and no rotation the center of the
     image is +z, and +x is halfway between the center and the left edge, so that from the inside
     nothing is mirrored. For other directions of `up` the whole is turned by the smallest rotation
-    from +y to `up`: with +z the center is -y. Every pixel is of constant radiance.
+    from +y to `up`: with +z the center is -y. Every pixel is of constant radiance. Images with NaN,
+    infinite or negative pixels are refused; `scene.formats.environment` replaces those of files.
     """
 
-    image: Floats32
-    rotation: float = 0.0
-    intensity: float = 1.0
-    up: Vector = field(default=kept((0.0, 1.0, 0.0)))
-    name: str = ""
+    image: Floats32 = field(metadata={"check": _image})
+    rotation: float = checked(0.0, number)
+    intensity: float = checked(1.0, partial(number, least=0.0, most=MAX_RADIANCE, expected="a number from 0 to 1e30"))
+    up: Vector = checked((0.0, 1.0, 0.0), _up)
+    name: str = checked("", text)
 
     if TYPE_CHECKING:
 
@@ -61,38 +79,14 @@ class Environment:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        who = "Environment"
-        expected = "an array of shape (h, w, 3)"
-        image = floats(who, "image", self.image, expected)
-        if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape or max(image.shape) > MAX_SIDE:
-            raise value_error(who, "image", f"{expected} with h and w from 1 to {MAX_SIDE}", image)
-        if image.dtype.kind in "iu":
-            image = image / np.float32(np.iinfo(image.dtype).max)
-        image = image.astype(np.promote_types(image.dtype, np.float32), copy=False)  # half floats do not reach 1e30
-        bad = bad_radiance(image)
-        if bad:
-            raise value_error(who, "image", "numbers from 0 to 1e30", bad)
-        image = np.ascontiguousarray(image, np.float32).view()
-        image.flags.writeable = False
-        up = vector(who, "up", self.up)
-        largest = float(np.abs(up).max())
-        if not largest:
-            raise value_error(who, "up", "a direction other than 0", self.up)
-        up = up / largest  # squares of it are in range
-        up = up / math.sqrt(float(up @ up))
-        up.flags.writeable = False
-        intensity = number(who, "intensity", self.intensity, least=0.0)
-        if intensity > MAX_RADIANCE:
-            raise value_error(who, "intensity", "a number from 0 to 1e30", self.intensity)
-        set_fields(self, image=image, up=up, intensity=intensity, rotation=number(who, "rotation", self.rotation))
-        text(who, "name", self.name)
+        check_fields(self)
 
     @property
     def axes(self) -> Floats:
         """The directions, rows, of the image's center, of a quarter to its left, and of its top; rotation included."""
         turn = _smallest_rotation(self.up)
-        angle = math.radians(math.fmod(self.rotation, 360.0))
         front, left = turn @ (0.0, 0.0, 1.0), turn @ (1.0, 0.0, 0.0)
+        angle = math.radians(math.fmod(self.rotation, 360.0))
         cosine, sine = math.cos(angle), math.sin(angle)
         return np.stack([cosine * front + sine * left, cosine * left - sine * front, self.up])
 
@@ -114,9 +108,8 @@ def bad_radiance(image: Array) -> str:
     float32 or wider."""
     if 0.0 <= image.min() <= image.max() <= MAX_RADIANCE:  # false for NaN
         return ""
-    for found, what in ((np.isnan(image), "NaN"), (image > MAX_RADIANCE, "beyond 1e30"), (image < 0.0, "negative")):
-        pixels = int(found.any(axis=2).sum())
-        if pixels:
+    for wrong, what in ((np.isnan(image), "NaN"), (image > MAX_RADIANCE, "beyond 1e30"), (image < 0.0, "negative")):
+        if pixels := int(wrong.any(axis=2).sum()):
             return f"{pixels} {'pixel' if pixels == 1 else 'pixels'} that {'is' if pixels == 1 else 'are'} {what}"
     return ""
 

@@ -59,10 +59,8 @@ def framed(
     Raises InputError where positions leave the range of float64.
     """
     center, radius = sphere = sphere or bounding_sphere(meshes)
-    chosen = camera is None
-    if camera is None:
-        camera = default_camera(meshes, up, resolution, sphere)
-    own_lights = bool(lights)
+    chosen, own_lights = camera is None, bool(lights)
+    camera = camera or default_camera(meshes, up, resolution, sphere)
     if not lights:
         # Those of a chosen camera before it is fitted: they are the same for images of any shape, to the last bit.
         of = Camera.from_fov(_TOWARDS_EYE @ np.array(UPS[up]), np.zeros(3), UPS[up][1], FOV) if chosen else camera
@@ -71,17 +69,7 @@ def framed(
         with np.errstate(over="ignore"):  # PointLight refuses an overflow
             places = [center + radius * (np.array(place) @ axes) for place, _ in _LIGHTS]
         lights = tuple(PointLight(at, np.array(light)) for at, (_, light) in zip(places, _LIGHTS, strict=True))
-    return Scene(
-        meshes,
-        camera,
-        lights,
-        np.full(3, AMBIENT),
-        np.full(3, BACKGROUND),
-        "standard",
-        name,
-        own_lights=own_lights,
-        fitted=chosen,
-    )
+    return Scene(meshes, camera, lights, AMBIENT, BACKGROUND, name=name, own_lights=own_lights, fitted=chosen)
 
 
 def default_camera(
@@ -118,5 +106,5 @@ def likely_up(low: Array, high: Array, up: Up) -> Up | None:
 def up_of(camera: Camera) -> Up:
     """Return the axis of world space that is nearest to the camera's up."""
     axis = int(np.argmax(np.abs(camera.up)))
-    found: dict[str, Up] = {str(up): up for up in UPS}
-    return found["-" * bool(camera.up[axis] < 0.0) + "xyz"[axis]]
+    name = "-" * bool(camera.up[axis] < 0.0) + "xyz"[axis]
+    return next(up for up in UPS if up == name)

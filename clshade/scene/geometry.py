@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from ..base.arrays import Array, Faces, Floats, connected_components
 from ..base.validation import number
 from ..errors import InputError
-from .camera import Camera
+from .camera import Camera, axes_of
 from .model import Mesh, Scene
-from .pinhole import axes_of
 
 _POOL = 1 << 14  # vertices of small meshes that are placed at once
 _CANCELED = 2.0**-40  # times the faces' sizes: a smaller sum has no direction left
@@ -249,7 +248,7 @@ def camera_axes(camera: Camera) -> Floats:
 
     Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
     """
-    return np.array(axes_of(camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()))
+    return np.array(axes_of(camera))
 
 
 def camera_matrices(camera: Camera) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from .builtin.studio import studio, without_stand_ins
 from .fitting import sphere_of_box
 from .framing import UPS, Up, up_of
 from .geometry import bounding_box
-from .image_light.irradiance import irradiance_at, irradiance_coefficients
+from .image_light import irradiance_at, irradiance_coefficients
 from .lights import DirectionalLight, Light
 from .model import Material, Mesh, Scene, Settings
 

@@ -9,14 +9,14 @@ import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..base.validation import set_fields, value_error
+from ..base.validation import value_error
 from .camera import MAX_RESOLUTION, Camera, checked_resolution
 
 MAX_WHOLE = 1 << 17  # pixels a side of an image drawn in parts: float32 holds positions from its center in 1/256 px
 
 
 class Raster(NamedTuple):
-    """The pixels of the image that a camera's image is, or is a part of.
+    """The pixels of the image that a camera shows all or a part of.
 
     plane, principal, resolution: as in `Camera`, of the whole. corner: column and row of the lower left corner of the
     region that contains the part: corners of triangles far outside of it are clipped. first: column and row of the
@@ -34,12 +34,8 @@ class Raster(NamedTuple):
 class PartCamera(Camera):
     """The camera of a part of an image, see `part_of`. Its lens is that of the part.
 
-    Attributes
-    ----------
-    whole : Camera
-        The camera of the whole image, whose resolution may be up to 131072 pixels a side.
-    left, top : int
-        Column and row of the part's first pixel, from the top left of the whole.
+    whole: the camera of the whole image, whose resolution may be up to 131072 pixels a side. left, top: column and row of
+    the part's first pixel, from the top left of the whole.
     """
 
     whole: Camera | None = None
@@ -48,10 +44,9 @@ class PartCamera(Camera):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.whole is None or (self.plane, self.principal) != _lens(
-            self.whole, self.left, self.top, self.resolution
-        ):
-            raise value_error("PartCamera", "plane, principal", "those of `part_of`", (self.plane, self.principal))
+        lens = self.plane, self.principal
+        if self.whole is None or lens != _lens(self.whole, self.left, self.top, self.resolution):
+            raise value_error("PartCamera", "plane, principal", "those of `part_of`", lens)
 
     def with_resolution(self, resolution: tuple[int, int]) -> Camera:
         """Return the view of the whole image at another resolution, see `Camera`."""
@@ -60,8 +55,10 @@ class PartCamera(Camera):
 
 
 def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
-    """Return the same view at a resolution (N, M) of up to 131072 pixels a side, more than can be drawn at once. Raises
-    InputError."""
+    """Return the camera at a resolution (N, M) of up to 131072 pixels a side, more than can be drawn at once.
+
+    Raises InputError.
+    """
     columns, rows = checked_resolution("whole_camera", resolution, MAX_WHOLE)
     if isinstance(camera, PartCamera):
         raise value_error("whole_camera", "camera", "one of a whole image", camera)
@@ -69,22 +66,16 @@ def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
         return camera
     whole = copy.copy(camera)
     height = camera.plane[0]
-    set_fields(whole, plane=(height, height * columns / rows), resolution=(columns, rows))
+    vars(whole).update(plane=(height, height * columns / rows), resolution=(columns, rows))
     return whole
 
 
 def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> PartCamera:
-    """Return the camera of a part of an image. Raises InputError for a part that is not one of the whole.
+    """Return the camera of a part of an image, as large as `columns` and `rows`, 1 to 16384 pixels each.
 
-    Parameters
-    ----------
-    whole : Camera
-        The camera of the whole image, as of `whole_camera`.
-    left, top : int
-        Column and row of the part's first pixel, from the top left of the whole.
-    columns, rows : int
-        Pixels of the part, inside the whole, 1 to 16384 each. Parts of an image of more than 16384
-        pixels a side lie within 16384 pixels from a multiple of 16384.
+    left, top: column and row of its first pixel, from the top left of the whole. Parts of an image of more than 16384
+    pixels a side lie within 16384 pixels from a multiple of 16384. Raises InputError for a part that is not one of the
+    whole.
     """
     for name, start, count, size in zip(("left", "top"), (left, top), (columns, rows), whole.resolution, strict=True):
         region_end = min((start // MAX_RESOLUTION + 1) * MAX_RESOLUTION, size)
@@ -99,32 +90,22 @@ def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> Part
     return PartCamera(**fields, whole=whole, left=left, top=top)
 
 
-def _lens(
-    whole: Camera, left: int, top: int, resolution: tuple[int, int]
-) -> tuple[tuple[float, float], tuple[float, float]]:
+def _lens(whole: Camera, left: int, top: int, resolution: tuple[int, int]) -> tuple[tuple[float, float], ...]:
     """Return plane and principal point of a part."""
     (height, width), (all_columns, all_rows), (u, v) = whole.plane, whole.resolution, whole.principal
     columns, rows = resolution
     bottom = all_rows - top - rows
-    return (
-        (height * rows / all_rows, width * columns / all_columns),
-        ((u * all_columns - left) / columns, (v * all_rows - bottom) / rows),
-    )
+    plane = height * rows / all_rows, width * columns / all_columns
+    return plane, ((u * all_columns - left) / columns, (v * all_rows - bottom) / rows)
 
 
 def raster_of(camera: Camera) -> Raster:
-    """Return the pixels of the image that a camera's image is, or is a part of."""
     if not isinstance(camera, PartCamera):
         return Raster(camera.plane, camera.principal, camera.resolution, (0, 0), (0, 0))
     whole = camera.whole
     assert whole is not None
     rows = whole.resolution[1]
-    region_left = camera.left - camera.left % MAX_RESOLUTION
     region_end = min(camera.top - camera.top % MAX_RESOLUTION + MAX_RESOLUTION, rows)
-    return Raster(
-        whole.plane,
-        whole.principal,
-        whole.resolution,
-        (region_left, rows - region_end),
-        (camera.left, rows - camera.top - camera.resolution[1]),
-    )
+    corner = camera.left - camera.left % MAX_RESOLUTION, rows - region_end
+    first = camera.left, rows - camera.top - camera.resolution[1]
+    return Raster(whole.plane, whole.principal, whole.resolution, corner, first)

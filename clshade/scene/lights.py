@@ -1,7 +1,7 @@
 """Lights: points, directions and spots, as the glTF extension KHR_lights_punctual has them; spheres and rectangles.
 
-A class says all that is known of its kind: fields, where it shines, what of it glTF can say. A field that kinds share is the
-same in all of them, see `FIELDS`. Vectors are kept as read-only (3,) float64 arrays. A value that is not finite, beyond
+A class says all that is known of its kind: fields, where it shines, what glTF can say of it. A field that kinds share means
+the same in all of them, see `FIELDS`. Vectors are kept as read-only (3,) float64 arrays. A value that is not finite, beyond
 float32 or not allowed raises InputError, which names the field.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
@@ -17,26 +17,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats, Vector
-from ..base.validation import choice, number, set_fields, value_error, vector
+from ..base.validation import choice, number, value_error, vector
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 Attenuation: TypeAlias = Literal["none", "inverse-square"]
 ATTENUATIONS: tuple[Attenuation, ...] = get_args(Attenuation)
-WIDEST_CONE = 90.0  # degrees from the axis
-NARROWEST_ANGLE = 1e-6  # radians between the sides of a rectangle
-NARROWEST_EDGE = 1e-3  # of a cone: least difference of the cosines between which it fades (KHR_lights_punctual)
+MAX_CONE = 90.0  # degrees from the axis
+MIN_ANGLE = 1e-6  # radians between the sides of a rectangle
+MIN_CONE_EDGE = 1e-3  # of a cone: least difference of the cosines between which it fades (KHR_lights_punctual)
+_WHITE: Any = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Field:
-    """What a field of lights is.
+    """A field of lights.
 
-    check: of class, field and value; returns what is kept. text: of `repr`, but for the value `missing`. turns: whether it
-    is a vector that turns with the scene. grows: whether it is a length, or several. moves: whether it is a position.
-    values: what random scenes try, all there are, or the limits of a range and numbers between them. Vectors and lengths are
-    drawn freely.
+    check: of class, field and value; returns the value that is kept. text: of `repr`, unless the value is `missing`.
+    turns: a vector that turns with the scene. grows: a length, or several. moves: a position. values: what random scenes
+    try: all there are, or the limits of a range and numbers between them; vectors and lengths are drawn freely.
     """
 
     check: Callable[[str, str, Any], Any]
@@ -55,42 +55,42 @@ def _intensity(who: str, name: str, value: Any) -> Floats:
     return intensity
 
 
-def _vector_but_0(who: str, name: str, value: Any) -> Floats:
-    found = vector(who, name, value)
-    if not found.any():
-        raise value_error(who, name, "a vector other than 0", found.tolist())
-    return found
+def _direction(who: str, name: str, value: Any) -> Floats:
+    direction = vector(who, name, value)
+    if not direction.any():
+        raise value_error(who, name, "a vector other than 0", direction.tolist())
+    return direction
 
 
 def _range(who: str, name: str, value: Any) -> float | None:
     return None if value is None else number(who, name, value, above=0.0)
 
 
-_attenuation, _radius = partial(choice, allowed=ATTENUATIONS), partial(number, least=0.0)
-_angle = partial(number, least=0.0, most=WIDEST_CONE, expected="degrees from 0 to 90")
-_ANGLES = (0.0, 1e-3, 1.0, WIDEST_CONE)
+_angle = partial(number, least=0.0, most=MAX_CONE, expected="degrees from 0 to 90")
+_ANGLES = (0.0, 1e-3, 1.0, MAX_CONE)
 FIELDS = {  # in the order of texts
     "position": Field(vector, ", at {}", turns=True, grows=True, moves=True),
-    "right": Field(_vector_but_0, ", right {}", turns=True, grows=True),
-    "up": Field(_vector_but_0, ", up {}", turns=True, grows=True),
-    "radius": Field(_radius, ", radius {}", grows=True, values=(0.0,), missing=0.0),
-    "direction": Field(_vector_but_0, ", along {}", turns=True),
+    "right": Field(_direction, ", right {}", turns=True, grows=True),
+    "up": Field(_direction, ", up {}", turns=True, grows=True),
+    "radius": Field(partial(number, least=0.0), ", radius {}", grows=True, values=(0.0,), missing=0.0),
+    "direction": Field(_direction, ", along {}", turns=True),
     "inner_cone": Field(_angle, ", cone {}", values=_ANGLES),
     "outer_cone": Field(_angle, " to {} degrees", values=_ANGLES),
     "intensity": Field(_intensity, ", intensity {}"),
-    "attenuation": Field(_attenuation, ", {}", values=ATTENUATIONS, missing="none"),
+    "attenuation": Field(partial(choice, allowed=ATTENUATIONS), ", {}", values=ATTENUATIONS, missing="none"),
     "range": Field(_range, " up to {}", grows=True, values=(None,)),
 }
 
 
 def described(facts: dict[str, Any]) -> str:
     """Return where a light is, where it shines and how bright, in a few words. facts: its fields, see `AnyLight.facts`."""
-    shown = {name: each for name, each in FIELDS.items() if name in facts and facts[name] != each.missing}
-    return "".join(each.text.format(_shown(facts[name])) for name, each in shown.items())[2:]
-
-
-def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else " ".join(f"{each + 0.0:.6g}" for each in np.atleast_1d(value).tolist())
+    text = ""
+    for name, item in FIELDS.items():
+        value = facts.get(name, item.missing)
+        if value != item.missing:
+            values = value if isinstance(value, list) else [value]
+            text += item.text.format(" ".join(x if isinstance(x, str) else f"{x + 0.0:.6g}" for x in values))
+    return text[2:]
 
 
 def _unit(direction: Floats) -> Floats:
@@ -98,31 +98,26 @@ def _unit(direction: Floats) -> Floats:
     return np.asarray(scaled / math.sqrt(float(scaled @ scaled)))
 
 
-def _ones() -> Any:
-    return np.ones(3)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class AnyLight:
     """What all kinds of light have, besides an intensity."""
 
     gltf: ClassVar[str]  # the nearest type in KHR_lights_punctual
+    size_loss: ClassVar[str] = ""  # what glTF cannot say of its size, and in brackets what it says instead
 
     def __post_init__(self) -> None:
-        who = type(self).__name__
-        set_fields(self, **{name: FIELDS[name].check(who, name, value) for name, value in self._values().items()})
+        for name, value in vars(self).items():
+            vars(self)[name] = FIELDS[name].check(type(self).__name__, name, value)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {described(self.facts())}>"
 
-    def _values(self) -> dict[str, Any]:
-        return {each.name: getattr(self, each.name) for each in fields(self)}
-
     def facts(self) -> dict[str, Any]:
         """Return kind and fields as JSON-compatible values."""
-        values = self._values().items()
-        plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values}
-        return {"kind": type(self).__name__, **plain}
+        values = {
+            name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()
+        }
+        return {"kind": type(self).__name__, **values}
 
     @property
     def axis(self) -> Floats | None:
@@ -142,36 +137,37 @@ class AnyLight:
     @property
     def attenuates(self) -> bool:
         """Whether it decreases with distance."""
-        return False
+        return bool(vars(self).get("attenuation", "none") != "none")
+
+    @property
+    def gltf_loss(self) -> str:
+        """What of it glTF cannot say, and in brackets what it says instead."""
+        return self.size_loss if self.has_size else ""
 
     @property
     def is_plain(self) -> bool:
         """Whether it is a point without attenuation."""
         return not (self.attenuates or self.has_size or self.axis is not None)
 
-    @property
-    def gltf_loss(self) -> str:
-        """What of it glTF cannot say, and in brackets what it says instead."""
-        return ""
-
     def turned(self, center: Floats, turn: Array) -> Self:
         """Return the light turned about `center` by a rotation (3, 3). Raises InputError where a position overflows."""
-        changed = {name: value for name, value in self._values().items() if FIELDS[name].turns}
+        changes = {name: value for name, value in vars(self).items() if FIELDS[name].turns}
         with np.errstate(over="ignore"):
-            for name, value in changed.items():
-                moves = FIELDS[name].moves
-                changed[name] = np.asarray(center + turn @ (value - center)) if moves else turn @ value
-        return replace(self, **changed)
+            for name, value in changes.items():
+                changes[name] = center + turn @ (value - center) if FIELDS[name].moves else turn @ value
+        return replace(self, **changes)
 
     def rescaled(self, scale: float, shift: float | Floats) -> Self:
         """Return the light of a scene whose lengths are `scale` times as large, moved by `shift`: what it lights is as
         bright as before."""
-        changed = {name: each for name, each in self._values().items() if FIELDS[name].grows and each is not None}
-        for name, value in changed.items():
-            changed[name] = value * scale + shift if FIELDS[name].moves else value * scale
+        changes = {
+            name: value * scale for name, value in vars(self).items() if FIELDS[name].grows and value is not None
+        }
+        if "position" in changes:
+            changes["position"] += shift
         if self.attenuates:
-            changed["intensity"] = self._values()["intensity"] * scale**2
-        return replace(self, **changed)
+            changes["intensity"] = vars(self)["intensity"] * scale**2
+        return replace(self, **changes)
 
 
 class PlacedLight(AnyLight):
@@ -197,11 +193,6 @@ class PlacedLight(AnyLight):
         """Whether it is larger than a point."""
         return self.radius > 0.0 or self.sides is not None
 
-    @property
-    def attenuates(self) -> bool:
-        """Whether it decreases with distance."""
-        return self.attenuation != "none"
-
     def profile(self, away: Floats) -> Floats | float:
         """Return what part of the intensity it sends in directions away from it, (..., 3) unit: of a spot its cone's, of a
         flat light the cosine to its normal."""
@@ -211,7 +202,7 @@ class PlacedLight(AnyLight):
         if self.cone is None:
             return np.asarray(np.maximum(cosine, 0.0))
         inner, outer = np.cos(np.radians(self.cone))
-        return np.asarray(np.clip((cosine - outer) / max(inner - outer, NARROWEST_EDGE), 0.0, 1.0) ** 2)
+        return np.asarray(np.clip((cosine - outer) / max(inner - outer, MIN_CONE_EDGE), 0.0, 1.0) ** 2)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,28 +233,23 @@ class PointLight(PlacedLight):
     """
 
     position: Floats
-    intensity: Vector = field(default_factory=_ones)
+    intensity: Vector = _WHITE
     attenuation: Attenuation = "none"
     range: float | None = None
     radius: float = 0.0
 
-    gltf = "point"
+    gltf, size_loss = "point", "radii of lights (points)"
 
     if TYPE_CHECKING:  # here and below: the accepted types; the fields have those that are kept
 
         def __init__(
             self,
             position: ArrayLike,
-            intensity: ArrayLike = ...,
+            intensity: ArrayLike = (1.0, 1.0, 1.0),
             attenuation: Attenuation = "none",
             range: float | None = None,
             radius: float = 0.0,
         ) -> None: ...
-
-    @property
-    def gltf_loss(self) -> str:
-        """What of it glTF cannot say, and in brackets what it says instead."""
-        return "radii of lights (points)" if self.has_size else ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -280,13 +266,13 @@ class DirectionalLight(AnyLight):
     """
 
     direction: Floats
-    intensity: Vector = field(default_factory=_ones)
+    intensity: Vector = _WHITE
 
     gltf = "directional"
 
     if TYPE_CHECKING:
 
-        def __init__(self, direction: ArrayLike, intensity: ArrayLike = ...) -> None: ...
+        def __init__(self, direction: ArrayLike, intensity: ArrayLike = (1.0, 1.0, 1.0)) -> None: ...
 
     @property
     def axis(self) -> Floats:
@@ -310,10 +296,8 @@ class SpotLight(PlacedLight):
         Angles from the axis, degrees, 0 to 90, the inner one at most the outer one. Beyond the outer
         one there is no light; between them it fades as in KHR_lights_punctual, by the factor
         clamp((cos(angle) - cos(outer)) * s, 0, 1)^2, s = 1 / max(cos(inner) - cos(outer), 0.001).
-    attenuation : {"none", "inverse-square"}
-        As of a PointLight.
-    range : float or None, default None
-        As of a PointLight.
+    attenuation, range
+        See `PointLight`.
 
     Notes
     -----
@@ -323,7 +307,7 @@ class SpotLight(PlacedLight):
 
     position: Floats
     direction: Floats
-    intensity: Vector = field(default_factory=_ones)
+    intensity: Vector = _WHITE
     inner_cone: float = 0.0
     outer_cone: float = 45.0
     attenuation: Attenuation = "none"
@@ -337,7 +321,7 @@ class SpotLight(PlacedLight):
             self,
             position: ArrayLike,
             direction: ArrayLike,
-            intensity: ArrayLike = ...,
+            intensity: ArrayLike = (1.0, 1.0, 1.0),
             inner_cone: float = 0.0,
             outer_cone: float = 45.0,
             attenuation: Attenuation = "none",
@@ -377,24 +361,19 @@ class RectangleLight(PlacedLight):
     intensity : array_like, (3,), default (1, 1, 1)
         Linear RGB along that normal, as of a PointLight; at an angle to it, times the angle's cosine.
         With `inverse-square`, the intensity over the area is the radiance of the front.
-    attenuation : {"none", "inverse-square"}
-        As of a PointLight, from each point of the rectangle.
-    range : float or None, default None
-        As of a PointLight.
-
-    Notes
-    -----
-    The light is the mean over points of the rectangle (`Settings.light_samples`).
+    attenuation, range
+        See `PointLight`, from every point of the rectangle: the light is the mean over its points
+        (`Settings.light_samples`).
     """
 
     position: Floats
     right: Floats
     up: Floats
-    intensity: Vector = field(default_factory=_ones)
+    intensity: Vector = _WHITE
     attenuation: Attenuation = "none"
     range: float | None = None
 
-    gltf, gltf_loss = "spot", "rectangle lights (spots of 90 degrees)"
+    gltf, size_loss = "spot", "rectangle lights (spots of 90 degrees)"
 
     if TYPE_CHECKING:
 
@@ -403,14 +382,14 @@ class RectangleLight(PlacedLight):
             position: ArrayLike,
             right: ArrayLike,
             up: ArrayLike,
-            intensity: ArrayLike = ...,
+            intensity: ArrayLike = (1.0, 1.0, 1.0),
             attenuation: Attenuation = "none",
             range: float | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if np.linalg.norm(np.cross(_unit(self.right), _unit(self.up))) < NARROWEST_ANGLE:
+        if np.linalg.norm(np.cross(_unit(self.right), _unit(self.up))) < MIN_ANGLE:
             raise value_error("RectangleLight", "up", "a vector that is not parallel to right", self.up.tolist())
 
     @property
@@ -430,8 +409,7 @@ LIGHTS: tuple[type[Light], ...] = get_args(Light)
 
 def plain_lights(owner: str, lights: tuple[Light, ...]) -> tuple[PointLight, ...]:
     """Return the lights if all are points without attenuation. Raises InputError for another, naming `owner`."""
-    found = tuple(light for light in lights if isinstance(light, PointLight) and light.is_plain)
-    if len(found) < len(lights):
-        other = next(light for light in lights if not light.is_plain)
-        raise value_error(owner, "lights", "points without attenuation", other)
-    return found
+    for light in lights:
+        if not light.is_plain:
+            raise value_error(owner, "lights", "points without attenuation", light)
+    return tuple(light for light in lights if isinstance(light, PointLight))

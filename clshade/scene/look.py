@@ -1,20 +1,22 @@
-"""Looks: the background, light and ground that a scene is shown with."""
+"""Looks: the background, light and ground that a scene is shown with; and changes of its lights."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..base.arrays import Floats
-from ..base.validation import arguments, choice, flag
+from ..base.validation import arguments, choice, flag, number
+from ..errors import InputError
 from .builtin.studio import studio
 from .contact_shadow import TEXELS, open_sky
 from .fitting import sphere_of_box
 from .framing import UPS, Up, up_of
 from .geometry import bounding_box
 from .ground import objects_of, with_ground
-from .model import Scene, Settings, Texture
+from .model import PointLight, Scene, Settings, Texture
 from .settings import LOOKS, Look
 
 BACKGROUND = 0.6  # of the studio, linear: a light gray, code 203 of sRGB
@@ -42,7 +44,7 @@ def with_look(
         What is shown, in the pose in which it touches the ground.
     look : {"studio", "plain", "course"}
         `studio`: preset pbr, lit by an environment alone, its own or the built-in studio, before a
-        light neutral background, on a ground with a contact shadow. `course`: preset course.
+        light neutral background, on a ground, the last mesh, with a contact shadow. `course`: preset course.
         `plain`: the scene as it is.
     ground : bool, default True
         Whether the studio has a ground.
@@ -53,11 +55,6 @@ def with_look(
         Axis that points up. Default: the one nearest to the camera's.
     settings : Settings, optional
         How it will be drawn, for the color of the ground towards its edge. Default: as its preset says.
-
-    Returns
-    -------
-    Scene
-        With the studio a scene of preset pbr; its ground is the last mesh.
 
     Notes
     -----
@@ -122,3 +119,37 @@ def _share_of_light(scene: Scene, middle: Floats, right: Floats, away: Floats, r
     at = np.linspace(-1.0, 1.0, TEXELS)  # on the border there is no shadow: its texels are repeated outside
     x = np.clip((1.0 - np.sqrt(at[:, None] ** 2 + at * at)) / (1.0 - _FADE), 0.0, 1.0)
     return np.asarray(1.0 - (1.0 - open_) * x * x * (3.0 - 2.0 * x))
+
+
+def with_lights(scene: Scene, chosen: Sequence[int], option: str = "lights") -> Scene:
+    """Return the scene with only the lights of these indices, its own from now on. Raises InputError, naming `option`,
+    for an index that it lacks."""
+    for index in chosen:
+        if not scene.lights:
+            raise InputError(f"{option}: the scene has no lights")
+        if not 0 <= index < len(scene.lights):
+            raise InputError(f"{option}: expected indices from 0 to {len(scene.lights) - 1}, found {index}")
+    return replace(scene, lights=tuple(scene.lights[i] for i in dict.fromkeys(chosen)), own_lights=True)
+
+
+def scaled_lights(scene: Scene, factors: Sequence[float], option: str = "light intensity") -> Scene:
+    """Return the scene with its lights' intensities multiplied by `factors`, at least 0: one for each light, or one for all.
+    Raises InputError, naming `option`."""
+    count = len(scene.lights)
+    if len(factors) not in (1, count):
+        expected = f"one factor, or {count}: one for each light" if count > 1 else "one factor"
+        raise InputError(f"{option}: expected {expected}, found {len(factors)}")
+    scales = [number("scene", option, factor, least=0.0) for factor in factors]
+    scales = scales * count if len(scales) == 1 else scales
+    lights = zip(scene.lights, scales, strict=True)
+    return replace(scene, lights=tuple(replace(light, intensity=light.intensity * scale) for light, scale in lights))
+
+
+def sized_lights(scene: Scene, radius: float, option: str = "light radius") -> Scene:
+    """Return the scene with spheres of this radius, scene units, for its point lights. Raises InputError, naming `option`,
+    for a radius below 0 or a scene without point lights."""
+    size = number("scene", option, radius, least=0.0)
+    if not any(isinstance(light, PointLight) for light in scene.lights):
+        raise InputError(f"{option}: the scene has no point lights")
+    lights = (replace(light, radius=size) if isinstance(light, PointLight) else light for light in scene.lights)
+    return replace(scene, lights=tuple(lights))

@@ -8,72 +8,75 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import exchange
-from ..base.arrays import Converted, Faces, Floats, Reals, Vector, kept
+from ..base.arrays import Array, Converted, Faces, Floats, Reals, Vector
 from ..base.atomic_files import Path
+from ..base.declare import check_fields, checked
 from ..base.validation import (
     choice,
     coefficient,
     flag,
     floats,
     indices,
+    instance,
     integer,
+    items,
     number,
+    read_only,
     rows,
-    sequence,
-    set_fields,
     text,
     value_error,
 )
 from ..errors import InputError
 from .camera import Camera
-from .edges import Edges as Edges
-from .environment import Environment as Environment
-from .lights import LIGHTS
-from .lights import DirectionalLight as DirectionalLight
-from .lights import Light as Light
-from .lights import PointLight as PointLight
-from .lights import RectangleLight as RectangleLight
-from .lights import SpotLight as SpotLight
-from .material import SIDES as SIDES
-from .material import Material as Material
-from .material import Sides as Sides
-from .metallic_roughness import LEAST_ROUGHNESS as LEAST_ROUGHNESS
-from .metallic_roughness import MetallicRoughness as MetallicRoughness
-from .scalars import Scalars as Scalars
-from .scalars import checked_scalars
-from .settings import MAX_SAMPLES as MAX_SAMPLES
-from .settings import PRECISIONS as PRECISIONS
-from .settings import PRESETS as PRESETS
-from .settings import Preset
-from .settings import Settings as Settings
-from .texture import FILTERS as FILTERS
-from .texture import LOOKUPS as LOOKUPS
-from .texture import WRAPS as WRAPS
-from .texture import Filter as Filter
-from .texture import Lookup as Lookup
-from .texture import Texture as Texture
-from .texture import Wrap as Wrap
+from .environment import Environment
+from .lights import LIGHTS, DirectionalLight, Light, PointLight, RectangleLight, SpotLight
+from .material import MIN_ROUGHNESS, Material, MetallicRoughness
+from .settings import PRESETS, Edges, Preset, Scalars, Settings
+from .texture import Texture
+
+if TYPE_CHECKING:
+    from typing_extensions import TypedDict, Unpack
+
+__all__ = ["DirectionalLight", "Light", "PointLight", "RectangleLight", "SpotLight", "Texture"]
+__all__ += ["MIN_ROUGHNESS", "Edges", "Environment", "Material", "MetallicRoughness", "Scalars", "Settings"]
 
 MAX_FACES = 1 << 29  # kernels count the three corners of each in an int32
 
 Nonfinite: TypeAlias = Literal["refuse", "drop"]
+Rows: TypeAlias = Converted[ArrayLike | None, Reals | None]
+Indices: TypeAlias = Converted[ArrayLike | None, Faces | None]
 
-NONFINITE: tuple[Nonfinite, ...] = get_args(Nonfinite)
+_LATER: Any = None  # the default of fields that are checked together with others
 
+if TYPE_CHECKING:
 
-def _ones() -> Any:
-    return np.ones(3)
+    class MeshFields(TypedDict, total=False):
+        """Fields of `Mesh` besides vertices and faces, as keyword arguments."""
 
-
-def _zeros() -> Any:
-    return np.zeros(3)
+        colors: ArrayLike | None
+        normals: ArrayLike | None
+        normal_faces: ArrayLike | None
+        uvs: ArrayLike | None
+        uv_faces: ArrayLike | None
+        material: Material
+        instances: ArrayLike | None
+        name: str
+        nonfinite: Nonfinite
+        dropped: int
+        scalars: Mapping[str, ArrayLike] | None
+        tangents: ArrayLike | None
+        tangent_faces: ArrayLike | None
+        more_uvs: Iterable[ArrayLike]
+        alphas: ArrayLike | None
+        instance_names: Iterable[str]
+        part_of: str
 
 
 def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
@@ -90,6 +93,92 @@ def _taking_vertices(cls: type[Mesh]) -> type[Mesh]:
 
     cls.__init__ = init_by_either_name  # type: ignore[method-assign]
     return cls
+
+
+def _placements(owner: str, name: str, value: Any) -> Floats:
+    form = "an array of shape (K, 4, 4)"
+    placements = floats(owner, name, value, form)
+    if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind == "b":
+        raise value_error(owner, name, form, value)
+    placements = placements.astype(np.float64)
+    if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
+        raise value_error(owner, name, "finite affine matrices with last row 0 0 0 1", value)
+    return read_only(placements)
+
+
+_IDENTITY = _placements("Mesh", "instances", np.eye(4)[None])
+
+
+def _arrays(owner: str, name: str, value: Any) -> tuple[Reals, ...]:
+    """Return arrays of texture coordinates."""
+    arrays = items(owner, name, value, "a sequence of arrays")
+    return tuple(rows(owner, name, array, 2, finite=False) for array in arrays)
+
+
+_texts = partial(items, expected="a sequence of texts", kinds=str)
+
+
+def _vertex_colors(who: str, colors: Any, alphas: Any, count: int) -> tuple[Reals | None, Reals | None]:
+    """Return colors (V, 3), and alphas (V,) from 0 to 1, which a fourth column of colors may hold; None if all are 1."""
+    if colors is not None:
+        array = _scaled(who, "colors", colors, "an array of shape (K, 3) of finite numbers")
+        colors = rows(who, "colors", array, 4 if array.ndim == 2 and array.shape[1] == 4 else 3)
+        if len(colors) != count:
+            raise value_error(who, "colors", f"one row per vertex ({count})", colors)
+        if colors.shape[1] == 4:
+            colors, alphas = rows(who, "colors", colors[:, :3], 3), colors[:, 3]
+    if alphas is None:
+        return colors, None
+    array = _scaled(who, "alphas", alphas, f"an array of shape ({count},) of finite numbers")
+    if array.shape != (count,):
+        raise value_error(who, "alphas", f"one number per vertex ({count})", array)
+    alphas = read_only(np.clip(rows(who, "alphas", array[:, None], 1)[:, 0], 0.0, 1.0))
+    return colors, alphas if (alphas < 1.0).any() else None
+
+
+def _scaled(who: str, name: str, value: Any, expected: str) -> Array:
+    """Return numbers, unsigned integers divided by their type's maximum."""
+    array = floats(who, name, value, expected)
+    return array / np.iinfo(array.dtype).max if array.dtype.kind == "u" else array
+
+
+def _scalars(who: str, value: Any, vertices: int, faces: int) -> dict[str, Reals]:
+    """Return a mesh's scalars, read-only, infinity as NaN."""
+    try:
+        pairs = dict(() if value is None else value).items()
+    except (TypeError, ValueError):
+        raise value_error(who, "scalars", "a mapping from names to arrays", value) from None
+    shapes = f"({vertices},) per vertex, ({faces},) per face or ({faces}, 3) per corner"
+    scalars: dict[str, Reals] = {}
+    for name, numbers in pairs:
+        if not isinstance(name, str) or not name:
+            raise value_error(who, "scalars", "names that are texts", name)
+        array = floats(who, f"scalars {name!r}", numbers, f"an array of numbers: {shapes}")
+        if array.shape not in ((vertices,), (faces,), (faces, 3)):
+            raise value_error(who, f"scalars {name!r}", shapes, array)
+        array = np.ascontiguousarray(array, None if array.dtype in (np.float32, np.float64) else np.float64)
+        infinite = np.isinf(array)
+        array = np.where(infinite, array.dtype.type(np.nan), array) if infinite.any() else array.view()
+        scalars[name] = read_only(array)
+    return scalars
+
+
+def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
+    """Return finite vertices, faces, and the number of faces that used another vertex.
+
+    Those faces shrink to a point at a vertex that other faces use, so that they affect neither normals nor the bounding
+    box.
+    """
+    bad: Array = np.asarray(~np.isfinite(verts).all(axis=1))
+    if not bad.any():
+        return verts, faces, 0
+    lost = bad[faces].any(axis=1)
+    kept = faces[~lost]
+    anchor = kept[0, 0] if len(kept) else np.flatnonzero(~bad)[0] if not bad.all() else 0
+    verts, faces = verts.copy(), faces.copy()
+    verts[bad] = 0.0 if bad.all() else verts[anchor]
+    faces[lost] = anchor
+    return read_only(verts), read_only(faces), int(lost.sum())
 
 
 @_taking_vertices
@@ -109,13 +198,11 @@ class Mesh:
         becomes `alphas`.
     normals : array_like, (K, 3) or None, default None
         Directions of any length; None: computed from the faces (`geometry.vertex_normals`).
-    normal_faces : array_like, (F, 3) or None, default None
-        Indices into normals; None: `faces`.
+    normal_faces, uv_faces, tangent_faces : array_like, (F, 3) or None, default None
+        Indices into normals, uvs and tangents; None: `faces`.
     uvs : array_like, (T, 2) or None, default None
         Texture coordinates; v = 0 is row 0 of the texture's image. NaN and infinity count as 0,
         magnitudes beyond 2^40 as 2^40.
-    uv_faces : array_like, (F, 3) or None, default None
-        Indices into uvs; None: `faces`.
     material : Material, default Material()
         Material of all triangles.
     instances : array_like, (K, 4, 4) or None, default None
@@ -135,8 +222,6 @@ class Mesh:
     tangents : array_like, (K, 4) or None, default None
         Directions of any length along which u grows in normal maps, and the sign w of the bitangent
         w * cross(normal, tangent), along which v falls; None: computed as MikkTSpace does.
-    tangent_faces : array_like, (F, 3) or None, default None
-        Indices into tangents; None: `faces`.
     more_uvs : iterable of array_like, each of the shape of uvs, default ()
         Further texture coordinates, which a Texture names by `coordinates`. Kept as a tuple.
     alphas : array_like, (V,) or None, default None
@@ -151,115 +236,68 @@ class Mesh:
 
     verts: Reals
     faces: Faces
-    colors: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
-    normals: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
-    normal_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
-    uvs: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
-    uv_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
+    colors: Rows = _LATER
+    normals: Rows = checked(None, partial(rows, width=3))
+    normal_faces: Indices = _LATER
+    uvs: Rows = checked(None, partial(rows, width=2, finite=False))
+    uv_faces: Indices = _LATER
     material: Material = field(default_factory=cache(Material))
-    instances: Converted[ArrayLike | None, Floats] = field(default=kept(None))
+    instances: Converted[ArrayLike | None, Floats] = checked(None, _placements)
     name: str = ""
-    nonfinite: Nonfinite = "refuse"
-    dropped: int = 0
-    scalars: Converted[Mapping[str, ArrayLike] | None, dict[str, Reals]] = field(default=kept(None))
-    tangents: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
-    tangent_faces: Converted[ArrayLike | None, Faces | None] = field(default=kept(None))
-    more_uvs: Converted[Iterable[ArrayLike], tuple[Reals, ...]] = field(default=kept(()))
-    alphas: Converted[ArrayLike | None, Reals | None] = field(default=kept(None))
-    instance_names: Converted[Iterable[str], tuple[str, ...]] = field(default=kept(()))
-    part_of: str = ""
+    nonfinite: Nonfinite = checked("refuse", partial(choice, allowed=get_args(Nonfinite)))
+    dropped: int = checked(0, partial(integer, least=0, most=1 << 53))
+    scalars: Converted[Mapping[str, ArrayLike] | None, dict[str, Reals]] = _LATER
+    tangents: Rows = checked(None, partial(rows, width=4))
+    tangent_faces: Indices = _LATER
+    more_uvs: Converted[Iterable[ArrayLike], tuple[Reals, ...]] = checked((), _arrays)
+    alphas: Rows = _LATER
+    instance_names: Converted[Iterable[str], tuple[str, ...]] = checked((), _texts)
+    part_of: str = checked("", text)
 
     if TYPE_CHECKING:
 
         @overload
-        def __init__(
-            self,
-            verts: ArrayLike,
-            faces: ArrayLike,
-            colors: ArrayLike | None = None,
-            normals: ArrayLike | None = None,
-            normal_faces: ArrayLike | None = None,
-            uvs: ArrayLike | None = None,
-            uv_faces: ArrayLike | None = None,
-            material: Material = ...,
-            instances: ArrayLike | None = None,
-            name: str = "",
-            nonfinite: Nonfinite = "refuse",
-            dropped: int = 0,
-            scalars: Mapping[str, ArrayLike] | None = None,
-            tangents: ArrayLike | None = None,
-            tangent_faces: ArrayLike | None = None,
-            more_uvs: Iterable[ArrayLike] = (),
-            alphas: ArrayLike | None = None,
-            instance_names: Iterable[str] = (),
-            part_of: str = "",
-        ) -> None: ...
+        def __init__(self, verts: ArrayLike, faces: ArrayLike, *others: Any, **fields: Unpack[MeshFields]) -> None: ...
 
         @overload
-        def __init__(
-            self,
-            *,
-            vertices: ArrayLike,
-            faces: ArrayLike,
-            colors: ArrayLike | None = None,
-            normals: ArrayLike | None = None,
-            normal_faces: ArrayLike | None = None,
-            uvs: ArrayLike | None = None,
-            uv_faces: ArrayLike | None = None,
-            material: Material = ...,
-            instances: ArrayLike | None = None,
-            name: str = "",
-            nonfinite: Nonfinite = "refuse",
-            dropped: int = 0,
-            scalars: Mapping[str, ArrayLike] | None = None,
-            tangents: ArrayLike | None = None,
-            tangent_faces: ArrayLike | None = None,
-            more_uvs: Iterable[ArrayLike] = (),
-            alphas: ArrayLike | None = None,
-            instance_names: Iterable[str] = (),
-            part_of: str = "",
-        ) -> None: ...
+        def __init__(self, *, vertices: ArrayLike, faces: ArrayLike, **fields: Unpack[MeshFields]) -> None: ...
 
         def __init__(self, *args: Any, **fields: Any) -> None: ...
 
     def __post_init__(self) -> None:
         who = f"Mesh {self.name!r}" if text("Mesh", "name", self.name) else "Mesh"
-        drop = choice(who, "nonfinite", self.nonfinite, NONFINITE) == "drop"
-        set_fields(self, dropped=integer(who, "dropped", self.dropped, 0, 1 << 53))
+        check_fields(self, who)
+        values, drop = vars(self), self.nonfinite == "drop"
         verts = rows(who, "verts", self.verts, 3, finite=not drop)
         faces = indices(who, "faces", self.faces, len(verts))
         if drop:
             verts, faces, dropped = _without_nonfinite(verts, faces)
-            set_fields(self, dropped=self.dropped + dropped)
-        colors, alphas = (None, None) if self.colors is None else _vertex_colors(who, self.colors, len(verts))
-        alphas = self.alphas if alphas is None else alphas
-        set_fields(self, alphas=None if alphas is None else _vertex_alphas(who, alphas, len(verts)))
-        normals = None if self.normals is None else rows(who, "normals", self.normals, 3)
-        uvs = None if self.uvs is None else rows(who, "uvs", self.uvs, 2, finite=False)
-        tangents = None if self.tangents is None else rows(who, "tangents", self.tangents, 4)
-        set_fields(self, verts=verts, faces=faces, colors=colors, normals=normals, uvs=uvs, tangents=tangents)
-        set_fields(self, more_uvs=_more_uvs(who, self.more_uvs, uvs))
-        for name, attribute in (("normal", normals), ("uv", uvs), ("tangent", tangents)):
-            given = getattr(self, f"{name}_faces")
-            if given is None:
+            values["dropped"] += dropped
+        colors, alphas = _vertex_colors(who, self.colors, self.alphas, len(verts))
+        values.update(verts=verts, faces=faces, colors=colors, alphas=alphas)
+        for further in self.more_uvs:
+            if self.uvs is None:
+                raise value_error(who, "more_uvs", "no array without uvs", further)
+            if further.shape != self.uvs.shape:
+                raise value_error(who, "more_uvs", f"arrays of the shape of uvs {self.uvs.shape}", further)
+        for name in ("normal", "uv", "tangent"):
+            attribute, corners = values[f"{name}s"], values[f"{name}_faces"]
+            if corners is None:
                 if attribute is not None and len(attribute) < len(verts):
                     raise value_error(who, f"{name}s", f"one row per vertex ({len(verts)}), or {name}_faces", attribute)
                 continue
             if attribute is None:
-                raise value_error(who, f"{name}_faces", f"None without {name}s", given)
-            given = indices(who, f"{name}_faces", given, len(attribute))
-            if given.shape != faces.shape:
-                raise value_error(who, f"{name}_faces", f"the shape of faces {faces.shape}", given)
-            set_fields(self, **{f"{name}_faces": given})
-        set_fields(self, scalars=checked_scalars(who, self.scalars, len(verts), len(faces)))
+                raise value_error(who, f"{name}_faces", f"None without {name}s", corners)
+            values[f"{name}_faces"] = corners = indices(who, f"{name}_faces", corners, len(attribute))
+            if corners.shape != faces.shape:
+                raise value_error(who, f"{name}_faces", f"the shape of faces {faces.shape}", corners)
+        values["scalars"] = _scalars(who, self.scalars, len(verts), len(faces))
         if not isinstance(self.material, Material):
             raise value_error(who, "material", "a Material", self.material)
-        placements = _IDENTITY if self.instances is None else _placements(who, self.instances)
-        names = _texts(who, "instance_names", self.instance_names)
-        if names and len(names) != len(placements):
+        placements = values["instances"] = _IDENTITY if values["instances"] is None else self.instances
+        if self.instance_names and len(self.instance_names) != len(placements):
             expected = f"one text per instance ({len(placements)}), or none"
-            raise value_error(who, "instance_names", expected, len(names))
-        set_fields(self, instances=placements, instance_names=names, part_of=text(who, "part_of", self.part_of))
+            raise value_error(who, "instance_names", expected, len(self.instance_names))
 
     @property
     def vertices(self) -> Reals:
@@ -287,89 +325,22 @@ class Mesh:
     def __repr__(self) -> str:
         counts = _count(len(self.faces), "triangle"), _count(len(self.verts), "vertex", "vertices")
         scalars = f", scalars {', '.join(self.scalars)}" if self.scalars else ""
-        placed = _count(len(np.asarray(self.instances)), "instance")
+        placed = _count(len(self.instances), "instance")
         return f"<Mesh {self.name or 'unnamed'}: {', '.join(counts)}, {placed}{scalars}>"
-
-
-def _placements(who: str, given: Any) -> Floats:
-    form = "an array of shape (K, 4, 4)"
-    placements = floats(who, "instances", given, form)
-    if placements.ndim != 3 or placements.shape[1:] != (4, 4) or placements.dtype.kind == "b":
-        raise value_error(who, "instances", form, given)
-    placements = placements.astype(np.float64)
-    if not np.isfinite(placements).all() or (placements[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
-        raise value_error(who, "instances", "finite affine matrices with last row 0 0 0 1", given)
-    placements.flags.writeable = False
-    return placements
-
-
-_IDENTITY = _placements("Mesh", np.eye(4)[None])
-
-
-def _vertex_colors(who: str, given: Any, count: int) -> tuple[Reals, Reals | None]:
-    """Return colors (V, 3), and the alphas (V,) if they have a fourth column."""
-    array = floats(who, "colors", given, "an array of shape (K, 3) of finite numbers")
-    if array.dtype.kind == "u":
-        array = array / np.iinfo(array.dtype).max
-    colors = rows(who, "colors", array, 4 if array.ndim == 2 and array.shape[1] == 4 else 3)
-    if len(colors) != count:
-        raise value_error(who, "colors", f"one row per vertex ({count})", colors)
-    return (colors, None) if colors.shape[1] == 3 else (rows(who, "colors", colors[:, :3], 3), colors[:, 3])
-
-
-def _vertex_alphas(who: str, given: Any, count: int) -> Reals | None:
-    """Return alphas (V,) from 0 to 1; None if all are 1."""
-    array = floats(who, "alphas", given, f"an array of shape ({count},) of finite numbers")
-    if array.dtype.kind == "u":
-        array = array / np.iinfo(array.dtype).max
-    if array.shape != (count,):
-        raise value_error(who, "alphas", f"one number per vertex ({count})", array)
-    alphas: Reals = np.clip(rows(who, "alphas", array[:, None], 1)[:, 0], 0.0, 1.0)
-    alphas.flags.writeable = False
-    return alphas if (alphas < 1.0).any() else None
-
-
-def _more_uvs(who: str, given: Any, uvs: Reals | None) -> tuple[Reals, ...]:
-    sets = sequence(given)
-    if sets is None:
-        raise value_error(who, "more_uvs", "a sequence of arrays", given)
-    found = tuple(rows(who, "more_uvs", each, 2, finite=False) for each in sets)
-    for each in found:
-        if uvs is None or each.shape != uvs.shape:
-            expected = "no array without uvs" if uvs is None else f"arrays of the shape of uvs {uvs.shape}"
-            raise value_error(who, "more_uvs", expected, each)
-    return found
-
-
-def _texts(who: str, name: str, given: Any) -> tuple[str, ...]:
-    """Return a sequence of texts as a tuple; one text, whose items would be its letters, is refused."""
-    items = None if isinstance(given, str) else sequence(given)
-    if items is None or not all(isinstance(item, str) for item in items):
-        raise value_error(who, name, "a sequence of texts", given)
-    return items
 
 
 def _count(number: int, singular: str, plural: str = "") -> str:
     return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
 
 
-def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
-    """Return finite vertices, faces, and the number of faces that used another vertex.
+def _parts(owner: str, name: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return one part of a scene, or a sequence of them, as a tuple."""
+    value = (value,) if isinstance(value, kinds) else value
+    return items(owner, name, value, f"a sequence of {' or '.join(kind.__name__ for kind in kinds)}", kinds=kinds)
 
-    Those faces shrink to a point at a vertex that other faces use, so that they affect neither normals nor the bounding
-    box.
-    """
-    bad = np.asarray(~np.isfinite(verts).all(axis=1))
-    if not bad.any():
-        return verts, faces, 0
-    lost = bad[faces].any(axis=1)
-    kept = faces[~lost]
-    anchor = kept[0, 0] if len(kept) else np.flatnonzero(~bad)[0] if not bad.all() else 0
-    verts, faces = verts.copy(), faces.copy()
-    verts[bad] = 0.0 if bad.all() else verts[anchor]
-    faces[lost] = anchor
-    verts.flags.writeable = faces.flags.writeable = False
-    return verts, faces, int(lost.sum())
+
+def _background(owner: str, name: str, value: Any) -> Floats | None:
+    return None if value is None else coefficient(owner, name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,19 +381,19 @@ class Scene:
         Names of the animations of the scene's file, "" for one without a name; see `clshade.load`.
     """
 
-    meshes: tuple[Mesh, ...]
-    camera: Converted[Camera | None, Camera] = field(default=kept(None))
-    lights: Converted[Light | Iterable[Light], tuple[Light, ...]] = field(default=kept(()))
-    ambient: Vector = field(default_factory=_ones)
-    background: Converted[ArrayLike | None, Floats | None] = field(default_factory=_zeros)
-    preset: Preset = "standard"
-    name: str = ""
-    ignored: tuple[str, ...] = ()
-    environment: Environment | None = None
-    own_lights: bool = True
-    fitted: bool = False
-    light_scale: float = 1.0
-    animations: tuple[str, ...] = ()
+    meshes: tuple[Mesh, ...] = field(metadata={"check": partial(_parts, kinds=(Mesh,))})
+    camera: Converted[Camera | None, Camera] = checked(None, partial(instance, kind=Camera))
+    lights: Converted[Light | Iterable[Light], tuple[Light, ...]] = checked((), partial(_parts, kinds=LIGHTS))
+    ambient: Vector = checked(1.0, coefficient)
+    background: Converted[ArrayLike | None, Floats | None] = checked(0.0, _background)
+    preset: Preset = checked("standard", partial(choice, allowed=PRESETS))
+    name: str = checked("", text)
+    ignored: tuple[str, ...] = checked((), _texts)
+    environment: Environment | None = checked(None, partial(instance, kind=Environment))
+    own_lights: bool = checked(True, flag)
+    fitted: bool = checked(False, flag)
+    light_scale: float = checked(1.0, partial(number, above=0.0))
+    animations: tuple[str, ...] = checked((), _texts)
 
     if TYPE_CHECKING:
 
@@ -431,8 +402,8 @@ class Scene:
             meshes: Mesh | Iterable[Mesh],
             camera: Camera | None = None,
             lights: Light | Iterable[Light] = (),
-            ambient: ArrayLike = ...,
-            background: ArrayLike | None = ...,
+            ambient: ArrayLike = 1.0,
+            background: ArrayLike | None = 0.0,
             preset: Preset = "standard",
             name: str = "",
             ignored: tuple[str, ...] = (),
@@ -444,45 +415,21 @@ class Scene:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        for name, kinds in (("meshes", (Mesh,)), ("lights", LIGHTS)):
-            value = getattr(self, name)
-            items = (value,) if isinstance(value, kinds) else sequence(value)
-            expected = f"a sequence of {' or '.join(kind.__name__ for kind in kinds)}"
-            if items is None:
-                raise value_error("Scene", name, expected, value)
-            for item in items:
-                if not isinstance(item, kinds):
-                    raise value_error("Scene", name, expected, item)
-            set_fields(self, **{name: items})
+        check_fields(self)
         if self.face_count > MAX_FACES:
             raise value_error("Scene", "meshes", f"at most {MAX_FACES} triangles with instances", self.face_count)
-        if self.camera is None:
-            set_fields(self, camera=exchange.get("default_camera")(self.meshes), fitted=True)
-        elif not isinstance(self.camera, Camera):
-            raise value_error("Scene", "camera", "a Camera or None", self.camera)
-        set_fields(
-            self,
-            ambient=coefficient("Scene", "ambient", self.ambient),
-            background=None if self.background is None else coefficient("Scene", "background", self.background),
-        )
-        if self.environment is not None and not isinstance(self.environment, Environment):
-            raise value_error("Scene", "environment", "an Environment or None", self.environment)
-        set_fields(self, own_lights=flag("Scene", "own_lights", self.own_lights))
-        set_fields(self, light_scale=number("Scene", "light_scale", self.light_scale, above=0.0))
-        choice("Scene", "preset", self.preset, PRESETS)
-        text("Scene", "name", self.name)
-        set_fields(self, fitted=flag("Scene", "fitted", self.fitted))
-        set_fields(self, **{name: _texts("Scene", name, getattr(self, name)) for name in ("ignored", "animations")})
+        if vars(self)["camera"] is None:
+            vars(self).update(camera=exchange.get("default_camera")(self.meshes), fitted=True)
 
     @property
     def face_count(self) -> int:
         """Number of triangles, counting instances."""
-        return sum(len(mesh.faces) * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+        return sum(len(mesh.faces) * len(mesh.instances) for mesh in self.meshes)
 
     @property
     def nonfinite(self) -> int:
         """Number of triangles dropped for a vertex that is NaN or infinite, counting instances."""
-        return sum(mesh.dropped * len(np.asarray(mesh.instances)) for mesh in self.meshes)
+        return sum(mesh.dropped * len(mesh.instances) for mesh in self.meshes)
 
     @classmethod
     def from_trimesh(
@@ -494,6 +441,11 @@ class Scene:
         up: Literal["y", "z", "x", "-y", "-z", "-x"] = "y",
     ) -> Scene:
         """Create a scene from a mesh or a scene of trimesh, or a mesh of Open3D or PyVista.
+
+        It has a camera that shows all of it and lights around it, as `clshade.load` gives a mesh; its
+        preset is `pbr` if a material is a PBRMaterial, else `standard`. Both sides are lit. A source
+        of another kind, without triangles, with other polygons, or with several materials on one mesh
+        is refused; a warning tells of curves and points of a trimesh.Scene, which are not rendered.
 
         Parameters
         ----------
@@ -511,23 +463,6 @@ class Scene:
             normals of the source.
         up : {"x", "y", "z", "-x", "-y", "-z"}, optional
             Axis that points up in the view chosen for a source without a camera.
-
-        Returns
-        -------
-        Scene
-            With a camera that shows all of it and lights around it, as `clshade.load` gives a mesh;
-            preset `pbr` if a material is a PBRMaterial, else `standard`. Both sides are lit.
-
-        Raises
-        ------
-        InputError
-            The source is of another kind, has no triangles, other polygons, or several materials on
-            one mesh; or an argument is out of range.
-
-        Warns
-        -----
-        UserWarning
-            One line on curves and points of a trimesh.Scene, which are not rendered.
 
         Notes
         -----
@@ -556,40 +491,15 @@ class Scene:
         path : str or path-like
             File, with a name that ends in .glb; an existing one is replaced.
 
-        Raises
-        ------
-        InputError
-            The name has another ending, the file would have 4 GiB or more, or the scene has numbers
-            or an angle of view that glTF cannot hold.
-        OutputError
-            The file cannot be written.
-
-        Warns
-        -----
-        UserWarning
-            One line on what the file says differently, see Notes.
-
         Notes
         -----
-        The same scene gives the same bytes. What glTF cannot say is converted:
-
-        - Materials without `pbr` become those that shader `pbr` draws them with: roughness and
-          specular reflectance after `metallic_roughness.from_phong`, color times kd.
-        - Textures become PNG images of 8 bits per channel; numbers beyond 1 are clamped.
-        - Colors and textures of course scenes, which are shown without a curve, count as sRGB.
-        - Point and spot lights without attenuation get the inverse-square one, and the intensity that
-          arrives at the center of the meshes as before. Intensities are in candela and lux, those of
-          the scene over `light_scale`. Lights that only stand in for missing ones are left out.
-        - Other readers know no ambient light and no background.
+        The same scene gives the same bytes. A file of 4 GiB or more, and numbers or an angle of view
+        that glTF cannot hold, are refused. What glTF cannot say is converted, see the table in
+        clshade/scene/README.md. Lights that only stand in for missing ones are left out.
 
         A warning tells of an environment, a principal point off the middle, rectangle lights (which
         become spots), radii of lights, negative light, clamped colors, alpha tests of materials that
         blend, and NaN in scalars. The exact values of materials, camera and lights are in `extras`.
-
-        Examples
-        --------
-        >>> import clshade
-        >>> clshade.builtin("teapot").to_glb("teapot.glb")
         """
         exchange.get("to_glb")(self, path)
 
@@ -603,18 +513,12 @@ class Scene:
             vertices, faces and texels, go to a second file beside it, which it names; that of the
             earlier one is removed.
 
-        Raises
-        ------
-        InputError
-            The name has another ending, or the scene is beyond the limits of the format.
-        OutputError
-            A file cannot be written; then both are as they were.
-
         Notes
         -----
         The loaded scene has the same values in every field, bit for bit, and renders the same bits.
         Materials and textures that meshes share are shared again. Settings are no part of a scene.
-        The same scene gives the same bytes.
+        The same scene gives the same bytes. A scene beyond the limits of the format is refused; where
+        a file cannot be written, both are as they were.
 
         Examples
         --------
@@ -639,8 +543,8 @@ class Scene:
 
 def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scene:
     """Return the scene with changed materials; meshes that share one go on sharing it."""
-    made = {key: change(each) for key, each in {id(mesh.material): mesh.material for mesh in scene.meshes}.items()}
-    return replace(scene, meshes=tuple(with_fields(mesh, material=made[id(mesh.material)]) for mesh in scene.meshes))
+    change = cache(change)
+    return replace(scene, meshes=tuple(with_fields(mesh, material=change(mesh.material)) for mesh in scene.meshes))
 
 
 Part = TypeVar("Part", Mesh, Material, Scene)
@@ -656,5 +560,4 @@ def with_fields(part: Part, **changes: Any) -> Part:
 
 def default_tonemap(scene: Scene) -> Literal["none", "srgb", "neutral"]:
     """Return `none` for course scenes, `neutral` for those of preset pbr, `srgb` otherwise."""
-    own: dict[Preset, Literal["none", "srgb", "neutral"]] = {"course": "none", "pbr": "neutral", "standard": "srgb"}
-    return own[scene.preset]
+    return "none" if scene.preset == "course" else "neutral" if scene.preset == "pbr" else "srgb"

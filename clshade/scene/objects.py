@@ -18,8 +18,8 @@ def object_numbers(scene: Scene) -> list[int]:
 def object_names(scene: Scene) -> list[str]:
     """Return the name of each object: that of the first of its meshes."""
     numbers = object_numbers(scene)
-    named = dict(zip(reversed(numbers), (mesh.name for mesh in reversed(scene.meshes)), strict=True))
-    return [named[number] for number in sorted(named)]
+    names = dict(zip(reversed(numbers), (mesh.name for mesh in reversed(scene.meshes)), strict=True))
+    return [names[number] for number in sorted(names)]
 
 
 def first_instances(scene: Scene) -> list[int]:
@@ -30,7 +30,7 @@ def first_instances(scene: Scene) -> list[int]:
     """
     objects = object_numbers(scene)
     counts = np.zeros(max(objects, default=0) + 1, np.int64)
-    np.maximum.at(counts, objects, [len(np.asarray(mesh.instances)) for mesh in scene.meshes])
+    np.maximum.at(counts, objects, [len(mesh.instances) for mesh in scene.meshes])
     first = 1 + np.cumsum(counts)
     if first[-1] > 1 << 32:
         limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
@@ -40,8 +40,8 @@ def first_instances(scene: Scene) -> list[int]:
 
 def instance_names(scene: Scene) -> list[str]:
     """Return the name of each instance, the first that a part of its object gives it, "" for none."""
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
-        for number, name in enumerate(mesh.instance_names or len(np.asarray(mesh.instances)) * ("",), first):
-            found[number] = found.get(number) or name
-    return [found[number] for number in sorted(found)]
+        for number, name in enumerate(mesh.instance_names or len(mesh.instances) * ("",), first):
+            names[number] = names.get(number) or name
+    return [names[number] for number in sorted(names)]

@@ -21,12 +21,8 @@ POSED = ("verts", "colors", "normals", "normal_faces", "uvs", "tangents", "more_
 class Pose:
     """What a frame changes in a scene, which it shares with all other frames.
 
-    Attributes
-    ----------
-    meshes : mapping of int to mapping of str to value
-        By number of the mesh, from 0, its fields that change: vertices, normals, instances and so on.
-    lights : tuple of lights or None, default None
-        Lights in place of the scene's, if they change.
+    meshes: by number of the mesh, from 0, its fields that change: vertices, normals, instances and so on. lights: in place
+    of the scene's, None if they stay.
     """
 
     meshes: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)

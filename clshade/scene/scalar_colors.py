@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
-from ..base.arrays import Floats, Floats32, Reals
+from ..base.arrays import Floats, Floats32
 from ..base.spelling import hint
 from ..errors import InputError
 from ..images.colors import map_colors
 from ..images.decode import srgb_to_linear
 from .model import Material, Mesh, Scene
-from .scalars import Scalars
+from .settings import Scalars
 
 
 def at_vertices(mesh: Mesh, name: str) -> bool:
@@ -30,14 +31,10 @@ def at_corners(mesh: Mesh, name: str) -> Floats:
 
 def scalar_range(scene: Scene, name: str) -> tuple[float, float] | None:
     """Return the least and the largest finite value of these scalars in a scene; None if there is none."""
-    finite = [values[np.isfinite(values)] for mesh in scene.meshes for values in _named(mesh, name)]
-    least = [float(values.min()) for values in finite if len(values)]
-    most = [float(values.max()) for values in finite if len(values)]
-    return (min(least), max(most)) if least else None
-
-
-def _named(mesh: Mesh, name: str) -> list[Reals]:
-    return [mesh.scalars[name]] if name in mesh.scalars else []
+    scalars = [mesh.scalars[name] for mesh in scene.meshes if name in mesh.scalars]
+    finite = [values[np.isfinite(values)] for values in scalars]
+    ends = [(float(values.min()), float(values.max())) for values in finite if len(values)]
+    return (min(low for low, _ in ends), max(high for _, high in ends)) if ends else None
 
 
 def scalar_names(scene: Scene) -> tuple[str, ...]:
@@ -59,7 +56,6 @@ class ColorMap:
 
     @property
     def count(self) -> int:
-        """N."""
         return len(self.table) - 3
 
 
@@ -85,20 +81,16 @@ def without_colors(scene: Scene, scalars: Scalars | None) -> Scene:
     alpha test or blending reads of a texture stays."""
     if scalars is None or scalars.name not in scalar_names(scene):
         return scene
-    white: dict[int, Material] = {}
 
+    @cache  # meshes that share a material go on sharing it
     def bare(material: Material) -> Material:
-        if id(material) not in white:
-            texture = material.texture
-            counts = material.blend or material.alpha_cutoff is not None
-            if texture is not None and counts and texture.texels.shape[2] == 4:
-                image = texture.image.copy()
-                image[..., :3] = 1.0
-                texture = replace(texture, image=image)
-            else:
-                texture = None
-            white[id(material)] = replace(material, color=1.0, texture=texture)
-        return white[id(material)]
+        texture = material.texture
+        if texture is not None:
+            tests_or_blends = material.blend or material.alpha_cutoff is not None
+            keep = tests_or_blends and texture.texels.shape[2] == 4
+            white = np.array([True, True, True, False])
+            texture = replace(texture, image=np.where(white, np.float32(1.0), texture.image)) if keep else None
+        return replace(material, color=1.0, texture=texture)
 
     meshes = (
         replace(mesh, colors=None, material=bare(mesh.material)) if scalars.name in mesh.scalars else mesh

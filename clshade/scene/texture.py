@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Converted, Floats, Floats32, kept
-from ..base.validation import choice, floats, integer, sequence, set_fields, text, value_error
+from ..base.arrays import Converted, Floats, Floats32
+from ..base.declare import check_fields, checked
+from ..base.validation import choice, floats, integer, items, read_only, text, value_error
 from ..images.decode import BAND, CodedImage
 
 Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
@@ -18,9 +20,28 @@ Lookup: TypeAlias = Literal["standard", "course"]
 Filter: TypeAlias = Literal["linear", "nearest"]
 
 WRAPS: tuple[Wrap, ...] = get_args(Wrap)
-LOOKUPS: tuple[Lookup, ...] = get_args(Lookup)
-MOST_COORDINATES = 15
-FILTERS: tuple[Filter, ...] = get_args(Filter)
+MAX_COORDINATES = 15
+
+
+def _image(owner: str, name: str, value: Any) -> CodedImage | Floats32:
+    if isinstance(value, CodedImage) and 0 not in value.shape:
+        return value
+    image = floats(owner, name, value, "an array of shape (h, w, 3) or (h, w, 4)")
+    if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape or max(image.shape) > 32768:
+        raise value_error(owner, name, "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
+    if image.dtype.kind in "iu":
+        image = image.astype(np.float64) / np.iinfo(image.dtype).max
+    numbers = np.ascontiguousarray(image, dtype=np.float32).view()
+    if not np.isfinite(numbers).all():
+        raise value_error(owner, name, "finite numbers", "NaN, infinity or a value beyond float32")
+    return read_only(numbers)
+
+
+def _wraps(owner: str, name: str, value: Any) -> tuple[str, ...]:
+    value = (value, value) if isinstance(value, str) else value
+    return tuple(
+        choice(owner, name, wrap, WRAPS) for wrap in items(owner, name, value, "one name or two, for u and v", 2)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +69,12 @@ class Texture:
         without them does without the texture. A material's own texture has 0.
     """
 
-    image: Floats32
-    wrap: Converted[Wrap | Iterable[Wrap], tuple[Wrap, Wrap]] = field(default=kept("repeat"))
-    lookup: Lookup = "standard"
-    name: str = ""
-    filter: Filter = "linear"
-    coordinates: int = 0
+    image: Floats32 = field(metadata={"check": _image})
+    wrap: Converted[Wrap | Iterable[Wrap], tuple[Wrap, Wrap]] = checked("repeat", _wraps)
+    lookup: Lookup = checked("standard", partial(choice, allowed=get_args(Lookup)))
+    name: str = checked("", text)
+    filter: Filter = checked("linear", partial(choice, allowed=get_args(Filter)))
+    coordinates: int = checked(0, partial(integer, least=0, most=MAX_COORDINATES))
 
     if TYPE_CHECKING:
 
@@ -68,28 +89,17 @@ class Texture:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        if isinstance(self.image, CodedImage) and 0 not in self.image.shape:
-            set_fields(self, _texels=self.image)
-            object.__delattr__(self, "image")  # it is computed where it is read
-        else:
-            set_fields(self, _texels=_checked_image(self.image))
-            set_fields(self, image=self.texels)
-        wraps = (self.wrap, self.wrap) if isinstance(self.wrap, str) else sequence(self.wrap)
-        if wraps is None or len(wraps) != 2:
-            raise value_error("Texture", "wrap", "one name or two, for u and v", self.wrap)
-        set_fields(self, wrap=tuple(choice("Texture", "wrap", wrap, WRAPS) for wrap in wraps))
-        choice("Texture", "lookup", self.lookup, LOOKUPS)
-        text("Texture", "name", self.name)
-        if choice("Texture", "filter", self.filter, FILTERS) == "nearest" and self.lookup == "course":
+        check_fields(self)
+        if self.filter == "nearest" and self.lookup == "course":
             raise value_error("Texture", "filter", "linear with lookup course", self.filter)
-        set_fields(self, coordinates=integer("Texture", "coordinates", self.coordinates, 0, MOST_COORDINATES))
+        vars(self)["_texels"] = vars(self)["image"]
+        if isinstance(self.texels, CodedImage):
+            del vars(self)["image"]  # it is computed where it is read
 
     def __getattr__(self, name: str) -> Any:
         if name != "image" or "_texels" not in vars(self):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        image = np.asarray(self.texels)
-        image.flags.writeable = False
-        set_fields(self, image=image)
+        vars(self)["image"] = image = read_only(np.asarray(self.texels))
         return image
 
     @property
@@ -116,16 +126,3 @@ class Texture:
     def __repr__(self) -> str:
         rows, columns, channels = self.texels.shape
         return f"<Texture {self.name or 'unnamed'}: {columns}x{rows}, {channels} channels>"
-
-
-def _checked_image(given: ArrayLike) -> Floats32:
-    image = floats("Texture", "image", given, "an array of shape (h, w, 3) or (h, w, 4)")
-    if image.ndim != 3 or image.shape[2] not in (3, 4) or 0 in image.shape or max(image.shape) > 32768:
-        raise value_error("Texture", "image", "an array of shape (h, w, 3|4) with h and w from 1 to 32768", image)
-    if image.dtype.kind in "iu":
-        image = image.astype(np.float64) / np.iinfo(image.dtype).max
-    numbers: Floats32 = np.ascontiguousarray(image, dtype=np.float32).view()
-    if not np.isfinite(numbers).all():
-        raise value_error("Texture", "image", "finite numbers", "NaN, infinity or a value beyond float32")
-    numbers.flags.writeable = False
-    return numbers

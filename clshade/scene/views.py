@@ -49,23 +49,23 @@ def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int
     low, high = geometry.bounding_box(shown)
     center, radius = sphere_of_box(low, high)
     axes = np.array(UPS[up_of(scene.camera)], np.float64)
-    found, height = {}, 0.0
+    cameras, height = {}, 0.0
     for name in dict.fromkeys(names):
         if name == CAMERA:
-            own = scene.camera
-            found[name] = own if own.resolution == resolution else own.with_resolution(resolution)
+            same = scene.camera.resolution == resolution
+            cameras[name] = scene.camera if same else scene.camera.with_resolution(resolution)
             continue
-        towards, up = (np.array(each, np.float64) @ axes for each in _VIEWS[name])
+        towards, up = (np.array(direction, np.float64) @ axes for direction in _VIEWS[name])
         with np.errstate(over="ignore"):
             eye = center + towards * (_DISTANCE * radius / math.hypot(*towards))
         flat = Camera(eye, center, up, 1.0, (1.0, 1.0), resolution, orthographic=True)
         aside, half = extent(flat, shown.meshes, (center, radius))
-        found[name] = replace(flat, eye=eye + aside, lookat=center + aside)
+        cameras[name] = replace(flat, eye=eye + aside, lookat=center + aside)
         height = max(height, 2.0 * half[1], 2.0 * half[0] * rows / columns)
     height = height / FILL or 2.0 * radius
     return {
-        name: each if name == CAMERA else replace(each, plane=(height, height * columns / rows))
-        for name, each in found.items()
+        name: camera if name == CAMERA else replace(camera, plane=(height, height * columns / rows))
+        for name, camera in cameras.items()
     }
 
 
@@ -82,7 +82,7 @@ def seen_by(scene: Scene, camera: Camera, *, fixed_lights: bool = False) -> Scen
     turn: Array = geometry.camera_axes(camera).T @ geometry.camera_axes(scene.camera)
     if np.array_equal(camera.eye, scene.camera.eye) and np.allclose(turn, np.eye(3), rtol=0.0, atol=1e-15):
         return replace(scene, camera=camera)  # another resolution
-    lights = tuple(each.turned(center, turn) for each in scene.lights)
+    lights = tuple(light.turned(center, turn) for light in scene.lights)
     return replace(scene, camera=camera, lights=lights)
 
 

@@ -15,13 +15,12 @@ from ..pipeline.frame import Frame
 from ..pipeline.frame_files import SavingOptions
 from ..pipeline.renderer import Renderer
 from ..scene.adjust_camera import adjusted, camera_of
-from ..scene.adjust_lights import scaled_lights
 from ..scene.builtin.studio import studio_for
 from ..scene.camera import Camera
 from ..scene.environment import Environment
 from ..scene.framing import Up, up_of
 from ..scene.ground import with_ground
-from ..scene.look import has_ground, with_look
+from ..scene.look import has_ground, scaled_lights, with_look
 from ..scene.model import Scene, Texture, default_tonemap
 from ..scene.settings import Layer, Look, Settings
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import pytest
 
 from clshade.base import declare
+from clshade.base.validation import items
 from clshade.errors import InputError
 
 
@@ -15,12 +17,14 @@ from clshade.errors import InputError
 class Pen:
     """What writes."""
 
-    tip: str = declare.choice("round", Literal["flat", "round"], "shape of the tip", "Flat ones are for letters.")
-    wet: bool = declare.flag(False, "write with ink")
-    lines: int = declare.whole(1, 1, 4, "lines at once")
-    width: float | None = declare.real(None, "MM", "of a line", usual="the tip's", unit="mm", above=0.0)
-    gray: float = declare.real(0.5, "0..1", "how light the ink is", least=0.0, most=1.0)
-    name: str | None = declare.other(None, "str", lambda owner, name, value: value.upper(), "NAME", "what it is called")
+    tip: str = declare.choice("round", Literal["flat", "round"]).about("shape of the tip. Flat ones are for letters.")
+    wet: bool = declare.flag(False).about("write with ink")
+    lines: int = declare.integer(1, 1, 4).about("lines at once")
+    width: float | None = declare.number(None, "MM", unit="mm", above=0.0).about("of a line", usual="the tip's")
+    gray: float = declare.number(0.5, "0..1", least=0.0, most=1.0).about("how light the ink is")
+    name: str | None = declare.value(None, "str", lambda owner, name, value: value.upper(), "NAME").about(
+        "what it is called"
+    )
 
     def __post_init__(self):
         declare.check_fields(self)
@@ -51,7 +55,9 @@ def test_refusals(given, message):
 
 
 def test_the_docstring():
-    assert declare.documented(Pen) == "\n".join(
+    text, Pen.__doc__ = Pen.__doc__, declare.Docstring(Pen.__doc__)
+    assert text == "What writes."
+    assert Pen.__doc__ == "\n".join(
         [
             "What writes.",
             "",
@@ -71,3 +77,27 @@ def test_the_docstring():
             "    What it is called.",
         ]
     )
+
+
+@dataclass(frozen=True)
+class Paper:
+    size: tuple[float, ...] = field(
+        metadata={"check": partial(items, expected="two numbers", count=2, kinds=(int, float))}
+    )
+    marks: tuple[str, ...] = declare.checked(None, items)
+
+    def __post_init__(self):
+        declare.check_fields(self, "Sheet")
+
+
+def test_a_field_without_a_default_is_checked_and_a_default_of_none_stays():
+    assert Paper([1, 2.5]) == Paper(size=(1, 2.5), marks=None)
+    assert Paper((1, 2), iter("ab")).marks == ("a", "b")
+    for value, found in (((1,), "(1,)"), ("12", "'12'"), ((1, "2"), "'2'"), (5, "5")):
+        with pytest.raises(InputError) as caught:
+            Paper(value)
+        assert str(caught.value) == f"Sheet: size: expected two numbers, found {found}"
+    with pytest.raises(InputError, match=r"^Sheet: marks: expected a sequence, found 5$"):
+        Paper((1, 2), 5)
+    with pytest.raises(TypeError):
+        Paper()

@@ -9,8 +9,7 @@ import pytest
 
 from clshade.cli.main import _parser
 from clshade.cli.options import Arguments, Option, add_options
-from clshade.scene.edges import Edges
-from clshade.scene.settings import LIGHT_FIELDS, PRESET_FIELDS, Settings
+from clshade.scene.settings import LIGHT_FIELDS, PRESET_FIELDS, Edges, Settings
 
 
 class Fields:
@@ -73,7 +72,7 @@ def test_each_setting_has_an_option(command):
         declared, option = field.metadata["declared"], found[field.name]
         if field.name == "edges":  # whose option is that of Edges.kinds
             declared = Edges.__dataclass_fields__["kinds"].metadata["declared"]
-        assert option.help.startswith(declared.about)
+        assert option.help.startswith(declared.help)
         assert option.default is None
         assert option.metavar == declared.form
         assert tuple(option.choices or ()) == declared.choices

@@ -14,8 +14,8 @@ from clshade.cli.main import _parser
 from clshade.cli.scene import chosen_settings, load_scene
 from clshade.pipeline.effective_settings import effective_settings
 from clshade.scene.builtin.scenes import builtin
-from clshade.scene.edges import Edges
 from clshade.scene.geometry import bounding_box, half_diagonal
+from clshade.scene.settings import Edges
 
 
 def test_options_become_edges():

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from clshade.base.declare import facts_of
-from clshade.scene.edges import Edges
-from clshade.scene.settings import PRESET_FIELDS, Preset, Settings
+from clshade.scene.settings import PRESET_FIELDS, Edges, Preset, Settings
 
 BLOCK = 50  # consecutive scenes of one kind
 LANES = (1, 4, 8, 16)  # pixels per vector; the last is a CPU's default

@@ -9,8 +9,9 @@ from random_kinds import Kind, Random
 
 from clshade.base.arrays import Array
 from clshade.scene.environment import Environment
-from clshade.scene.metallic_roughness import MAPS, MetallicRoughness
-from clshade.scene.model import WRAPS, Material, Texture
+from clshade.scene.material import MAPS, MetallicRoughness
+from clshade.scene.model import Material, Texture
+from clshade.scene.texture import WRAPS
 
 
 def random_material(rng: Random, kind: Kind, all_of_it: bool = False) -> Material:

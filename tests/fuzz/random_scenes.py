@@ -15,9 +15,8 @@ from random_meshes import moved_mesh, random_mesh, with_scalars
 from random_shapes import SHAPES, blob, triangles
 
 from clshade.scene.camera import Camera
-from clshade.scene.edges import EDGE_KINDS, MAX_WIDTH, Edges
 from clshade.scene.model import Mesh, Scene, Settings
-from clshade.scene.settings import MAX_SAMPLES
+from clshade.scene.settings import EDGE_KINDS, MAX_SAMPLES, MAX_WIDTH, Edges
 
 FLAGS = ("ambient", "diffuse", "specular", "power", "colored")  # of scenes with a program that has all features
 

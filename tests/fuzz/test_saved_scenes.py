@@ -13,8 +13,8 @@ from scene_fuzzer import problem
 import clshade
 from clshade.pipeline.features import OPTIONAL
 from clshade.scene.camera import Camera
-from clshade.scene.edges import Edges
 from clshade.scene.model import Material, Mesh, Scalars, Scene, Settings
+from clshade.scene.settings import Edges
 
 SCENES = Path(__file__).with_name("scenes")
 VERTICES: dict[str, Any] = {"interpolation": "affine", "texture_at": "vertex"}

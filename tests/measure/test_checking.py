@@ -19,7 +19,8 @@ from clshade.measure.check import check, oracle_bounds
 from clshade.oracle import coverage
 from clshade.pipeline.frame import Frame
 from clshade.scene.builtin import scenes
-from clshade.scene.model import Camera, Material, Mesh, Scene, Settings
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, Scene, Settings
 
 LAYERS = ("Z", "id")
 

@@ -23,7 +23,8 @@ from clshade.pipeline.features import OPTIONAL, Features, derive
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.opencl.program_store import StoredProgram
 from clshade.pipeline.renderer import Renderer
-from clshade.scene.model import Camera, Material, Mesh, PointLight, Scene, Texture
+from clshade.scene.camera import Camera
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
 
 SMALL = ("render", "quads", "--resolution", "32,24", "--preset", "course")
 

@@ -17,7 +17,8 @@ from clshade.oracle import frame as oracle_frame
 from clshade.oracle.frame import owners
 from clshade.oracle.shot import prepare
 from clshade.scene.camera import Camera
-from clshade.scene.model import PRESETS, Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.settings import PRESETS
 
 # Seen from (0, 0, 4) with focal = plane the image spans x, y in [-2, 2] at z = 0: a pixel is 1/8 unit wide.
 CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))

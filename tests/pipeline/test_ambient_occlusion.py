@@ -15,7 +15,7 @@ from clshade.measure.stability.cases.lit import blob
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
-from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.material import MetallicRoughness
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
 
 MATERIAL = Material(ka=(0.5, 0.6, 0.7), kd=0.4, ks=0.2, n=9.0)

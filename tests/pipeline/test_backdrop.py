@@ -18,7 +18,7 @@ from clshade.pipeline.features import derive, ignored
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
-from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.material import MetallicRoughness
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings
 
 IMAGE = np.random.default_rng(3).random((7, 12, 3)) ** 2

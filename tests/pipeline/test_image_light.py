@@ -18,8 +18,8 @@ from clshade.pipeline.features import OPTIONAL, ignored
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
-from clshade.scene.image_light import octahedral
-from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.image_light import bilinear, texel_directions
+from clshade.scene.material import MetallicRoughness
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
 
 BALL = clshade.builtin("icosphere", level=3).meshes[0]
@@ -179,10 +179,8 @@ def test_lights_that_stand_in_give_way_to_the_studio(device):
 def test_the_oracles_lookup_is_continuous_and_means_texels():
     level = np.random.default_rng(4).random((16, 16, 3))
     reach = np.zeros(1)
-    for d in octahedral.directions(16).reshape(-1, 3)[::5]:
-        np.testing.assert_allclose(
-            around.lookup(level, d[None], reach)[0], octahedral.lookup(level, d[None]), atol=1e-12
-        )
+    for d in texel_directions(16).reshape(-1, 3)[::5]:
+        np.testing.assert_allclose(around.lookup(level, d[None], reach)[0], bilinear(level, d[None]), atol=1e-12)
     for d in ([0, 0, -1.0], [1, 0, -1e-15], [0.5, -0.5, -0.2], [-1, 0, 0]):
         moved = np.array(d) + 1e-7 * np.random.default_rng(0).standard_normal((40, 3))
         found, off = around.lookup(level, moved, np.full(40, 1e-6))

@@ -9,7 +9,7 @@ import pytest
 from clshade.measure.conform import structs
 from clshade.measure.conform.case import Bench
 from clshade.pipeline import struct_layout
-from clshade.scene import model
+from clshade.scene import settings
 
 STRUCTS = {kind: s.types for kind, s in enumerate((struct_layout.SINGLE, struct_layout.DOUBLE))}
 EACH = [(kind, name) for kind, structs in STRUCTS.items() for name in structs]
@@ -25,7 +25,7 @@ def test_sizes_and_offsets(device):
 
 
 def test_settings_allow_as_many_samples_as_the_structs_hold():
-    assert model.MAX_SAMPLES == struct_layout.MOST_SAMPLES
+    assert settings.MAX_SAMPLES == struct_layout.MOST_SAMPLES
 
 
 @pytest.mark.parametrize(("kind", "name"), EACH)

@@ -13,8 +13,8 @@ import clshade
 from clshade.pipeline.frame import same_bits
 from clshade.pipeline.renderer import Renderer, render
 from clshade.scene.camera import Camera
-from clshade.scene.edges import Edges
 from clshade.scene.model import Mesh
+from clshade.scene.settings import Edges
 
 ONLY = Edges("all", only=True)
 

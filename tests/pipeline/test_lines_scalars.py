@@ -12,8 +12,8 @@ from line_scenes import cube, floor, scene_of
 import clshade
 from clshade.pipeline.frame import same_bits
 from clshade.pipeline.renderer import Renderer, render
-from clshade.scene.edges import Edges
 from clshade.scene.model import Scalars
+from clshade.scene.settings import Edges
 
 COMMON = {"edges": Edges("all", color=(0, 0, 0.5)), "scalars": "height", "layers": ("Z", "id", "scalar")}
 CASES = {

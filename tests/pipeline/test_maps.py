@@ -17,7 +17,7 @@ from clshade.oracle import layers as oracle_layers
 from clshade.pipeline import features
 from clshade.pipeline.frame import same_bits
 from clshade.pipeline.shading_tables import texture_tables
-from clshade.scene.metallic_roughness import MAPS
+from clshade.scene.material import MAPS
 
 
 def assert_equals_oracle(scene: Scene, device, colors: int = 100, **options: Any) -> None:

@@ -9,8 +9,8 @@ from line_scenes import CUBE_FACES, cube
 from clshade.errors import InputError
 from clshade.oracle import lines as oracle
 from clshade.pipeline.lines import always_drawn, face_normals, facing, mesh_edges, outlines
-from clshade.scene.edges import Edges
 from clshade.scene.model import Settings
+from clshade.scene.settings import Edges
 
 
 def drawn(mesh, asked: Edges) -> int:

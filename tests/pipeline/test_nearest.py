@@ -16,7 +16,8 @@ from clshade.errors import InputError
 from clshade.oracle import frame as oracle
 from clshade.oracle import texture as reference
 from clshade.pipeline.frame import same_bits
-from clshade.scene.model import WRAPS, Settings
+from clshade.scene.model import Settings
+from clshade.scene.texture import WRAPS
 
 CORNERS = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 QUAD = [[0, 1, 2], [0, 2, 3]]

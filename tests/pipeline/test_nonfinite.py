@@ -9,8 +9,9 @@ import pytest
 
 from clshade import oracle
 from clshade.errors import InputError
+from clshade.scene.camera import Camera
 from clshade.scene.geometry import vertex_normals
-from clshade.scene.model import Camera, Mesh, Scene, Settings
+from clshade.scene.model import Mesh, Scene, Settings
 
 VERTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
 FACES = np.array([[0, 1, 2], [1, 3, 2]])

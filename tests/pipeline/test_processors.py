@@ -30,9 +30,9 @@ from clshade.measure.digest import digest
 from clshade.pipeline import programs
 from clshade.pipeline.opencl.device import found_devices, open_untested
 from clshade.scene.builtin.studio import studio
-from clshade.scene.edges import Edges
+from clshade.scene.settings import Edges
 from clshade.scene.lights import RectangleLight
-from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.material import MetallicRoughness
 from clshade.scene.model import Material
 from clshade.scene.texture import Texture
 

@@ -23,7 +23,7 @@ from clshade.pipeline.launches import Stages
 from clshade.pipeline.renderer import Renderer, trial_of
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
-from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.material import MetallicRoughness
 from clshade.scene.model import Material, Mesh, Scene, Settings, Texture
 
 CAMERA = Camera.from_fov((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0, (60, 40))

@@ -15,7 +15,7 @@ from clshade.measure.stability.cases.lit import blob, patch
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
-from clshade.scene.metallic_roughness import MetallicRoughness
+from clshade.scene.material import MetallicRoughness
 from clshade.scene.model import DirectionalLight, Light, Material, Mesh, PointLight, Scene, SpotLight, Texture
 
 CAMERA = Camera((0.3, 3.0, 4.5), (0.0, -0.3, 0.0), (0.0, 1.0, 0.0), 1.3, (1.0, 1.0), (61, 61))

@@ -14,11 +14,21 @@ import clshade
 from clshade import exr
 from clshade.errors import InputError
 from clshade.scene.environment import Environment, nearest_axis
-from clshade.scene.image_light import octahedral
-from clshade.scene.image_light.brdf_table import brdf_table, split_sum
-from clshade.scene.image_light.irradiance import irradiance_coefficients, moments, radiance, solid_angles
-from clshade.scene.image_light.light import image_light
-from clshade.scene.image_light.specular import lobe, sharp_map, specular_levels
+from clshade.scene.image_light import (
+    brdf_table,
+    image_light,
+    irradiance_coefficients,
+    lobe,
+    moments,
+    radiance,
+    sharp_map,
+    solid_angles,
+    specular_levels,
+    split_sum,
+    texel_directions,
+    texel_indices,
+    with_border,
+)
 
 RNG = np.random.default_rng(5)
 
@@ -162,7 +172,7 @@ def test_other_files_are_refused(tmp_path):
 @pytest.mark.parametrize("shape", [(1, 1), (3, 7), (40, 90)])
 def test_a_constant_environment_stays_constant(shape):
     environment = Environment(np.full((*shape, 3), 0.75), rotation=33, up=(0.2, 1, 0.4))
-    for n in octahedral.directions(4).reshape(-1, 3):
+    for n in texel_directions(4).reshape(-1, 3):
         np.testing.assert_allclose(irradiance(environment, n), 0.75, rtol=1e-12)
     for level in specular_levels(environment):
         np.testing.assert_allclose(level, 0.75, rtol=1e-12)
@@ -181,7 +191,7 @@ def test_a_sun_of_one_pixel_keeps_its_energy():
 def test_moments_against_quadrature():
     environment = Environment(RNG.random((5, 9, 3)), rotation=70, up=(1, 1, 0))
     side = 256
-    d = octahedral.directions(side).reshape(-1, 3)
+    d = texel_directions(side).reshape(-1, 3)
     # The solid angle of an area dA of the octahedron's projection is dA / |q|^3 with q on the octahedron.
     q = d / np.abs(d).sum(axis=1, keepdims=True)
     solid = (2 / side) ** 2 / np.linalg.norm(q, axis=1) ** 3
@@ -203,9 +213,9 @@ def test_irradiance_of_a_uniform_upper_half():
 
 def test_octahedral_maps_are_continuous_beyond_their_edges():
     for side in (16, 64):
-        d = octahedral.directions(side)
-        np.testing.assert_array_equal(octahedral.texels(d, side).reshape(-1), np.arange(side * side))
-        wide = octahedral.padded(d, 5)
+        d = texel_directions(side)
+        np.testing.assert_array_equal(texel_indices(d, side).reshape(-1), np.arange(side * side))
+        wide = with_border(d, 5)
         assert max(np.abs(np.diff(wide, axis=axis)).max() for axis in (0, 1)) < 4.0 / side
 
 
@@ -217,7 +227,7 @@ def test_blurred_levels_against_sums_over_all_pixels():
     around = np.sin(v)[:, None] * np.sin(u), np.cos(v)[:, None], np.sin(v)[:, None] * np.cos(u)
     d = np.stack(np.broadcast_arrays(*around), axis=-1)
     for number, level in enumerate(specular_levels(Environment(image))[1:], 1):
-        directions, alpha = octahedral.directions(len(level)), (number / 8) ** 2
+        directions, alpha = texel_directions(len(level)), (number / 8) ** 2
         for at in ((3, 5), (10, 2), (-1, -1), (len(level) // 2, 7)):
             weight = lobe((1 - d @ directions[at]) / 2, alpha) * np.sin(v)[:, None]
             expected = (weight[..., None] * image).sum(axis=(0, 1)) / weight.sum()

@@ -20,8 +20,7 @@ from clshade.images.decode import srgb_to_linear
 from clshade.scene.formats.gltf_writer import Glb, float32_frame, unify_vertices
 from clshade.scene.geometry import bounding_box, camera_axes, vertex_normals
 from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
-from clshade.scene.material import TERMS
-from clshade.scene.metallic_roughness import MAPS
+from clshade.scene.material import MAPS, TERMS
 from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 from clshade.scene.objects import object_names
 

@@ -13,7 +13,7 @@ from every_light import EVERY
 import clshade
 from clshade import DirectionalLight, PointLight, RectangleLight, Settings, SpotLight
 from clshade.errors import InputError
-from clshade.scene import adjust_lights
+from clshade.scene import look
 from clshade.scene.contents import format_contents, scene_contents
 from clshade.scene.lights import LIGHTS, PlacedLight, plain_lights
 from clshade.scene.model import Mesh, Scene
@@ -89,11 +89,11 @@ def test_their_texts():
         (lambda: Settings(light_samples=2.5), "Settings: light_samples: expected"),
         (lambda: plain_lights("bench", (BALL,)), "bench: lights: expected points without attenuation"),
         (
-            lambda: adjust_lights.sized_lights(Scene(MESH, CAMERA, [BALL]), -1.0, "--light-radius"),
+            lambda: look.sized_lights(Scene(MESH, CAMERA, [BALL]), -1.0, "--light-radius"),
             "scene: --light-radius: expected a finite number of at least 0",
         ),
         (
-            lambda: adjust_lights.sized_lights(Scene(MESH, CAMERA, [SUN]), 1.0, "--light-radius"),
+            lambda: look.sized_lights(Scene(MESH, CAMERA, [SUN]), 1.0, "--light-radius"),
             "--light-radius: the scene has no point lights",
         ),
         (
@@ -155,7 +155,7 @@ def test_the_view_turns_positions_and_directions():
 
 def test_factors_and_growing_scenes():
     scene = Scene(MESH, CAMERA, (SUN, SPOT, LAMP))
-    assert [light.intensity.tolist() for light in adjust_lights.scaled_lights(scene, (0.5, 0, 2)).lights] == [
+    assert [light.intensity.tolist() for light in look.scaled_lights(scene, (0.5, 0, 2)).lights] == [
         [1, 1, 1],
         [0, 0, 0],
         [8, 10, 12],
@@ -166,7 +166,7 @@ def test_factors_and_growing_scenes():
     assert BALL.rescaled(10.0, 1.0).radius == 2.5
     panel = PANEL.rescaled(10.0, 1.0)
     assert (panel.right.tolist(), panel.up.tolist(), panel.range) == ([0, 0, -20], [0, 5, 0], 70)
-    spheres = adjust_lights.sized_lights(Scene(MESH, CAMERA, (SUN, LAMP, PANEL)), 0.5).lights
+    spheres = look.sized_lights(Scene(MESH, CAMERA, (SUN, LAMP, PANEL)), 0.5).lights
     assert spheres[0] is SUN
     assert (spheres[1].radius, spheres[1].range) == (0.5, 7)
     assert spheres[2] is PANEL

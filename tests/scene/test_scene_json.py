@@ -24,8 +24,7 @@ from clshade.errors import InputError, OutputError
 from clshade.scene.formats import scene_json
 from clshade.scene.formats.load import load
 from clshade.scene.lights import LIGHTS
-from clshade.scene.material import TERMS
-from clshade.scene.metallic_roughness import MAPS
+from clshade.scene.material import MAPS, TERMS
 
 VERTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.1]])
 FACES = [[0, 1, 2], [1, 3, 2]]

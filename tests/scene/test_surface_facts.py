@@ -76,7 +76,7 @@ def test_any_scale(scale):
 
 
 def test_edges_of_large_scenes_are_not_counted(monkeypatch):
-    monkeypatch.setattr(module, "MOST_FACES", 11)
+    monkeypatch.setattr(module, "MAX_COUNTED_FACES", 11)
     found = surface_facts(scene_of(Mesh(CORNERS, FACES)))
     assert found == SurfaceFacts(8, 12, 6.0)
     assert found.closed is None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clshade import Camera, Material, Mesh, MetallicRoughness, PointLight, Scene, Texture
-from clshade.scene.metallic_roughness import MAPS
+from clshade.scene.material import MAPS
 
 CAMERA = Camera((0.4, 0.3, 4.0), (0.05, 0.0, 0.0), (0, 1, 0), 1.6, (1.0, 1.0), (61, 47))
 LIGHTS = (PointLight((3, 4, 5), (1.0, 0.9, 0.7)), PointLight((-4, 1, 2), (0.2, 0.3, 0.8)))

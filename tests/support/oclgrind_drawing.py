@@ -26,8 +26,8 @@ from clshade.pipeline.hierarchy import Hierarchy
 from clshade.pipeline.opencl.device import Device, open_device
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
-from clshade.scene.edges import Edges
 from clshade.scene.model import Material, Scene, Texture
+from clshade.scene.settings import Edges
 
 # Rewrites of correct OpenCL C that Oclgrind 21.10 reports wrongly; each text must occur in the sources.
 

@@ -8,7 +8,7 @@ from clshade.base.arrays import Array, Floats
 from clshade.oracle.microfacet import Facets, alpha_of, passing, schlick
 from clshade.oracle.transform import unit
 from clshade.scene.environment import Environment
-from clshade.scene.image_light.irradiance import radiance
+from clshade.scene.image_light import radiance
 
 
 def lost_energy(alpha: float, n_v: Array, steps: int = 400) -> Floats:

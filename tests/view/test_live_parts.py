@@ -15,7 +15,7 @@ from processes import ROOT
 import clshade
 from clshade.cli.options import is_scene
 from clshade.errors import InputError
-from clshade.scene.adjust_lights import scaled_lights
+from clshade.scene.look import scaled_lights
 from clshade.view import live_input
 from clshade.view.live_input import ANSWERED, MESSAGES, checked
 from clshade.view.live_session import enlarge, pack_picture

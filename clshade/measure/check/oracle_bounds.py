@@ -7,7 +7,7 @@ import numpy as np
 from ...base.arrays import Array, Bools, Floats, Reals
 from ...oracle import OracleFrame, depth_at, nearest_depths
 from ...oracle.corners import usable_uvs
-from ...scene.metallic_roughness import MAPS
+from ...scene.material import MAPS
 from ...scene.model import Mesh, Scene, Settings
 
 HALF_ULP = 2.0**-24  # largest relative rounding error of one float32 operation

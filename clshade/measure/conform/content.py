@@ -9,11 +9,11 @@ import numpy as np
 
 from ...base.arrays import Array
 from ...scene.camera import Camera
-from ...scene.edges import Edges
 from ...scene.lights import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
-from ...scene.metallic_roughness import MetallicRoughness
-from ...scene.model import Filter, Material, Mesh, Scene, Settings, Texture
-from ...scene.scalars import Scalars
+from ...scene.material import MetallicRoughness
+from ...scene.model import Material, Mesh, Scene, Settings, Texture
+from ...scene.settings import Edges, Scalars
+from ...scene.texture import Filter
 
 RESOLUTION = (61, 47)
 Choice = dict[str, Any]  # a level for each of the 31 choices, as golden.json holds them

@@ -22,9 +22,8 @@ from ...images.tonemap import Operator, checked
 from ...pipeline.frame_results import EXR, PNG, RECORD, SEAL, STEPS, seal_of
 from ...scene.camera import Camera
 from ...scene.description import PARTS
-from ...scene.edges import Edges
 from ...scene.model import Settings
-from ...scene.scalars import Scalars
+from ...scene.settings import Edges, Scalars
 
 _ITS_VERSION = "only the version of clshade that drew the image can verify it"
 _FIRST_STEPS = 256  # of snapped corners, per pixel, when records did not name them

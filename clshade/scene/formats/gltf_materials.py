@@ -14,8 +14,9 @@ from ...base.arrays import Array
 from ...base.input_files import read_file
 from ...images.decode import MAX_BYTES, CodedImage
 from ..framing import AMBIENT
-from ..metallic_roughness import MAPS, MOST_SCALE
-from ..model import Filter, Material, MetallicRoughness, Texture, Wrap
+from ..material import MAPS, MAX_NORMAL_SCALE
+from ..model import Material, MetallicRoughness, Texture
+from ..texture import Filter, Wrap
 from .gltf_data import GltfData, Item, data_of
 from .reading import Images
 
@@ -148,7 +149,7 @@ class Materials:
         if normal is not None:
             fields["normal_texture"] = self._texture(normal, False, sets)
             scale = normal.number("scale", 1.0)
-            fields["normal_scale"] = _clamped(normal, "scale", scale, -MOST_SCALE, MOST_SCALE)
+            fields["normal_scale"] = _clamped(normal, "scale", scale, -MAX_NORMAL_SCALE, MAX_NORMAL_SCALE)
         if occlusion is not None:
             fields["occlusion_texture"] = self._texture(occlusion, False, sets)
             fields["occlusion_strength"] = _factor(occlusion, "strength")

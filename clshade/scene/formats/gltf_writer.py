@@ -23,9 +23,10 @@ from ..fitting import bounding_sphere
 from ..geometry import camera_axes, vertex_normals
 from ..lights import PlacedLight
 from ..material import COMPONENTS, is_unlit
-from ..model import Light, Material, Mesh, MetallicRoughness, Scene, Texture, Wrap
+from ..model import Light, Material, Mesh, MetallicRoughness, Scene, Texture
 from ..objects import object_numbers
 from ..scalar_colors import at_vertices
+from ..texture import Wrap
 
 ENDING = ".glb"
 MAX_BYTES = (1 << 32) - 1  # of a GLB file, whose lengths have 32 bits

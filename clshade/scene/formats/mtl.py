@@ -20,7 +20,8 @@ from ...base.arrays import Array
 from ...base.atomic_files import shown
 from ...base.input_files import file_error, quoted, read_file, within
 from ..framing import AMBIENT
-from ..model import Material, Texture, Wrap
+from ..model import Material, Texture
+from ..texture import Wrap
 from .reading import DEFAULT_MATERIAL, Images
 from .text_tokens import numbers
 

@@ -26,7 +26,8 @@ from ..adjust_camera import refitted
 from ..camera import checked_resolution
 from ..framing import UPS, Up
 from ..geometry import crease_angle, vertex_normals
-from ..model import Lookup, Material, Scene, Texture, Wrap, with_fields, with_materials
+from ..model import Material, Scene, Texture, with_fields, with_materials
+from ..texture import Lookup, Wrap
 
 FPS = 30  # of animations that are played
 VertexColors: TypeAlias = Literal["srgb", "linear"]

@@ -26,12 +26,12 @@ from ...base.input_files import beside, file_error, quoted, read_file, size_of, 
 from ...base.json_values import MAX_VALUES, found_text, parse_text
 from ...base.spelling import hint
 from ...base.validation import path as checked_path
-from ...base.validation import set_fields, value_error
+from ...base.validation import value_error
 from ...errors import InputError
 from ..camera import Camera
 from ..environment import Environment
 from ..lights import LIGHTS
-from ..metallic_roughness import MAPS
+from ..material import MAPS
 from ..model import Material, Mesh, MetallicRoughness, Scene, Texture
 from .reading import Options
 
@@ -153,7 +153,7 @@ class _Reader:
             up = np.array(values["up"], np.float64).reshape(3)
             if np.abs(up - instance.up).max() <= _SAME:
                 up.flags.writeable = False
-                set_fields(instance, up=up)
+                vars(instance)["up"] = up
         return instance
 
     def _field(self, name: str, value: Any, where: str) -> Any:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from ...base.atomic_files import Path
     from ..framing import Up
-    from ..model import Lookup, Scene
+    from ..model import Scene
+    from ..texture import Lookup
     from .reading import Options, VertexColors
 
 _MODULES = {  # of the functions read_course and so on

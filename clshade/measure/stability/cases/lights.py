@@ -12,7 +12,7 @@ from ....pipeline.features import OPTIONAL
 from ....scene.camera import Camera
 from ....scene.environment import Environment
 from ....scene.lights import ATTENUATIONS
-from ....scene.metallic_roughness import MetallicRoughness
+from ....scene.material import MetallicRoughness
 from ....scene.model import DirectionalLight, Light, PointLight, RectangleLight, SpotLight
 from . import lit
 from .bench import Bench, Case, Outcomes, against_oracle, all_against_oracle

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....scene.edges import Edges
 from ....scene.model import Mesh
+from ....scene.settings import Edges
 from . import flat, lit
 from .bench import PRESETS, Bench, Case, Outcome, Outcomes, against_oracle, different_bits, wrong_pixels
 from .coverage import grid

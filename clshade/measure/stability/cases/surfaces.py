@@ -11,7 +11,7 @@ import numpy as np
 from .... import oracle
 from ....base.arrays import Floats
 from ....pipeline.frame import Frame
-from ....scene.model import LEAST_ROUGHNESS, Material, Mesh, MetallicRoughness, PointLight, Scalars, Scene, Texture
+from ....scene.model import MIN_ROUGHNESS, Material, Mesh, MetallicRoughness, PointLight, Scalars, Scene, Texture
 from ...check import oracle_bounds
 from . import lit
 from .bench import PRESETS, Bench, Case, Outcome, Outcomes, against_oracle, all_against_oracle, different_bits
@@ -175,7 +175,7 @@ def transparency(bench: Bench) -> Outcomes:
 
 # Microfacets
 
-ROUGHNESSES = (0.0, 1e-4, LEAST_ROUGHNESS, 0.1, 1.0)
+ROUGHNESSES = (0.0, 1e-4, MIN_ROUGHNESS, 0.1, 1.0)
 _MIRRORED = PointLight(lit.CAMERA.eye * [-1.0, -1.0, 1.0], np.array([1.0, 0.8, 0.6]))
 _BEHIND = PointLight(np.array([-0.5, 0.3, -3.0]), np.array([0.5, 1.0, 0.8]))
 

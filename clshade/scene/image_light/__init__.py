@@ -1,1 +1,0 @@
-"""What shading with an environment needs of it, computed once per environment."""
