@@ -339,8 +339,8 @@ def _command_faults(scene: Scene, record: Record, arguments: Arguments) -> list[
 
     options = render_options(arguments, scene)
     del options["device"]
-    drawn, settings = effective_settings(scene, **options)
-    mine, theirs = vars(drawn.camera), vars(record.camera)
+    drawn_scene, settings = effective_settings(scene, **options)
+    mine, theirs = vars(drawn_scene.camera), vars(record.camera)
     reach = max(np.abs(mine[name]).max() for name in ("eye", "lookat"))
     zeros = {"eye": reach, "lookat": reach, "up": 1.0}  # beside which a number is as good as none
     cameras = [

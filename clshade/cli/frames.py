@@ -273,18 +273,18 @@ def draw(
         for path in paths.values():  # refused before anything is drawn
             folders.enter_context(folder_made(Path(path).parent))
             check(path)
-        drawn = {}
+        results = {}
         for eye, run in eyes.items():
             output = pattern_of_eye(arguments.output, eye) if eye else arguments.output
-            drawn[eye] = _draw_eye(arguments, scene, run, output, poses)
+            results[eye] = _draw_eye(arguments, scene, run, output, poses)
             if paths:
                 write_cameras(paths[eye], (run[number] for number in sorted(run)))
 
     def figures() -> Any:
-        stats = {eye: run.stats() for eye, run in drawn.items()}
+        stats = {eye: run.stats() for eye, run in results.items()}
         return stats.get("", stats)
 
-    arguments.print_result(figures, lambda: (line for run in drawn.values() for line in run.lines()))
+    arguments.print_result(figures, lambda: (line for run in results.values() for line in run.lines()))
     return DONE
 
 

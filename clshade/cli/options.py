@@ -214,8 +214,8 @@ def output_name(text: str) -> str:
     except (OSError, ValueError):  # does not exist, or fails when written
         return text
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        found = f"{text!r}, a device, pipe or socket"
-        raise argparse.ArgumentTypeError(f"expected the name of a file or folder, found {found}")
+        kind = f"{text!r}, a device, pipe or socket"
+        raise argparse.ArgumentTypeError(f"expected the name of a file or folder, found {kind}")
     return text
 
 
@@ -367,10 +367,10 @@ class Parser(argparse.ArgumentParser):
         command: Parser = getattr(parsed, "parser", self)
         option = next((text for text in left if text.startswith("-") and text != "-"), None)
         if option is not None:
-            named = option.partition("=")[0]
-            known = [name[2:] for name in command._option_string_actions if name.startswith("--")]
-            near = nearest(named.lstrip("-"), known, _WORDS)
-            command.error(f"there is no option {named}" + (f": did you mean --{near}?" if near else ""))
+            flag = option.partition("=")[0]
+            flags = [name[2:] for name in command._option_string_actions if name.startswith("--")]
+            near = nearest(flag.lstrip("-"), flags, _WORDS)
+            command.error(f"there is no option {flag}" + (f": did you mean --{near}?" if near else ""))
         if getattr(parsed, "command", "") is None:
             self.error("expected a COMMAND, such as render: `clshade --help` lists all")
         if left and getattr(parsed, "cameras", "") is None:  # argparse looks for an optional one beside SCENE alone

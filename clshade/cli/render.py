@@ -159,20 +159,20 @@ def _render(name: str, stem: str, arguments: Arguments, warming: Thread) -> tupl
         return DONE, facts
     command = shlex.join(["clshade", "render", as_argument(name), *arguments.as_options(_REPEATED)])
     views = outputs.views_of(scene, stem, arguments)
-    drawn = [_Drawing(arguments, view, options).run(view_stem, command, warming) for view, view_stem in views]
+    frames = [_Drawing(arguments, view, options).run(view_stem, command, warming) for view, view_stem in views]
     outputs.save_scene(scene, arguments)
     if not arguments.views and arguments.stereo is None:
-        return drawn[0]
+        return frames[0]
     title, names = ("views", dict.fromkeys(arguments.views)) if arguments.views else ("stereo", dict.fromkeys(EYES))
-    return max(code for code, _ in drawn), {title: dict(zip(names, (stats for _, stats in drawn), strict=True))}
+    return max(code for code, _ in frames), {title: dict(zip(names, (stats for _, stats in frames), strict=True))}
 
 
 def render_options(arguments: Arguments, scene: Scene) -> dict[str, Any]:
     """Return the keyword arguments of `clshade.render`."""
     settings = picture_settings(arguments, scene)
     if arguments.budget is not None or arguments.tolerance is not None:  # which choose the samples
-        kept = {"shadows", *chosen_settings(arguments)}
-        settings = {name: value for name, value in settings.items() if name in kept}
+        chosen = {"shadows", *chosen_settings(arguments)}
+        settings = {name: value for name, value in settings.items() if name in chosen}
     layers = [*(["Z", "id"] if arguments.check is not None else []), *(["id"] if arguments.flow_to is not None else [])]
     if layers:
         settings["layers"] = (*settings.get("layers", ()), *layers)
@@ -239,8 +239,8 @@ class _Drawing:
 
             selected = self.measured["chosen"] = select(self.scene, **limits, **self.options)
             console.table(selected.table.lines()[1:])
-            kept = {name: self.options[name] for name in ("device", "resolution")}
-            self.options = {**kept, "settings": selected.settings}
+            fixed = {name: self.options[name] for name in ("device", "resolution")}
+            self.options = {**fixed, "settings": selected.settings}
 
     def _flow_cameras(self) -> tuple[Camera, ...]:
         """Return the cameras of --flow-to, one or two; none without it."""

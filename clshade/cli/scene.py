@@ -354,12 +354,12 @@ def apply_options(scene: Scene, arguments: Arguments, *, turning: bool = False, 
     scene = replace(scene, camera=adjust_camera.camera_of(scene, changes, fit=fit, turning=turning))
     if wants_ground(look, arguments):
         refuse_grounded_edges(arguments)
-        drawn = _as_drawn(scene, arguments)[1]
+        settings = _as_drawn(scene, arguments)[1]
         if look == "studio":
             shadow = not moving and not picture_settings(arguments, scene).get("ambient_occlusion")
-            scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=drawn)
+            scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=settings)
         else:
-            scene = with_ground(scene, up, drawn)
+            scene = with_ground(scene, up, settings)
     if arguments.resolution is not None and not moving:
         scene = replace(scene, camera=scene.camera.with_resolution(arguments.resolution))
     return with_components(scene, arguments)

@@ -226,15 +226,17 @@ def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Grou
     step = max(1, _STRIP // columns)
     for start in range(0, count, step):
         rows = slice(start, start + step)
-        part, other = (layer._replace(planes=tuple(p[rows] for p in layer.planes)) for layer in (group, reference))
-        yield rows, part, other
+        part, reference_part = (
+            layer._replace(planes=tuple(p[rows] for p in layer.planes)) for layer in (group, reference)
+        )
+        yield rows, part, reference_part
 
 
 def errors_of(group: Group, reference: Group) -> Array:
     """Return (M, N) float64: each pixel's error; for integers 1 where they differ."""
     worst = np.zeros(group.planes[0].shape)
-    for rows, part, other in _strips(group, reference):
-        for plane, expected in zip(part.planes, other.planes, strict=True):
+    for rows, part, reference_part in _strips(group, reference):
+        for plane, expected in zip(part.planes, reference_part.planes, strict=True):
             value, other_value = plane.astype(np.float64), expected.astype(np.float64)
             with np.errstate(invalid="ignore"):
                 equal = (value == other_value) | (np.isnan(value) & np.isnan(other_value))
@@ -279,8 +281,8 @@ def compare_layers(
 def _measures(group: Group, reference: Group) -> dict[str, float | None]:
     """Return measures over the values that are finite in both images; 0 if there are none."""
     count, maximum, total, squared, relative = 0, 0.0, 0.0, 0.0, 0.0
-    for _, part, other in _strips(group, reference):
-        for plane, wanted in zip(part.planes, other.planes, strict=True):
+    for _, part, reference_part in _strips(group, reference):
+        for plane, wanted in zip(part.planes, reference_part.planes, strict=True):
             finite = np.isfinite(plane) & np.isfinite(wanted)
             value, expected = plane[finite].astype(np.float64), wanted[finite].astype(np.float64)
             if not value.size:
@@ -305,7 +307,10 @@ def _display_measures(picture: Picture, group: Group, reference: Group) -> dict[
         return stacked if picture.bits else seen(stacked)
 
     strips = _strips(group, reference)
-    squared = sum(float(np.square(shown(part).astype(np.float64) - shown(other)).sum()) for _, part, other in strips)
+    squared = sum(
+        float(np.square(shown(part).astype(np.float64) - shown(reference_part)).sum())
+        for _, part, reference_part in strips
+    )
     psnr = decibels(squared / (3 * group.planes[0].size))
     if not (has_ssim() or has_flip()):
         return {"psnr": psnr}

@@ -47,10 +47,10 @@ def draw(
     figure = figures.blank(3 * width + _BAR, sum(heights), dpi=100)
     rows = iter(figure.subplots(len(heights), 3, squeeze=False, height_ratios=heights))
     for name, pair in layers.items():
-        whole, title = next(rows), figures.plain_text(name)
-        draw_row(figure, whole, pair, encoded, [f"{title} of {figures.plain_text(t)}" for t in titles])
+        row, title = next(rows), figures.plain_text(name)
+        draw_row(figure, row, pair, encoded, [f"{title} of {figures.plain_text(t)}" for t in titles])
         for number, (cluster, (x, y, columns, lines)) in enumerate(crops[name], 1):
-            for axes in whole:
+            for axes in row:
                 _mark(axes, (x, y, columns, lines), shape, str(number))
             cut = [
                 group._replace(planes=tuple(plane[y : y + lines, x : x + columns] for plane in group.planes))

@@ -97,9 +97,9 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     ids = dict(zip(once, hashes(once).tolist(), strict=True))
     by_id: dict[int, str] = {}
     for name in dict.fromkeys(names[number] for number in present):
-        other = by_id.setdefault(ids[name], name)
-        if other != name:
-            raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {other!r}", name)
+        first = by_id.setdefault(ids[name], name)
+        if first != name:
+            raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {first!r}", name)
     # Things of one name are one thing, numbered in the order of the names.
     place = {name: k for k, name in enumerate(once, 1)}
     keys = np.array([0, *names], np.int64)

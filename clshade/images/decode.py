@@ -153,8 +153,8 @@ def read_png(path: Path) -> tuple[Array, dict[str, Any]]:
         if image.width * image.height > MAX_PNG_PIXELS:
             raise file_error(owner, "file", f"at most {MAX_PNG_PIXELS} pixels", f"{image.width} x {image.height}")
         codes, _ = _codes(image, data, owner)
-    kept = (str, int, float, tuple)
-    return codes, {str(name): value for name, value in image.info.items() if isinstance(value, kept)}
+    simple = (str, int, float, tuple)
+    return codes, {str(name): value for name, value in image.info.items() if isinstance(value, simple)}
 
 
 def _decoded(data: bytes | memoryview, owner: str, count: Callable[[int], None]) -> tuple[Array, int]:
@@ -195,8 +195,8 @@ def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int
         white = 4095 if raw == "I;12" else 65535
         return _keyed(white - codes if tags.get(_PHOTOMETRIC) == 0 else codes, image), white
     if max(tags.get(_BITS, (1,))) > 8:
-        found = f"a TIFF image with channels of {max(tags[_BITS])} bits and pixels of type {image.mode}"
-        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", found)
+        kind = f"a TIFF image with channels of {max(tags[_BITS])} bits and pixels of type {image.mode}"
+        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", kind)
     keyed = "transparency" in image.info and image.mode in ("P", "L", "RGB")
     mode = "RGBA" if keyed else _CONVERTED.get(image.mode, image.mode)
     if mode not in ("L", "LA", "RGB", "RGBA"):

@@ -24,20 +24,20 @@ def codes(depth: Array, scale: float = SCALE, argument: tuple[str, str] = ("dept
     Raises InputError if a depth would have no code from 1 to 65535.
     """
     scale = number(*argument, scale, above=0.0)
-    seen = np.isfinite(depth)
+    is_finite = np.isfinite(depth)
     steps = np.zeros(depth.shape)
     with np.errstate(over="ignore"):
-        np.divide(depth, scale, out=steps, where=seen)
+        np.divide(depth, scale, out=steps, where=is_finite)
     np.rint(steps, out=steps)
-    finite = steps[seen]
+    finite = steps[is_finite]
     if finite.size and finite.max() > MAX_CODE:
-        farthest = float(depth[seen].max())
+        farthest = float(depth[is_finite].max())
         minimum = float(f"{farthest / MAX_CODE * 1.05:.1e}")  # two digits, which round by 5 % at most
         raise value_error(
             *argument, f"{minimum:g} or more, as {MAX_CODE} steps have to reach depths of {farthest:.6g}", scale
         )
     if finite.size and finite.min() < 1:
-        nearest = float(depth[seen].min())
+        nearest = float(depth[is_finite].min())
         raise value_error(*argument, f"steps of which depths of {nearest:.6g} have one at least", scale)
     return steps.astype(np.uint16)
 
@@ -71,8 +71,8 @@ def read(path: Path) -> tuple[Floats, float]:
     gray, header = read_png(path)
     is_gray = gray.dtype == np.uint16 and gray.shape[2] == 1
     if not is_gray or _KEY not in header:
-        found = "none" if is_gray else f"channels: {gray.shape[2]} of {8 * gray.itemsize} bits"
-        raise file_error(owner, "file", f"a 16-bit gray PNG with a text {_KEY}", found)
+        channels = "none" if is_gray else f"channels: {gray.shape[2]} of {8 * gray.itemsize} bits"
+        raise file_error(owner, "file", f"a 16-bit gray PNG with a text {_KEY}", channels)
     try:
         scale = number(owner, _KEY, float(header[_KEY]), above=0.0)
     except ValueError:

@@ -93,8 +93,8 @@ def flatten(layers: Mapping[str, ArrayLike] | ArrayLike) -> dict[str, Array]:
                 raise InputError(f"exr: {channel}: expected one channel of this name, found two")
             flat[channel] = plane
     if len({plane.shape for plane in flat.values()}) != 1:
-        found = ", ".join(f"{name} {plane.shape}" for name, plane in flat.items()) or "none"
-        raise InputError(f"exr: channels: expected at least one, all of the same shape, found {found}")
+        shapes = ", ".join(f"{name} {plane.shape}" for name, plane in flat.items()) or "none"
+        raise InputError(f"exr: channels: expected at least one, all of the same shape, found {shapes}")
     return flat
 
 
@@ -110,10 +110,10 @@ def drawn_window(channels: Mapping[str, Array]) -> Window:
     """
     rows, columns = np.zeros(1, bool), np.zeros(1, bool)
     for plane in channels.values():
-        drawn = plane != 0
+        is_drawn = plane != 0
         if plane.dtype.kind == "f":
-            drawn |= np.signbit(plane)
-        rows, columns = rows | drawn.any(axis=1), columns | drawn.any(axis=0)
+            is_drawn |= np.signbit(plane)
+        rows, columns = rows | is_drawn.any(axis=1), columns | is_drawn.any(axis=0)
     if not rows.any():
         return 0, 0, 0, 0
     ys, xs = np.flatnonzero(rows), np.flatnonzero(columns)
@@ -125,12 +125,12 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
     if isinstance(window, str):
         if window not in ("drawn", "covered"):
             raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn, covered or None, found {window!r}")
-        seen = dict(planes)
+        cropped = dict(planes)
         for name in FAR if window == "covered" else ():
             if name in planes:
                 far = np.isnan(planes[name]) if math.isnan(FAR[name]) else planes[name] == FAR[name]
-                seen[name] = np.where(far, 0, planes[name])
-        return drawn_window(seen)
+                cropped[name] = np.where(far, 0, planes[name])
+        return drawn_window(cropped)
     x0, y0, x1, y1 = (0, 0, columns - 1, rows - 1) if window is None else (int(edge) for edge in window)
     if not (0 <= x0 <= x1 < columns and 0 <= y0 <= y1 < rows):
         raise InputError(f"exr: window: expected one inside {columns} x {rows} pixels, found {window!r}")
@@ -224,12 +224,12 @@ def _compress(
         before = OpenEXR.global_thread_count()
         OpenEXR.set_global_thread_count(before if parts[0][1] == "none" else min(os.cpu_count() or 1, 8))
         try:
-            made = []
+            file_parts = []
             for name, compression, header, channels in parts:
                 method = getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION")
                 attributes = {**header, **form, "compression": method}
-                made.append(OpenEXR.Part(attributes, channels, name if len(parts) > 1 else ""))
-            with OpenEXR.File(made) as exr:
+                file_parts.append(OpenEXR.Part(attributes, channels, name if len(parts) > 1 else ""))
+            with OpenEXR.File(file_parts) as exr:
                 exr.write(sink)
         except Exception as error:
             if sink.error is None and not isinstance(error, MemoryError):
@@ -315,8 +315,8 @@ def encode(
     planes = flatten(channels)
     x0, y0, x1, y1 = data = _data_window(planes, window)
     rows, columns = next(iter(planes.values())).shape
-    whole = (0, 0, columns - 1, rows - 1)
-    header = _header(metadata or {}, data, whole)
+    display_window = (0, 0, columns - 1, rows - 1)
+    header = _header(metadata or {}, data, display_window)
     if window == "covered":
         header |= {exr_limits.OUTSIDE[name]: value for name, value in FAR.items() if name in planes}
     warnings: list[str] = []
@@ -341,7 +341,7 @@ def encode(
             raise InputError(f"exr: {name}: expected channels of {columns} x {rows} pixels, found others")
         stored = {channel: _stored(f"{name}.{channel}", plane, False, warnings) for channel, plane in planes.items()}
         shared = {"pixelAspectRatio": header["pixelAspectRatio"]}  # OpenEXR refuses parts that differ in it
-        written.append((name, lossless, _header({**part_metadata, **shared}, whole, whole), stored))
+        written.append((name, lossless, _header({**part_metadata, **shared}, display_window, display_window), stored))
     _compress(file, written, tiled)
     return warnings
 
@@ -419,12 +419,12 @@ def _displayed(plane: Array, data: Window, display: Window, fill: float) -> Arra
         return plane
     left, top, right, bottom = display
     shape = bottom - top + 1, right - left + 1
-    whole = np.full(shape, fill, plane.dtype) if fill else np.zeros(shape, plane.dtype)  # takes no memory yet
+    displayed = np.full(shape, fill, plane.dtype) if fill else np.zeros(shape, plane.dtype)  # takes no memory yet
     x0, y0, x1, y1 = max(data[0], left), max(data[1], top), min(data[2], right) + 1, min(data[3], bottom) + 1
     if x0 < x1 and y0 < y1:
         part = plane[y0 - data[1] : y1 - data[1], x0 - data[0] : x1 - data[0]]
-        whole[y0 - top : y1 - top, x0 - left : x1 - left] = part
-    return whole
+        displayed[y0 - top : y1 - top, x0 - left : x1 - left] = part
+    return displayed
 
 
 def read(path: Path) -> tuple[dict[str, Array], dict[str, Any]]:

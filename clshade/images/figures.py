@@ -232,11 +232,11 @@ def plot_thumbnails(pictures: Mapping[str, Thumbnail]) -> Figure:
 
 def first_few(pictures: Mapping[str, Thumbnail]) -> dict[str, Thumbnail]:
     """Return the thumbnails that fit into a figure of at most 2^16 pixels a side; the last note counts the others."""
-    shown = dict(itertools.islice(pictures.items(), MAX_LAYERS))
+    chosen = dict(itertools.islice(pictures.items(), MAX_LAYERS))
     if len(pictures) > MAX_LAYERS:
-        name, last = shown.popitem()
-        shown[name] = last._replace(note=f"{last.note}; {len(pictures) - MAX_LAYERS} more layers")
-    return shown
+        name, last = chosen.popitem()
+        chosen[name] = last._replace(note=f"{last.note}; {len(pictures) - MAX_LAYERS} more layers")
+    return chosen
 
 
 def plain_text(text: str) -> str:

@@ -138,9 +138,9 @@ def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> St
     stops = np.zeros(0) if color is None else stops_of(color[1])
     ranges: tuple[float | None, float | None] = (None, None)
     if stops.size:
-        whole = float(stops.max() - stops.min())
+        dynamic_range = float(stops.max() - stops.min())
         low, high = np.percentile(stops, (0.1, 99.9), method="nearest", overwrite_input=True)  # saves a copy
-        ranges = whole, float(high - low)
+        ranges = dynamic_range, float(high - low)
     del stops
     coded = f"{picture.bits}-bit" if picture.bits else ""
     channels = {

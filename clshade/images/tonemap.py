@@ -64,8 +64,8 @@ def neutral(x: Array) -> Floats:
     bright = peak > _START
     high = peak[bright]
     mapped = 1.0 - (1.0 - _START) ** 2 / (high + 1.0 - 2.0 * _START)
-    kept = 1.0 / (_DESATURATION * (high - mapped) + 1.0)
-    colors[:, bright] = colors[:, bright] * (mapped / high * kept) + mapped * (1.0 - kept)
+    saturation = 1.0 / (_DESATURATION * (high - mapped) + 1.0)
+    colors[:, bright] = colors[:, bright] * (mapped / high * saturation) + mapped * (1.0 - saturation)
     return np.moveaxis(colors, 0, -1)
 
 
@@ -74,8 +74,8 @@ def neutral_inverse(y: Array) -> Floats:
     mapped = y.max(axis=-1, keepdims=True)
     high = np.maximum(mapped, _START)
     peak = (1.0 - _START) ** 2 / (1.0 - high) - 1.0 + 2.0 * _START
-    kept = 1.0 / (_DESATURATION * (peak - high) + 1.0)
-    colors = np.where(mapped <= _START, y, (y - high * (1.0 - kept)) * (peak / (high * kept)))
+    saturation = 1.0 / (_DESATURATION * (peak - high) + 1.0)
+    colors = np.where(mapped <= _START, y, (y - high * (1.0 - saturation)) * (peak / (high * saturation)))
     low = np.maximum(colors.min(axis=-1, keepdims=True), 0.0)
     x: Floats = colors + np.where(low <= _F90, np.sqrt(4.0 * _F90 * low) - low, _F90)
     return x

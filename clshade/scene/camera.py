@@ -29,10 +29,10 @@ _SIGNS = {"opencv": np.array([1.0, 1.0, 1.0]), "opengl": np.array([1.0, -1.0, -1
 _RIGID = 1e-6  # how far a pose may be from a rotation and a translation: some roundings of float32
 
 
-def checked_resolution(owner: str, value: Any, most: int = MAX_RESOLUTION) -> tuple[int, int]:
+def checked_resolution(owner: str, value: Any, limit: int = MAX_RESOLUTION) -> tuple[int, int]:
     """Return columns and rows of an image, (N, M), 1 to `most` each. Raises InputError for anything else."""
     columns, rows = items(owner, "resolution", value, "two whole numbers (N, M)", 2)
-    return (integer(owner, "resolution N", columns, 1, most), integer(owner, "resolution M", rows, 1, most))
+    return (integer(owner, "resolution N", columns, 1, limit), integer(owner, "resolution M", rows, 1, limit))
 
 
 def _plane(owner: str, name: str, value: Any) -> tuple[float, float]:

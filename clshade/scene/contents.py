@@ -112,9 +112,9 @@ def _mesh(mesh: Mesh, numbers: dict[int, int]) -> dict[str, Any]:
 def _scalars(mesh: Mesh, name: str) -> dict[str, Any]:
     values = mesh.scalars[name]
     numbers = values[~np.isnan(values)]
-    least, most = (float(numbers.min()), float(numbers.max())) if len(numbers) else (None, None)
+    low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (None, None)
     place = "vertices" if at_vertices(mesh, name) else "faces" if values.ndim == 1 else "corners"
-    return {"name": name, "of": place, "least": least, "most": most, "nan": int(values.size - len(numbers))}
+    return {"name": name, "of": place, "least": low, "most": high, "nan": int(values.size - len(numbers))}
 
 
 def format_contents(contents: dict[str, Any]) -> str:

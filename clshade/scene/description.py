@@ -96,11 +96,11 @@ def _described(value: Any, done: dict[int, bytes]) -> bytes:
 
 def _described_fields(value: Any, done: dict[int, bytes]) -> bytes:
     kind: Any = type(value)
-    named = _named(kind)
+    names = _named(kind)
     if kind is Mesh and not value.part_of:  # as before the field existed, so that older digests stay valid
-        named = [pair for pair in named if pair[0] != "part_of"]
-    content = b"".join([key + _described(getattr(value, name), done) for name, key in named])
-    text = f"{kind.__name__} map {len(named)}:".encode() + content
+        names = [pair for pair in names if pair[0] != "part_of"]
+    content = b"".join([key + _described(getattr(value, name), done) for name, key in names])
+    text = f"{kind.__name__} map {len(names)}:".encode() + content
     return hashlib.sha256(text).digest() if isinstance(value, _LARGE) else text
 
 

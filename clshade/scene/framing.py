@@ -96,11 +96,11 @@ def likely_up(low: Array, high: Array, up: Up) -> Up | None:
     """
     size = np.asarray(high) - low
     stands = (np.abs(low) <= _STANDS * size) & (size > _PLATE * size.max())
-    taken, other = (1, 2) if up == "y" else (2, 1)
-    if up not in ("y", "z") or stands[taken]:
+    up_axis, other_axis = (1, 2) if up == "y" else (2, 1)
+    if up not in ("y", "z") or stands[up_axis]:
         return None
-    tall = size[other] == size.max() and size[other] > _TALLER * size[taken] > _TALLER * size.min()
-    return ("x", "y", "z")[other] if stands[other] or tall else None
+    tall = size[other_axis] == size.max() and size[other_axis] > _TALLER * size[up_axis] > _TALLER * size.min()
+    return ("x", "y", "z")[other_axis] if stands[other_axis] or tall else None
 
 
 def up_of(camera: Camera) -> Up:

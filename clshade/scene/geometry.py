@@ -66,8 +66,8 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
     sums[:, 0] += sums[:, 2]
     normals = np.ascontiguousarray(sums[:, 0].T)
     del sums
-    largest, whole = np.abs(normals).max(axis=1), sum(areas.ravel().tolist())
-    suspects = (largest > 0.0) & (largest <= _CANCELED * whole)
+    largest, total = np.abs(normals).max(axis=1), sum(areas.ravel().tolist())
+    suspects = (largest > 0.0) & (largest <= _CANCELED * total)
     if suspects.any():
         near = faces[suspects[faces].any(axis=1)]
         edges = _edges(verts, near, exponent)
@@ -132,8 +132,8 @@ def seamless_normals(verts: ArrayLike, faces: ArrayLike, degrees: float = _SEAM)
     verts: (V, 3) finite. faces: (F, 3) indices into verts.
     """
     verts, faces = np.asarray(verts), np.asarray(faces, np.int32)
-    kept, which = welded(verts)
-    if len(kept) == len(verts):
+    points, which = welded(verts)
+    if len(points) == len(verts):
         return None
     pairs = _smooth_pairs(which[faces], _normalized(_face_crosses(verts, faces)), degrees)
     one, two = (faces.reshape(-1)[corners] for corners in pairs)

@@ -64,10 +64,10 @@ def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
         raise value_error("whole_camera", "camera", "one of a whole image", camera)
     if (columns, rows) == camera.resolution:
         return camera
-    whole = copy.copy(camera)
+    uncropped = copy.copy(camera)
     height = camera.plane[0]
-    vars(whole).update(plane=(height, height * columns / rows), resolution=(columns, rows))
-    return whole
+    vars(uncropped).update(plane=(height, height * columns / rows), resolution=(columns, rows))
+    return uncropped
 
 
 def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> PartCamera:
@@ -102,10 +102,10 @@ def _lens(whole: Camera, left: int, top: int, resolution: tuple[int, int]) -> tu
 def raster_of(camera: Camera) -> Raster:
     if not isinstance(camera, PartCamera):
         return Raster(camera.plane, camera.principal, camera.resolution, (0, 0), (0, 0))
-    whole = camera.whole
-    assert whole is not None
-    rows = whole.resolution[1]
+    uncropped = camera.whole
+    assert uncropped is not None
+    rows = uncropped.resolution[1]
     region_end = min(camera.top - camera.top % MAX_RESOLUTION + MAX_RESOLUTION, rows)
     corner = camera.left - camera.left % MAX_RESOLUTION, rows - region_end
     first = camera.left, rows - camera.top - camera.resolution[1]
-    return Raster(whole.plane, whole.principal, whole.resolution, corner, first)
+    return Raster(uncropped.plane, uncropped.principal, uncropped.resolution, corner, first)

@@ -39,14 +39,14 @@ class Map:
     factor: str = ""
 
 
-def _map(owner: str, name: str, value: Any, most: float = 1.0) -> Texture:
+def _map(owner: str, name: str, value: Any, limit: float = 1.0) -> Texture:
     """Return a texture of numbers from 0 to `most`."""
     texture: Texture = instance(owner, name, value, Texture)
     if texture.lookup != "standard":
         raise value_error(owner, name, "a Texture with lookup standard", texture.lookup)
     low, high = texture.extremes
-    if not (low >= 0.0 and high <= most):
-        raise value_error(owner, name, f"a Texture of numbers from 0 {'on' if most > 1.0 else 'to 1'}", [low, high])
+    if not (low >= 0.0 and high <= limit):
+        raise value_error(owner, name, f"a Texture of numbers from 0 {'on' if limit > 1.0 else 'to 1'}", [low, high])
     return texture
 
 
@@ -116,7 +116,7 @@ class MetallicRoughness:
     )
     occlusion_strength: float = checked(1.0, fraction)
     emission_texture: Texture | None = checked(
-        None, partial(_map, most=np.inf), map=Map("EMISSION", "emission map", ("EMISSION",))
+        None, partial(_map, limit=np.inf), map=Map("EMISSION", "emission map", ("EMISSION",))
     )
 
     def __post_init__(self) -> None:

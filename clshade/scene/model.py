@@ -173,8 +173,8 @@ def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
     if not bad.any():
         return verts, faces, 0
     lost = bad[faces].any(axis=1)
-    kept = faces[~lost]
-    anchor = kept[0, 0] if len(kept) else np.flatnonzero(~bad)[0] if not bad.all() else 0
+    finite = faces[~lost]
+    anchor = finite[0, 0] if len(finite) else np.flatnonzero(~bad)[0] if not bad.all() else 0
     verts, faces = verts.copy(), faces.copy()
     verts[bad] = 0.0 if bad.all() else verts[anchor]
     faces[lost] = anchor
@@ -553,9 +553,9 @@ Part = TypeVar("Part", Mesh, Material, Scene)
 def with_fields(part: Part, **changes: Any) -> Part:
     """Return a mesh, material or scene with other values that need no check, for thousands of them: `dataclasses.replace`
     checks all fields anew."""
-    made = object.__new__(type(part))
-    vars(made).update(vars(part), **changes)
-    return made
+    copied = object.__new__(type(part))
+    vars(copied).update(vars(part), **changes)
+    return copied
 
 
 def default_tonemap(scene: Scene) -> Literal["none", "srgb", "neutral"]:

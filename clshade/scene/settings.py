@@ -351,8 +351,8 @@ class Settings:
         for name, setting in missing.items():
             if name in layers:
                 raise InputError(f"Settings: layers: expected {setting} with the layer {name}, found none")
-        kept = tuple(name for name in LAYERS if name in layers or ("all" in layers and name not in missing))
-        vars(self).update(layers=kept, precision="float32" if self.precision == "fast" else self.precision)
+        chosen = tuple(name for name in LAYERS if name in layers or ("all" in layers and name not in missing))
+        vars(self).update(layers=chosen, precision="float32" if self.precision == "fast" else self.precision)
 
     @classmethod
     def from_preset(cls, preset: Preset, **fields: Unpack[SettingsFields]) -> Settings:

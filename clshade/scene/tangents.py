@@ -29,16 +29,16 @@ def mesh_tangents(mesh: Mesh, coordinates: int = 0) -> tuple[Array, Faces]:
         return mesh.tangents, mesh.faces if mesh.tangent_faces is None else mesh.tangent_faces
     if mesh.uvs is None:
         return np.zeros((1, 4)), np.zeros_like(mesh.faces)
-    kept = _computed.setdefault(mesh, {})
-    if coordinates not in kept:
+    cache = _computed.setdefault(mesh, {})
+    if coordinates not in cache:
         normals, normal_faces = mesh.normals, mesh.faces if mesh.normal_faces is None else mesh.normal_faces
         if normals is None:
             normals = vertex_normals(mesh.verts, mesh.faces)
         uvs = (mesh.uvs, *mesh.more_uvs)[coordinates]
         uv_faces = mesh.faces if mesh.uv_faces is None else mesh.uv_faces
         unit = _unit(np.asarray(normals, np.float64))
-        kept[coordinates] = corner_tangents(mesh.verts, mesh.faces, unit, normal_faces, uvs, uv_faces)
-    return kept[coordinates]
+        cache[coordinates] = corner_tangents(mesh.verts, mesh.faces, unit, normal_faces, uvs, uv_faces)
+    return cache[coordinates]
 
 
 def corner_tangents(

@@ -79,7 +79,7 @@ def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
     provided that this inverts less area than the fan (a self-intersecting polygon may have no cut without).
     Positions of any magnitude, and polygons far smaller than their mesh, are cut alike.
     """
-    other, places, cutter = [np.zeros(0, np.intp)], [np.zeros((0, 3), np.intp)], Cutter()
+    cut_corners, places, cutter = [np.zeros(0, np.intp)], [np.zeros((0, 3), np.intp)], Cutter()
     larger = np.flatnonzero(counts > 3)
     if len(larger):
         # By coordinate, times the power of two (exact) that brings the largest to 1.
@@ -89,9 +89,9 @@ def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
         first = np.cumsum(counts - 2) - (counts - 2)
         for some, at in _blocks(counts, turned):
             cuts = _recut(columns[:, corners[at]], cutter)
-            other.append((first[some, None] + np.arange(cuts.shape[1])).reshape(-1))
+            cut_corners.append((first[some, None] + np.arange(cuts.shape[1])).reshape(-1))
             places.append(np.take_along_axis(at[:, None], cuts, axis=2).reshape(-1, 3))
-    return Cuts(counts, np.concatenate(other), np.concatenate(places), cutter.left)
+    return Cuts(counts, np.concatenate(cut_corners), np.concatenate(places), cutter.left)
 
 
 def _blocks(counts: Array, polygons: Array) -> Iterator[tuple[Array, Array]]:
@@ -156,9 +156,9 @@ def _in_plane(points: Array, normal: Array) -> Array:
     A normal along an axis leaves the other coordinates as they are, so that collinear corners stay collinear.
     """
     axis = np.abs(normal).argmax(axis=1)[:, None]
-    other = np.zeros_like(normal)
-    np.put_along_axis(other, (axis + 1) % 3, 1.0, axis=1)
-    u = other - (other * normal).sum(axis=1, keepdims=True) * normal
+    second = np.zeros_like(normal)
+    np.put_along_axis(second, (axis + 1) % 3, 1.0, axis=1)
+    u = second - (second * normal).sum(axis=1, keepdims=True) * normal
     u /= np.sqrt((u * u).sum(axis=1, keepdims=True))
     v = np.cross(normal, u)
     return np.stack([(points * u[:, None]).sum(axis=2), (points * v[:, None]).sum(axis=2)], axis=2)
@@ -209,20 +209,20 @@ class Cutter:
 
         polygons = np.ascontiguousarray(polygons)
         count = polygons.shape[1]
-        cuts, whole = _fans(len(polygons), count), np.zeros(len(polygons), bool)
+        cuts, is_final = _fans(len(polygons), count), np.zeros(len(polygons), bool)
         for number, points in enumerate(polygons):
             if not self._affordable(points):
                 self.left += 1
-                whole[number] = True
+                is_final[number] = True
                 continue
             triangles = triangulate_float64(points, np.array([count], np.uint32)).reshape(-1, 3).astype(np.intp)
             if count > _ALWAYS:
                 filled, area = (_areas(points[corners]).sum() for corners in (triangles, cuts[number]))
                 self._work += count * count * (_CLEAN if abs(filled - area) <= _SAME_AREA else _TANGLED)
-            whole[number] = len(triangles) != count - 2
-            cuts[number] = _completed(points, triangles) if whole[number] else triangles
+            is_final[number] = len(triangles) != count - 2
+            cuts[number] = _completed(points, triangles) if is_final[number] else triangles
         flat = _flat(_corners(polygons, cuts)).any(axis=1)
-        for number in np.flatnonzero(flat & ~whole).tolist():
+        for number in np.flatnonzero(flat & ~is_final).tolist():
             cuts[number] = _completed(polygons[number], cuts[number])
         return cuts
 

@@ -45,8 +45,8 @@ def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int
         choice("named_cameras", "names", name, VIEWS)
     resolution = scene.camera.resolution if resolution is None else checked_resolution("named_cameras", resolution)
     columns, rows = resolution
-    shown = objects_of(scene)
-    low, high = geometry.bounding_box(shown)
+    objects = objects_of(scene)
+    low, high = geometry.bounding_box(objects)
     center, radius = sphere_of_box(low, high)
     axes = np.array(UPS[up_of(scene.camera)], np.float64)
     cameras, height = {}, 0.0
@@ -59,7 +59,7 @@ def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int
         with np.errstate(over="ignore"):
             eye = center + towards * (_DISTANCE * radius / math.hypot(*towards))
         flat = Camera(eye, center, up, 1.0, (1.0, 1.0), resolution, orthographic=True)
-        aside, half = extent(flat, shown.meshes, (center, radius))
+        aside, half = extent(flat, objects.meshes, (center, radius))
         cameras[name] = replace(flat, eye=eye + aside, lookat=center + aside)
         height = max(height, 2.0 * half[1], 2.0 * half[0] * rows / columns)
     height = height / FILL or 2.0 * radius

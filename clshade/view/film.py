@@ -88,11 +88,11 @@ class Film:
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
-        drawn = self.run.lines()
+        lines = self.run.lines()
         shape = "{}x{}".format(*self.resolution)
         rate = f"{self.count} frames, {float(self.fps):.6g} a second, {self.seconds:.6g} s"
         return [
-            *(drawn if self.frames else drawn[:-1]),
+            *(lines if self.frames else lines[:-1]),
             f"film    {shown(self.path)}, {shape}, {rate}",
             f"        {self.codec} ({self.pixels}), {self.size / 1e6:.2f} MB, encoded in {self.encode_seconds:.1f} s",
         ]

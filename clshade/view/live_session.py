@@ -174,7 +174,7 @@ class Session:
         first = "none" if scene.own_lights else "studio"
         if scene.environment is not None:
             first = os.path.basename(name or "") or scene.environment.name or "the scene’s"
-        return {name: first} | {other: other for other in ("studio", "none") if other != first}
+        return {name: first} | {choice: choice for choice in ("studio", "none") if choice != first}
 
     def checked_environment(self, name: Any) -> None:
         """Load an environment, which may take the time to read a file. Raises InputError for another name."""
@@ -219,14 +219,14 @@ class Session:
         frame = self._scene.render(
             replace(view, camera=replace(view.camera, resolution=coarse), settings=settings), self
         )
-        drawn = time.perf_counter()
+        end = time.perf_counter()
         if floats:
             size, arrays = full, {name: enlarge(plane, (rows, columns)) for name, plane in planes(frame).items()}
         else:
             size, arrays = coarse, {"rgba": rgba8(frame, self._tonemap(view, task.display), task.display.exposure)}
         stages = {name: ms for name, ms in frame.stats["times_ms"].items() if name not in ("pack", "open", "upload")}
         now = time.perf_counter()
-        times = {**stages, "convert": (now - drawn) * 1e3, "total": (now - start) * 1e3}
+        times = {**stages, "convert": (now - end) * 1e3, "total": (now - start) * 1e3}
         if step.last:
             self._final = view, self._scene_version, frame
         header = {

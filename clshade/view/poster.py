@@ -85,10 +85,10 @@ class Poster:
         """Return the result as lines for the terminal."""
         columns, rows = self.resolution
         count = self.run.drawn + self.run.skipped
-        there = f", {self.run.skipped:,} of them there already" if self.run.skipped else ""
+        resumed = f", {self.run.skipped:,} of them there already" if self.run.skipped else ""
         return [
             f"poster  {' and '.join(map(shown, self.paths))}, {columns}x{rows}, {self.size / 1e6:.1f} MB",
-            f"tiles   {count:,} of up to {self.tile}x{self.tile}{there}; drawn in {self.run.seconds:.1f} s, joined in "
+            f"tiles   {count:,} of up to {self.tile}x{self.tile}{resumed}; drawn in {self.run.seconds:.1f} s, joined in "
             f"{self.join_seconds:.1f} s",
             *([f"        kept in {shown(self.tiles)}"] if self.tiles else []),
         ]
@@ -166,7 +166,7 @@ def draw_poster(
     requested = settings.pop("resolution", None)
     scene, settled = effective_settings(scene, **settings)
     camera = whole_camera(scene.camera, scene.camera.resolution if requested is None else requested)
-    whole, (columns, rows) = replace(scene, camera=camera), camera.resolution
+    uncropped, (columns, rows) = replace(scene, camera=camera), camera.resolution
     across, down = -(-columns // tile), -(-rows // tile)
 
     def part(number: int) -> PartCamera:
@@ -186,7 +186,7 @@ def draw_poster(
         raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
     keep_tiles = keep_tiles or folder.kept
-    with folder.of(digest_of(whole, settled, tile, {**saved, "files": files}), keep_tiles):
+    with folder.of(digest_of(uncropped, settled, tile, {**saved, "files": files}), keep_tiles):
         first = replace(scene, camera=tiles[0])
         run = draw_frames(first, tiles, folder.pattern, saving={**saved, "files": files}, **farming, **settings)
         start = time.perf_counter()
@@ -198,8 +198,8 @@ def draw_poster(
                 names = [pattern.names(number, (kind,))[0] for number in tiles]
                 with naming(file_path):
                     if kind == "exr":
-                        metadata = frame_files.header(whole, settled, settled.layers)
-                        metadata = sealed(metadata, record_of(whole, settled, chosen))
+                        metadata = frame_files.header(uncropped, settled, settled.layers)
+                        metadata = sealed(metadata, record_of(uncropped, settled, chosen))
                         header = tiled_header(names[0], camera.resolution, tile, metadata)
                         join_tiles(file, header, names, across, down)
                     else:
@@ -293,9 +293,9 @@ def join_tiles(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, 
     for number, name in enumerate(tiles):
         offsets[number] = file.tell()
         with _opened(name) as tile:
-            _, own = _read_header(tile, name)
+            _, tile_header = _read_header(tile, name)
             for key in _SHARED:
-                if own.get(key) != shared[key]:
+                if tile_header.get(key) != shared[key]:
                     raise _not_a_tile(name, f"one with other {key.decode()}")
             offset = int.from_bytes(tile.read(8), "little")  # of its only chunk, with which it ends
             size = tile.seek(0, io.SEEK_END) - offset - _CHUNK.size

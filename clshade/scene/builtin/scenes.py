@@ -124,8 +124,8 @@ def _welded(positions: Array) -> tuple[Array, Array, Array]:
     verts, index = np.unique(positions.reshape(-1, 3), axis=0, return_inverse=True)
     faces = index.reshape(-1).astype(np.int32)[grid]
     a, b, c = faces.T
-    kept = (a != b) & (b != c) & (c != a)
-    return verts, faces[kept], grid[kept]
+    is_proper = (a != b) & (b != c) & (c != a)
+    return verts, faces[is_proper], grid[is_proper]
 
 
 def _pot_part(name: str, positions: Array, normals: Array, uvs: Array, material: Material) -> Mesh:
@@ -155,12 +155,12 @@ def _floor(lights: Sequence[PointLight]) -> Mesh:
     positions = np.stack([radius * np.sin(angle), np.zeros((rings + 1, spokes + 1)), radius * np.cos(angle)], axis=-1)
     positions[:, -1] = positions[:, 0]
     verts, faces, _ = _welded(positions)
-    whole = np.full((len(verts), 3), ambient)
-    passed = whole.copy()
+    ambients = np.full((len(verts), 3), ambient)
+    passed = ambients.copy()
     for light, hidden in zip(lights, newell.shadows([light.position for light in lights], verts), strict=True):
         to = light.position - verts
         reaching = light.intensity * (to[:, 1] / np.sqrt((to * to).sum(axis=1)))[:, None]
-        whole += reaching
+        ambients += reaching
         passed += reaching * (1.0 - hidden)[:, None]
     distance = np.sqrt((verts * verts).sum(axis=1))
     contact = 1.0 - 0.8 * np.exp(-2.2 * np.maximum(distance - 1.4, 0.0))
@@ -169,7 +169,7 @@ def _floor(lights: Sequence[PointLight]) -> Mesh:
     return Mesh(
         verts,
         faces,
-        colors=passed / whole * fade[:, None],
+        colors=passed / ambients * fade[:, None],
         normals=np.array([[0.0, 1.0, 0.0]]),
         normal_faces=np.zeros_like(faces),
         uvs=verts[:, [0, 2]] / 4.0,

@@ -93,8 +93,8 @@ class GltfFile:
         nodes = place_nodes(self.document, pose)
         meshes = self._builder.meshes(nodes)
         if not meshes:
-            found = f"none besides {', '.join(dict.fromkeys(self.ignored))}" if self.ignored else "none"
-            raise self.document.error("meshes", "at least one triangle in the scene", found)
+            content = f"none besides {', '.join(dict.fromkeys(self.ignored))}" if self.ignored else "none"
+            raise self.document.error("meshes", "at least one triangle in the scene", content)
         if self.options.texture is not None and all(mesh.uvs is None for mesh in meshes):
             raise self.document.error("TEXCOORD_0", "texture coordinates for the texture", "none")
         return meshes, nodes
@@ -406,8 +406,8 @@ def _times(sampler: Item) -> Floats:
     later = np.diff(times) > 0.0
     if not later.all():
         row = int(np.argmin(later)) + 1
-        found = f"{times[row]:g} after {times[row - 1]:g} in row {row} of accessors[{sampler.value['input']}]"
-        raise sampler.error("input", "times that increase", found)
+        times_there = f"{times[row]:g} after {times[row - 1]:g} in row {row} of accessors[{sampler.value['input']}]"
+        raise sampler.error("input", "times that increase", times_there)
     return times
 
 

@@ -163,8 +163,8 @@ class Item:
         index = self.index(key, "accessors")
         values = self.file.array(index, normalized=normalized)
         if not fits(values):
-            found = f"{values.shape[0]} of {values.shape[1]} {values.dtype} in accessors[{index}]"
-            raise self.error(key, expected, found)
+            content = f"{values.shape[0]} of {values.shape[1]} {values.dtype} in accessors[{index}]"
+            raise self.error(key, expected, content)
         return values
 
     def entry(self, kind: str, index: int) -> Item:

@@ -220,8 +220,8 @@ def _clamped(item: Item, key: str, values: Any, low: float, high: float) -> Any:
     clamped = np.clip(values, low, high)
     if (clamped != values).any():
         words = f"from {low:g} to {high:g}" if high < math.inf else f"from {low:g} on"
-        found = " ".join(f"{number:g}" for number in np.ravel(values)[np.ravel(clamped != values)])
-        line = f"{item.file.owner}: {item.path(key)}: expected numbers {words}, found {found}: clamped"
+        wrong = " ".join(f"{number:g}" for number in np.ravel(values)[np.ravel(clamped != values)])
+        line = f"{item.file.owner}: {item.path(key)}: expected numbers {words}, found {wrong}: clamped"
         warnings.warn(line, stacklevel=2)
     return clamped if np.ndim(values) else float(clamped)
 

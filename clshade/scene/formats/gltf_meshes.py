@@ -92,8 +92,8 @@ class MeshBuilder:
                     matrices.flags.writeable = False
                     names = tuple(placement.name for placement in (group if matrix is None else group[:1]))
                     part_of = f"{name}, meshes[{index}].{number}" if len(primitives) > 1 else ""
-                    named = {"name": name, "instance_names": names if any(names) else (), "part_of": part_of}
-                    meshes.append(with_fields(mesh, instances=matrices, **named))
+                    naming = {"name": name, "instance_names": names if any(names) else (), "part_of": part_of}
+                    meshes.append(with_fields(mesh, instances=matrices, **naming))
         return _with_flat_normals(meshes)
 
     def _count(self, item: Item, placements: int) -> None:
@@ -280,8 +280,8 @@ class MeshBuilder:
                     f"indices below {restart}, the largest of their type" if restarts else f"indices below {count}"
                 )
                 place = int(np.argmax(flat == restart if restarts else flat >= count))
-                found = f"{flat[place]} at place {place} of accessors[{item.value['indices']}]"
-                raise item.error("indices", expected, found)
+                wrong = f"{flat[place]} at place {place} of accessors[{item.value['indices']}]"
+                raise item.error("indices", expected, wrong)
             flat = flat.astype(np.int32)
         if mode != 4:
             return strips(flat) if mode == 5 else single_fan(flat)

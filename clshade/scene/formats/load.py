@@ -220,11 +220,11 @@ def _options(who: str, form: Format, arguments: dict[str, Any]) -> Options:
 
 def _no_scene(path: Path, owner: str, extension: str) -> InputError:
     """Build the error for a file with another extension: it is missing, or something else."""
-    extensions, found = ", ".join(EXTENSIONS), f"the extension {quoted(extension)}" if extension else "no extension"
+    extensions, kind = ", ".join(EXTENSIONS), f"the extension {quoted(extension)}" if extension else "no extension"
     try:
         os.stat(path)
     except FileNotFoundError:
-        return file_error(owner, "file", f"an existing file, one of {extensions}", f"no such file, and {found}")
+        return file_error(owner, "file", f"an existing file, one of {extensions}", f"no such file, and {kind}")
     except (OSError, ValueError):
         pass  # reported by the next line, as are folders and devices
     size_of(path)

@@ -88,11 +88,11 @@ class Library:
         self.ignored: list[str] = []
         self.undefined: list[str] = []
         self.warned: set[str] = set()
-        seen = set()
+        texts = set()
         for line, text in references:
-            if text in seen:
+            if text in texts:
                 continue
-            seen.add(text)
+            texts.add(text)
             where = f"line {line}: mtllib"
             for library in filter(None, self._libraries(text, where)):
                 with within(self.owner):
@@ -115,11 +115,11 @@ class Library:
             words = line.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace").split(None, 1)
             if len(words) < 2:
                 continue
-            keyword, rest, where = words[0].lower(), words[1].strip(), f"line {number}: {words[0][:16]}"
+            keyword, value, where = words[0].lower(), words[1].strip(), f"line {number}: {words[0][:16]}"
             if keyword == "newmtl":
-                material = self.materials.setdefault(rest, _Statements())
+                material = self.materials.setdefault(value, _Statements())
             elif material is not None:
-                self._statement(material, keyword, rest, library, where)
+                self._statement(material, keyword, value, library, where)
 
     def _statement(self, material: _Statements, keyword: str, rest: str, library: str, where: str) -> None:
         if keyword in _NUMBERS:

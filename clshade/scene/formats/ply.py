@@ -350,8 +350,8 @@ class PlyFile:
                 self.order = _FORMATS[rest[0]]
             elif keyword == "element":
                 if len(rest) != 2 or not re.fullmatch(r"[0-9]{1,18}", rest[1]):
-                    where, found = f"{where} {' '.join(rest[:1])[:32]}", quoted(" ".join(rest[1:]))
-                    raise file_error(self.owner, where, "a name and a number of rows from 0", found)
+                    where, content = f"{where} {' '.join(rest[:1])[:32]}", quoted(" ".join(rest[1:]))
+                    raise file_error(self.owner, where, "a name and a number of rows from 0", content)
                 names.append(rest[0])
                 element = self.elements[rest[0]] = Element(rest[0], int(rest[1]))
             elif keyword == "property":
@@ -414,8 +414,8 @@ class PlyFile:
             row_size = sum(item.length.size if item.length else item.kind.itemsize for item in items)
             if element.rows * row_size > len(self.data) - place:
                 expected = f"{element.rows} rows, of at least {self._amount(row_size)} each"
-                found = f"{self._amount(len(self.data) - place)} left in the file"
-                raise file_error(self.owner, f"element {element.name}", expected, found)
+                content = f"{self._amount(len(self.data) - place)} left in the file"
+                raise file_error(self.owner, f"element {element.name}", expected, content)
             if element.rows and items:
                 place = self._read_even_rows(place, element, items) or self._read_ragged_rows(place, element, items)
         return place
@@ -466,9 +466,9 @@ class PlyFile:
                 place += 0 if length is None else length.size
                 if place > total or not 0 <= count * size <= total - place or count % 1:
                     where = f"element {element.name}: row {row}: {items[number].name}"
-                    found = f"a length of {count:.10g}, and {self._amount(total - place)} left in the file"
-                    found = "the end of the file" if place > total else found
-                    raise file_error(self.owner, where, "a length and as many values", found)
+                    content = f"a length of {count:.10g}, and {self._amount(total - place)} left in the file"
+                    content = "the end of the file" if place > total else content
+                    raise file_error(self.owner, where, "a length and as many values", content)
                 starts[number].append(place)
                 counts[number].append(int(count))
                 place += int(count) * size

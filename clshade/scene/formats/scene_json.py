@@ -96,8 +96,8 @@ class _Reader:
             raise self.error(where, "an object", found_text(value))
         for key in value:
             if key not in allowed:
-                found = f"{quoted(key)}{hint(key, allowed)}"
-                raise self.error(where or "keys", f"one of {', '.join(allowed)}", found)
+                wrong = f"{quoted(key)}{hint(key, allowed)}"
+                raise self.error(where or "keys", f"one of {', '.join(allowed)}", wrong)
         for key in allowed if required is None else required:
             if key not in value:
                 raise self.error(f"{where}.{key}" if where else key, "this key", "none")
@@ -201,8 +201,8 @@ class _Reader:
         kind = np.dtype(name).newbyteorder("<")
         count = math.prod(shape)
         if not 1 <= len(shape) <= 3 or offset % kind.itemsize or offset + count * kind.itemsize > size:
-            found = f"shape {list(shape)} at byte {offset}"
-            raise self.error(where, f"1 to 3 dimensions of whole values within {size} bytes", found)
+            content = f"shape {list(shape)} at byte {offset}"
+            raise self.error(where, f"1 to 3 dimensions of whole values within {size} bytes", content)
         key = name, shape, offset
         if key not in self._arrays:
             array = np.frombuffer(self._data, kind, count, offset) if count else np.zeros(0, kind)

@@ -78,9 +78,9 @@ def _counted(count: int, size: int, owner: str) -> int:
     if count > available:
         expected = f"{_HEAD + _RECORD * count} bytes for its {count} facets, or ASCII text that begins with solid"
         raise file_error(owner, "facet count", expected, f"{_HEAD + size} bytes")
-    rest = size - _RECORD * count
-    if rest:
-        line = f"{owner}: facet count: bytes after the last of {count} facets are left out: {rest}"
+    excess = size - _RECORD * count
+    if excess:
+        line = f"{owner}: facet count: bytes after the last of {count} facets are left out: {excess}"
         warnings.warn(line, stacklevel=2)
     return count
 
