@@ -145,20 +145,21 @@ def folder_made(path: Path | None) -> Iterator[None]:
 
     None: no folder. Raises OutputError if the folder cannot be created.
     """
-    created: list[str] = []
+    created: list[tuple[str, object]] = []
     try:
         if path is not None:
             with naming(path):
                 for folder in _missing(_resolved(path)):
                     with contextlib.suppress(FileExistsError):  # created by another process
                         os.mkdir(folder)
-                        created.append(folder)
-                        _under_way[folder] = os.getpid(), (partial(_try, os.rmdir, folder),)
+                        key = object()  # two threads may create the folder in turn
+                        created.append((folder, key))
+                        _under_way[key] = os.getpid(), (partial(_try, os.rmdir, folder),)
         yield
     finally:
-        for folder in reversed(created):
+        for folder, key in reversed(created):
             _try(os.rmdir, folder)
-            del _under_way[folder]
+            _under_way.pop(key, None)
 
 
 def _missing(folder: str) -> list[str]:

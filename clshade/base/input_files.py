@@ -37,7 +37,7 @@ def _cut(text: str) -> str:
 
 
 def quoted(text: str | bytes, length: int = 48) -> str:
-    """Return text from a file for a message: in quotes, printable, at most about `most` characters."""
+    """Return text from a file for a message: in quotes, printable, at most about `length` characters."""
     if isinstance(text, bytes):
         text = text[: length + 1].decode("utf-8", "replace")
     return repr(text) if len(text) <= length else repr(text[:length]) + "..."
@@ -102,7 +102,7 @@ def stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 def read_file(path: Path, limit: int) -> bytes:
-    """Return the content of a regular, non-empty file of at most `most` bytes.
+    """Return the content of a regular, non-empty file of at most `limit` bytes.
 
     Raises InputError, one line, for a missing or unreadable file, a folder, a device or pipe (which is never opened),
     an empty file and one that is too large.

@@ -160,14 +160,14 @@ def drawing_options(arguments: Arguments, scene: Scene) -> dict[str, Any]:
 
 def run_turntable(arguments: Arguments) -> int:
     from ..farm import orbit
-    from ..farm.frames import MOST, parse_frames
+    from ..farm.frames import MAX_FRAMES, parse_frames
 
     if arguments.count is not None:
-        frames = parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MOST)}")
+        frames = parse_frames(f"1..{integer('turntable', '--count', arguments.count, 1, MAX_FRAMES)}")
     else:
         frames = parse_frames(FRAMES if arguments.frames is None else arguments.frames)
         last, is_alone = frames.last, frames.span == 1 and arguments.turn is None and "#" in arguments.output
-        if is_alone and 1 < last <= MOST:  # probably meant as the number of frames
+        if is_alone and 1 < last <= MAX_FRAMES:  # probably meant as the number of frames
             console.warning(f"--frames {last} is one frame, that of number {last}: --count {last} draws {last} frames")
     turn = frames if arguments.turn is None else parse_frames(arguments.turn, "--turn")
     degrees = number("turntable", "--degrees", arguments.degrees)

@@ -90,7 +90,7 @@ def run_render(arguments: Arguments) -> int:
     with atomic_files.folder_made(folder):
         for stem in stems:  # refused before rendering
             for view_stem in outputs.stems_of(stem, arguments):
-                check_output(view_stem, extensions=ASKED, **saving(arguments))
+                check_output(view_stem, argument=ASKED, **saving(arguments))
             for path in outputs.other_files(stem, arguments):
                 atomic_files.check(path)
         outputs.check_save_scene(arguments, outputs.other_files(stems[0], arguments))

@@ -158,7 +158,7 @@ def source_of(arguments: Arguments, name: str) -> Source:
     output = arguments.output or Path(name).stem or "view"
     output = os.path.join(output, Path(name).stem) if output.endswith(os.sep) else output
     saved = saving(arguments)
-    check_output(output, extensions=("view", "--output"), **saved)
+    check_output(output, argument=("view", "--output"), **saved)
     settings = {"samples": SAMPLES, "sample_shading": False, **chosen_settings(arguments)}
     settings |= {"preset": arguments.preset, "resolution": arguments.resolution}
     in_view = {*_IN_VIEW, *(Settings.__dataclass_fields__.keys() - REPEATED)}

@@ -17,7 +17,7 @@ from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..scene.adjust_camera import posed
 from ..scene.camera import CONVENTIONS, Camera, Convention, checked_resolution, lens_of, placement_of
-from .frames import MOST
+from .frames import MAX_FRAMES
 
 MAX_BYTES = 1 << 27
 _CAMERA_FIELDS = tuple(field.name for field in fields(Camera))
@@ -98,8 +98,8 @@ def read_cameras(path: Path, base: Camera, resolution: tuple[int, int] | None = 
     if not isinstance(listed, list) or not listed:
         content = "an empty list" if listed == [] else found_text(listed)
         raise file_error(owner, "JSON", "a list of cameras, [{...}, ...]", content)
-    if len(listed) > MOST:
-        raise file_error(owner, "JSON", f"at most {MOST} cameras", str(len(listed)))
+    if len(listed) > MAX_FRAMES:
+        raise file_error(owner, "JSON", f"at most {MAX_FRAMES} cameras", str(len(listed)))
     return tuple(_read(values, base, resolution, owner, f"camera {k}") for k, values in enumerate(listed, 1))
 
 

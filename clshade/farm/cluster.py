@@ -31,7 +31,7 @@ from ..base import console
 from ..errors import InputError, WorkerError
 from ..pipeline.opencl.environment import THREADS
 from ..pipeline.struct_layout import kernel_folder
-from .dispatch import TOPIC, Dispatcher, Members, in_a_line
+from .dispatch import ASK, TOPIC, Dispatcher, Members, in_a_line
 from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 from .waiting import POLL, SILENT
 
@@ -206,7 +206,7 @@ def _send(client: Client, plugin: _Drawing, name: str, members: Members) -> None
         raise WorkerError(f"--scheduler: {members.scheduler}: expected {expected}") from None
     versions: Any = None
     with contextlib.suppress(Exception):  # stopped workers do not answer
-        versions = _in_time(client.get_versions, CLOSING)
+        versions = _in_time(client.get_versions, ASK)
     if versions is not None:
         _compare_versions(versions)
 

@@ -303,9 +303,8 @@ class Dispatcher:
         if self._frame_timeout is None:
             return set(self._members)
         stuck, clocks = Counter(self._stuck.values()), self._members.clocks
-        limit = max(
-            self._frame_timeout, HEARTBEAT + len(clocks) / 50
-        )  # with many workers each is heard from less often
+        # Of many workers, each is heard from less often.
+        limit = max(self._frame_timeout, HEARTBEAT + len(clocks) / 50)
         heard = [worker for worker, clock in clocks.items() if clock.seconds <= limit]
         return {worker for worker in heard if stuck[worker] < self._members[worker]}
 

@@ -19,7 +19,7 @@ from ..scene.adjust_camera import adjusted
 from ..scene.camera import Camera
 from ..scene.pose import PerFrame
 
-MOST = 1_000_000  # of one run
+MAX_FRAMES = 1_000_000  # of one run
 _RANGE = r"([0-9]{1,18})(?:\.\.([0-9]{1,18})(?:\.\.([0-9]{1,18}))?)?"
 _FORM = "1..120, 5, 1..120..2 (every second) or a list such as 1..10,20"
 
@@ -79,8 +79,8 @@ def parse_frames(text: str, option: str = "--frames") -> Frames:
             expected = f"a last frame that is not before the first, and a step above 0, such as {_FORM}"
             raise InputError(f"{option}: expected {expected}, found {quoted(part.strip())}")
         chosen = range(start, end + 1, step)
-        if len(numbers) + len(chosen) > MOST:
-            raise InputError(f"{option}: expected at most {MOST} frames, found {quoted(text)}")
+        if len(numbers) + len(chosen) > MAX_FRAMES:
+            raise InputError(f"{option}: expected at most {MAX_FRAMES} frames, found {quoted(text)}")
         numbers.update(chosen)
         ends += [start, end]
     return Frames(tuple(sorted(numbers)), min(ends), max(ends))

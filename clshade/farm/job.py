@@ -120,7 +120,11 @@ class FrameWriter:
         job, kind = self._job, task.camera.orthographic
         renderer = Renderer(job.view(task.camera, task.pose), settings=job.settings, device=job.device)
         if compiled and kind not in self._compiled:  # by a small image, as some runtimes compile what first runs
-            renderer.render(replace(job.scene.camera, orthographic=kind).with_resolution(SMALL))
+            try:
+                renderer.render(replace(job.scene.camera, orthographic=kind).with_resolution(SMALL))
+            except BaseException:
+                renderer.close()
+                raise
             self._compiled.add(kind)
         return renderer
 

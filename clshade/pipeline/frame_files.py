@@ -65,30 +65,30 @@ _OTHERS = ".csv .mp4 .mov .avi .mkv .webm"
 OTHER_FORMATS = (*_IMAGES.split(), *EXTENSIONS, *_OTHERS.split())  # extensions of formats that are not written
 
 
-def output_paths(path: AnyPath, extensions: tuple[str, str] = ASKED) -> tuple[Path, Path]:
+def output_paths(path: AnyPath, argument: tuple[str, str] = ASKED) -> tuple[Path, Path]:
     """Return the paths of the EXR and the PNG that `Frame.save` writes for `path`. Raises InputError if it names no file,
-    standard output, or a file of another format. asked: function and argument that errors name."""
-    stem = _stem(path, extensions)
+    standard output, or a file of another format. argument: function and argument that errors name."""
+    stem = _stem(path, argument)
     return stem.with_name(stem.name + ".exr"), stem.with_name(stem.name + ".png")
 
 
-def _stem(path: AnyPath, extensions: tuple[str, str]) -> Path:
+def _stem(path: AnyPath, argument: tuple[str, str]) -> Path:
     """Return what the names of all files for `path` begin with. Raises InputError like `output_paths`."""
-    path = Path(checked_path(*extensions, path))
+    path = Path(checked_path(*argument, path))
     ending = path.suffix.lower()
     stem = path.with_suffix("") if ending in (".exr", ".png", ".npz") else path
     if stem.name in ("", ".."):
-        raise value_error(*extensions, "a file name", str(path))
+        raise value_error(*argument, "a file name", str(path))
     if path.name == "-" or ending in OTHER_FORMATS:
         name = path.stem if path.name != "-" else "image"
         both = f"a file name such as {name}, for {name}.exr and {name}.png: other formats are not written"
-        raise value_error(*extensions, both, str(path))
+        raise value_error(*argument, both, str(path))
     return stem
 
 
-def visible_path(path: AnyPath, ending: str, extensions: tuple[str, str] = ASKED) -> Path:
+def visible_path(path: AnyPath, ending: str, argument: tuple[str, str] = ASKED) -> Path:
     """Return the path of the table of shares of instances that is written with `path`. ending: csv or json."""
-    stem = _stem(path, extensions)
+    stem = _stem(path, argument)
     return stem.with_name(f"{stem.name}_visible.{ending}")
 
 
@@ -118,7 +118,7 @@ def check_layers(files: Container[str], layers: Container[str]) -> None:
 def check_output(
     path: AnyPath,
     settings: Settings | None = None,
-    extensions: tuple[str, str] = ASKED,
+    argument: tuple[str, str] = ASKED,
     **options: Unpack[SavingOptions],
 ) -> SavingOptions:
     """Return the options of `Frame.save`, complete with defaults. Raises what it would raise for these arguments, as far as
@@ -136,7 +136,7 @@ def check_output(
     checked("srgb" if chosen["tonemap"] is None else chosen["tonemap"], chosen["exposure"])
     choice("exr", "compression", chosen["compression"], exr.COMPRESSIONS)
     number("Frame.save", "depth_scale", chosen["depth_scale"], above=0.0)
-    _stem(path, extensions)
+    _stem(path, argument)
     for file in chosen_paths(path, chosen["files"]).values():
         atomic_files.check(file)
     return chosen

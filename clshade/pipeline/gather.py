@@ -249,7 +249,7 @@ class Gatherer:
                 self.placed.append(Copies(*zip(*some, strict=True)))
         self.copies = self.placed
         if one_copy:
-            self.copies = [texture.one(side) for texture in self.placed for side in np.unique(texture.mirrored)]
+            self.copies = [copies.one(side) for copies in self.placed for side in np.unique(copies.mirrored)]
 
     def positions(self) -> tuple[Array, Array]:
         """Return the vertices, (V, 3), float32 if that holds them, and the faces."""
@@ -262,8 +262,8 @@ class Gatherer:
         return joined(points, np.float32 if fits else np.float64), faces
 
     def _indices(self, tables: Sequence[tuple[Array, int]]) -> Array:
-        """Return indices, (F, 3) int32, into a table whose rows are gathered copies by copies. own: of each, its indices and
-        its number of rows."""
+        """Return indices, (F, 3) int32, into a table whose rows are gathered copies by copies. tables: the indices and
+        the number of rows of each."""
         parts, first = [], 0
         for copies, (index, rows) in zip(self.copies, tables, strict=True):
             parts.append(copies.indices(index, rows, first))

@@ -176,10 +176,8 @@ class Layers:
         """Complete layers that kernels have drawn: P is written to `arrays`, which for float64 may hold the same array, and
         the scalar in place."""
         if "P" in layers:
-            points, world = (
-                layers["P"],
-                arrays["P"],
-            )  # eye-relative, times the scale: far away float32 would lose digits
+            # `points` are relative to the eye, times the scale: far away float32 would lose digits.
+            points, world = layers["P"], arrays["P"]
             rows = max(1, _BAND // points.shape[1])
             for start in range(0, len(points), rows):  # in bands that fit the caches
                 band = slice(start, start + rows)

@@ -103,7 +103,7 @@ class Program:
             if kind:
                 yield name, None if "*" in kind else types[kind[-1]]
             elif name == "SURFACE_PARAMETERS":  # declared under conditions
-                conditions = [parameter for parameter in ("CASTERS", "INSTANCES") if self.features[parameter]]
+                conditions = [feature for feature in ("CASTERS", "INSTANCES") if self.features[feature]]
                 yield from dict.fromkeys(struct_layout.surface_parameters(*conditions)).items()
             else:
                 macro = re.search(rf"#define {name}\b((?:.*\\\n)*.*)", self.source)
@@ -238,6 +238,8 @@ def _built_or_loaded(
                 program = _without_log(cl.Program(device.context, [device.device], [files[BINARY]]))
         program = program or compiled(device, text, options)
         kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+    if not kernels:
+        raise DeviceError(f"{device.name}: a program has no kernels: empty the kernel cache {folder or ''}".rstrip())
     if not device.keeps_programs:
         stored.write({BINARY: program.binaries[0]})
     warned = _warnings(device, program)

@@ -201,7 +201,7 @@ _TRIAL_SIZE, _TRIAL_FACES = (64, 48), 1 << 18
 
 def _with_small_images(value: Any, replaced: dict[int, Any]) -> Any:
     """Return a texture or environment with 2x2 texels at most, all as bright as its brightest: it takes the same programs.
-    Or a material that has such. known: what was returned before, by id."""
+    Or a material that has such. replaced: what was returned before, by id."""
     if id(value) not in replaced:
         small = value
         if isinstance(value, (Texture, Environment)):
@@ -353,7 +353,7 @@ class Renderer:
             events = frame.events
 
         def stats() -> dict[str, Any]:
-            kernels = {name: event_ms(event) for name, event in events.items() if event}
+            kernels = {name: event_ms(event) for name, event in events.items() if event is not None}
             return {**times, "times_ms": {**kernels, **times["times_ms"]}, **facts_of()}
 
         return Frame(image, layers, self._seen_by(camera), self.settings, stats)
@@ -433,7 +433,7 @@ class Renderer:
         return CameraSpace.of(camera, self._drawing.extent, self.settings.near)
 
     def _times_since(self, start: float, waited: float, total: str, stage_ms: Mapping[str, float]) -> dict[str, Any]:
-        """Return times in ms for `stats`, those of making the renderer the first time. whole: name of the time of all."""
+        """Return times in ms for `stats`, those of making the renderer the first time. total: name of the time of all."""
         times = {**self._times, **stage_ms, total: (running_time() - start) * 1e3}
         build_ms = self._build_ms + (programs.this_thread.waited - waited) * 1e3
         self._times, self._build_ms = dict.fromkeys(self._times, 0.0), 0.0

@@ -157,8 +157,8 @@ def light_unit(
 
 
 def relative_lights(positions: Array, eye: Array, scale: float, limit: Array | int = 60) -> Floats:
-    """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^most (half of
-    that along an axis) only the direction is kept. most: a number, or (L,)."""
+    """Return light positions (L, 3) relative to the eye, times `scale`, a power of two. Of a light beyond 2^limit (half of
+    that along an axis) only the direction is kept. limit: a number, or (L,)."""
     half = positions * 0.5 - eye * 0.5  # halves cannot overflow
     return np.asarray(np.ldexp(half, light_exponents(positions, eye, scale, limit)[:, None] + 1))
 
@@ -167,7 +167,7 @@ def light_exponents(
     positions: Array, eye: Array, scale: float, limit: Array | int = 60, sizes: Array | float = 0.0
 ) -> Array:
     """Return the powers of two (L,) that `relative_lights` scales by: that of `scale`, or less for lights beyond
-    2^most. sizes: of what is to be scaled with them and no larger than 2^most either."""
+    2^limit. sizes: of what is to be scaled with them and no larger than 2^limit either."""
     half = positions * 0.5 - eye * 0.5
     exponent = np.frexp(np.maximum(np.abs(half).max(axis=1, initial=0.0), 0.5 * np.asarray(sizes)))[1]
     return np.asarray(np.minimum(math.frexp(scale)[1], limit - exponent) - 1)

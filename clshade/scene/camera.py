@@ -30,7 +30,7 @@ _RIGID = 1e-6  # how far a pose may be from a rotation and a translation: some r
 
 
 def checked_resolution(owner: str, value: Any, limit: int = MAX_RESOLUTION) -> tuple[int, int]:
-    """Return columns and rows of an image, (N, M), 1 to `most` each. Raises InputError for anything else."""
+    """Return columns and rows of an image, (N, M), 1 to `limit` each. Raises InputError for anything else."""
     columns, rows = items(owner, "resolution", value, "two whole numbers (N, M)", 2)
     return (integer(owner, "resolution N", columns, 1, limit), integer(owner, "resolution M", rows, 1, limit))
 

@@ -40,7 +40,7 @@ class Map:
 
 
 def _map(owner: str, name: str, value: Any, limit: float = 1.0) -> Texture:
-    """Return a texture of numbers from 0 to `most`."""
+    """Return a texture of numbers from 0 to `limit`."""
     texture: Texture = instance(owner, name, value, Texture)
     if texture.lookup != "standard":
         raise value_error(owner, name, "a Texture with lookup standard", texture.lookup)

@@ -40,7 +40,8 @@ class PerFrame(Mapping[int, _T]):
     """What `make` returns for the number of each frame, when it is looked up."""
 
     def __init__(self, numbers: Iterable[int], make: Callable[[int], _T]) -> None:
-        self._numbers, self._make = dict.fromkeys(numbers), make
+        self._numbers = numbers if isinstance(numbers, range) else dict.fromkeys(numbers)
+        self._make = make
 
     def __getitem__(self, number: int) -> _T:
         if number not in self._numbers:

@@ -166,7 +166,7 @@ def draw_poster(
     requested = settings.pop("resolution", None)
     scene, settled = effective_settings(scene, **settings)
     camera = whole_camera(scene.camera, scene.camera.resolution if requested is None else requested)
-    uncropped, (columns, rows) = replace(scene, camera=camera), camera.resolution
+    whole_scene, (columns, rows) = replace(scene, camera=camera), camera.resolution
     across, down = -(-columns // tile), -(-rows // tile)
 
     def part(number: int) -> PartCamera:
@@ -186,7 +186,7 @@ def draw_poster(
         raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
     keep_tiles = keep_tiles or folder.kept
-    with folder.of(digest_of(uncropped, settled, tile, {**saved, "files": files}), keep_tiles):
+    with folder.of(digest_of(whole_scene, settled, tile, {**saved, "files": files}), keep_tiles):
         first = replace(scene, camera=tiles[0])
         run = draw_frames(first, tiles, folder.pattern, saving={**saved, "files": files}, **farming, **settings)
         start = time.perf_counter()
@@ -198,8 +198,8 @@ def draw_poster(
                 names = [pattern.names(number, (kind,))[0] for number in tiles]
                 with naming(file_path):
                     if kind == "exr":
-                        metadata = frame_files.header(uncropped, settled, settled.layers)
-                        metadata = sealed(metadata, record_of(uncropped, settled, chosen))
+                        metadata = frame_files.header(whole_scene, settled, settled.layers)
+                        metadata = sealed(metadata, record_of(whole_scene, settled, chosen))
                         header = tiled_header(names[0], camera.resolution, tile, metadata)
                         join_tiles(file, header, names, across, down)
                     else:

@@ -17,10 +17,10 @@ def sampled(of: int, count: int, seed: int) -> Array:
 
 
 def upper_bound(wrong: int, looked_at: int, of: int) -> float:
-    """Return the share of `of` things that is wrong at most, with CONFIDENCE, if `found` of `looked_at` random ones are.
+    """Return the share of `of` things that is wrong at most, with CONFIDENCE, if `wrong` of `looked_at` random ones are.
 
     The one-sided bound of C. Clopper and E. Pearson, The use of confidence or fiducial limits illustrated in the case of
-    the binomial (Biometrika 26(4), 1934): the share of which no more than `found` are met with probability
+    the binomial (Biometrika 26(4), 1934): the share of which no more than `wrong` are met with probability
     1 - CONFIDENCE. Drawn without replacement, as here, such a sample is met even less often. The share itself if all were
     looked at; 1 if none was.
     """

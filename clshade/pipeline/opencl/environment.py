@@ -3,7 +3,7 @@ the processor that PyPI's PoCL compiles for.
 
 Nothing here imports pyopencl: its ICD loader and PoCL read the environment once, when OpenCL starts. `prepare` sets it
 up, and leaves alone what the user has set but PoCL's cache. Environment variables set here are inherited by child processes;
-each is noted in `CLSHADE_SET_<name>`, by which a child tells them from the user's own and replaces them.
+each but that is noted in `CLSHADE_SET_<name>`, by which a child tells them from the user's own and replaces them.
 
 PoCL 3.0 asks its LLVM, version 14 of 2022, for the processor's name. LLVM calls what it does not know `generic`, for which
 clang refuses to compile (AMD Zen 5), and it gives names by family and model whose instructions the processor may lack

@@ -244,11 +244,15 @@ class GltfData:
 
     def __init__(self, path: Path, document: dict[str, Any], binary: memoryview | None) -> None:
         self.path, self.owner, self.binary = path, shown(path), binary
-        self.document = Item(document, "", self)
+        self._document = document
         self.ignored: list[str] = []
         self._buffers: dict[int, memoryview] = {}
         self._files: dict[str, memoryview] = {}
         self._arrays: dict[tuple[int, bool], Array] = {}
+
+    @property
+    def document(self) -> Item:  # made anew: kept, it would be a cycle that holds the file's bytes
+        return Item(self._document, "", self)
 
     def buffer(self, index: int) -> memoryview:
         if index in self._buffers:

@@ -474,9 +474,20 @@ class PlyFile:
                 place += int(count) * size
         for number, (name, kind, length) in enumerate(items):
             start, lengths = np.array(starts[number]), np.array(counts[number])
-            first = np.repeat(start - kind.itemsize * (np.cumsum(lengths) - lengths), lengths)
-            from_every_byte: Array = np.ndarray((total - kind.itemsize + 1,), kind, data, 0, (1,))
-            values = from_every_byte[first + kind.itemsize * np.arange(len(first))]
+            values = _joined_runs(data, start, lengths * kind.itemsize).view(kind)
             values = values.astype(kind.newbyteorder("="), copy=False)
             element.columns[name] = values if length is None else (values, lengths)
         return place
+
+
+def _joined_runs(data: Any, start: Array, sizes: Array) -> Array:
+    """Return the bytes of runs that follow each other, (R,) each, with two bytes of memory for each byte of data."""
+    if not len(start):
+        return np.zeros(0, np.uint8)
+    first, last = int(start[0]), int(start[-1] + sizes[-1])
+    changes = np.zeros(last - first + 1, np.int8)
+    some = sizes > 0
+    changes[start[some] - first] += 1
+    np.subtract.at(changes, start[some] + sizes[some] - first, 1)
+    mask = np.cumsum(changes[:-1], dtype=np.int8).view(bool)
+    return np.asarray(np.frombuffer(data, np.uint8, last - first, first)[mask])
