@@ -170,13 +170,14 @@ def test_nothing_of_the_file_is_kept_beside_the_meshes(tmp_path, kind):
         data = (tmp_path / "a.glb").read_bytes()
     path = write(tmp_path / f"a.{kind}", data)
     load(path)
+    gc.disable()
     tracemalloc.start()
     try:
-        scene = load(path)
-        gc.collect()
+        scene = load(path)  # without cycles, which would hold it until they are collected
         kept = tracemalloc.get_traced_memory()[0]
     finally:
         tracemalloc.stop()
+        gc.enable()
     mesh = scene.meshes[0]
     arrays = [mesh.verts, mesh.faces, *(a for a in (mesh.normals, mesh.normal_faces) if a is not None)]
-    assert kept < sum(array.nbytes for array in arrays) + 12_000  # for objects; the vertices alone take 36,000
+    assert kept < sum(array.nbytes for array in arrays) + 16_000  # for objects; the vertices alone take 36,000
