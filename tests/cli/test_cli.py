@@ -146,7 +146,8 @@ class Interrupt:
 sys.meta_path.insert(0, Interrupt())
 if {module!r} == "_signal":  # not imported any more: between the imports and the scene
     import clshade.cli.main
-    clshade.cli.main.with_values = interrupt
+    clshade.cli.main.join_values  # there
+    clshade.cli.main.join_values = interrupt
 """
     (tmp_path / "sitecustomize.py").write_text(code)
     path = os.pathsep.join([str(tmp_path), str(ROOT)])
