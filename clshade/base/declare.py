@@ -103,8 +103,8 @@ def _checks(kind: type[DataclassInstance]) -> list[tuple[str, Check, Any, Any]]:
     checks = []
     for name, check in facts_of(kind, "check").items():
         default = kind.__dataclass_fields__[name].default
-        kept = default if default in (None, MISSING) else check(kind.__name__, name, default)
-        checks.append((name, check, default, kept))
+        checked_default = default if default in (None, MISSING) else check(kind.__name__, name, default)
+        checks.append((name, check, default, checked_default))
     return checks
 
 

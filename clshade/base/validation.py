@@ -125,7 +125,7 @@ def items(
     """Return the items of an iterable other than a text as a tuple. count: how many there have to be. kinds: their class,
     or a tuple of classes."""
     values = None if isinstance(value, str) else sequence(value)
-    if values is None or len(values) != (len(values) if count is None else count):
+    if values is None or count not in (None, len(values)):
         raise value_error(owner, name, expected, value)
     for item in values:
         if not isinstance(item, kinds):
