@@ -180,4 +180,4 @@ def test_nothing_of_the_file_is_kept_beside_the_meshes(tmp_path, kind):
         gc.enable()
     mesh = scene.meshes[0]
     arrays = [mesh.verts, mesh.faces, *(a for a in (mesh.normals, mesh.normal_faces) if a is not None)]
-    assert kept < sum(array.nbytes for array in arrays) + 16_000  # for objects; the vertices alone take 36,000
+    assert kept < sum(array.nbytes for array in arrays) + 30_000  # for objects; the vertices alone take 36,000
