@@ -42,15 +42,15 @@ LAYERS = {
 
 def panels() -> list[marks.Panel]:
     """Return a panel for each scene, then one for each layer of the first scene."""
-    found, first = [], next(iter(SCENES))
+    scene_panels, first = [], next(iter(SCENES))
     layers = tuple(LAYERS)
     for name, about in SCENES.items():
         scene = clshade.builtin(name, resolution=SIZE)
         frame = clshade.render(scene, samples=16)
-        found.append(marks.Panel(marks.reduced(frame.to_png8()), name, about))
+        scene_panels.append(marks.Panel(marks.reduced(frame.to_png8()), name, about))
     frame = clshade.render(clshade.builtin(first, resolution=SIZE), layers=layers)
     pictures = thumbnails(exr.flatten(frame.channels()), side=max(SIZE))
-    return found + [marks.Panel(marks.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers]
+    return scene_panels + [marks.Panel(marks.reduced(pictures[layer].pixels), first, LAYERS[layer]) for layer in layers]
 
 
 def main() -> int:

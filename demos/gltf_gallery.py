@@ -55,13 +55,13 @@ SCENES = {
 
 def panels(folder: Path) -> list[marks.Panel]:
     """Write each scene's file into the folder and return its panel."""
-    found = []
+    scene_panels = []
     for name, (write, about) in SCENES.items():
         scene = clshade.load(write(folder / f"{name}.glb"))
         camera = named_cameras(scene, ["front"], SIZE)["front"]
         frame = clshade.render(replace(scene, camera=camera), samples=16)
-        found.append(marks.Panel(marks.reduced(frame.to_png8()), name, about))
-    return found
+        scene_panels.append(marks.Panel(marks.reduced(frame.to_png8()), name, about))
+    return scene_panels
 
 
 def main() -> int:

@@ -471,7 +471,7 @@ class Riley:
             )
             for field in (normals, verts)
         ]
-        self._meshes = [riley.create_mesh(form, riley.MeshType.tri3opt, verts, faces, each) for each in shaders]
+        self._meshes = [riley.create_mesh(form, riley.MeshType.tri3opt, verts, faces, shader) for shader in shaders]
         camera = scene.camera
         (height, width), (columns, rows) = camera.plane, camera.resolution
         right, up, forward = axes_of(camera)
@@ -586,9 +586,9 @@ def exact_errors(picture: Picture, right: Exact) -> dict[str, Any]:
     both = covered & right.covered & ~right.tied
     depth = np.abs(picture.depth[both].astype(np.float64) - right.depth[both])
     span = float(np.ptp(right.depth[right.covered])) if right.covered.any() else 0.0
-    other = ~(depth <= OTHER * span)
-    color = picture.rgb[both][~other] - right.rgb[both][~other]
-    return {"wrong": int(wrong.sum() + other.sum()), "depth": rms(depth[~other]), "color": rms(color)}
+    off_surface = ~(depth <= OTHER * span)
+    color = picture.rgb[both][~off_surface] - right.rgb[both][~off_surface]
+    return {"wrong": int(wrong.sum() + off_surface.sum()), "depth": rms(depth[~off_surface]), "color": rms(color)}
 
 
 def measure(scene: clshade.Scene, names: Sequence[str], rounds: int, failed: dict[str, list[str]]) -> list[Result]:
@@ -629,13 +629,13 @@ TABLES = {"wrong pixels": "wrong", "depth, RMS": "depth", "color, RMSE": "color"
 
 def table(results: Sequence[Result], title: str, field: str) -> list[str]:
     """Return a Markdown table of a figure, a row for each scene and a column for each renderer."""
-    figures = {(each.scene, each.name): getattr(each, field) for each in results}
+    figures = {(entry.scene, entry.name): getattr(entry, field) for entry in results}
     names = [name for name in RENDERERS if any(name == column for _, column in figures)]
     lines = [f"| {title} | {' | '.join(names)} |", f"| --- {'| --- ' * len(names)}|"]
     for scene in dict.fromkeys(scene for scene, _ in figures):
         values = [figures.get((scene, name)) for name in names]
         digits = "" if field == "wrong" else ".3g" if field == "ms" else ".2g"
-        lines.append(f"| {scene} | {' | '.join('-' if each is None else format(each, digits) for each in values)} |")
+        lines.append(f"| {scene} | {' | '.join('-' if entry is None else format(entry, digits) for entry in values)} |")
     return lines
 
 
@@ -643,8 +643,8 @@ def plot(results: Sequence[Result], path: Path) -> None:
     """Draw the error of the color against the time of a frame, a point for each scene."""
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes = figure.subplots()
-    for name in dict.fromkeys(each.name for each in results):
-        mine = [(each.ms, max(each.color or 0.0, 1e-9)) for each in results if each.name == name]
+    for name in dict.fromkeys(result.name for result in results):
+        mine = [(result.ms, max(result.color or 0.0, 1e-9)) for result in results if result.name == name]
         axes.plot(*np.array(mine).T, "o", label=name)
     axes.set(xscale="log", yscale="log", xlabel="milliseconds a frame", ylabel="RMSE of the linear color")
     axes.legend()
@@ -665,13 +665,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results: list[Result] = []
     failed: dict[str, list[str]] = {}
     for name in options.only:
-        able = [each for each in options.renderers if (each, name) not in CANNOT]
+        able = [entry for entry in options.renderers if (entry, name) not in CANNOT]
         results += measure(SCENES[name](RESOLUTION), able, options.frames, failed)
         print(f"{name} is done", file=sys.stderr, flush=True)
     for title, field in TABLES.items():
         print("\n".join(["", *table(results, title, field)]))
-    titles = dict.fromkeys(f"{each.name}: {each.title}" for each in results)
-    changed = dict.fromkeys(f"{each.name}: two frames have different bits" for each in results if not each.same)
+    titles = dict.fromkeys(f"{entry.name}: {entry.title}" for entry in results)
+    changed = dict.fromkeys(f"{entry.name}: two frames have different bits" for entry in results if not entry.same)
     missing = (f"not drawn: {', '.join(scenes)}: {why}" for why, scenes in failed.items())
     print("\n".join(["", *titles, *changed, *missing]))
     plot(results, options.out / "other_renderers.png")

@@ -53,7 +53,7 @@ def address(library: str, array: np.ndarray) -> int:
     return module.from_dlpack(array).ctypes.data
 
 
-def told(library: str, arrays: dict[str, np.ndarray]) -> str:
+def report(library: str, arrays: dict[str, np.ndarray]) -> str:
     try:
         copied = [name for name, array in arrays.items() if address(library, array) != array.ctypes.data]
     except ImportError:
@@ -80,7 +80,7 @@ def main() -> int:
             print(f"wrote {len(cameras)} views: {', '.join(f'{name}.npy' for name in files)}")
             views = renderer.render_many(cameras)
         for library in ("numpy", "torch", "jax"):
-            print(told(library, views.arrays))
+            print(report(library, views.arrays))
     except ClshadeError as error:
         print(f"tensors.py: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

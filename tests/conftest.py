@@ -71,9 +71,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     """Fail if more programs were needed than are allowed."""
-    most = MOST_EVERY_DAY if session.config.option.markexpr == "not long" else MOST_PROGRAMS
-    if "PYTEST_XDIST_WORKER" not in os.environ and programs_needed() > most and not exitstatus:
-        print(f"\nexpected at most {most} different programs of OpenCL C")
+    limit = MOST_EVERY_DAY if session.config.option.markexpr == "not long" else MOST_PROGRAMS
+    if "PYTEST_XDIST_WORKER" not in os.environ and programs_needed() > limit and not exitstatus:
+        print(f"\nexpected at most {limit} different programs of OpenCL C")
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 

@@ -273,9 +273,9 @@ class Copy:
         start, outcome, by = time.monotonic(), "survived", ""
         groups = test_groups(mutant.file)
         place = {"file": mutant.file, "line": mutant.line}
-        known = reason({**place, "from": mutant.before, "to": mutant.after}, self.table)
+        equivalence = reason({**place, "from": mutant.before, "to": mutant.after}, self.table)
         limit = LIMITS[mutant.file.split("/")[0]]
-        for group in groups[:1] if known or self.quick else groups:
+        for group in groups[:1] if equivalence or self.quick else groups:
             path.write_text(changed)
             try:
                 code, printed = self.pytest(group, limit)
@@ -303,8 +303,8 @@ class Copy:
 
 def test_file(name: str) -> str:
     """Return the path of the only tests/.../test_NAME.py."""
-    (found,) = (ROOT / "tests").rglob(f"test_{name}.py")
-    return found.relative_to(ROOT).as_posix()
+    (path,) = (ROOT / "tests").rglob(f"test_{name}.py")
+    return path.relative_to(ROOT).as_posix()
 
 
 def test_groups(file: str) -> list[list[str]]:
@@ -403,11 +403,11 @@ def summary(records: list[Record]) -> tuple[str, bool]:
     tried = [record for record in records if record["outcome"] != "broken"]
     left = [record for record in tried if record["outcome"] == "survived"]
     argued = [record for record in left if reason(record, table)]
-    found, hung = len(tried) - len(left), sum(record["outcome"] == "timeout" for record in tried)
-    share = found / max(len(tried), 1)
+    killed, hung = len(tried) - len(left), sum(record["outcome"] == "timeout" for record in tried)
+    share = killed / max(len(tried), 1)
     lines = [
         f"{len(tried)} mutants, {len(records) - len(tried)} more did not build",
-        f"found {found} ({share:.1%}), {hung} by time",
+        f"found {killed} ({share:.1%}), {hung} by time",
     ]
     lines += [f"equivalent {len(argued)}, survived {len(left) - len(argued)}"]
     for record in left:
@@ -424,17 +424,17 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="no other tests than those of the mutant's file")
     parser.add_argument("--jobs", type=int, default=1, help="mutants tried at the same time (1)")
     parser.add_argument("-o", "--out", type=Path, help="JSON lines, those of earlier runs too (mutants-SEED.jsonl)")
-    given = parser.parse_args()
+    options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if given.list:
-        for mutant in mutants_of(given.list):
+    if options.list:
+        for mutant in mutants_of(options.list):
             print(f"{mutant.line} {mutant.site.kind}\n- {mutant.before}\n+ {mutant.after}")
         return 0
-    seed = random.SystemRandom().randrange(1 << 31) if given.seed is None else given.seed
-    out = given.out or Path(tempfile.gettempdir(), f"mutants-{seed}.jsonl")
+    seed = random.SystemRandom().randrange(1 << 31) if options.seed is None else options.seed
+    out = options.out or Path(tempfile.gettempdir(), f"mutants-{seed}.jsonl")
     print(f"seed {seed}, {out}", flush=True)
-    plan = draw(given.count, seed, given.only or list(TESTS))
-    records = run(plan, out, given.jobs, given.quick, lambda text: print(text, flush=True))
+    plan = draw(options.count, seed, options.only or list(TESTS))
+    records = run(plan, out, options.jobs, options.quick, lambda text: print(text, flush=True))
     text, good = summary(records)
     print(f"seed {seed}: {text}")
     return 0 if good else 1

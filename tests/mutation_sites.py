@@ -42,8 +42,8 @@ class Site:
 
 def sites(name: str, text: str) -> list[Site]:
     """Return all changes of a file's text, in text order."""
-    found = python_sites(text) if name.endswith(".py") else kernel_sites(text)
-    return sorted(set(found), key=lambda site: (site.start, site.end, site.new))
+    changes = python_sites(text) if name.endswith(".py") else kernel_sites(text)
+    return sorted(set(changes), key=lambda site: (site.start, site.end, site.new))
 
 
 # OpenCL C

@@ -74,9 +74,9 @@ def test_every_path_of_the_documents_can_be_had():
     paths = set(re.findall(r"\bclshade((?:\.[A-Za-z_]\w*)+)", re.sub(r"-m clshade\S*|github\S*", "", text)))
     assert {".farm.draw_frames", ".exr.read", ".load"} <= paths
     for path in sorted(paths):
-        found: object = clshade
+        target: object = clshade
         for name in path[1:].split("."):
-            found = getattr(found, name)
+            target = getattr(target, name)
 
 
 def test_a_misspelt_name_is_answered_with_the_nearest():

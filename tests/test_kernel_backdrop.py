@@ -65,18 +65,18 @@ def test_angles(device):
     rng = np.random.default_rng(1)
     y, x = (np.float32(10.0 ** rng.uniform(-8, 1, 4000)) for _ in range(2))
     y[:4], x[:4] = (0, 0, 1, 1), (0, 1, 0, 1)
-    found = probe(device)("angle", y, x)
+    angles = probe(device)("angle", y, x)
     expected = np.arctan2(y.astype(np.float64), x.astype(np.float64)) / np.pi
     # Four roundings: of the quotient, of the polynomial, of its first coefficient, of their product; or that of the sum.
-    assert (np.abs(found - expected) <= 2.0**-24 * np.minimum(4.0 * expected, 0.75)).all()
+    assert (np.abs(angles - expected) <= 2.0**-24 * np.minimum(4.0 * expected, 0.75)).all()
 
 
 @pytest.mark.parametrize("image", IMAGES)
 def test_radiance_in_any_direction(device, image):
-    found, d = radiance(device, image), directions().astype(np.float64)
+    colors, d = radiance(device, image), directions().astype(np.float64)
     world = np.stack([d[:, 1], d[:, 2], d[:, 0]], axis=1)  # left is x, up is y, front is z
     expected, budget = seen(Environment(image), world / np.linalg.norm(world, axis=1, keepdims=True), "float32")
-    assert (np.abs(found - expected) <= 16 * 2.0**-24 * budget).all()
+    assert (np.abs(colors - expected) <= 16 * 2.0**-24 * budget).all()
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)

@@ -58,11 +58,11 @@ def look_up(device, uv: np.ndarray, which: np.ndarray, lanes: int | None = None)
 
 
 def expected_of(uv: np.ndarray, which: np.ndarray) -> np.ndarray:
-    found = np.zeros((len(uv), 3))
+    colors = np.zeros((len(uv), 3))
     for index, chosen in enumerate(TEXTURES):
         mine = which == index
-        found[mine] = texture.bilerp(uv[mine], chosen.image, chosen.lookup, chosen.wrap)
-    return found
+        colors[mine] = texture.bilerp(uv[mine], chosen.image, chosen.lookup, chosen.wrap)
+    return colors
 
 
 def test_every_wrap_and_lookup_at_random_coordinates(device):
@@ -72,10 +72,10 @@ def test_every_wrap_and_lookup_at_random_coordinates(device):
     uv = np.where(rng.random((count, 2)) < 0.5, rng.uniform(-0.2, 1.2, (count, 2)), rng.uniform(-300, 300, (count, 2)))
     uv[::4] *= np.exp2(rng.uniform(0, 30, (count // 4, 2)))
     which = rng.integers(0, len(TEXTURES), count)
-    found, expected = look_up(device, uv, which), expected_of(uv, which)
+    colors, expected = look_up(device, uv, which), expected_of(uv, which)
     size = np.array([chosen.image.shape[1::-1] for chosen in TEXTURES])[which]
     moved = 2.0 * 4.0 * 2.0**-48 * (np.maximum(np.abs(uv), 1.0) * size).sum(axis=1)
-    assert (np.abs(found - expected).max(axis=1) <= MEAN + moved).all()
+    assert (np.abs(colors - expected).max(axis=1) <= MEAN + moved).all()
     # Coordinates in plain float32 would fail.
     rough = expected_of(float32(uv).astype(np.float64), which)
     assert np.abs(rough - expected).max() > 1e-3
@@ -94,8 +94,8 @@ def test_texel_centers_are_exact(device):
             continue
         else:
             uv = np.stack([i / max(columns - 1, 1), j / max(rows - 1, 1)], axis=1)
-        found = look_up(device, uv, np.full(len(uv), index))
-        assert np.array_equal(found, chosen.image[j, i]), (chosen.lookup, chosen.wrap, columns, rows)
+        colors = look_up(device, uv, np.full(len(uv), index))
+        assert np.array_equal(colors, chosen.image[j, i]), (chosen.lookup, chosen.wrap, columns, rows)
 
 
 SPECIAL = (0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 1e-30, -1e-30, 1 - 2.0**-40, 1 + 2.0**-40, 1e30, -1e30, 3e38, -3e38, 1e-45)
@@ -112,11 +112,11 @@ def test_special_coordinates(device, kind):
     for size in range(len(SIZES)):
         index = size * len(KINDS) + kind
         which = np.full(len(uv), index)
-        found, expected = look_up(device, uv, which), expected_of(uv, which)
-        assert np.abs(found - expected).max() <= MEAN, SIZES[size]
+        colors, expected = look_up(device, uv, which), expected_of(uv, which)
+        assert np.abs(colors - expected).max() <= MEAN, SIZES[size]
         image = TEXTURES[index].image
-        assert (found >= image.min() - MEAN).all()
-        assert (found <= image.max() + MEAN).all()
+        assert (colors >= image.min() - MEAN).all()
+        assert (colors <= image.max() + MEAN).all()
 
 
 def test_undefined_low_parts_count_as_zero(device):
@@ -200,9 +200,9 @@ def test_indices_stay_in_the_image_and_fractions_between_0_and_1(device):
             rng.integers(0, 2, count // 16),
         )
     ]
-    found = Probe(device, FOOTPRINT)("texels", high, low, *per_block, width=3)
-    assert ((found[:, :2] >= 0) & (found[:, :2] < per_block[0][:, None])).all()
-    assert ((found[:, 2] >= 0.0) & (found[:, 2] <= 1.0)).all()
+    texels = Probe(device, FOOTPRINT)("texels", high, low, *per_block, width=3)
+    assert ((texels[:, :2] >= 0) & (texels[:, :2] < per_block[0][:, None])).all()
+    assert ((texels[:, 2] >= 0.0) & (texels[:, 2] <= 1.0)).all()
 
 
 def shares_of(u: Fraction, size: int, lookup: str, wrap: str) -> dict[int, Fraction]:
@@ -252,11 +252,11 @@ def test_texels_across_the_seam(device, precision, lanes):
     numbers = np.array([struct_layout.CONSTANTS[f"WRAP_{wrap.upper()}"] for wrap in WRAPS])[wraps]
     modes = np.array([struct_layout.CONSTANTS[f"LOOKUP_{name}"] for name in ("STANDARD", "COURSE")])[lookups]
     arrays = (a.astype(np.int32) for a in (sizes, numbers, modes))
-    found = Probe(device, FOOTPRINT, lanes=lanes, **features)("texels", high, low, *arrays, width=3, dtype=kind)
+    texels = Probe(device, FOOTPRINT, lanes=lanes, **features)("texels", high, low, *arrays, width=3, dtype=kind)
     for k in range(count):
         u = Fraction(float(high[k])) + Fraction(float(low[k]))
         expected = shares_of(u, int(sizes[k]), ("standard", "course")[lookups[k]], WRAPS[wraps[k]])
-        first, second, fraction = (float(value) for value in found[k])
+        first, second, fraction = (float(value) for value in texels[k])
         shares = {int(first): 1.0 - fraction}
         shares[int(second)] = shares.get(int(second), 0.0) + fraction
         wrong = max(abs(float(expected.get(i, 0)) - shares.get(i, 0.0)) for i in {*expected, *shares})
@@ -270,8 +270,8 @@ def test_lanes_and_mixed_textures_do_not_change_a_bit(device, lanes):
     rng = np.random.default_rng(3)
     count = 1003
     uv, which = rng.uniform(-2, 3, (count, 2)), rng.integers(0, len(TEXTURES), count)
-    first, other = (bits(look_up(device, uv, which, count)) for count in (16, lanes))
-    assert np.array_equal(first, other)
+    first, second = (bits(look_up(device, uv, which, count)) for count in (16, lanes))
+    assert np.array_equal(first, second)
     order = np.argsort(which, kind="stable")
     assert np.array_equal(first[order], bits(look_up(device, uv[order], which[order])))
 

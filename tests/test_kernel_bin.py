@@ -42,11 +42,11 @@ def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipelin
 def tiles_drawn(xy: np.ndarray, boxes: np.ndarray, order: np.ndarray, resolution: tuple[int, int]) -> list[set[int]]:
     """Return for each tile exactly the triangles that cover a pixel of it."""
     across = -(-resolution[0] // TILE)
-    found: list[set[int]] = [set() for _ in range(across * -(-resolution[1] // TILE))]
+    tiles: list[set[int]] = [set() for _ in range(across * -(-resolution[1] // TILE))]
     for k, column, row, _ in coverage.samples(xy[order], boxes[order]):
         for pair in np.unique(np.stack([row // TILE * across + column // TILE, order[k]]), axis=1).T.tolist():
-            found[pair[0]].add(pair[1])
-    return found
+            tiles[pair[0]].add(pair[1])
+    return tiles
 
 
 def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[int, int]]:
@@ -65,8 +65,8 @@ def tiles_met(xy: np.ndarray, box: np.ndarray, places: np.ndarray) -> set[tuple[
         for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
             moved = seen_from(xy, np.array([[ends[i][0], ends[j][1]]]))[0]
             corners.append(coverage.edge_functions(moved, x * TILE + i * (TILE - 1), y * TILE + j * (TILE - 1)))
-        most = np.max(corners, axis=0)
-        if ((most > 0) | ((most == 0) & coverage.top_left(xy))).all():
+        largest = np.max(corners, axis=0)
+        if ((largest > 0) | ((largest == 0) & coverage.top_left(xy))).all():
             met.add((x, y))
     return met
 
@@ -87,7 +87,7 @@ def test_lists(device, count, resolution):
     z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
     pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
     order, boxes, across = pipeline.sort(), hull(xy, places, resolution), -(-resolution[0] // TILE)
-    lists = [found.tolist() for found in pipeline.bin()]
+    lists = [listed.tolist() for listed in pipeline.bin()]
     expected: list[list[int]] = [[] for _ in lists]
     for k in order.tolist():
         for x, y in tiles_met(xy[k], boxes[k], places):
@@ -96,7 +96,7 @@ def test_lists(device, count, resolution):
     for moved in seen_from(xy, places):
         alive = order[~coverage.setup(moved, *resolution).culled[order]]
         needed = tiles_drawn(moved, coverage.setup(moved, *resolution).box, alive, resolution)
-        assert all(some <= set(found) for some, found in zip(needed, lists, strict=True))
+        assert all(some <= set(listed) for some, listed in zip(needed, lists, strict=True))
 
 
 def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
@@ -104,7 +104,7 @@ def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
     xy = np.array([[[0, 0], [160, 159.6], [159.6, 160]]])
     xy = np.rint(PIXEL * xy).astype(np.int64)
     pipeline, _, _ = set_up(device, xy, (160, 160))
-    tiles = np.array([len(found) for found in pipeline.bin()]).reshape(10, 10)
+    tiles = np.array([len(listed) for listed in pipeline.bin()]).reshape(10, 10)
     distance = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))
     assert (tiles[distance == 0] == 1).all()
     assert not tiles[distance > 1].any()
@@ -114,9 +114,9 @@ def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
 def test_chunks_and_parts_change_nothing(device, chunk, parts):
     xy = triangles(2, 400)
     pipeline, _, _ = set_up(device, xy, (90, 70))
-    whole = pipeline.bin()
+    lists = pipeline.bin()
     entries, starts = pipeline.lists.array.copy(), pipeline.starts.array.copy()
-    assert sum(map(len, whole)) > 250
+    assert sum(map(len, lists)) > 250
     pipeline.bin(min(chunk, pipeline.visible), parts)
     assert np.array_equal(pipeline.starts.array, starts)
     assert np.array_equal(pipeline.lists.array, entries)
@@ -128,7 +128,7 @@ def test_an_entrys_box_is_the_triangles_box_within_the_tile(device):
     pipeline, _, boxes = set_up(device, xy, resolution)
     lists = pipeline.bin()
     entries = pipeline.lists.to_host()
-    tile = np.repeat(np.arange(len(lists)), [len(found) for found in lists])
+    tile = np.repeat(np.arange(len(lists)), [len(listed) for listed in lists])
     corner = np.stack([tile % -(-resolution[0] // TILE), tile // -(-resolution[0] // TILE)], axis=1) * TILE
     expected = np.clip(boxes[entries["index"]] - np.tile(corner, 2), 0, TILE - 1)
     assert np.array_equal(entries["box"][:, None] >> np.array([0, 8, 16, 24]) & 0xFF, expected)

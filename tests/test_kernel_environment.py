@@ -59,28 +59,28 @@ def run(device, name: str, d: np.ndarray, levels: np.ndarray, lanes: int | None 
 def test_levels_in_any_direction(device):
     d = directions()
     levels = np.arange(len(d)) % 9
-    found = run(device, "around", d, levels)
+    colors = run(device, "around", d, levels)
     for number, level in enumerate(image_light(ENVIRONMENT).levels):
         mine = levels == number
         # A place in the map is right to some roundings of its side in texels; the colors around it are at most 1.
         expected = bilinear(level, d[mine].astype(np.float64))
-        np.testing.assert_allclose(found[mine], expected, atol=8 * len(level) * 2.0**-24)
+        np.testing.assert_allclose(colors[mine], expected, atol=8 * len(level) * 2.0**-24)
 
 
 def test_irradiance_of_unit_normals(device):
     n = directions().astype(np.float64)
     n = (n / np.linalg.norm(n, axis=1, keepdims=True)).astype(np.float32)
-    found = run(device, "diffuse", n, np.zeros(len(n)))
+    irradiance = run(device, "diffuse", n, np.zeros(len(n)))
     x, y, z = n.T.astype(np.float64)
     expected = (
         np.stack([x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], axis=1) @ image_light(ENVIRONMENT).irradiance
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    np.testing.assert_allclose(irradiance, expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_matter(device, lanes):
     d = directions()
     for name in ("around", "diffuse"):
-        one, other = (run(device, name, d, np.arange(len(d)) % 9, lanes) for lanes in (None, lanes))
-        np.testing.assert_array_equal(bits(one), bits(other))
+        one, second = (run(device, name, d, np.arange(len(d)) % 9, lanes) for lanes in (None, lanes))
+        np.testing.assert_array_equal(bits(one), bits(second))

@@ -45,8 +45,8 @@ def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> n
 def assert_same_coverage(device, xy, resolution, **options) -> None:
     """Assert that triangles that do not overlap each cover exactly the oracle's pixels."""
     z = np.ones((len(xy), 3))
-    found = fill(device, xy, z, resolution, **options)
-    assert np.array_equal(found, owners_of(xy, z, resolution, "painter"))
+    owners = fill(device, xy, z, resolution, **options)
+    assert np.array_equal(owners, owners_of(xy, z, resolution, "painter"))
 
 
 # Coverage
@@ -96,12 +96,12 @@ def test_a_fan_of_needles_has_no_hole_and_no_overlap(device, reach):
     rim = np.rint(PIXEL * (128 + reach * np.stack([np.cos(angle), np.sin(angle)], axis=1))).astype(np.int64)
     xy = np.stack([np.full_like(rim, 128 * PIXEL + 19_777), rim, np.roll(rim, -1, axis=0)], axis=1)
     xy[::2] = xy[::2, ::-1].copy()
-    found = fill(device, xy, np.ones((600, 3)), (256, 256))
-    assert np.array_equal(found, owners_of(xy, np.ones((600, 3)), (256, 256), "painter"))
-    row, column = np.indices(found.shape)
+    owners = fill(device, xy, np.ones((600, 3)), (256, 256))
+    assert np.array_equal(owners, owners_of(xy, np.ones((600, 3)), (256, 256), "painter"))
+    row, column = np.indices(owners.shape)
     # The widest gap of the rim is 3 degrees: a sagitta of 1/1000 of its radius.
     inside = np.hypot(row - 127.5, column - 127.5) < 0.99 * reach
-    assert (found[inside] >= 0).all()
+    assert (owners[inside] >= 0).all()
     count = sum(coverage.triangle_mask(t, 256, 256).astype(int) for t in xy)
     assert count.max() == 1
 
@@ -143,12 +143,14 @@ def test_depths_that_float32_hardly_tells_apart(device, feature, apart):
     slope = 1.0 + (xy @ [1.0, 0.3]) / (PIXEL * 50_000.0)
     plane = slope if orthographic else 1.0 / slope
     z = plane * (1.0 + apart * np.random.default_rng(13).uniform(-1.0, 1.0, plane.shape))  # no two within 2^-40, a tie
-    found = fill(device, xy, z, RESOLUTION, places=places, DEPTH_TEST=1, **({feature: 1} if feature else {}))
+    owners = fill(device, xy, z, RESOLUTION, places=places, DEPTH_TEST=1, **({feature: 1} if feature else {}))
     if places is not None:  # the first sample sees what the center sees of triangles moved the other way
         xy = seen_from(xy, places)[0]
     expected = owners_of(xy, z, RESOLUTION, "depth", orthographic)
-    assert (found != owners_of(xy, plane, RESOLUTION, "depth", orthographic)).mean() > 0.1  # `apart` decides the owners
-    assert np.array_equal(found, expected)
+    assert (
+        owners != owners_of(xy, plane, RESOLUTION, "depth", orthographic)
+    ).mean() > 0.1  # `apart` decides the owners
+    assert np.array_equal(owners, expected)
 
 
 @pytest.mark.sampled
@@ -172,11 +174,11 @@ def test_what_float32_puts_behind_the_early_stop(device, feature):
     z = 3.0 - w if orthographic else 1.0 / w
     xy = np.concatenate([xy] * 9)
     resolution = (3 * 16 * across, 3 * 16 * across)
-    found = fill(device, xy, z, resolution, DEPTH_TEST=1, **({feature: 1} if feature else {}))
+    owners = fill(device, xy, z, resolution, DEPTH_TEST=1, **({feature: 1} if feature else {}))
     expected = owners_of(xy, z, resolution, "depth", orthographic)
     seen = expected[tuple(np.moveaxis(at[:, 0] // PIXEL, 1, 0)[::-1])]
     assert np.array_equal(seen, 8 * across**2 + np.arange(across**2))
-    assert np.array_equal(found, expected)
+    assert np.array_equal(owners, expected)
 
 
 def test_depths_in_one_plane_many_layers_deep(device):
@@ -196,8 +198,8 @@ def test_of_equal_depths_the_later_face_wins(device, depth_test):
     """Copies of the same triangles with bit-identical depths, at any position in the list."""
     xy, z = overlapping(8, 40)
     again = np.concatenate([xy, xy[::-1], xy])
-    found = fill(device, again, np.concatenate([z, z[::-1], z]), RESOLUTION, DEPTH_TEST=depth_test)
-    owned = found[found >= 0]
+    owners = fill(device, again, np.concatenate([z, z[::-1], z]), RESOLUTION, DEPTH_TEST=depth_test)
+    owned = owners[owners >= 0]
     assert (owned >= 80).all()
     assert len(owned) > 1000
 
@@ -209,10 +211,10 @@ def test_crossing_triangles_are_cut_along_their_line(device):
     xy = np.array([[[0, -box], [box, -box], [box, 9 * box]], [[0, -box], [box, -box], [0, 9 * box]]])
     both = coverage.triangle_mask(xy[0], 64, 64) & coverage.triangle_mask(xy[1], 64, 64)
     z = np.array([[1.0, 3.0, 3.0], [3.0, 1.0, 3.0]])
-    found = fill(device, xy, as_kernels_see(z), (64, 64), DEPTH_TEST=1)
+    owners = fill(device, xy, as_kernels_see(z), (64, 64), DEPTH_TEST=1)
     assert both.any()
-    assert np.array_equal(found[both], owners_of(xy, as_kernels_see(z), (64, 64), "depth")[both])
-    assert {0, 1} == set(found[both].tolist())
+    assert np.array_equal(owners[both], owners_of(xy, as_kernels_see(z), (64, 64), "depth")[both])
+    assert {0, 1} == set(owners[both].tolist())
 
 
 @pytest.mark.sampled
@@ -223,5 +225,5 @@ def test_lanes_do_not_change_an_owner(device, depth_test, lanes):
     z[::2] = 1.5
     z[1::4] = z[::4]
     xy[1::4] = xy[::4]
-    first, other = (fill(device, xy, z, RESOLUTION, lanes=count, DEPTH_TEST=depth_test) for count in (16, lanes))
-    assert np.array_equal(first, other)
+    first, second = (fill(device, xy, z, RESOLUTION, lanes=count, DEPTH_TEST=depth_test) for count in (16, lanes))
+    assert np.array_equal(first, second)

@@ -38,8 +38,8 @@ def corners(pipeline: Pipeline, inputs) -> np.ndarray:
     light = Buffer(pipeline.device, np.full((3 * len(inputs.z), 4), np.nan, np.float32))
     surface = pipeline.surface(**inputs.arrays())
     size = pipeline.stages.vectors(pipeline.visible)
-    own = {"order": pipeline.order, "to_light": light, "count": pipeline.visible}
-    pipeline.stages.run("gouraud_corners", size, surface, **own)
+    arguments = {"order": pipeline.order, "to_light": light, "count": pipeline.visible}
+    pipeline.stages.run("gouraud_corners", size, surface, **arguments)
     return light.to_host().reshape(-1, 3, 4)
 
 
@@ -53,9 +53,9 @@ def test_corners_equal_the_reflection_model(device, inputs, ways):
     """The bound of a color, as for a pixel of phong (clshade/measure/README.md, "Bounds, and where they come from");
     only visible triangles are written."""
     pipeline = pipeline_of(device, inputs, ways)
-    found = corners(pipeline, inputs)
+    light = corners(pipeline, inputs)
     visible = np.sort(pipeline.order.array)
-    written = ~np.isnan(found).any(axis=(1, 2))
+    written = ~np.isnan(light).any(axis=(1, 2))
     assert np.flatnonzero(written).tolist() == visible.tolist()
     assert 200 < len(visible) <= len(inputs.z)
     # An image of one row, with a pixel per corner.
@@ -63,7 +63,7 @@ def test_corners_equal_the_reflection_model(device, inputs, ways):
     face = np.repeat(np.arange(len(inputs.z)), 3)
     at = np.zeros_like(face), np.arange(len(face))
     frame = stage_oracle.as_frame(at[0][None], at, face, expected)
-    rgb = np.nan_to_num(found[..., :3].reshape(1, -1, 3))
+    rgb = np.nan_to_num(light[..., :3].reshape(1, -1, 3))
     for n in EXPONENTS:
         skip = ~stage_oracle.only(frame, inputs, n) | ~written[face][None]
         assert oracle_asserts.assert_colors_within(rgb, frame, skip=skip) < 8.0
@@ -98,8 +98,8 @@ def test_without_light_the_colors_are_interpolated(device, inputs, perspective):
     at, face, weights = stage_oracle.owned(inputs, owners, "perspective" if perspective else "affine")
     expected = stage_oracle.blend(weights, inputs.colors[face])
     assert np.abs(rgba[at][:, :3] - expected).max() <= MIXING
-    other = stage_oracle.owned(inputs, owners, "affine" if perspective else "perspective")[2]
-    assert np.abs(stage_oracle.blend(other, inputs.colors[face]) - expected).max() > 0.01
+    wrong_weights = stage_oracle.owned(inputs, owners, "affine" if perspective else "perspective")[2]
+    assert np.abs(stage_oracle.blend(wrong_weights, inputs.colors[face]) - expected).max() > 0.01
 
 
 def test_a_constant_stays_exactly_constant(device, inputs):

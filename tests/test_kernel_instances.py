@@ -81,25 +81,25 @@ def set_up(device, stages: Stages, scene: Scene, *, copies: bool) -> SimpleNames
     source.project(frame)
     source.set_up(frame)
     counters = counted.to_host()[0]
-    found = SimpleNamespace(source=source, table=table)
-    found.counters = {name: int(counters[name]) + source.culled.get(name, 0) for name in counters.dtype.names[:7]}
+    setup = SimpleNamespace(source=source, table=table)
+    setup.counters = {name: int(counters[name]) + source.culled.get(name, 0) for name in counters.dtype.names[:7]}
     made = source.made
     lowest = np.uint64((1 << made.index_bits) - 1)
     keys = made.keys.to_host()[: counters["visible"]]
     index = (lowest - (keys & lowest)).astype(np.int64)
     faces_of, clipped = made.triangles.to_host()["face"][index].astype(np.int64), source.to_clip(counters["to_clip"])
-    found.to_clip = clipped.numbers.astype(np.int64)
+    setup.to_clip = clipped.numbers.astype(np.int64)
     if table is not None:
-        found.of_triangles = frame.values["triangle_instances"]
-        faces_of += table.rows["face_shift"][found.of_triangles.to_host()[index]]
-        found.to_clip += table.rows["face_shift"][clipped.instances]
+        setup.of_triangles = frame.values["triangle_instances"]
+        faces_of += table.rows["face_shift"][setup.of_triangles.to_host()[index]]
+        setup.to_clip += table.rows["face_shift"][clipped.instances]
     by_face = np.argsort(faces_of)
-    found.index = index[by_face]
-    found.order = keys[by_face] >> np.uint64(made.index_bits)
-    found.rows, found.bounds = made.triangles.array[found.index], made.bounds.to_host()[found.index]
-    found.rows["face"] = faces_of[by_face]
-    found.depth = source.painter_depths(frame, found.index)[0] if painter else None
-    return found
+    setup.index = index[by_face]
+    setup.order = keys[by_face] >> np.uint64(made.index_bits)
+    setup.rows, setup.bounds = made.triangles.array[setup.index], made.bounds.to_host()[setup.index]
+    setup.rows["face"] = faces_of[by_face]
+    setup.depth = source.painter_depths(frame, setup.index)[0] if painter else None
+    return setup
 
 
 @pytest.mark.parametrize(("lanes", "features"), WAYS)
@@ -110,31 +110,36 @@ def test_the_same_triangles_as_of_copies(device, lanes, features):
     scene = crowd()
     meshes = [replace(mesh, material=replace(mesh.material, sides="front")) for mesh in scene.meshes[-2:]]
     scene = replace(scene, meshes=(*scene.meshes[:-2], *meshes))
-    expected, found = (set_up(device, stages, scene, copies=copies) for copies in (True, False))
-    assert found.counters == expected.counters
-    assert all(count > 0 for name, count in found.counters.items() if name != "zero_area")
-    assert np.array_equal(np.sort(found.to_clip), expected.to_clip)
+    expected, setup = (set_up(device, stages, scene, copies=copies) for copies in (True, False))
+    assert setup.counters == expected.counters
+    assert all(count > 0 for name, count in setup.counters.items() if name != "zero_area")
+    assert np.array_equal(np.sort(setup.to_clip), expected.to_clip)
     for name in expected.rows.dtype.names:
-        assert np.array_equal(found.rows[name], expected.rows[name]), name
-    assert np.array_equal(found.bounds, expected.bounds)
-    assert np.array_equal(found.order, expected.order)
+        assert np.array_equal(setup.rows[name], expected.rows[name]), name
+    assert np.array_equal(setup.bounds, expected.bounds)
+    assert np.array_equal(setup.order, expected.order)
     if not features:
-        assert np.array_equal(found.depth, expected.depth)
-    assert_layers(device, stages, found, scene)
+        assert np.array_equal(setup.depth, expected.depth)
+    assert_layers(device, stages, setup, scene)
 
 
-def assert_layers(device, stages: Stages, found: SimpleNamespace, scene: Scene) -> None:
+def assert_layers(device, stages: Stages, setup: SimpleNamespace, scene: Scene) -> None:
     """Check the layers id and instance_id of the triangles that are set up."""
-    owners = np.concatenate([[-1, -1], found.index, [-1, 0, 0, 0]]).astype(np.int32)
+    owners = np.concatenate([[-1, -1], setup.index, [-1, 0, 0, 0]]).astype(np.int32)
     count = len(owners) - 3  # nothing is written beyond
-    given, rows = Buffer(device, owners), Buffer(device, found.table.rows)
+    owner_buffer, rows = Buffer(device, owners), Buffer(device, setup.table.rows)
     ids, numbers = (Buffer(device, np.full(len(owners), 7, np.uint32)) for _ in range(2))
-    triangles = found.source.made.triangles
-    values = {"owners": given, "triangles": triangles, "triangle_instances": found.of_triangles, "instances": rows}
+    triangles = setup.source.made.triangles
+    values = {
+        "owners": owner_buffer,
+        "triangles": triangles,
+        "triangle_instances": setup.of_triangles,
+        "instances": rows,
+    }
     values |= {"numbers": None, "in_table": False, "count": count}
     for shown, of_instances in ((ids, False), (numbers, True)):
         stages.run("layer_number", items(count), values, shown=shown, of_instances=of_instances)
-    faces, instance = found.rows["face"], []
+    faces, instance = setup.rows["face"], []
     for mesh, first in zip(scene.meshes, first_instances(scene), strict=True):
         instance += [first + k for k in range(len(mesh.instances)) for _ in mesh.faces]
     assert ids.to_host().tolist() == [0, 0, *(faces + 1), 0, 7, 7, 7]
@@ -150,16 +155,16 @@ def test_normals_and_tangents(device):
     rows = np.zeros(40, SINGLE.Instance)
     rows["rows"], rows["mirrored"], rows["plain"] = placed[:, :3].reshape(-1, 12), mirrored, placements.plain(placed)
     rows["scale"] = np.ldexp(1.0, -np.frexp(np.abs(placed[:, :3, :3]).max(axis=(1, 2)))[1])
-    own = np.zeros((12, 4))
-    own[:, :3] = placements.about_one(rng.normal(size=(12, 3)))
-    own[3, :3], own[5, 0], own[6, 1:3] = 0.0, 0.0, 0.0
+    vectors = np.zeros((12, 4))
+    vectors[:, :3] = placements.about_one(rng.normal(size=(12, 3)))
+    vectors[3, :3], vectors[5, 0], vectors[6, 1:3] = 0.0, 0.0, 0.0
     probe = Probe(device, STAGES, lanes=1, INSTANCES=1)
-    every, each = np.repeat(rows, 12), np.tile(own, (40, 1))
+    every, tiled = np.repeat(rows, 12), np.tile(vectors, (40, 1))
     for is_unit in (False, True):
-        each[:, 3] = is_unit
-        expected = placements.placed_normals(own[:, :3], placed, mirrored, np.float32, is_unit=is_unit)
-        found = probe("normals", every, each, width=4)
-        assert np.array_equal(bits(found), bits(np.column_stack([expected, np.zeros(480)])))
-    own[:, 3] = rng.choice([1.0, -1.0], 12)
-    found = probe("tangents", every, np.tile(own, (40, 1)), width=4)
-    assert np.array_equal(found, placements.placed_tangents(own, placed, mirrored).astype(np.float32))
+        tiled[:, 3] = is_unit
+        expected = placements.placed_normals(vectors[:, :3], placed, mirrored, np.float32, is_unit=is_unit)
+        turned = probe("normals", every, tiled, width=4)
+        assert np.array_equal(bits(turned), bits(np.column_stack([expected, np.zeros(480)])))
+    vectors[:, 3] = rng.choice([1.0, -1.0], 12)
+    turned = probe("tangents", every, np.tile(vectors, (40, 1)), width=4)
+    assert np.array_equal(turned, placements.placed_tangents(vectors, placed, mirrored).astype(np.float32))

@@ -68,8 +68,8 @@ def test_masks(ways):
     assert np.array_equal(count.reshape(-1, lanes)[:, 0], blocks.sum(axis=1))
     expected = (blocks != 0) @ (1 << np.arange(lanes)) if lanes == 16 else np.zeros(len(blocks))
     assert np.array_equal(set_bits.reshape(-1, lanes)[:, 0], expected)
-    for row, mask, found in zip(values.reshape(-1, lanes), blocks, one.reshape(-1, lanes)[:, 0], strict=True):
-        assert found in row[mask != 0] if mask.any() else found == 0
+    for row, mask, picked in zip(values.reshape(-1, lanes), blocks, one.reshape(-1, lanes)[:, 0], strict=True):
+        assert picked in row[mask != 0] if mask.any() else picked == 0
 
 
 def test_columns_of_a_row(ways):
@@ -78,6 +78,6 @@ def test_columns_of_a_row(ways):
     row = RNG.integers(0, 2**32, COUNT, dtype=np.uint64).astype(np.uint32).view(np.float32)
     columns = RNG.integers(0, 1000, COUNT, dtype=np.int64).astype(np.int32)
     expected = np.take_along_axis(bits(row).reshape(-1, lanes), columns.reshape(-1, lanes) % lanes, axis=1).reshape(-1)
-    found = bits(probe("picked", row, columns, width=2)).T
-    assert np.array_equal(found[0], expected)
-    assert np.array_equal(found[1], expected)
+    picked = bits(probe("picked", row, columns, width=2)).T
+    assert np.array_equal(picked[0], expected)
+    assert np.array_equal(picked[1], expected)

@@ -39,13 +39,16 @@ def picture(resolution: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.nda
 def layers(device, triangles, owners, unscale=1.0, lanes=None) -> tuple[np.ndarray, np.ndarray]:
     """Run the stage; return ids and depths, (M, N)."""
     stages = Stages(device, build(device, mask(OWNERS=1, DEPTH_TEST=1), ("layers.cl",), lanes=lanes))
-    own, table = Buffer(device, owners), Buffer(device, triangles)
+    arguments, table = Buffer(device, owners), Buffer(device, triangles)
     image = image_of(device, owners.shape[::-1], unscale=unscale)
     ids = Buffer(device, np.full(owners.shape, 77, np.uint32))
     depths = Buffer(device, np.full(owners.shape, np.nan, np.float32))
-    values, tiles = {"owners": own, "triangles": table, "image": image, **NO_INSTANCES}, int(image.array["tiles"][0])
-    own = {"shown": ids, "numbers": None, "in_table": False, "of_instances": False, "count": owners.size}
-    stages.run("layer_number", items(owners.size), values, **own)
+    values, tiles = (
+        {"owners": arguments, "triangles": table, "image": image, **NO_INSTANCES},
+        int(image.array["tiles"][0]),
+    )
+    arguments = {"shown": ids, "numbers": None, "in_table": False, "of_instances": False, "count": owners.size}
+    stages.run("layer_number", items(owners.size), values, **arguments)
     stages.run("layer_z", stages.tiles("layer_z", tiles), values, depths=depths)
     return ids.to_host(), depths.to_host()
 
@@ -95,9 +98,9 @@ def test_depths_are_held_to_those_of_the_corners(device):
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit(device, lanes):
     xy, z, owners = picture((45, 31))
-    first, other = (layers(device, triangles_of(xy, z), owners, lanes=count) for count in (16, lanes))
-    assert np.array_equal(first[0], other[0])
-    assert np.array_equal(bits(first[1]), bits(other[1]))
+    first, second = (layers(device, triangles_of(xy, z), owners, lanes=count) for count in (16, lanes))
+    assert np.array_equal(first[0], second[0])
+    assert np.array_equal(bits(first[1]), bits(second[1]))
 
 
 def test_scene_units_come_from_the_image(device):

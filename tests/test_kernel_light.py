@@ -59,11 +59,11 @@ def test_highlights_own_relative_error(device, n):
     """
     points, normals, light = in_the_lobe(n)
     expected, inside = exact_highlight(points, normals, light, n)
-    found = reflect(device, points, normals, (light, np.ones(3)), material={"n": n, "kd": 0.0})[:, 0]
+    highlight = reflect(device, points, normals, (light, np.ones(3)), material={"n": n, "kd": 0.0})[:, 0]
     assert inside.sum() > 1000
     assert expected[inside].min() < 0.4
     assert expected[inside].max() > 0.99
-    error = np.abs(found[inside] / expected[inside] - 1.0)
+    error = np.abs(highlight[inside] / expected[inside] - 1.0)
     assert error.max() <= 16.0 * math.sqrt(n) * HALF_ULP
 
 
@@ -109,9 +109,9 @@ def test_light_at_random_points(device, n):
     intensities = float32([[1, 0.5, 0.25], [0.3, 0.3, 2], [1, 1, -0.5]])
     k = dict(zip(TERMS, float32(rng.uniform(0.2, 0.9, (len(TERMS), 3))), strict=True))
     material = {"n": n, **k}
-    found = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
+    lit = reflect(device, points, normals, (positions, intensities), colors=colors, material=material)
     p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
-    surface = shade.Surface(np.float64(n), k={name: each.astype(np.float64) for name, each in k.items()})
+    surface = shade.Surface(np.float64(n), k={name: factor.astype(np.float64) for name, factor in k.items()})
     at = Interaction(p, m, EYE, Lights(l_pos, l_int), np.abs(p).max(axis=1), np.ones(count))
     steepness = shade.steepness(at, surface)
     expected = OracleFrame(
@@ -131,7 +131,7 @@ def test_light_at_random_points(device, n):
         r_v = np.array([shade.mirrored(directions(p, m, light))[0] for light in l_pos])
         steep[0] = ((r_v > -0.001) & (r_v < 0.02)).any(axis=0)
     assert steep.mean() < 0.05
-    assert oracle_asserts.assert_colors_within(found[None], expected, skip=steep) < 8.0
+    assert oracle_asserts.assert_colors_within(lit[None], expected, skip=steep) < 8.0
 
 
 def one(device, point=(0, 0, -2), normal=(0, 0, 1), light=(0, 0, 0), intensity=(1, 1, 1), **options) -> list[float]:
@@ -167,8 +167,8 @@ def test_lights_behind_the_surface_give_exactly_nothing(device, n):
     light = float32([0.5, 0.25, 1.5])
     above = ((light - points) * normals).sum(axis=1)
     facing = float32(normals * -np.sign(above)[:, None])[np.abs(above) > 1e-3]
-    found = reflect(device, points[np.abs(above) > 1e-3], facing, (light, np.ones(3)), material={"n": n})
-    assert not found.any()
+    lit = reflect(device, points[np.abs(above) > 1e-3], facing, (light, np.ones(3)), material={"n": n})
+    assert not lit.any()
 
 
 def test_degenerate_input_contributes_zero(device):
@@ -183,10 +183,10 @@ def test_degenerate_input_contributes_zero(device):
 
 
 def test_overflow_saturates_and_meets_no_zero(device):
-    most = float(np.finfo(np.float32).max)
+    largest = float(np.finfo(np.float32).max)
     two = (float32([[0, 0, 0], [0, 0, 0]]), float32([[3e38, 3e38, -3e38], [3e38, 1, -3e38]]))
     point, normal = float32([[0, 0, -2]]), float32([[0, 0, 1]])
-    assert reflect(device, point, normal, two)[0].tolist() == [most, pytest.approx(most), -most]
+    assert reflect(device, point, normal, two)[0].tolist() == [largest, pytest.approx(largest), -largest]
     black = reflect(device, point, normal, two, colors=np.zeros((1, 3)))
     assert black[0].tolist() == [0, 0, 0]  # not NaN
     no_kd = reflect(device, point, normal, two, material={"kd": 0.0, "ks": 0.0})
@@ -220,12 +220,12 @@ def test_shapes_at_random_points(device, fields, shape):
     light, intensity = float32([-0.9, 0.1, 1.0]), float32([2.0, 1.0, 0.5])
     if shape.parallel:
         light = float32(unit(light))
-    found = reflect(device, points, normals, (light, intensity), material={"n": 20.0}, shape=fields)
+    lit = reflect(device, points, normals, (light, intensity), material={"n": 20.0}, shape=fields)
     p, m = points.astype(np.float64), normals.astype(np.float64)
-    given = [np.atleast_2d(a.astype(np.float64)) for a in (light, intensity)]
+    arrays = [np.atleast_2d(a.astype(np.float64)) for a in (light, intensity)]
     extent, one, n, white = np.abs(p).max(axis=1), np.ones(count), np.float64(20.0), np.ones(3)
     surface = shade.Surface(n, k={"kd": white, "ks": white})
-    at = Interaction(p, m, EYE, Lights(*given, [shape]), extent, one)
+    at = Interaction(p, m, EYE, Lights(*arrays, [shape]), extent, one)
     expected = OracleFrame(
         rgb=shade.reflected(at, surface)[None],
         alpha=np.ones((1, count)),
@@ -240,16 +240,16 @@ def test_shapes_at_random_points(device, fields, shape):
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),
     )
-    assert (found > 0.0).any(axis=1).mean() > 0.1
-    assert oracle_asserts.assert_colors_within(found[None], expected) < 4.0
+    assert (lit > 0.0).any(axis=1).mean() > 0.1
+    assert oracle_asserts.assert_colors_within(lit[None], expected) < 4.0
 
 
 def test_what_arrives_at_the_limits_of_distance(device):
     """Powers of two, exact in float32, at the normal; the shortest distance with a direction is 2^-50."""
     matte = {"point": (0, 0, 0), "material": {"ks": 0.0}}
     for power in (0, -20, -50, 50):
-        found = one(device, **matte, light=(0, 0, 2.0**power), shape=ATTENUATED)
-        assert found == [pytest.approx(2.0 ** (-2 * power), rel=1e-6)] * 3
+        lit = one(device, **matte, light=(0, 0, 2.0**power), shape=ATTENUATED)
+        assert lit == [pytest.approx(2.0 ** (-2 * power), rel=1e-6)] * 3
     for near in (0.0, 2.0**-51):
         assert one(device, **matte, light=(0, 0, near), shape=ATTENUATED) == [0, 0, 0]
     at_once = {**ATTENUATED, "inverse_range": 2.0**60}
@@ -260,17 +260,17 @@ def test_what_arrives_at_the_limits_of_distance(device):
 
 
 def test_what_arrives_saturates(device):
-    most = float(np.finfo(np.float32).max)
+    largest = float(np.finfo(np.float32).max)
     near = {"point": (0, 0, 0), "light": (0, 0, 2.0**-40), "material": {"ks": 0.0}, "shape": ATTENUATED}
-    assert one(device, **near, intensity=(3e38, -3e38, 0)) == [most, -most, 0]
+    assert one(device, **near, intensity=(3e38, -3e38, 0)) == [largest, -largest, 0]
     both = (float32([[0, 0, 2.0**-40], [0, 0, 2.0**-40]]), float32([[3e38] * 3, [-3e38] * 3]))
-    found = reflect(device, float32([[0, 0, 0]]), float32([[0, 0, 1]]), both, material={"ks": 0.0}, shape=ATTENUATED)
-    assert np.isfinite(found).all()
+    lit = reflect(device, float32([[0, 0, 0]]), float32([[0, 0, 1]]), both, material={"ks": 0.0}, shape=ATTENUATED)
+    assert np.isfinite(lit).all()
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
 def test_lanes_do_not_change_a_bit(device, lanes):
     points, normals, light = in_the_lobe(1e4, 1001)
     lights = light, float32([1.0, 0.7, 0.1])
-    first, other = (reflect(device, points, normals, lights, lanes=n, material={"n": 1e4}) for n in (16, lanes))
-    assert np.array_equal(bits(first), bits(other))
+    first, second = (reflect(device, points, normals, lights, lanes=n, material={"n": 1e4}) for n in (16, lanes))
+    assert np.array_equal(bits(first), bits(second))

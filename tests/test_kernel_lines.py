@@ -62,12 +62,12 @@ class Drawing:
         view["scale"] = 1.0
         snapped = xy << struct_layout.SUBPIXEL_BITS - struct_layout.SAMPLE_BITS
         self.kept = vertices_at(device, snapped.reshape(-1, 2), depths)
-        whole = len(xy) - pieces
-        faces = np.arange(3 * whole, dtype=np.int32).reshape(-1, 3)
+        face_count = len(xy) - pieces
+        faces = np.arange(3 * face_count, dtype=np.int32).reshape(-1, 3)
         clipped = np.zeros(pieces, STRUCTS.Piece)
-        clipped["x"], clipped["y"] = snapped[whole:, :, 0], snapped[whole:, :, 1]
-        clipped["w"], clipped["w_low"] = split(1.0 / depths[3 * whole :].reshape(-1, 3))
-        clipped["face"] = np.arange(whole, len(xy))
+        clipped["x"], clipped["y"] = snapped[face_count:, :, 0], snapped[face_count:, :, 1]
+        clipped["w"], clipped["w_low"] = split(1.0 / depths[3 * face_count :].reshape(-1, 3))
+        clipped["face"] = np.arange(face_count, len(xy))
         rank = None if ranks is None else Buffer(device, np.asarray(ranks, np.int32))
         reach, size = (width + 1) // 2, np.array([COLUMNS, ROWS]) << 8
         self.margin = -(-reach // (1 << bits))
@@ -84,7 +84,7 @@ class Drawing:
             "pieces": Buffer(device, clipped),
             "ranks": rank,
             "view": Buffer(device, view),
-            "face_count": whole,
+            "face_count": face_count,
             "grid": Buffer(device, grid),
             "image": image_of(device, (COLUMNS, ROWS), **samples_at(places)),
             "edge_faces": Buffer(device, np.asarray(edge_faces, np.int32)),
@@ -126,9 +126,15 @@ class Drawing:
         """Return the samples that show lines, (ROWS, COLUMNS, 2) uint64, row 0 at the BOTTOM. group: work-items of one."""
         starts, lists = self.lists()
         shown = Buffer(self.device, np.zeros((ROWS, COLUMNS, 2), np.uint64))
-        own = {"line_starts": starts[0], "listed": lists[0], "starts": starts[1], "hiders": lists[1], "shown": shown}
+        arguments = {
+            "line_starts": starts[0],
+            "listed": lists[0],
+            "starts": starts[1],
+            "hiders": lists[1],
+            "shown": shown,
+        }
         group = group or (1 if self.device.is_cpu else 64)
-        self.stages.run("line_samples", (self.cells * group, group), self.values, **own)
+        self.stages.run("line_samples", (self.cells * group, group), self.values, **arguments)
         return shown.to_host()[::-1].copy()
 
 
@@ -169,10 +175,10 @@ def covered(ends, width: int, place=CENTER[0]) -> np.ndarray:
 def test_samples_within_half_the_width(device, width):
     long = [[[5000, -600], [5001, 8_000_000]], [[8_000_000, 3000], [-8_000_000, 3001]]]
     ends = np.concatenate([random_ends(24), long])
-    found = Drawing(device, lines_at(ends), width=width).shown()
+    samples = Drawing(device, lines_at(ends), width=width).shown()
     expected = np.any([covered(end, width) for end in ends], axis=0)
-    assert np.array_equal(found[..., 0] == 1, expected)
-    assert not found[..., 1].any()
+    assert np.array_equal(samples[..., 0] == 1, expected)
+    assert not samples[..., 1].any()
     assert width == 1 or expected.any()
 
 
@@ -182,11 +188,11 @@ def test_a_bit_for_each_sample_and_marked_lines_apart(device):
     places[[3, 59]] = (10, 250), (250, 10)
     first, second = random_ends(8), random_ends(20)[8:]
     lines = np.concatenate([lines_at(first), lines_at(second, marked=1)])
-    found = Drawing(device, lines, places=places).shown()
+    samples = Drawing(device, lines, places=places).shown()
     for s in (3, 31, 32, 59):
         for kind, ends in enumerate((first, second)):
             expected = np.any([covered(end, 384, places[s]) for end in ends], axis=0)
-            assert np.array_equal(found[..., kind] >> np.uint64(s) & np.uint64(1) == 1, expected)
+            assert np.array_equal(samples[..., kind] >> np.uint64(s) & np.uint64(1) == 1, expected)
 
 
 def triangles_around() -> np.ndarray:
@@ -245,9 +251,9 @@ def test_a_triangle_that_leans_through_the_line_hides_where_it_is_nearer(device)
     """Its 1/depth is linear in the image: 1/4 at x = 0, 0 at x = 40; the line's 1/8 at x = 20."""
     corners = np.array([[[0, 0], [39 * 256, 0], [0, 30 * 256]], [[39 * 256, 0], [39 * 256, 30 * 256], [0, 30 * 256]]])
     w = (1.0 - corners[..., 0] / (40 * 256)) / 4.0
-    found = columns_of(Drawing(device, lines_at(ACROSS), corners, 1.0 / w).shown())
-    assert found.max() == 38
-    assert found.min() in (19, 20)
+    columns = columns_of(Drawing(device, lines_at(ACROSS), corners, 1.0 / w).shown())
+    assert columns.max() == 38
+    assert columns.min() in (19, 20)
 
 
 def test_triangles_hide_a_line_along_their_sides(device):
@@ -255,10 +261,10 @@ def test_triangles_hide_a_line_along_their_sides(device):
     step = np.array([224, 96])
     at = 512 + np.arange(32)[:, None] * step
     small = np.stack([at, at + step, at + [0, 300]], axis=1)[4:-4]
-    found = columns_of(Drawing(device, lines_at([[at[0], at[-1]]]), small, np.full((24, 3), NEAR)).shown())
+    columns = columns_of(Drawing(device, lines_at([[at[0], at[-1]]]), small, np.full((24, 3), NEAR)).shown())
     left, right = at[4, 0] >> 8, at[-4, 0] >> 8
-    assert not ((found > left + 1) & (found < right - 1)).any()
-    assert found.min() < left < right < found.max()
+    assert not ((columns > left + 1) & (columns < right - 1)).any()
+    assert columns.min() < left < right < columns.max()
 
 
 def test_pieces_of_clipped_faces_hide_as_faces_do(device):
@@ -274,10 +280,10 @@ def test_faces_of_the_edge_do_not_hide_it(device):
     """The edge's own face is listed with others, as the second of two."""
     wall = np.repeat(WALL, 3, axis=0)
     near = np.array([[FAR], [NEAR], [2.0 * FAR]]) * np.ones((3, 3))
-    own = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[7, 0, 1])
-    assert columns_of(own.shown()).tolist() == list(range(1, 39))
-    other = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[1, 0, 2])
-    assert columns_of(other.shown()).tolist() == list(range(1, 10))
+    visible = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[7, 0, 1])
+    assert columns_of(visible.shown()).tolist() == list(range(1, 39))
+    hidden = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[1, 0, 2])
+    assert columns_of(hidden.shown()).tolist() == list(range(1, 10))
 
 
 def test_in_painters_order_the_rank_decides(device):
@@ -285,8 +291,8 @@ def test_in_painters_order_the_rank_decides(device):
     for rank, expected in ((3, range(1, 10)), (5, range(1, 39)), (6, range(1, 39))):
         lines = lines_at(ACROSS)
         lines["w"] = -5.0
-        found = Drawing(device, lines, WALL, np.full((1, 3), 2.0 * FAR), ranks=[rank]).shown()
-        assert columns_of(found).tolist() == list(expected)
+        samples = Drawing(device, lines, WALL, np.full((1, 3), 2.0 * FAR), ranks=[rank]).shown()
+        assert columns_of(samples).tolist() == list(expected)
 
 
 def slivers(count: int) -> np.ndarray:
@@ -303,8 +309,8 @@ def slivers(count: int) -> np.ndarray:
 def test_many_triangles_hide_together(device, count):
     """400 pairs: more in a cell than are kept, between whose sides nothing shows through."""
     xy = slivers(count)
-    found = Drawing(device, lines_at(ACROSS), xy, np.full((len(xy), 3), NEAR), bits=12).shown()
-    columns = columns_of(found)
+    samples = Drawing(device, lines_at(ACROSS), xy, np.full((len(xy), 3), NEAR), bits=12).shown()
+    columns = columns_of(samples)
     assert not ((columns >= 10) & (columns < 30)).any()
     assert {9, 30} <= set(columns.tolist())
 
@@ -316,8 +322,8 @@ def test_cells_and_work_groups_do_not_change_a_bit(device, group):
     z = np.random.default_rng(4).uniform(NEAR, 2.0 * FAR, (len(xy), 3))
     lines = lines_at(random_ends(60))
     places = np.array([[64, 64], [192, 192]])
-    found = [Drawing(device, lines, xy, z, places=places, bits=bits).shown(group) for bits in (8, 10, 12)]
+    images = [Drawing(device, lines, xy, z, places=places, bits=bits).shown(group) for bits in (8, 10, 12)]
     expected = Drawing(device, lines, xy, z, places=places).shown()
-    assert all(np.array_equal(each, expected) for each in found)
+    assert all(np.array_equal(image, expected) for image in images)
     bare = Drawing(device, lines, places=places).shown()
     assert 0 < np.count_nonzero(expected) < np.count_nonzero(bare)

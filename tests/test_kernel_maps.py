@@ -40,14 +40,14 @@ def test_normals_are_turned_and_lose_few_digits(device, lanes):
     sides = rng.integers(-1, 2, (3, count)).astype(np.float32)
     texel = rng.uniform(0, 1, (3, count)).astype(np.float32)
     scale = rng.uniform(-3, 3, count).astype(np.float32)
-    given = (*normal, *tangent, *sides, *texel, scale)
+    inputs = (*normal, *tangent, *sides, *texel, scale)
     probe = Probe(device, TURNED, lanes=lanes, PBR=1, NORMAL_MAP=1, DIFFUSE=1)
-    found = probe("turn", *given, width=3)
+    normals = probe("turn", *inputs, width=3)
     n, t, (x, y, z) = (v.astype(np.float64) for v in (normal, tangent, 2.0 * texel.astype(np.float64) - 1.0))
     side = np.where(sides.sum(axis=0) < 0.0, -1.0, 1.0)
     expected = scale * (x * t + y * side * np.cross(n, t, axis=0)) + z * n
     size = np.abs(scale) * (np.abs(x) + 2.0 * np.abs(y)) + np.abs(z) + 1.0
     some = (sides != 0.0).any(axis=0)
-    assert (np.abs(found.T - expected) <= 8 * 2.0**-24 * size)[:, some].all()
-    assert np.array_equal(found[~some], normal.T[~some])
+    assert (np.abs(normals.T - expected) <= 8 * 2.0**-24 * size)[:, some].all()
+    assert np.array_equal(normals[~some], normal.T[~some])
     assert 0 < some.sum() < count

@@ -82,9 +82,9 @@ def random(seed: int = 1) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def relative(found: np.ndarray, expected: np.ndarray) -> float:
+def relative(actual: np.ndarray, expected: np.ndarray) -> float:
     """Return the largest relative error."""
-    return float(np.abs(found.astype(np.float64) / expected - 1.0).max())
+    return float(np.abs(actual.astype(np.float64) / expected - 1.0).max())
 
 
 # Roots and directions
@@ -115,10 +115,10 @@ def test_normalize_or_zero(probe):
     2 ulp, 4 of 2^-24; the product: one; 6.5 of 2^-24 in each component."""
     v = random().normal(size=(20_000, 3)) * np.exp2(random(seed=2).integers(-45, 60, (20_000, 1)))
     v = float32(v)
-    found = probe("unit", *np.ascontiguousarray(v.T), width=3)
+    normalized = probe("unit", *np.ascontiguousarray(v.T), width=3)
     wide = v.astype(np.float64)
     expected = wide / np.sqrt((wide * wide).sum(axis=1, keepdims=True))
-    assert relative(found, expected) <= 6.5 * HALF_ULP
+    assert relative(normalized, expected) <= 6.5 * HALF_ULP
 
 
 def test_vectors_too_short_become_zero(probe):
@@ -164,9 +164,9 @@ def test_results_below_the_range_are_zero_and_never_denormal(probe):
     y = float32([-LOWEST - 1e-5, -126, -127.5, -149, -1e9, -3e38, -np.inf])
     assert not bits(probe("exp2_below", y)).any()
     t, n = np.meshgrid(float32([1e-7, 0.01, 0.5, 0.9999, 1 - HALF_ULP]), float32([0, 1, 20, 1e3, 1e9]))
-    found = probe("power", t.reshape(-1), n.reshape(-1))
-    assert ((found == 0.0) | (found >= 2.0**-LOWEST)).all()
-    assert np.isfinite(found).all()
+    powers = probe("power", t.reshape(-1), n.reshape(-1))
+    assert ((powers == 0.0) | (powers >= 2.0**-LOWEST)).all()
+    assert np.isfinite(powers).all()
 
 
 @pytest.mark.parametrize("n", [0.0, 1.0, 20.0, 1e3, 1e5, 1e9])
@@ -194,11 +194,11 @@ def test_power_beyond_the_lobe_is_small_and_close(probe):
     for n in (0.5, 20.0, 1e3, 1e9):
         y = n * np.log1p(-t.astype(np.float64))
         expected = np.exp(y)
-        found = probe("power", t, np.full_like(t, n))
+        powers = probe("power", t, np.full_like(t, n))
         kept = expected > 1.001 * 2.0**-LOWEST
-        error = np.abs(found[kept] / expected[kept] - 1.0)
+        error = np.abs(powers[kept] / expected[kept] - 1.0)
         assert (error <= (7.0 * np.abs(y[kept]) + 3.0) * HALF_ULP).all()
-        assert (found[~kept] <= 1.002 * 2.0**-LOWEST).all()
+        assert (powers[~kept] <= 1.002 * 2.0**-LOWEST).all()
 
 
 def test_power_of_zero_and_one(probe):
@@ -223,8 +223,8 @@ def operands():
     return (*a, *b), wide
 
 
-@pytest.mark.parametrize(("name", "most"), [("sum", 3), ("product", 6), ("quotient", 11)])
-def test_pairs_keep_48_bits(probe, operands, name, most):
+@pytest.mark.parametrize(("name", "bound"), [("sum", 3), ("product", 6), ("quotient", 11)])
+def test_pairs_keep_48_bits(probe, operands, name, bound):
     """A low part is at most 2^-24 of the high one (1 unit), and rounding an amount of k units errs by k * 2^-48.
 
     Sum, relative to the magnitudes, as it may cancel: 1 unit of low parts, then 2 with the high parts' error: 3.
@@ -232,16 +232,16 @@ def test_pairs_keep_48_bits(probe, operands, name, most):
     which the fma rounds 2, the sum 3, the division 3, and 3 for the divisor's low part: 11.
     """
     arrays, (a, b) = operands
-    found = probe(name, *arrays, width=2).astype(np.float64)
+    pairs = probe(name, *arrays, width=2).astype(np.float64)
     expected = {"sum": a + b, "product": a * b, "quotient": a / b}[name]
     scale = np.abs(a) + np.abs(b) if name == "sum" else np.abs(expected)
-    assert (np.abs(found.sum(axis=1) - expected) / scale).max() <= most * 2.0**-48
+    assert (np.abs(pairs.sum(axis=1) - expected) / scale).max() <= bound * 2.0**-48
     # The low part is the remainder of the high one; a quotient's is up to 3/2 ulp.
     if name == "quotient":
-        assert (np.abs(found[:, 1]) <= 1.5 * 2.0**-23 * np.abs(found[:, 0])).all()
+        assert (np.abs(pairs[:, 1]) <= 1.5 * 2.0**-23 * np.abs(pairs[:, 0])).all()
     else:
-        assert np.array_equal(found[:, 0], float32(found.sum(axis=1)))
-    assert (np.abs(found[:, 0] - expected) / scale).max() > 2.0**-26  # the low part is needed
+        assert np.array_equal(pairs[:, 0], float32(pairs.sum(axis=1)))
+    assert (np.abs(pairs[:, 0] - expected) / scale).max() > 2.0**-26  # the low part is needed
 
 
 def test_pair_sum_of_canceling_high_parts(probe):
@@ -259,20 +259,22 @@ def test_modulo(probe, period):
     """
     magnitude = np.exp2(random().uniform(-10, 40, 60_000))
     values = magnitude * random(seed=8).normal(size=len(magnitude))
-    whole = period * np.rint(values / period)
-    beside = whole + random(seed=9).choice([-1, 1], len(whole)) * np.exp2(-random(seed=10).uniform(1, 60, len(whole)))
-    values = np.concatenate([values, whole, beside, [0.0, -0.0, 1e-30, -1e-30, 2.0**24 + 1, -(2.0**24) - 1]])
+    multiples = period * np.rint(values / period)
+    beside = multiples + random(seed=9).choice([-1, 1], len(multiples)) * np.exp2(
+        -random(seed=10).uniform(1, 60, len(multiples))
+    )
+    values = np.concatenate([values, multiples, beside, [0.0, -0.0, 1e-30, -1e-30, 2.0**24 + 1, -(2.0**24) - 1]])
     high, low = split(values)
     turn = random(seed=11).choice([-1, 0, 1], len(low)) * (high != 0.0)
     low += float32(turn * np.spacing(np.abs(high)))  # as in quotients
-    known = high.astype(np.float64) + low
-    found = probe("modulo", high, low, *(np.full_like(high, value) for value in (period, 0.0)), width=2)
-    assert (found[:, 0] >= 0.0).all()
-    assert (found[:, 0] <= period).all()
-    assert (np.abs(found[:, 1]) <= 2.0**-23).all()
-    apart = found.astype(np.float64).sum(axis=1) - known
+    dividend = high.astype(np.float64) + low
+    remainders = probe("modulo", high, low, *(np.full_like(high, value) for value in (period, 0.0)), width=2)
+    assert (remainders[:, 0] >= 0.0).all()
+    assert (remainders[:, 0] <= period).all()
+    assert (np.abs(remainders[:, 1]) <= 2.0**-23).all()
+    apart = remainders.astype(np.float64).sum(axis=1) - dividend
     apart -= period * np.rint(apart / period)
-    assert (np.abs(apart) <= 3.0 * 2.0**-48 * np.maximum(np.abs(known), period)).all()
+    assert (np.abs(apart) <= 3.0 * 2.0**-48 * np.maximum(np.abs(dividend), period)).all()
 
 
 # Lanes
@@ -293,5 +295,5 @@ def test_lanes_do_not_change_a_bit(probes, operands):
         ("modulo", (*operands[0][:2], *np.float32([[2.0], [0.0]]).repeat(len(operands[0][0]), axis=1)), {"width": 2}),
     ]
     for name, inputs, options in calls:
-        first, *others = (bits(probe(name, *inputs, **options)) for probe in probes.values())
-        assert all(np.array_equal(first, other) for other in others), name
+        first, *rest = (bits(probe(name, *inputs, **options)) for probe in probes.values())
+        assert all(np.array_equal(first, output) for output in rest), name

@@ -76,10 +76,10 @@ def test_what_is_tested(device, way):
     """PoCL compiles for x86-64 by clang; elsewhere both ways may be the runtime's functions."""
     text = "#define LIBRARY_OPERATIONS\n" * way.library + KIND
     probe = Probe(device, text, lanes=way.lanes, DOUBLE=way.real is np.float64)
-    own, has_fma = probe("kind", np.zeros(2, np.int32), dtype=np.int32)
-    assert not (own and way.library)
+    has_own, has_fma = probe("kind", np.zeros(2, np.int32), dtype=np.int32)
+    assert not (has_own and way.library)
     if device.platform == POCL and platform.machine() == "x86_64":
-        assert own == (not way.library)
+        assert has_own == (not way.library)
         assert has_fma == HAS_FMA.get(os.environ.get(FORCED, ""), has_fma)
 
 

@@ -91,7 +91,7 @@ def test_light_at_random_points(device, roughness, metallic):
     )
     normals, colors = float32(unit(normals)), float32(rng.uniform(0, 1, (count, 3)))
     pbr = MetallicRoughness(metallic, roughness, specular=0.7, specular_color=(1.0, 0.5, 2.0), emission=0.25)
-    found = reflect(device, points, normals, (positions, intensities), pbr, colors=colors)
+    radiance = reflect(device, points, normals, (positions, intensities), pbr, colors=colors)
     p, m, c, l_pos, l_int = (a.astype(np.float64) for a in (points, normals, colors, positions, intensities))
     at = Interaction(p, m, EYE, Lights(l_pos, l_int), np.abs(p).max(axis=1), np.ones(count))
     facets = facets_of(pbr, count)
@@ -109,9 +109,9 @@ def test_light_at_random_points(device, roughness, metallic):
         alpha_error=np.zeros((1, count)),
         unsure=np.zeros((1, count), bool),
     )
-    assert oracle_asserts.assert_colors_within(found[None], expected) < 8.0
+    assert oracle_asserts.assert_colors_within(radiance[None], expected) < 8.0
     with pytest.raises(AssertionError, match="colors off"):
-        oracle_asserts.assert_colors_within(found[None] * np.float32(1.0 + 1e-4), expected)
+        oracle_asserts.assert_colors_within(radiance[None] * np.float32(1.0 + 1e-4), expected)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.1, 0.3, 1.0])
@@ -128,13 +128,13 @@ def test_lobes_own_relative_error(device, roughness):
         unit(half + min(alpha, 0.3) * rng.uniform(0, 0.7, (len(half), 1)) * unit(rng.normal(size=half.shape)))
     )
     pbr = MetallicRoughness(1.0, roughness)
-    found = reflect(device, points, normals, (light, np.ones(3, np.float32)), pbr)[:, 0]
+    radiance = reflect(device, points, normals, (light, np.ones(3, np.float32)), pbr)[:, 0]
     exact = (a.astype(np.float64) for a in (points, normals, EYE, light))
     at = microfacet.angles(Directions.at(*exact))
     lobe = microfacet.distribution(at.beside, np.float64(alpha)) * microfacet.passing(at.n_l, at.n_v, np.float64(alpha))
     inside = (at.beside <= alpha) & (at.n_l > 0.3) & (at.n_v > 0.3)
     assert inside.sum() > 1000
-    assert np.abs(found[inside] / lobe[inside] - 1.0).max() <= 32.0 / alpha * HALF_ULP
+    assert np.abs(radiance[inside] / lobe[inside] - 1.0).max() <= 32.0 / alpha * HALF_ULP
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
@@ -142,7 +142,7 @@ def test_lanes_do_not_change_a_bit(device, lanes):
     rng = np.random.default_rng(1)
     points, normals = float32(rng.uniform(-2, 2, (203, 3))), float32(unit(rng.normal(size=(203, 3))))
     lights, pbr = (float32([[1, 2, 3], [-1, 0, 2]]), np.ones((2, 3), np.float32)), MetallicRoughness(0.5, 0.2)
-    first, again = (reflect(device, points, normals, lights, pbr, lanes=each) for each in (None, lanes))
+    first, again = (reflect(device, points, normals, lights, pbr, lanes=width) for width in (None, lanes))
     assert np.array_equal(bits(first), bits(again))
 
 
@@ -166,8 +166,8 @@ def test_square_roots(device, double):
         pytest.skip("no float64 on this device")
     real = np.float64 if double else np.float32
     squares = np.concatenate([[0.0], 2.0 ** np.arange(-100, 126)]).astype(real)
-    found = Probe(device, ROOTS, PBR=1, DOUBLE=double)("square_roots", squares, dtype=real)
-    np.testing.assert_allclose(found, np.sqrt(squares), rtol=1e-15 if double else 2.0**-22)
+    roots = Probe(device, ROOTS, PBR=1, DOUBLE=double)("square_roots", squares, dtype=real)
+    np.testing.assert_allclose(roots, np.sqrt(squares), rtol=1e-15 if double else 2.0**-22)
 
 
 # The model
@@ -238,10 +238,10 @@ def test_parameters_from_phong():
     from clshade.scene.formats.gltf_materials import phong
 
     kd, ks, n = phong(0.0, 0.4, 1.0)
-    found = from_phong(np.full(3, ks), n)
-    assert (kd, found.metallic) == (1.0, 0.0)
-    assert found.roughness == pytest.approx(0.4)
-    np.testing.assert_allclose(found.dielectric_f0, 0.04)
+    parameters = from_phong(np.full(3, ks), n)
+    assert (kd, parameters.metallic) == (1.0, 0.0)
+    assert parameters.roughness == pytest.approx(0.4)
+    np.testing.assert_allclose(parameters.dielectric_f0, 0.04)
     assert not from_phong(np.zeros(3), 20.0).dielectric_f0.any()
     assert from_phong(np.zeros(3), 20.0).specular == 0.0
     assert (from_phong(np.full(3, 1e9), 0.0).dielectric_f0 == 1.0).all()

@@ -101,12 +101,12 @@ def test_an_overflow_saturates_and_is_counted(device, inputs, unit):
     """When light is summed, or when it is scaled back from its unit."""
     bright = replace(inputs, lights=inputs.lights.copy(), colors=np.float32(1e3) * inputs.colors)
     bright.lights["intensity"] *= np.float32(1e36)
-    given = replace(bright, lights=bright.lights.copy())
-    given.lights["intensity"] /= np.float32(unit)
+    scaled = replace(bright, lights=bright.lights.copy())
+    scaled.lights["intensity"] /= np.float32(unit)
     image = {"lights": len(inputs.lights), "light_unit": unit}
     pipeline = Pipeline(device, FILES, RESOLUTION, image=image, **options(PHONG=1, **STANDARD))
-    given.set_up(pipeline)
-    rgba, owners = pipeline.draw(**given.arrays())
+    scaled.set_up(pipeline)
+    rgba, owners = pipeline.draw(**scaled.arrays())
     full = rgba[..., :3] == oracle_bounds.FLOAT32_MAX
     assert np.isfinite(rgba).all()
     expected = oracle_of(bright, owners, STANDARD).rgb

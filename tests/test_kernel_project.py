@@ -28,20 +28,20 @@ def oracle_of(points: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarra
 def test_positions_and_depths_equal_the_oracle(device, camera, dtype):
     points = around(camera, dtype=dtype)
     near = 1e-3 * np.linalg.norm(camera.lookat - camera.eye)
-    found = project(device, points, camera, near).projected.array
+    vertices = project(device, points, camera, near).projected.array
     depth, uv = oracle_of(points, camera)
-    assert np.array_equal(found["depth"], depth)
+    assert np.array_equal(vertices["depth"], depth)
     before = depth >= near
     inside = before[:, None] & (uv >= LOW) & (uv <= HIGH)
     assert 0.2 < before.mean() < 0.9
     assert inside.sum() > 1000
-    snapped = np.stack([found["x"], found["y"]], axis=1)
+    snapped = np.stack([vertices["x"], vertices["y"]], axis=1)
     assert np.array_equal(snapped[inside], transform.snap(uv[inside]))
     beyond = before[:, None] & ~inside
     limit = np.where(uv > 0.0, struct_layout.SNAP_LIMIT, -struct_layout.SNAP_LIMIT)
     assert np.array_equal(snapped[beyond], limit[beyond])
     assert not snapped[~before].any()
-    assert not found["w"][~before].any()
+    assert not vertices["w"][~before].any()
 
 
 @pytest.mark.parametrize("camera", cameras(), ids=CAMERAS)
@@ -71,9 +71,9 @@ def test_halves_are_snapped_to_even(device):
     steps = np.array([0.5, 1.5, 2.5, -0.5, -1.5, 0.25, 0.75])  # in 1/65536 px: 2^-19 units at z = 0
     points = np.zeros((len(steps), 3))
     points[:, 0], points[:, 1] = steps * 2.0**-19, -steps * 2.0**-19
-    found = project(device, points, CAMERA, 0.1).projected.array
-    assert (found["x"] - (16 << 16)).tolist() == [0, 2, 2, 0, -2, 0, 1]
-    assert (found["y"] - (16 << 16)).tolist() == [0, -2, -2, 0, 2, 0, -1]
+    vertices = project(device, points, CAMERA, 0.1).projected.array
+    assert (vertices["x"] - (16 << 16)).tolist() == [0, 2, 2, 0, -2, 0, 1]
+    assert (vertices["y"] - (16 << 16)).tolist() == [0, -2, -2, 0, 2, 0, -1]
 
 
 def test_guard_band_ends_exactly_at_its_limit(device):
@@ -82,14 +82,14 @@ def test_guard_band_ends_exactly_at_its_limit(device):
     points = np.zeros((len(at), 3))
     points[:, 0] = (at - 16) / 8
     points[2, 0], points[3, 0] = np.nextafter(points[0, 0], np.inf), np.nextafter(points[1, 0], -np.inf)
-    found = project(device, points, CAMERA, 0.1).projected.array["x"]
+    positions = project(device, points, CAMERA, 0.1).projected.array["x"]
     limit = struct_layout.SNAP_LIMIT
     # u itself is rounded: the oracle decides whether a step beyond changes it.
     _, uv = oracle_of(points, CAMERA)
     beyond = (uv[:, 0] < LOW) | (uv[:, 0] > HIGH)
     assert beyond[4:].all()
     assert not beyond[:2].any()
-    assert found.tolist() == np.where(beyond, np.sign(at) * limit, at * coverage.SUBPIXELS).astype(int).tolist()
+    assert positions.tolist() == np.where(beyond, np.sign(at) * limit, at * coverage.SUBPIXELS).astype(int).tolist()
 
 
 def test_the_near_plane_itself_is_before_the_eye(device):
@@ -98,9 +98,9 @@ def test_the_near_plane_itself_is_before_the_eye(device):
     camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
     points = np.zeros((6, 3))
     points[:, 0], points[:, 2] = z / 8, z
-    found = project(device, points, camera, near).projected.array
-    assert (found["w"] > 0.0).tolist() == [True, False, False, False, False, True]
-    assert (found["x"] != 0).tolist() == [True, False, False, False, False, True]
+    vertices = project(device, points, camera, near).projected.array
+    assert (vertices["w"] > 0.0).tolist() == [True, False, False, False, False, True]
+    assert (vertices["x"] != 0).tolist() == [True, False, False, False, False, True]
 
 
 def test_the_hosts_camera_axes_are_the_oracles():
@@ -109,5 +109,5 @@ def test_the_hosts_camera_axes_are_the_oracles():
     for _ in range(500):
         eye, lookat, up = rng.normal(size=(3, 3)) * np.exp2(rng.uniform(-20, 20, (3, 1)))
         camera = Camera(eye, lookat, up, 1.0, (1.0, 1.0))
-        found, expected = geometry.camera_axes(camera), transform.camera_frame(camera)
-        assert np.array_equal(found, expected), (eye, lookat, up)
+        axes, expected = geometry.camera_axes(camera), transform.camera_frame(camera)
+        assert np.array_equal(axes, expected), (eye, lookat, up)

@@ -53,11 +53,11 @@ def counters_of(device: Device) -> Buffer:
 
 def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
     """Return exactly which triangles cover a pixel, (F,) bool."""
-    found = np.zeros(len(xy), bool)
+    covered = np.zeros(len(xy), bool)
     alive = np.flatnonzero(~culled)
     for k, _, _, _ in coverage.samples(xy[alive], box[alive]):
-        found[alive[k]] = True
-    return found
+        covered[alive[k]] = True
+    return covered
 
 
 def assert_visible(
@@ -185,8 +185,8 @@ def test_painters_keys_order_mean_depths(device):
     z = rng.choice(np.array(DEPTHS), (1500, 1)) + np.zeros(3)
     z[::3] = rng.uniform(1, 2, (500, 3))
     pipeline, z = deep(device, z)
-    found = pipeline.sort(lambda index: (transform.painter_depth(z[index]), index.astype(np.int64)))
-    assert np.array_equal(found, coverage.painter_order(z, np.ones(len(z), bool)))
+    order = pipeline.sort(lambda index: (transform.painter_depth(z[index]), index.astype(np.int64)))
+    assert np.array_equal(order, coverage.painter_order(z, np.ones(len(z), bool)))
 
 
 def test_painters_keys_alone_order_by_40_bits(device):
@@ -261,7 +261,7 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     ordered = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, **features)
     counters = separate(device, ordered, xy, z)
     visible = np.sort(ordered.sort())
-    expected = [np.sort(found) for found in ordered.bin()]
+    expected = [np.sort(counted) for counted in ordered.bin()]
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, SORTED=0, **features)
     faces = Buffer(device, np.arange(len(xy) * 3, dtype=np.int32).reshape(-1, 3))
     source = TriangleSource(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces)
@@ -271,14 +271,14 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     values |= {"counters": counters_of(device), "faces": faces, "vertices": source.vertices.projected}
     frame = FrameInFlight({**values, "face_materials": None, "materials": None})
     lists.set_up(source, frame)
-    found = frame.read_counters()
-    assert found["entries"] > 2**60  # nothing is drawn: the host clips first
+    counted = frame.read_counters()
+    assert counted["entries"] > 2**60  # nothing is drawn: the host clips first
     for name in ("visible", "to_clip", "behind", "off_screen", "between_samples", "zero_area", "back_facing"):
-        assert found[name] == counters[name], name
-    assert found["to_clip"] == 1
+        assert counted[name] == counters[name], name
+    assert counted["to_clip"] == 1
     assert made.to_clip.to_host(1) == [7]
-    size, number, own = (frame.values[name] for name in ("chunk_size", "chunks", "made"))
-    slots = np.concatenate([k * size + np.arange(n) for k, n in enumerate(own.to_host()[:number])])
+    size, number, counts = (frame.values[name] for name in ("chunk_size", "chunks", "made"))
+    slots = np.concatenate([k * size + np.arange(n) for k, n in enumerate(counts.to_host()[:number])])
     assert number > 2
     both = made.triangles.to_host()[slots], ordered.made.triangles.to_host()[visible]
     for name in ("x", "y", "w", "piece_and_turn", "face", "inverse_area"):
@@ -291,5 +291,5 @@ def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
     lists.make_room(int(starts[-1]), frame)
     lists.fill(frame)
     entries = frame.values["lists"].to_host()[: starts[-1]]
-    listed = [np.sort(made.triangles.array["face"][each["index"]]) for each in np.split(entries, starts[1:-1])]
+    listed = [np.sort(made.triangles.array["face"][tile["index"]]) for tile in np.split(entries, starts[1:-1])]
     assert all(np.array_equal(a, b) for a, b in zip(listed, expected, strict=True))

@@ -18,10 +18,10 @@ U = 2.0**-24
 def compare(device, mesh: Mesh, light: list[float], *, points: tuple[Array, Array] | None = None, lanes=None) -> Array:
     """Check shadows against the exact ones; return the exact ones."""
     at, receivers = points if points is not None else random_points(mesh, 100)
-    found = Hierarchy(device, *mesh, lanes=lanes).shadowed(at, receivers, np.array(light))
+    shadowed = Hierarchy(device, *mesh, lanes=lanes).shadowed(at, receivers, np.array(light))
     expected = ExactShadows(*mesh).of(at, receivers, np.array(light))
-    wrong = np.flatnonzero((expected != EITHER) & (found != (expected == DARK)))
-    assert not len(wrong), (wrong, found[wrong], expected[wrong])
+    wrong = np.flatnonzero((expected != EITHER) & (shadowed != (expected == DARK)))
+    assert not len(wrong), (wrong, shadowed[wrong], expected[wrong])
     return expected
 
 
@@ -100,9 +100,9 @@ def test_receivers_off_their_plane(device, units):
     for off in (units, -units):
         points = at + [0.0, 0.0, off * SHADOW_GRID / frame.unit]
         for light in ([1.0, 0.8, 1.5, 1.0], [0.2, 0.1, -1.0, 1.0], [0.3, 0.2, 1e-3, 1.0], [1.0, 0.5, 0.7, 0.0]):
-            found = compare(device, mesh, light, points=(points, receivers))
+            shadows = compare(device, mesh, light, points=(points, receivers))
             if units <= RECEIVER_UNITS:
-                assert np.array_equal(found, compare(device, mesh, light, points=(at, receivers)))
+                assert np.array_equal(shadows, compare(device, mesh, light, points=(at, receivers)))
 
 
 def test_a_degenerate_triangle_casts_no_shadow(device):
@@ -163,12 +163,12 @@ def test_pair_arithmetic(device, name):
     a, b = pairs(4000, 7), pairs(4000, 8)
     a[0][::3], a[1][::3] = -np.roll(b[0], 1)[::3], np.roll(b[1], 1)[::3]
     high, low = Probe(device, PAIRS)(name, *a, *b, width=2).T
-    found, x, y = exactly(high, low), exactly(*a), exactly(*b)
+    outcome, x, y = exactly(high, low), exactly(*a), exactly(*b)
     if name == "product":
-        error = np.abs((found << 149) - x * y)
+        error = np.abs((outcome << 149) - x * y)
         assert (error << 48 <= 6.001 * np.abs(x * y)).all()
     else:
-        error = np.abs(found - (x + y if name == "sum" else x - y))
+        error = np.abs(outcome - (x + y if name == "sum" else x - y))
         assert (error << 48 <= 3.001 * (np.abs(x) + np.abs(y))).all()
         assert error.any()
     assert (np.abs(low) <= U * np.abs(high)).all()
@@ -194,9 +194,11 @@ def test_receivers_snap_to_the_grid(device):
     value = np.ldexp(rng.uniform(-1.0, 1.0, 20_000), rng.integers(-40, 16, 20_000))
     high = value.astype(np.float32)
     low = (value - high).astype(np.float32)
-    found = Probe(device, PAIRS)("snapped", high, low, high, low, width=2).astype(np.float64).sum(axis=1) / SHADOW_GRID
-    assert np.array_equal(found, np.rint(found))
-    assert np.abs(found - (high.astype(np.float64) + low) / SHADOW_GRID).max() <= 1.5
+    snapped = (
+        Probe(device, PAIRS)("snapped", high, low, high, low, width=2).astype(np.float64).sum(axis=1) / SHADOW_GRID
+    )
+    assert np.array_equal(snapped, np.rint(snapped))
+    assert np.abs(snapped - (high.astype(np.float64) + low) / SHADOW_GRID).max() <= 1.5
 
 
 # The bounds of determinants
@@ -261,16 +263,16 @@ def beside_plane(rng: np.random.Generator, a: Array, b: Array, bound: int) -> Ar
     return inside
 
 
-def assert_sides(device, name: str, given: list[Array], value: Array, bound: Array) -> None:
+def assert_sides(device, name: str, operands: list[Array], value: Array, bound: Array) -> None:
     """Check the signs of values in units of 2^-48: 0 of those within half their bounds, that of those beyond 3/2 of them."""
-    parts = split(np.concatenate(given, axis=1).astype(np.float64) * SHADOW_GRID)
+    parts = split(np.concatenate(operands, axis=1).astype(np.float64) * SHADOW_GRID)
     pairs = np.concatenate([part.reshape(len(value), -1, 3) for part in parts], axis=2).reshape(len(value), -1)
-    found = Probe(device, SIDES, lanes=1)(name, np.ascontiguousarray(pairs))
+    sides = Probe(device, SIDES, lanes=1)(name, np.ascontiguousarray(pairs))
     share = np.abs(value.astype(float)) * 2.0**48 / bound.astype(float)
     small, large = share < 0.5, share > 1.5
     assert small.sum() > 100 < large.sum()
-    assert not found[small].any()
-    assert np.array_equal(found[large], np.sign(value[large].astype(float)))
+    assert not sides[small].any()
+    assert np.array_equal(sides[large], np.sign(value[large].astype(float)))
 
 
 def test_signs_of_determinants_beside_their_bounds(device):
@@ -296,5 +298,5 @@ def test_sides_of_centroids_beside_their_bounds(device):
     corners = np.stack([a + b, a + c, a + x - b - c], axis=1)
     normal, size = cross(edge, light)[0], cross(abs(edge), abs(toward) + abs(pa) // 2)[1]
     bound = 31 * (size * (abs(b) + abs(c) + abs(x - b - c))).sum(axis=1)
-    given = [edge, toward, pa, a, *np.moveaxis(corners, 1, 0)]
-    assert_sides(device, "centroid_sides", given, -(normal * x).sum(axis=1), bound)
+    operands = [edge, toward, pa, a, *np.moveaxis(corners, 1, 0)]
+    assert_sides(device, "centroid_sides", operands, -(normal * x).sum(axis=1), bound)

@@ -25,8 +25,8 @@ def literals(text: str) -> set[float]:
     """Return the values of all numeric literals in OpenCL C."""
     hexadecimal = r"0[xX][0-9a-fA-F]+(?:\.[0-9a-fA-F]*)?(?:[pP][+-]?\d+)?"
     decimal = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-    found = re.findall(rf"(?<![\w.])({hexadecimal}|{decimal})[fFuUlL]*(?![\w.])", code_of(text))
-    return {float.fromhex(t) if t.lower().startswith("0x") else float(t) for t in found}
+    numerals = re.findall(rf"(?<![\w.])({hexadecimal}|{decimal})[fFuUlL]*(?![\w.])", code_of(text))
+    return {float.fromhex(t) if t.lower().startswith("0x") else float(t) for t in numerals}
 
 
 def test_literals_are_found():
@@ -42,22 +42,22 @@ SHARED = [value for value in struct_layout.CONSTANTS.values() if value > 255]
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
 def test_no_kernel_holds_a_literal_that_the_host_also_knows(path):
     assert len(SHARED) >= 4
-    found = literals(path.read_text())
-    assert not found & {float(value) for value in SHARED}
-    assert 1 << struct_layout.SUBPIXEL_BITS not in found
+    numbers = literals(path.read_text())
+    assert not numbers & {float(value) for value in SHARED}
+    assert 1 << struct_layout.SUBPIXEL_BITS not in numbers
 
 
 @pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.name)
 def test_every_macro_that_a_kernel_tests_is_defined(path):
     """A macro in #if that nobody defines would silently be 0: a feature that is a condition at run time, or misspelled."""
-    known = {"FP64", "LANES", *COMPILED} | set(
+    macros = {"FP64", "LANES", *COMPILED} | set(
         re.findall(r"^\s*#\s*define\s+(\w+)", "\n".join(kernel.read_text() for kernel in KERNELS), re.MULTILINE)
     )
     text = code_of(path.read_text())
     tested = set()
     for line in re.findall(r"^\s*#\s*(?:el)?if\s(.*)$", text, re.MULTILINE):
         tested |= set(re.findall(r"[A-Z_][A-Z0-9_]+", re.sub(r"defined\s*\(\w+\)|__has_builtin\(\w+\)", "", line)))
-    assert tested <= known, tested - known
+    assert tested <= macros, tested - macros
 
 
 def test_programs_differ_by_few_features():
@@ -84,13 +84,13 @@ def visits(source: str) -> dict[str, int]:
     """Return how many functions PoCL's linker visits for each kernel: for each function that is not INLINE, all that it
     reaches, whether it has visited them before or not (`copy_func_callgraph`)."""
     functions = FUNCTION.findall(code_of(source))
-    bodies = {name: "".join(body for _, each, body in functions if each == name) for _, name, _ in functions}
+    bodies = {name: "".join(body for _, function, body in functions if function == name) for _, name, _ in functions}
     inlined = {name for how, name, _ in functions if how == "INLINE "}
 
     @cache
     def called(name: str) -> frozenset[str]:
         names = {word for word in re.findall(r"\b(\w+)\(", bodies[name]) if word in bodies} - {name}
-        return frozenset().union(*(called(each) if each in inlined else {each} for each in names))
+        return frozenset().union(*(called(callee) if callee in inlined else {callee} for callee in names))
 
     @cache
     def reached(name: str) -> frozenset[str]:

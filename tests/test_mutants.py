@@ -59,10 +59,10 @@ OF_PYTHON = {
 
 @pytest.mark.parametrize(("name", "text", "expected"), [("a.cl", KERNEL, OF_KERNEL), ("a.py", PYTHON, OF_PYTHON)])
 def test_what_is_planted(name, text, expected):
-    found = [site.lines(text)[1:] for site in sites(name, text)]
-    assert {before for before, _ in found} == set(expected)
+    changes = [site.lines(text)[1:] for site in sites(name, text)]
+    assert {before for before, _ in changes} == set(expected)
     for line, parts in expected.items():
-        after = [now for before, now in found if before == line]
+        after = [now for before, now in changes if before == line]
         assert len(after) == len(parts), after
         assert len(set(after)) == len(after)
         assert all(any(part in now for now in after) for part in parts), after
@@ -90,9 +90,9 @@ def test_the_reasons_are_of_mutants_that_there_are():
 
 def test_draws_are_even_and_repeatable():
     files = ["kernels/fill.clh", "kernels/samples.clh", "clshade/scene/formats/obj.py"]
-    first, again, other = (mutants.draw(60, seed, files) for seed in (1, 1, 2))
+    first, again, second = (mutants.draw(60, seed, files) for seed in (1, 1, 2))
     assert first == again
-    assert first != other
+    assert first != second
     counts = {file: wanted for file, (wanted, _) in first.items()}
     assert sum(counts.values()) == 60
     assert 2 <= counts["kernels/samples.clh"] < min(counts[file] for file in files if file != "kernels/samples.clh")

@@ -38,9 +38,9 @@ class Block(NamedTuple):
 
 
 BLOCKS = [
-    Block(document, found[1], found[2], found[3], text[: found.start()].count("\n") + 1)
+    Block(document, match[1], match[2], match[3], text[: match.start()].count("\n") + 1)
     for document, text in TEXTS.items()
-    for found in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    for match in re.finditer(r"^```(\w+)[ ]*([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 ]
 PYTHON = [block for block in BLOCKS if block.language == "python"]
 # Of our pytest plugin, pytest-xdist, oiiotool, dask, Chromium.
@@ -83,8 +83,8 @@ def namespaces() -> dict[str, dict[str, Any]]:
 
 def described(comment: str) -> tuple[tuple[int, ...], str] | None:
     """Return the shape and type of an array that a comment begins with, such as "(600, 800, 3) float32"."""
-    found = re.match(r"# (\([\d, ]+\)) (\w+)", comment)
-    return found and (ast.literal_eval(found[1]), found[2])
+    match = re.match(r"# (\([\d, ]+\)) (\w+)", comment)
+    return match and (ast.literal_eval(match[1]), match[2])
 
 
 def run_python(block: Block, namespace: dict[str, Any]) -> int:
@@ -107,9 +107,9 @@ def run_python(block: Block, namespace: dict[str, Any]) -> int:
 def test_python(opened, folder, namespaces, monkeypatch, block):
     monkeypatch.chdir(folder)
     namespace = namespaces[block.document]
-    own = [each for each in PYTHON if each.document == block.document]
-    for each in own[namespace["blocks run"] : own.index(block) + 1]:
-        run_python(each, namespace)
+    examples = [example for example in PYTHON if example.document == block.document]
+    for example in examples[namespace["blocks run"] : examples.index(block) + 1]:
+        run_python(example, namespace)
         namespace["blocks run"] += 1
 
 
@@ -188,10 +188,10 @@ def test_every_option_exists():
     paths = [*sorted((ROOT / "demos").glob("demo*.py")), ROOT / "tests" / "fuzz" / "run.py"]
     scripts = [f"{path} --help" for path in paths]
     commands = [f"-m clshade {name} --help all" for name in COMMANDS]
-    known = set().union(*map(options_of, (*commands, *scripts)))
+    options = set().union(*map(options_of, (*commands, *scripts)))
     for document, text in TEXTS.items():
         named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", text))
-        assert named - known - OTHERS_OPTIONS <= (EARLIER_OPTIONS if "1e1eb0f" in text else set()), document
+        assert named - options - OTHERS_OPTIONS <= (EARLIER_OPTIONS if "1e1eb0f" in text else set()), document
 
 
 def test_every_command_is_listed():

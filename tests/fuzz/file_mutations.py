@@ -64,13 +64,13 @@ def _length(rng: Random, data: bytes) -> bytes:
     return data + bytes(rng.integers(0, 256, rng.integers(1, 20), np.uint8))
 
 
-def _replaced(rng: Random, data: bytes, pattern: bytes, others: Any) -> bytes:
+def _replaced(rng: Random, data: bytes, pattern: bytes, replacements: Any) -> bytes:
     """Replace a match of the pattern by another text."""
-    found = list(re.finditer(pattern, data))
-    if not found:
+    matches = list(re.finditer(pattern, data))
+    if not matches:
         return _flip(rng, data)
-    match = found[rng.integers(len(found))]
-    return data[: match.start()] + others[rng.integers(len(others))] + data[match.end() :]
+    match = matches[rng.integers(len(matches))]
+    return data[: match.start()] + replacements[rng.integers(len(replacements))] + data[match.end() :]
 
 
 def _number(rng: Random, data: bytes) -> bytes:
@@ -91,14 +91,14 @@ def _word(rng: Random, data: bytes) -> bytes:
 def _lines(rng: Random, data: bytes) -> bytes:
     """Repeat, delete or move a line."""
     lines = data.split(b"\n")
-    k, other = rng.integers(0, len(lines), 2)
+    k, target = rng.integers(0, len(lines), 2)
     how = rng.integers(3)
     if how == 0:
         lines[k:k] = [lines[k]] * int(rng.choice((1, 10, 1000)))
     elif how == 1:
         del lines[k]
     else:
-        lines[k], lines[other] = lines[other], lines[k]
+        lines[k], lines[target] = lines[target], lines[k]
     return b"\n".join(lines)
 
 
@@ -111,10 +111,10 @@ def _part(rng: Random, data: bytes) -> bytes:
 
 def _long_list(rng: Random, data: bytes) -> bytes:
     """Repeat what a list of the JSON holds, or a text, a thousand times."""
-    found = list(re.finditer(rb'\[([^\[\]{}]+)\]|"(\w+)"', data))
-    if not found:
+    matches = list(re.finditer(rb'\[([^\[\]{}]+)\]|"(\w+)"', data))
+    if not matches:
         return _flip(rng, data)
-    match = found[rng.integers(len(found))]
+    match = matches[rng.integers(len(matches))]
     listed, word = match.groups()
     longer = b"[%s]" % b",".join([listed] * 1000) if word is None else b'"%s"' % (word * 1000)
     return data[: match.start()] + longer + data[match.end() :]
@@ -183,14 +183,14 @@ def mutated(number: int, seed: int = 0) -> Sample:
 
 def file_failures(numbers: Iterable[int], seed: int = 0) -> list[str]:
     """Return what went wrong in loading damaged files."""
-    found = []
+    failures = []
     for number in numbers:
         sample = mutated(number, seed)
         with tempfile.TemporaryDirectory(prefix="clshade-") as folder:
             reason = load_problem(Path(folder), sample)
         if reason:
-            found.append(f"file {number} of seed {seed}: {next(iter(sample.files))}: {reason}")
-    return found
+            failures.append(f"file {number} of seed {seed}: {next(iter(sample.files))}: {reason}")
+    return failures
 
 
 class _Hung(BaseException):
@@ -240,29 +240,29 @@ def load_problem(folder: Path, sample: Sample) -> str:
     for name, data in sample.files.items():
         (folder / name).write_bytes(data)
     options = {**sample.options, **({"texture": folder / sample.texture} if sample.texture else {})}
-    first, found = folder / next(iter(sample.files)), ""
+    first, problem = folder / next(iter(sample.files)), ""
     start, before = time.process_time(), _peak()
-    with warnings.catch_warnings(record=True) as told, _broken_off():
+    with warnings.catch_warnings(record=True) as caught, _broken_off():
         warnings.simplefilter("error")
         warnings.simplefilter("always", UserWarning)
         try:
             if first.suffix in IMAGES:
                 load_environment(first)
             else:
-                found = flaw(load(first, **options))
+                problem = flaw(load(first, **options))
         except InputError as error:
             text = str(error)
             if not text.isprintable() or not any(name in text for name in sample.files):
-                found = f"expected one line that names the file, found {text!r}"
+                problem = f"expected one line that names the file, found {text!r}"
             elif len(text) > MESSAGE + len(str(first)):
-                found = f"a message of {len(text)} characters"
+                problem = f"a message of {len(text)} characters"
         except _Hung:
-            found = f"took more than {HANGS} s"
+            problem = f"took more than {HANGS} s"
         except Exception as error:  # any other exception is a finding
-            found = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
     seconds, more = time.process_time() - start, _peak() - before
-    if not found and not all(str(warning.message).isprintable() for warning in told):
-        found = "a warning of several lines"
-    if not found and seconds > SECONDS:
-        found = f"took {seconds:.1f} s"
-    return found or (f"took {more >> 20} MiB" if more > MEMORY else "")
+    if not problem and not all(str(warning.message).isprintable() for warning in caught):
+        problem = "a warning of several lines"
+    if not problem and seconds > SECONDS:
+        problem = f"took {seconds:.1f} s"
+    return problem or (f"took {more >> 20} MiB" if more > MEMORY else "")

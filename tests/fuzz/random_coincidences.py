@@ -67,8 +67,8 @@ def _stacked(rng: Random, meshes: tuple[Mesh, ...]) -> tuple[Mesh, ...]:
     for their materials."""
     k = int(rng.integers(len(meshes)))
     mesh, how = meshes[k], rng.integers(4)
-    most = MOST_FACES // max(len(mesh.faces), 1)
-    count = min(int(2.0 ** rng.uniform(1.0, 10.0)), most)
+    limit = MOST_FACES // max(len(mesh.faces), 1)
+    count = min(int(2.0 ** rng.uniform(1.0, 10.0)), limit)
     if how == 3 or count < 2:
         return meshes
     if how == 0 and not mesh.scalars:

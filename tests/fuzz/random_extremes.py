@@ -42,9 +42,9 @@ def _coordinates(rng: Random, scene: Scene, _: bool) -> Scene:
     def far(mesh: Mesh) -> dict[str, Any]:
         if mesh.uvs is None or rng.random() < 0.5:
             return {}
-        most = float(np.abs(mesh.uvs[np.isfinite(mesh.uvs)]).max(initial=1.0))
+        largest = float(np.abs(mesh.uvs[np.isfinite(mesh.uvs)]).max(initial=1.0))
         with np.errstate(over="ignore"):
-            return {"uvs": mesh.uvs * min(10.0 ** rng.uniform(0, 9), 1e9 / most)}
+            return {"uvs": mesh.uvs * min(10.0 ** rng.uniform(0, 9), 1e9 / largest)}
 
     return _changed(scene, far)
 

@@ -85,7 +85,7 @@ def kind_of(seed: int, block: int) -> Kind:
         preset=preset,  # type: ignore[arg-type]
         specialize=specialize,
         lanes=None if lanes == LANES[-1] else lanes,
-        other_lanes=int(rng.choice([other for other in LANES if other != lanes])),
+        other_lanes=int(rng.choice([count for count in LANES if count != lanes])),
         orthographic=often(0.25),
         background=(often(0.7) or only) and not backdrop,
         double=often(0.7),
@@ -125,7 +125,7 @@ def _settings(rng: Random, shader: str, textured: bool, scalars: str, backdrop: 
     base: Any = rng.choice(("standard", "course", "mixed"))
     if base == "mixed":
         declared = facts_of(Settings, "declared").items()
-        choices = {name: known.choices for name, known in declared if name in PRESET_FIELDS["course"]}
+        choices = {name: facts.choices for name, facts in declared if name in PRESET_FIELDS["course"]}
         fields |= {name: str(rng.choice(values)) for name, values in choices.items()}
         base = "standard"
     fields["shader"] = shader

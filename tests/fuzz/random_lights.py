@@ -59,11 +59,11 @@ def _light(rng: Random, sized: bool, point: PointLight, scale: float, center: Ar
     while True:
         kind = LIGHTS[rng.integers(len(LIGHTS))]
         values = {field.name: _value(rng, FIELDS[field.name], scale) for field in fields(kind)}
-        known = {"position": point.position, "intensity": point.intensity}
+        overrides = {"position": point.position, "intensity": point.intensity}
         if rng.random() < 0.5:
-            known["direction"] = center - point.position + scale * rng.uniform(0.0, 0.5) * rng.normal(size=3)
+            overrides["direction"] = center - point.position + scale * rng.uniform(0.0, 0.5) * rng.normal(size=3)
         try:
-            light = kind(**{**values, **{name: value for name, value in known.items() if name in values}})
+            light = kind(**{**values, **{name: value for name, value in overrides.items() if name in values}})
         except InputError:  # values that do not go together
             continue
         if light.attenuates:

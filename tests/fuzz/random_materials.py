@@ -23,7 +23,7 @@ def random_material(rng: Random, kind: Kind, all_of_it: bool = False) -> Materia
     present = {"ka": kind.ambient, "kd": kind.diffuse, "ks": kind.specular}
     textured, tinted = kind.textured and wanted(0.6), kind.colored and wanted(0.4)
     return Material(
-        **{name: _coefficient(rng) if known and wanted(0.9) else 0.0 for name, known in present.items()},
+        **{name: _coefficient(rng) if is_present and wanted(0.9) else 0.0 for name, is_present in present.items()},
         n=_exponent(rng, all_of_it) if kind.power else 1.0,
         texture=_base_texture(rng, kind, all_of_it) if textured else None,
         color=np.minimum(rng.uniform(0.1, 1.5, 3), 1.0 if kind.dim else np.inf) if tinted else 1.0,
@@ -42,8 +42,8 @@ def _coefficient(rng: Random) -> Any:
 
 
 def _exponent(rng: Random, needed: bool) -> float:
-    known = (2.0, 20.0, 200.0, 1e4, 1e9) if needed else (0.0, 0.5, 1.0, 2.0, 20.0, 200.0, 1e4, 1e9)
-    return float(rng.choice(known)) if rng.random() < 0.6 else float(10.0 ** rng.uniform(0.1, 9))
+    choices = (2.0, 20.0, 200.0, 1e4, 1e9) if needed else (0.0, 0.5, 1.0, 2.0, 20.0, 200.0, 1e4, 1e9)
+    return float(rng.choice(choices)) if rng.random() < 0.6 else float(10.0 ** rng.uniform(0.1, 9))
 
 
 def _base_texture(rng: Random, kind: Kind, all_of_it: bool) -> Texture:
@@ -73,8 +73,8 @@ def _microfacets(rng: Random, kind: Kind, all_of_it: bool) -> MetallicRoughness 
     """Return parameters of shader pbr, unless they follow from Phong's. all_of_it: with what needs each term of the
     model."""
 
-    def some(*ends: float, least: float = 0.0) -> float:
-        return float(rng.choice(ends)) if rng.random() < 0.5 else rng.uniform(least, 1.0)
+    def some(*ends: float, minimum: float = 0.0) -> float:
+        return float(rng.choice(ends)) if rng.random() < 0.5 else rng.uniform(minimum, 1.0)
 
     if not (kind.maps or (kind.facets and (all_of_it or rng.random() < 0.7))):
         return None
@@ -85,7 +85,7 @@ def _microfacets(rng: Random, kind: Kind, all_of_it: bool) -> MetallicRoughness 
     }
     if kind.facets:
         fields["ior"] = float(rng.choice((0.0, 1.0, 1.0 + 1e-9, 1.5, 2.4, 1e6)))
-        fields["specular"] = some(0.5, 1.0, least=0.1) if all_of_it else some(0.0, 1e-30, 1.0)
+        fields["specular"] = some(0.5, 1.0, minimum=0.1) if all_of_it else some(0.0, 1e-30, 1.0)
         fields["specular_color"] = rng.uniform(0.0, 1.0, 3) * rng.choice((0.0, 1.0, 30.0, 1e30))
         if not all_of_it and rng.random() < 0.3:
             fields["emission"] = 0.0

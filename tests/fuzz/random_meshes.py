@@ -25,8 +25,8 @@ def random_mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_o
         return all_of_it or bool(rng.random() < share)
 
     if kind.colored and rng.random() < 0.7:
-        most = 1.0 if kind.dim else rng.choice((1.0, 1.0, 1.0, 10.0))
-        fields["colors"] = most * rng.uniform(0, 1, (len(verts), 3))
+        maximum = 1.0 if kind.dim else rng.choice((1.0, 1.0, 1.0, 10.0))
+        fields["colors"] = maximum * rng.uniform(0, 1, (len(verts), 3))
     if kind.bright and all_of_it:
         fields["colors"] = 3.0 * rng.uniform(0.5, 1, (len(verts), 3))
     indexed = kind.normal_faces and wanted(0.5)
@@ -52,12 +52,12 @@ def random_mesh(rng: Random, kind: Kind, material: Material, shape: Shape, all_o
 
 
 def _directions(rng: Random, count: int, width: int) -> Array:
-    found = rng.normal(size=(count, width))
+    directions = rng.normal(size=(count, width))
     if rng.random() < 0.3:
-        found *= 10.0 ** rng.uniform(-20, 20, (count, 1))
+        directions *= 10.0 ** rng.uniform(-20, 20, (count, 1))
     if rng.random() < 0.3:
-        found[rng.random(count) < 0.2] = 0.0
-    return found
+        directions[rng.random(count) < 0.2] = 0.0
+    return directions
 
 
 def _coordinates(rng: Random, count: int) -> Array:
@@ -74,8 +74,8 @@ def _placements(rng: Random, double: bool) -> Array | None:
     """Return one to three placements; without `double`, only those that map float32 values to float32 values."""
     if rng.random() < 0.6:
         return None
-    found = np.tile(np.eye(4), (int(rng.integers(1, 4)), 1, 1))
-    for matrix in found:
+    placements = np.tile(np.eye(4), (int(rng.integers(1, 4)), 1, 1))
+    for matrix in placements:
         if double:
             matrix[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.3, 1.5, 3)
             matrix[:3, 3] = rng.normal(size=3)
@@ -83,7 +83,7 @@ def _placements(rng: Random, double: bool) -> Array | None:
             matrix[:3, :3] = np.diag(rng.choice((-1.0, 1.0), 3))[rng.permutation(3)]
         if rng.random() < 0.1:
             matrix[:3, rng.integers(3)] = 0.0  # flattened
-    return found
+    return placements
 
 
 def moved_mesh(mesh: Mesh, scale: float, shift: Array, double: bool) -> Mesh:

@@ -106,11 +106,11 @@ def _edges(rng: Random, kind: Kind, only: bool) -> Edges:
     return Edges(kinds, float(rng.uniform(0.0, 180.0)), float(width), color, only=only)
 
 
-def _size(rng: Random, most: int) -> int:
+def _size(rng: Random, maximum: int) -> int:
     """Return a number of columns or rows: any, or one near a multiple of the tile size."""
     if rng.random() < 0.3:
-        return int(min(most, rng.choice((1, 2, 15, 16, 17, 31, 32, 33, 48, 49))))
-    return int(rng.integers(1, most + 1))
+        return int(min(maximum, rng.choice((1, 2, 15, 16, 17, 31, 32, 33, 48, 49))))
+    return int(rng.integers(1, maximum + 1))
 
 
 def _camera(rng: Random, kind: Kind) -> Camera:

@@ -26,21 +26,21 @@ def main() -> int:
     parser.add_argument("--files", type=numbers, default=range(0), metavar="A:B")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device")
-    given = parser.parse_args()
-    if not (given.files or given.scenes):
+    arguments = parser.parse_args()
+    if not (arguments.files or arguments.scenes):
         parser.error("expected --scenes or --files")
     count = 0
-    for number in given.files:
-        for failure in file_failures([number], given.seed):
+    for number in arguments.files:
+        for failure in file_failures([number], arguments.seed):
             print(failure, flush=True)
             count += 1
-    device = open_device(given.device) if given.scenes else None
-    for number in given.scenes:
+    device = open_device(arguments.device) if arguments.scenes else None
+    for number in arguments.scenes:
         print(f"scene {number}", end="\r", file=sys.stderr, flush=True)  # what a crash leaves
-        for failure in scene_failures(device, [number], given.seed):
+        for failure in scene_failures(device, [number], arguments.seed):
             print(failure, flush=True)
             count += 1
-    print(f"{len(given.files)} files, {len(given.scenes)} scenes: {count} failed")
+    print(f"{len(arguments.files)} files, {len(arguments.scenes)} scenes: {count} failed")
     return 1 if count else 0
 
 

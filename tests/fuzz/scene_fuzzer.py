@@ -30,14 +30,14 @@ SHRINKING = 20.0  # seconds spent on shrinking a failing scene
 
 def scene_failures(device: Device, numbers: Iterable[int], seed: int = 0) -> list[str]:
     """Return what is wrong with random scenes, each with the smallest part of it that fails too."""
-    found = []
+    failures = []
     for number in numbers:
         drawn = scene_of(number, seed)
         reason = scene_problem(device, drawn)
         if reason:
             shrunk = shrink(drawn, lambda smaller: bool(scene_problem(device, smaller)))
-            found.append(f"scene {number} of seed {seed}: {reason} [{shrunk}]")
-    return found
+            failures.append(f"scene {number} of seed {seed}: {reason} [{shrunk}]")
+    return failures
 
 
 def scene_problem(device: Device, drawn: RandomScene) -> str:
@@ -65,9 +65,9 @@ def draw(device: Device, drawn: RandomScene, lanes: int | None = None) -> Frame:
         return rendered(drawn.scene, device=device, lanes=(lanes or kind.lanes) if device.is_cpu else None, **options)
 
 
-def different_bits(one: Frame, other: Frame) -> str:
+def different_bits(one: Frame, second: Frame) -> str:
     """Return a description of where the bits of two frames differ; "" if nowhere."""
-    for name, a, b in (("rgba", one.rgba, other.rgba), *((k, one[k], other[k]) for k in one.layers)):
+    for name, a, b in (("rgba", one.rgba, second.rgba), *((k, one[k], second[k]) for k in one.layers)):
         if a.tobytes() != b.tobytes():
             pixels = [np.ascontiguousarray(x).reshape(*one.alpha.shape, -1).view(np.uint8) for x in (a, b)]
             row, column = np.argwhere((pixels[0] != pixels[1]).any(axis=-1))[0].tolist()
@@ -79,10 +79,10 @@ def different_bits(one: Frame, other: Frame) -> str:
 def problem(frame: Frame) -> str:
     """Return what is wrong with a frame, "" if nothing. Pixels that an alpha near a cutoff or a texel's edge decides
     are left out if there is a problem."""
-    found = check.problem(frame)
-    if found and any(mesh.material.alpha_cutoff is not None or _alpha_jumps(mesh) for mesh in frame.scene.meshes):
+    reason = check.problem(frame)
+    if reason and any(mesh.material.alpha_cutoff is not None or _alpha_jumps(mesh) for mesh in frame.scene.meshes):
         return check.problem(frame, decided_by_alpha(frame.scene, frame.settings))
-    return found
+    return reason
 
 
 def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
@@ -101,24 +101,24 @@ def decided_by_alpha(scene: Scene, settings: Settings) -> Bools:
         for mesh in scene.meshes:
             cutoff, texture, material = mesh.material.alpha_cutoff, mesh.material.texture, mesh.material
             looked_up = texture is not None and mesh.uvs is not None
-            most = np.abs(usable_uvs(mesh.uvs)).max(initial=0.0) if looked_up else 0.0
+            reach = np.abs(usable_uvs(mesh.uvs)).max(initial=0.0) if looked_up else 0.0
             size = np.array(texture.image.shape[1::-1]) if looked_up else np.ones(2)
             if cutoff is not None and mesh.tests_alpha:
-                margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * float(most * size.max())
+                margin = ALPHA_MARGIN + 2.0 * TEXEL_ERROR * float(reach * size.max())
                 material = replace(material, alpha_cutoff=float(np.clip(cutoff + sign * margin, 0.0, 2.0)))
             if looked_up and _alpha_jumps(mesh):
-                off = 2.0 * TEXEL_ERROR * max(most, 1.0) + 2.0**-24 / size
+                off = 2.0 * TEXEL_ERROR * max(reach, 1.0) + 2.0**-24 / size
                 mesh = replace(mesh, uvs=mesh.uvs.astype(np.float64) + off * [across, down])
             meshes.append(replace(mesh, material=material))
         return oracle.render(replace(scene, meshes=tuple(meshes)), settings)
 
     with np.errstate(all="ignore"):
-        less, others = moved(-1.0), [moved(1.0)]
+        less, variants = moved(-1.0), [moved(1.0)]
         if any(map(_alpha_jumps, scene.meshes)):
-            others += [moved(*way) for way in itertools.product((-1.0, 1.0), repeat=3)]
+            variants += [moved(*way) for way in itertools.product((-1.0, 1.0), repeat=3)]
     different: Bools = np.zeros(less.id.shape, bool)
-    for other in others:
-        different |= (less.id != other.id) | (less.alpha != other.alpha) | (less.rgb != other.rgb).any(axis=-1)
+    for variant in variants:
+        different |= (less.id != variant.id) | (less.alpha != variant.alpha) | (less.rgb != variant.rgb).any(axis=-1)
     return different
 
 

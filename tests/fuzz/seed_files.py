@@ -60,9 +60,9 @@ def _pnm(magic: str) -> bytes:
 
 def _course() -> list[Sample]:
     files = []
-    for each in (course_dict(), transposed(course_dict())):
+    for content in (course_dict(), transposed(course_dict())):
         buffer = io.BytesIO()
-        np.save(buffer, np.array(each, dtype=object), allow_pickle=True)
+        np.save(buffer, np.array(content, dtype=object), allow_pickle=True)
         files.append(buffer.getvalue())
     deep, strips = np.arange(4 * 5 * 3, dtype=np.uint16).reshape(4, 5, 3) * np.uint16(1000), io.BytesIO()
     tifffile.imwrite(strips, deep, photometric="rgb", rowsperstrip=2, metadata=None)
@@ -169,8 +169,8 @@ def _ply() -> list[Sample]:
     head = "comment TextureFile b.png\n" + _VERTICES + _FACES
     strips = ply("ascii", _VERTICES + "element tristrips 1\nproperty list int int vertex_indices\n", corners)
     forms = ("ascii", "binary_little_endian", "binary_big_endian")
-    found = [Sample({"a.ply": ply(form, head, rows), "b.png": _image("LA")}) for form in forms]
-    return [*found, Sample({"a.ply": strips + b"6 0 1 2 -1 1 2\n"}, options={"flat": True})]
+    seeds = [Sample({"a.ply": ply(form, head, rows), "b.png": _image("LA")}) for form in forms]
+    return [*seeds, Sample({"a.ply": strips + b"6 0 1 2 -1 1 2\n"}, options={"flat": True})]
 
 
 def _stl() -> list[Sample]:
@@ -269,11 +269,11 @@ def _text(d: Gltf, **fields: Any) -> bytes:
 def _gltf() -> list[Sample]:
     d, moving = _document(), _animated()
     uri = "data:application/octet-stream;base64," + base64.b64encode(d.data).decode()
-    found = [Sample({"a.glb": pack_glb(_text(d), d.data)}), Sample({"a.gltf": _text(d, uri=uri)})]
+    seeds = [Sample({"a.glb": pack_glb(_text(d), d.data)}), Sample({"a.gltf": _text(d, uri=uri)})]
     d.json["images"] = [{"uri": "b.jpg"}]
     apart = {"a.gltf": _text(d, uri="a.bin"), "a.bin": d.data, "b.jpg": _image("RGB", "JPEG")}
     posed = pack_glb(_text(moving), moving.data)
-    return [*found, Sample(apart), *(Sample({"a.glb": posed}, options={"time": time}) for time in (0.5, 1.5))]
+    return [*seeds, Sample(apart), *(Sample({"a.glb": posed}, options={"time": time}) for time in (0.5, 1.5))]
 
 
 def _saved() -> list[Sample]:
@@ -288,9 +288,9 @@ def _saved() -> list[Sample]:
     around = Environment(rng.random((2, 4, 3), np.float32), 30.0)
     lights = (PointLight((1, 2, 3)), DirectionalLight((0, -1, 0)))
     small = Scene(Mesh(np.eye(3), [[0, 1, 2]]), camera, lights[0], name="small")
-    found = []
+    seeds = []
     for scene in (small, Scene((large, large), camera, lights, environment=around)):
         made = encoded(scene, "a.json")
         arrays = b"".join(made.parts)
-        found.append(Sample({"a.json": made.text, **({made.file: arrays} if arrays else {})}))
-    return found
+        seeds.append(Sample({"a.json": made.text, **({made.file: arrays} if arrays else {})}))
+    return seeds

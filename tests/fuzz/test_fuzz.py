@@ -58,13 +58,13 @@ def test_scenes_are_of_all_sorts():
     for name, expected in {"shader": 4, **dict.fromkeys(either, 2)}.items():
         assert len({getattr(kind.settings, name) for kind in kinds}) == expected, name
     drawn = [scene_of(number) for number in range(0, 50 * BLOCK, 10)]
-    assert {1, 2, 16} < {each.settings.samples for each in drawn}
-    assert 16 < max(each.settings.samples for each in drawn) <= 64
-    assert min(min(each.scene.camera.resolution) for each in drawn) == 1
-    lights = [light for each in drawn for light in each.scene.lights]
+    assert {1, 2, 16} < {case.settings.samples for case in drawn}
+    assert 16 < max(case.settings.samples for case in drawn) <= 64
+    assert min(min(case.scene.camera.resolution) for case in drawn) == 1
+    lights = [light for case in drawn for light in case.scene.lights]
     assert {type(light) for light in lights} == set(LIGHTS)
     assert 90.0 in {light.outer_cone for light in lights if isinstance(light, SpotLight)}
-    meshes = [mesh for each in drawn for mesh in each.scene.meshes]
+    meshes = [mesh for case in drawn for mesh in case.scene.meshes]
     reach = [np.abs(mesh.verts).max(initial=0.0) for mesh in meshes]
     assert max(reach) > 1e20
     assert 0.0 < min(r for r in reach if r) < 1e-15
@@ -96,7 +96,7 @@ def test_a_block_shares_its_program():
     for block in range(24):
         drawn = [scene_of(BLOCK * block + k) for k in range(0, BLOCK, 5)]
         packed = [scene_tables.pack(d.scene, d.settings, forced=() if d.kind.specialize else OPTIONAL) for d in drawn]
-        masks += len({each.features.used for each in packed})
+        masks += len({tables.features.used for tables in packed})
     assert masks < 1.3 * 24
 
 
@@ -117,9 +117,9 @@ def test_faces_are_left_out_with_all_that_they_index():
     verts = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float)
     corners = {"normals": np.eye(3), "uvs": verts[:3, :2], "tangents": np.ones((3, 4))}
     indices = {f"{name[:-1]}_faces": [[0, 1, 2], [2, 1, 0]] for name in corners}
-    (other,) = scene_fuzzer.without((Mesh(verts, [[0, 1, 2], [0, 2, 3]], **corners, **indices),), 0, slice(0, 1))
-    assert other.faces.tolist() == [[0, 2, 3]]
-    assert {tuple(getattr(other, name)[0].tolist()) for name in indices} == {(2, 1, 0)}
+    (remainder,) = scene_fuzzer.without((Mesh(verts, [[0, 1, 2], [0, 2, 3]], **corners, **indices),), 0, slice(0, 1))
+    assert remainder.faces.tolist() == [[0, 2, 3]]
+    assert {tuple(getattr(remainder, name)[0].tolist()) for name in indices} == {(2, 1, 0)}
 
 
 def test_lanes_that_disagree_are_found(opened, monkeypatch):
@@ -130,18 +130,18 @@ def test_lanes_that_disagree_are_found(opened, monkeypatch):
     frame = scene_fuzzer.draw(opened, drawn)
     assert drawn.again
 
-    def other(name):
+    def flipped_frame(name):
         arrays = {"rgba": frame.rgba.copy(), **{layer: frame[layer].copy() for layer in frame.layers}}
         arrays[name].reshape(-1).view(np.uint8)[-arrays[name].itemsize] ^= 1
         return Frame(arrays.pop("rgba"), arrays, frame.scene, frame.settings, dict)
 
     for name in ("rgba", *frame.layers):
-        changed = other(name)
+        changed = flipped_frame(name)
         monkeypatch.setattr(
             scene_fuzzer, "draw", lambda device, drawn, lanes=None, changed=changed: changed if lanes else frame
         )
-        found = scene_fuzzer.scene_problem(opened, drawn)
-        assert found.startswith(f"with {drawn.kind.other_lanes} lanes: {name} has other bits, first at row, column")
+        message = scene_fuzzer.scene_problem(opened, drawn)
+        assert message.startswith(f"with {drawn.kind.other_lanes} lanes: {name} has other bits, first at row, column")
 
 
 def test_a_wrong_value_of_any_layer_is_found(opened):
@@ -151,9 +151,9 @@ def test_a_wrong_value_of_any_layer_is_found(opened):
         for value in (np.nan, 1e30) if frame[name].dtype.kind == "f" else (4000,):
             layers = {layer: frame[layer].copy() for layer in frame.layers}
             layers[name][at] = value
-            found = scene_fuzzer.problem(Frame(frame.rgba, layers, frame.scene, frame.settings, dict))
+            message = scene_fuzzer.problem(Frame(frame.rgba, layers, frame.scene, frame.settings, dict))
             named = "depths" if name == "Z" else name
-            assert found.startswith(f"{named} ") or (name == "scalar" and np.isnan(frame[name][at]))
+            assert message.startswith(f"{named} ") or (name == "scalar" and np.isnan(frame[name][at]))
 
 
 @pytest.mark.long
@@ -167,11 +167,11 @@ def test_a_wrong_kernel_is_found(opened, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("cutoff", "far", "least", "most"),
+    ("cutoff", "far", "minimum", "maximum"),
     [(0.5, 0.0, 1.0, 1.0), (0.5 + 1e-6, 0.0, 1.0, 1.0), (0.6, 0.0, 0.0, 0.0), (None, 0.0, 0.0, 0.0)]
     + [(0.5, 1.0, 0.0, 0.0), (0.5, 1e4, 0.0, 0.0), (0.5, 2e11, 0.8, 1.0)],
 )
-def test_alphas_at_their_cutoff_or_of_far_coordinates_decide_either_way(cutoff, far, least, most):
+def test_alphas_at_their_cutoff_or_of_far_coordinates_decide_either_way(cutoff, far, minimum, maximum):
     """At 2e11 a coordinate is only accurate to about a texel. far: 0 for a texture of one texel."""
     image = np.ones((1, 16, 4), np.float32)
     image[0, :, 3] = np.linspace(0.0, 1.0, 16) if far else 0.5
@@ -180,7 +180,7 @@ def test_alphas_at_their_cutoff_or_of_far_coordinates_decide_either_way(cutoff, 
     scene = Scene((Mesh(corners, [[0, 1, 2]], uvs=uvs, material=material),), CAMERA)
     covered = oracle.render(replace(scene, meshes=(replace(scene.meshes[0], uvs=None),)), Settings()).id > 0
     share = scene_fuzzer.decided_by_alpha(scene, Settings())[covered].mean()
-    assert least <= share <= most
+    assert minimum <= share <= maximum
 
 
 # Files
@@ -246,9 +246,9 @@ def test_what_is_slow_large_or_hangs_is_found(monkeypatch):
         (file_mutations.time, "process_time", [0.0, 5.1], "took 5.1 s"),
         (file_mutations, "_peak", [0, 2 << 30], "took 2048 MiB"),
     ):
-        told = iter(values)
+        readings = iter(values)
         with monkeypatch.context() as patch:
-            patch.setattr(where, name, lambda told=told: next(told))
+            patch.setattr(where, name, lambda readings=readings: next(readings))
             assert message in file_failures([3])[0]
 
     def hangs(path, **options):

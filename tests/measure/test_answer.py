@@ -36,54 +36,54 @@ FIGURES = {
 
 def planted(device, figures=FIGURES, usual: str = "shaded-4") -> Study:
     """Return a study with these figures."""
-    found = small_study(device)
-    one, base = found.measured[0], base_settings(sphere())
-    known = {variant.name: variant for variant in variants.VARIANTS}
+    study = small_study(device)
+    one, base = study.measured[0], base_settings(sphere())
+    by_name = {variant.name: variant for variant in variants.VARIANTS}
     measured = [
         replace(
             one,
-            variant=known[name],
-            settings=known[name].settings(base),
+            variant=by_name[name],
+            settings=by_name[name].settings(base),
             times=(0.97 * ms, ms, 1.03 * ms),
             approximation=replace(one.approximation, rmse=error, flip=flip),
             close=close,
         )
         for name, (ms, error, close, flip) in figures.items()
     ]
-    return replace(found, measured=tuple(measured), usual=usual, reference=replace(found.reference, error=1e-4))
+    return replace(study, measured=tuple(measured), usual=usual, reference=replace(study.reference, error=1e-4))
 
 
 def used(study: Study) -> dict[str, str]:
-    return {each.purpose: each.used.variant.name for each in answer(study)}
+    return {advice.purpose: advice.used.variant.name for advice in answer(study)}
 
 
 def test_five_lines(device):
-    found = planted(device)
-    assert used(found) == {
+    study = planted(device)
+    assert used(study) == {
         "no visible error": "shaded-16",
         "within 16 ms": "shaded-4",
         "within 100 ms": "shaded-16",
         "the default": "shaded-4",
         "more samples": "shaded-16",
     }
-    lines = [each.line(lambda settings: f"draw {settings.samples}") for each in answer(found)]
+    lines = [advice.line(lambda settings: f"draw {settings.samples}") for advice in answer(study)]
     assert lines[0] == "no visible error: 50 ms, RMSE 0.003: draw 16"
     assert lines[3] == (
         "the default:      14 ms, RMSE 0.01; compared with the lines above: time x0.28, x1, x0.28, error x3.3, x1, x3.3: "
         "draw 4"
     )
     assert lines[4] == "more samples:     worth it, time x3.6, error x0.3, which is not visible: draw 16"
-    asked = "at least 99% of pixels within 2 of 255 codes of the converged image, and FLIP at most 0.005"
-    assert criterion(found) == f"no visible error: {asked}; the first line has 99.5% and 0.003"
+    limits = "at least 99% of pixels within 2 of 255 codes of the converged image, and FLIP at most 0.005"
+    assert criterion(study) == f"no visible error: {limits}; the first line has 99.5% and 0.003"
 
 
 def test_nothing_is_without_visible_error_and_nothing_is_fast_enough(device):
     figures = {name: (20.0 * ms, error, 0.8 * close, flip) for name, (ms, error, close, flip) in FIGURES.items()}
-    found = planted(device, figures)
-    assert used(found)["closest"] == "shaded-64"
-    fastest = answer(found)[1]
+    study = planted(device, figures)
+    assert used(study)["closest"] == "shaded-64"
+    fastest = answer(study)[1]
     assert (fastest.used.variant.name, fastest.found) == ("standard", "none; the fastest takes 120 ms, RMSE 0.02")
-    assert answer(found)[4].found == "worth it, time x13, error x0.1, which is still visible"
+    assert answer(study)[4].found == "worth it, time x13, error x0.1, which is still visible"
 
 
 def test_samples_that_are_not_worth_their_time(device):
@@ -93,19 +93,19 @@ def test_samples_that_are_not_worth_their_time(device):
     assert (more.found, more.used.variant.name) == ("not worth it, time x4.4, error x0.94", "samples-64")
     (*_, more) = answer(planted(device, {"standard": FIGURES["standard"]}, usual="standard"))
     assert (more.found, more.used.variant.name) == ("not measured", "standard")
-    other = {"standard": FIGURES["standard"], "gouraud-4": FIGURES["shaded-64"], "trilinear-4": FIGURES["shaded-64"]}
-    (*_, more) = answer(planted(device, other, usual="standard"))  # of other models
+    models = {"standard": FIGURES["standard"], "gouraud-4": FIGURES["shaded-64"], "trilinear-4": FIGURES["shaded-64"]}
+    (*_, more) = answer(planted(device, models, usual="standard"))  # of other models
     assert more.found == "not measured"
     assert len(answer(planted(device, few, usual="shaded-64"))) == 3  # the default was not measured
 
 
 def test_the_share_of_pixels_that_are_close():
     codes = np.full((2, 2, 3), 100, np.uint8)
-    others = codes.copy()
-    others[0, 0] = 100 + CODES
-    others[0, 1, 2] = 100 + CODES + 1
-    others[1, 1, 0] = 0
-    assert close_share(codes, others) == close_share(others, codes) == 0.5
+    changed = codes.copy()
+    changed[0, 0] = 100 + CODES
+    changed[0, 1, 2] = 100 + CODES + 1
+    changed[1, 1, 0] = 0
+    assert close_share(codes, changed) == close_share(changed, codes) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -120,13 +120,13 @@ def test_the_share_of_pixels_that_are_close():
 def test_the_default_is_what_render_draws(device, name, options, expected):
     scene = builtin(name, **options)
     base = base_settings(scene)
-    known = variants_for(scene, base, device)
-    found = default_variant(scene, base, known)
-    assert found.name == expected
-    assert found.settings(base) == Settings.from_preset(scene.preset, **picture_fields(scene))
-    others = [each for each in known if each.name != expected]
-    new = default_variant(scene, base, others)
-    assert (new.name, new.settings(base)) == ("default", found.settings(base))
+    candidates = variants_for(scene, base, device)
+    default = default_variant(scene, base, candidates)
+    assert default.name == expected
+    assert default.settings(base) == Settings.from_preset(scene.preset, **picture_fields(scene))
+    rest = [variant for variant in candidates if variant.name != expected]
+    new = default_variant(scene, base, rest)
+    assert (new.name, new.settings(base)) == ("default", default.settings(base))
 
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n"
@@ -145,27 +145,29 @@ SCENES = [
 
 
 @pytest.mark.parametrize(
-    ("name", "options"), SCENES, ids=lambda each: " ".join(each) if isinstance(each, tuple) else each
+    ("name", "options"),
+    SCENES,
+    ids=lambda parameter: " ".join(parameter) if isinstance(parameter, tuple) else parameter,
 )
 def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, name, options):
     """Also of scenes in the studio, of options that would take them out of it, and of names that need quotes."""
     monkeypatch.chdir(tmp_path)
     if name.endswith(".obj"):
         Path(name).write_text(OBJ)
-    found = []
+    calls = []
 
     def stop(scene, *_, command, settings, **__):
-        found.append((scene, command, settings))
+        calls.append((scene, command, settings))
         return True
 
     monkeypatch.setattr(report, "run", stop)
     scene_name = f"./{name}" if name.startswith("-") else name
     code, _, _ = run(capsys, "report", scene_name, *options, "--resolution", "48,36", "--device", device.index)
     assert code == 0
-    ((scene, command, settings),) = found
+    ((scene, command, settings),) = calls
     base, expected = base_settings(scene, **settings), effective_settings(scene)[0]
-    for each in variants_for(scene, base, device):
-        program, verb, *arguments = shlex.split(command(each.settings(base)))
+    for variant in variants_for(scene, base, device):
+        program, verb, *arguments = shlex.split(command(variant.settings(base)))
         assert (program, verb) == ("clshade", "render")
         parsed = _parser(["render"]).parse_args(["render", *arguments])
         again = selected.load_scene(parsed, parsed.scenes[0])
@@ -173,12 +175,12 @@ def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, 
         kept.pop("device")
         drawn, its_settings = effective_settings(again, **kept)
         its_own = replace(its_settings, ao_distance=None)  # which is the scene's, where none is given
-        assert its_own == each.settings(base), each.name
-        for one, other in ((drawn.camera, expected.camera), *zip(drawn.lights, expected.lights, strict=True)):
-            assert all(np.array_equal(value, getattr(other, field)) for field, value in vars(one).items())
-        for mesh, other in zip(drawn.meshes, expected.meshes, strict=True):
-            assert mesh.vertices.shape == other.vertices.shape
-            textures = [each.material.texture for each in (mesh, other)]
+        assert its_own == variant.settings(base), variant.name
+        for one, target in ((drawn.camera, expected.camera), *zip(drawn.lights, expected.lights, strict=True)):
+            assert all(np.array_equal(value, getattr(target, field)) for field, value in vars(one).items())
+        for mesh, target in zip(drawn.meshes, expected.meshes, strict=True):
+            assert mesh.vertices.shape == target.vertices.shape
+            textures = [variant.material.texture for variant in (mesh, target)]
             assert len({None if texture is None else texture.image.tobytes() for texture in textures}) == 1
         assert (drawn.environment is None) == (expected.environment is None)
 
@@ -211,6 +213,6 @@ def test_without_details_only_variants_that_may_be_worth_their_time_are_measured
 )
 def test_an_error_is_not_visible_by_both_measures(device, close, flip, unseen):
     """Without FLIP the codes decide."""
-    found = planted(device, {**FIGURES, "shaded-16": (50.0, 0.003, close, flip)})
-    assert used(found)["no visible error"] == ("shaded-16" if unseen else "shaded-64")
-    assert criterion(found).endswith("the first line has 99.0% (FLIP is not measured)") == (flip is None)
+    study = planted(device, {**FIGURES, "shaded-16": (50.0, 0.003, close, flip)})
+    assert used(study)["no visible error"] == ("shaded-16" if unseen else "shaded-64")
+    assert criterion(study).endswith("the first line has 99.0% (FLIP is not measured)") == (flip is None)

@@ -65,31 +65,31 @@ def test_stages_bytes_and_flops(opened):
 
 
 def test_other_shaders_have_no_floor_of_operations(opened):
-    found = drawn(thing(16, level=2), opened, shader="gouraud")
-    assert found.flops is None
-    assert found.floor_ms(device_peaks.Peaks(flops=1e-9, fill=2e3)) == pytest.approx(found.bytes / 2.0)
+    timing = drawn(thing(16, level=2), opened, shader="gouraud")
+    assert timing.flops is None
+    assert timing.floor_ms(device_peaks.Peaks(flops=1e-9, fill=2e3)) == pytest.approx(timing.bytes / 2.0)
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("changes", [{}, {"is_cpu": False, "lanes": 1}], ids=["as it is", "as a GPU"])
 def test_peaks(opened, changes):
-    found = device_peaks.peaks(replace(opened, **changes))
-    assert all(1e7 < rate < 1e16 for rate in found)  # no device copies as little as 10 MB per second
+    rates = device_peaks.peaks(replace(opened, **changes))
+    assert all(1e7 < rate < 1e16 for rate in rates)  # no device copies as little as 10 MB per second
 
 
 # Tables, files, the command
 
 
 def test_the_tables_hold_what_was_measured(tmp_path):
-    found = results_of(timed(), timed("v", same=False, flops=None), errors={"x": "too large"})
-    lines = found.lines()
+    timings = results_of(timed(), timed("v", same=False, flops=None), errors={"x": "too large"})
+    lines = timings.lines()
     # 100 triangles and pixels in 2 ms; 1e6 bytes take as long at the fill's 5e8; 1e7 operations half of that at 1e10;
     # 2^20 and 1e6 bytes are 1.95 MiB.
     first, second, *_ = (" ".join(line.split()[1:]) for line in lines if line.startswith("w  "))
     assert f"{first} {second}".startswith("10x10 100 100 2.00 1.8 2.2 5 0.05 0.05 0.5 5 2 1 1.95 12.00 2.00 5 6 2 9 ")
     assert any("x: too large" in line for line in lines)
     assert sum("NO" in line for line in lines) == 1
-    found.write(tmp_path / "b")
+    timings.write(tmp_path / "b")
     rows = list(csv.DictReader((tmp_path / "b.csv").open()))
     assert [(row["name"], row["ratio"], row["same"]) for row in rows] == [("w", "6.0", "True"), ("v", "", "False")]
     assert [rows[0][name] for name in ("gb_s", "floor_ms", "held_bytes")] == ["0.5", "2.0", "2048576"]

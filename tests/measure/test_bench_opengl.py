@@ -41,20 +41,20 @@ def two_meshes() -> Scene:
 @pytest.mark.parametrize("make", [*SMALL.values(), two_meshes], ids=[*SMALL, "two-sided"])
 def test_opengl_draws_the_same_picture(opened, context, make):
     scene = make()
-    with closing(OpenGL(context, scene)) as other:
+    with closing(OpenGL(context, scene)) as reference:
         frame = render(scene, device=opened, layers=("id",))
-        found = agreement.agreement(frame.rgb, frame["id"], other.draw(scene.camera))
-        assert found.same
-        assert found.interior > 0.05
-        assert (other.draw(scene.camera)[..., 3] == frame.alpha).mean() > 0.99
+        comparison = agreement.agreement(frame.rgb, frame["id"], reference.draw(scene.camera))
+        assert comparison.same
+        assert comparison.interior > 0.05
+        assert (reference.draw(scene.camera)[..., 3] == frame.alpha).mean() > 0.99
 
 
 @pytest.mark.long
 def test_textures(opened, context):
     scene = thing(96, level=3, textured=True)
-    with closing(OpenGL(context, scene)) as other:
+    with closing(OpenGL(context, scene)) as reference:
         frame = render(scene, device=opened, layers=("id",))
-        drawn = other.draw(scene.camera)
+        drawn = reference.draw(scene.camera)
         assert agreement.agreement(frame.rgb, frame["id"], drawn, TEXTURED).same
         plain = replace(scene, meshes=tuple(map(workloads.phong_mesh, scene.meshes)))
         unlike = render(plain, device=opened).rgb
@@ -64,12 +64,12 @@ def test_textures(opened, context):
 def test_corners_with_indices_of_their_own():
     """A vertex is duplicated for each different normal."""
     mesh = thing(8, level=2, textured=True).meshes[0]
-    own = replace(
+    indexed = replace(
         mesh, normals=np.eye(3) * [[1.0], [2.0], [4.0]], normal_faces=np.arange(3 * len(mesh.faces)).reshape(-1, 3) % 3
     )
-    vertices, faces = mesh_arrays(own)
+    vertices, faces = mesh_arrays(indexed)
     assert (vertices[faces, :3] == mesh.verts[mesh.faces].astype(np.float32)).all()
-    assert (vertices[faces, 6:9] == np.eye(3)[own.normal_faces]).all()
+    assert (vertices[faces, 6:9] == np.eye(3)[indexed.normal_faces]).all()
     assert (vertices[faces, 9:] == mesh.uvs[mesh.uv_faces].astype(np.float32)).all()
     assert len(mesh.verts) < len(vertices) < 3 * len(mesh.faces)
 
@@ -96,10 +96,10 @@ PLAIN = thing(8, level=2)
 def test_scenes_that_opengl_does_not_draw(opened, scene, options, named):
     with (
         Renderer(scene, device=opened, **options) as renderer,
-        pytest.raises(InputError, match="--look plain") as found,
+        pytest.raises(InputError, match="--look plain") as caught,
     ):
         check_drawn(renderer.scene, renderer.features.used)
-    assert all(name in str(found.value) for name in named)
+    assert all(name in str(caught.value) for name in named)
 
 
 # Without OpenGL
@@ -166,13 +166,17 @@ def picture():
 
 def test_an_error_inside_of_a_triangle_is_found_and_one_on_an_edge_is_allowed():
     ids, image = picture()
-    found = agreement.agreement(image, ids, image)
-    assert found == agreement.Agreement(interior=2 * 14 * 7 / (16 * 18), largest=0.0, tolerance=TOLERANCE, others=1.0)
+    comparison = agreement.agreement(image, ids, image)
+    assert comparison == agreement.Agreement(
+        interior=2 * 14 * 7 / (16 * 18), largest=0.0, tolerance=TOLERANCE, others=1.0
+    )
     wrong = image.copy()
     wrong[8, 6, 1] += np.float32(2.0 * TOLERANCE * image.max())
-    found = agreement.agreement(image, ids, wrong)
-    assert found.largest == pytest.approx(2.0 * TOLERANCE, rel=1e-3)  # float32 of a color near 1, off by 1e-3: 6e-5
-    assert not found.same
+    comparison = agreement.agreement(image, ids, wrong)
+    assert comparison.largest == pytest.approx(
+        2.0 * TOLERANCE, rel=1e-3
+    )  # float32 of a color near 1, off by 1e-3: 6e-5
+    assert not comparison.same
     edge = image.copy()
     edge[2:18, 12] = image[2:18, 11]  # the other triangle owns the pixels of its neighbor's border
     assert agreement.agreement(image, ids, edge).same

@@ -49,15 +49,15 @@ def test_samples_at_finds_what_samples_finds(limit):
     for triangle, at_column, at_row, _ in coverage.samples(xy, boxes):
         for t, c, r in zip(triangle.tolist(), at_column.tolist(), at_row.tolist(), strict=True):
             expected |= {(t, int(q)) for q in np.flatnonzero((column == c) & (row == r))}
-    found, latest = [], np.full(90, -1)
+    pairs, latest = [], np.full(90, -1)
     for triangle, pixel, edges in coverage.samples_at(xy, boxes, column, row, limit):
-        found += zip(triangle.tolist(), pixel.tolist(), strict=True)
+        pairs += zip(triangle.tolist(), pixel.tolist(), strict=True)
         assert np.array_equal(edges, coverage.edge_functions(xy[triangle], column[pixel], row[pixel]))
         for at, t in zip(pixel, triangle, strict=True):
             assert latest[at] < t  # one pixel's triangles come in order
             latest[at] = t
-    assert len(found) == len(expected) > 300
-    assert set(found) == expected
+    assert len(pairs) == len(expected) > 300
+    assert set(pairs) == expected
 
 
 @pytest.mark.parametrize("preset", ["course", "standard"])
@@ -65,11 +65,11 @@ def test_samples_at_finds_what_samples_finds(limit):
 def test_some_pixels_equal_those_of_the_whole_image(name, preset):
     scene = {"box_room": scenes.box_room(3, (61, 47)), "quads": scenes.quads(20, 3, (53, 37))}[name]
     settings = Settings.from_preset(preset)
-    whole = oracle.render(scene, settings)
-    rows, columns = np.divmod(np.random.default_rng(3).integers(0, whole.id.size, 300), whole.id.shape[1])
+    image = oracle.render(scene, settings)
+    rows, columns = np.divmod(np.random.default_rng(3).integers(0, image.id.size, 300), image.id.shape[1])
     some = oracle.render(scene, settings, rows, columns)
-    for field in vars(whole):
-        assert np.array_equal(getattr(some, field), getattr(whole, field)[rows, columns])
+    for field in vars(image):
+        assert np.array_equal(getattr(some, field), getattr(image, field)[rows, columns])
 
 
 def two_cards(apart: float) -> Scene:
@@ -84,8 +84,8 @@ def two_cards(apart: float) -> Scene:
 
 def test_the_second_depth_is_that_of_the_card_behind():
     rows, columns = np.array([0, 5, 11]), np.array([0, 7, 15])
-    found = oracle.nearest_depths(two_cards(0.25), Settings(), rows, columns)[0, 1]
-    assert np.allclose(found, 4.25, rtol=1e-12)
+    second_depths = oracle.nearest_depths(two_cards(0.25), Settings(), rows, columns)[0, 1]
+    assert np.allclose(second_depths, 4.25, rtol=1e-12)
     scene = two_cards(0.25)
     alone = replace(scene, meshes=scene.meshes[:1])
     assert np.isposinf(oracle.nearest_depths(alone, Settings(), rows, columns)[0, 1]).all()
@@ -98,17 +98,17 @@ def test_the_second_depth_is_that_of_the_card_behind():
 def test_a_right_image_passes(preset):
     frame = teapot_frame(preset)
     for pixels in (4096, 500, "all"):
-        found = clshade.check(frame, pixels)
-        assert found.passed
-        assert (found.wrong, found.ties, found.gates) == (0, 0, 0)
-        assert 0.0 < found.bounds <= 1.0  # only the rounding of the result
-        assert 0.0 < found.error < 2.0**-22
-        assert found.depth is not None
-        assert 0.0 < found.depth <= 1.0
-        assert found.ids
-        assert frame.check is found
-        assert found.pixels == (4800 if pixels == "all" else pixels)
-        assert found.complete == (pixels == "all")
+        report = clshade.check(frame, pixels)
+        assert report.passed
+        assert (report.wrong, report.ties, report.gates) == (0, 0, 0)
+        assert 0.0 < report.bounds <= 1.0  # only the rounding of the result
+        assert 0.0 < report.error < 2.0**-22
+        assert report.depth is not None
+        assert 0.0 < report.depth <= 1.0
+        assert report.ids
+        assert frame.check is report
+        assert report.pixels == (4800 if pixels == "all" else pixels)
+        assert report.complete == (pixels == "all")
 
 
 def plant(frame: Frame, row: int, column: int, relative: float) -> None:
@@ -121,15 +121,15 @@ def test_one_changed_pixel_of_all_is_found():
     frame = teapot_frame()
     row, column = (int(i) for i in np.argwhere(frame.alpha > 0)[700])
     plant(frame, row, column, 1e-3)
-    found = clshade.check(frame, "all")
-    assert not found.passed
-    assert found.worst == (row, column)
-    assert found.error == pytest.approx(1e-3, rel=1e-3)
-    assert found.bounds > 32.0
-    assert found.wrong == 0
-    assert found.image is not None
-    assert np.unravel_index(found.image.argmax(), found.image.shape) == (row, column)
-    assert (found.image > 1.0).sum() == 1
+    report = clshade.check(frame, "all")
+    assert not report.passed
+    assert report.worst == (row, column)
+    assert report.error == pytest.approx(1e-3, rel=1e-3)
+    assert report.bounds > 32.0
+    assert report.wrong == 0
+    assert report.image is not None
+    assert np.unravel_index(report.image.argmax(), report.image.shape) == (row, column)
+    assert (report.image > 1.0).sum() == 1
 
 
 def test_a_sample_reports_an_error_in_a_pixel_it_looks_at():
@@ -143,10 +143,10 @@ def test_a_sample_reports_an_error_in_a_pixel_it_looks_at():
         changed = teapot_frame()
         row, column = (int(i) for i in np.divmod(index, 80))
         plant(changed, row, column, 1e-4)
-        found = clshade.check(changed, 400)
-        assert found.passed is not seen
-        assert (found.worst == (row, column)) is seen
-        assert "lower bound" in " ".join(found.lines())
+        report = clshade.check(changed, 400)
+        assert report.passed is not seen
+        assert (report.worst == (row, column)) is seen
+        assert "lower bound" in " ".join(report.lines())
 
 
 def test_wrong_owners_coverage_depths_and_values_that_are_not_finite():
@@ -165,20 +165,20 @@ def test_wrong_owners_coverage_depths_and_values_that_are_not_finite():
         is_wrong = f"{'depths are beyond their bounds' if name == 'Z' else f'{name} is wrong'}: 1 of 4800 pixels"
         assert check.problem(frame).startswith(f"{is_wrong}, the first at row {row}, column {column}: expected ")
         assert check.problem(frame, np.arange(4800).reshape(60, 80) == row * 80 + column) == ""
-        found = clshade.check(frame, 20 if name == "rgb" else "all")
-        assert not found.passed, name
-        assert found.wrong == (0 if name == "Z" else 1)
-        assert found.strata["not finite"][0] == (name == "rgb")  # always looked at
-        assert name == "rgb" or np.isinf(found.image[row, column]) == (name != "Z")
-        assert (found.depth > 100.0) == (name == "Z")
+        report = clshade.check(frame, 20 if name == "rgb" else "all")
+        assert not report.passed, name
+        assert report.wrong == (0 if name == "Z" else 1)
+        assert report.strata["not finite"][0] == (name == "rgb")  # always looked at
+        assert name == "rgb" or np.isinf(report.image[row, column]) == (name != "Z")
+        assert (report.depth > 100.0) == (name == "Z")
 
 
 def test_without_layers_coverage_and_colors_are_checked():
     frame = teapot_frame(layers=())
-    found = clshade.check(frame, "all")
-    assert found.passed
-    assert not found.ids
-    assert found.depth is None
+    report = clshade.check(frame, "all")
+    assert report.passed
+    assert not report.ids
+    assert report.depth is None
     frame.rgba[0, 0, 3] = 1.0
     assert clshade.check(frame, "all").wrong == 1
 
@@ -191,9 +191,9 @@ def test_either_of_two_faces_at_one_depth_may_own_a_pixel(layers, apart, tied):
     frame.rgba[3, 3, :3] = (0.0, 1.0, 0.0)
     if layers:
         frame["id"][3, 3] = 2
-    found = clshade.check(frame, "all")
-    assert found.passed is tied
-    assert found.ties == int(tied)
+    report = clshade.check(frame, "all")
+    assert report.passed is tied
+    assert report.ties == int(tied)
 
 
 def test_a_highlights_gate_may_be_decided_either_way():
@@ -205,9 +205,9 @@ def test_a_highlights_gate_may_be_decided_either_way():
     for highlight, excepted in ((1e-3, True), (9e-4, False)):
         jump = expected.jump.copy()
         jump[30 * 80 + 40] = highlight
-        found = check.Comparison(frame, replace(expected, jump=jump), rows, columns)
-        assert found.gates.sum() == int(excepted)
-        assert bool(found.counted.max() <= 1.0) is excepted
+        comparison = check.Comparison(frame, replace(expected, jump=jump), rows, columns)
+        assert comparison.gates.sum() == int(excepted)
+        assert bool(comparison.counted.max() <= 1.0) is excepted
 
 
 # The sample
@@ -215,8 +215,8 @@ def test_a_highlights_gate_may_be_decided_either_way():
 
 def test_edges_and_highlights_have_their_share():
     frame = teapot_frame()
-    found = clshade.check(frame, 400)
-    counts = {name: count for name, (count, _) in found.strata.items()}
+    report = clshade.check(frame, 400)
+    counts = {name: count for name, (count, _) in report.strata.items()}
     assert sum(counts.values()) == 400
     assert counts["silhouettes"] >= 80
     assert counts["highlights"] >= 80
@@ -290,16 +290,16 @@ def test_check_all_adds_a_layer(tmp_path, capsys):
 @needs_device
 def test_check_in_the_figures_as_json(tmp_path, capsys):
     code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--stats", "--check")
-    found = json.loads(out)["check"]
+    report = json.loads(out)["check"]
     assert code == 0
-    assert (found["passed"], found["allowed"], found["pixels"], found["of"]) == (True, 32.0, 768, 768)
+    assert (report["passed"], report["allowed"], report["pixels"], report["of"]) == (True, 32.0, 768, 768)
 
 
 @pytest.mark.parametrize(
-    "given", [("--check", "1e4"), ("--check", "0.5"), ("teapot", "--check=0"), ("teapot", "--check=-3")]
+    "options", [("--check", "1e4"), ("--check", "0.5"), ("teapot", "--check=0"), ("teapot", "--check=-3")]
 )
-def test_refused_checks(capsys, given):
-    code, out, err = run(capsys, "render", *given)
+def test_refused_checks(capsys, options):
+    code, out, err = run(capsys, "render", *options)
     assert (code, out, len(err)) == (2, "", 1)
     assert "expected a number of pixels or all" in err[0]
 

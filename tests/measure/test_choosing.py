@@ -42,17 +42,17 @@ def beats(a: Alternative, b: Alternative) -> bool:
 
 @given(SOME)
 def test_nothing_beats_the_front_and_it_leaves_nothing_out(some):
-    found = front(some)
-    assert not any(beats(other, each) for each in found for other in some)
-    for each in some:
-        assert any(other.cost <= each.cost and other.error <= each.error for other in found)
-    assert [each.cost for each in found] == sorted(each.cost for each in found)
-    assert [each.error for each in found] == sorted((each.error for each in found), reverse=True)
+    frontier = front(some)
+    assert not any(beats(rival, option) for option in frontier for rival in some)
+    for option in some:
+        assert any(rival.cost <= option.cost and rival.error <= option.error for rival in frontier)
+    assert [option.cost for option in frontier] == sorted(option.cost for option in frontier)
+    assert [option.error for option in frontier] == sorted((option.error for option in frontier), reverse=True)
 
 
 def test_a_front_leaves_out_what_errors_are_not_known_to():
     some = [Alternative(str(k), 1.0 + k, error) for k, error in enumerate((0.5, 0.49, 0.47, 0.46, 0.1))]
-    assert [each.error for each in front(some, 0.02)] == [0.5, 0.47, 0.1]
+    assert [option.error for option in front(some, 0.02)] == [0.5, 0.47, 0.1]
 
 
 @given(SOME, VALUES)
@@ -61,11 +61,11 @@ def test_the_limits_are_kept_and_nothing_better_keeps_them(some, limit):
     if affordable:
         used = within_budget(some, limit)
         assert used in affordable
-        assert used.error == min(each.error for each in affordable)
+        assert used.error == min(option.error for option in affordable)
     if exact:
         used = within_tolerance(some, limit)
         assert used in exact
-        assert used.cost == min(each.cost for each in exact)
+        assert used.cost == min(option.cost for option in exact)
 
 
 def test_choices_within_noise():

@@ -11,10 +11,10 @@ import pytest
 from clshade.measure.verify.confidence import rounded_up, sampled, upper_bound
 
 
-@pytest.mark.parametrize(("found", "looked_at"), [(0, 10), (1, 10), (3, 40), (39, 40), (0, 4605)])
-def test_the_bound_is_where_so_few_are_found_with_one_percent(found, looked_at):
-    share = Fraction(upper_bound(found, looked_at, 10**6))
-    ways = (math.comb(looked_at, k) * share**k * (1 - share) ** (looked_at - k) for k in range(found + 1))
+@pytest.mark.parametrize(("faults", "looked_at"), [(0, 10), (1, 10), (3, 40), (39, 40), (0, 4605)])
+def test_the_bound_is_where_so_few_are_found_with_one_percent(faults, looked_at):
+    share = Fraction(upper_bound(faults, looked_at, 10**6))
+    ways = (math.comb(looked_at, k) * share**k * (1 - share) ** (looked_at - k) for k in range(faults + 1))
     assert float(sum(ways)) == pytest.approx(0.01, rel=1e-9)
 
 

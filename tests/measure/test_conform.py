@@ -71,9 +71,9 @@ def test_draws_are_the_same_everywhere():
 
 def test_a_scene_follows_from_its_choices():
     row = json.loads(scenes.GOLDEN.read_text())[0]["choice"]
-    one, again, other = golden_scene(0, row), golden_scene(0, row), golden_scene(1, row)
+    one, again, neighbor = golden_scene(0, row), golden_scene(0, row), golden_scene(1, row)
     assert np.array_equal(one.scene.meshes[0].verts, again.scene.meshes[0].verts)
-    assert not np.array_equal(one.scene.meshes[0].verts, other.scene.meshes[0].verts)
+    assert not np.array_equal(one.scene.meshes[0].verts, neighbor.scene.meshes[0].verts)
     assert one.settings.shader == "phong"
 
 
@@ -114,13 +114,13 @@ def test_faults_of_memory_and_frames_are_found(opened, monkeypatch):
     assert groups.builds(Bench(opened)) == "run 50 of 100 gives other bits than the first"
     drawn, draw = check_of(opened, "scenes", "062-nolight", "nolight").test, scenes.draw
 
-    def other(scene, device):
+    def flipped(scene, device):
         frame = draw(scene, device)
         frame.rgba.reshape(-1).view(np.uint32)[4] ^= 1
         return frame
 
     assert not drawn(Bench(opened))
-    monkeypatch.setattr(scenes, "draw", other)
+    monkeypatch.setattr(scenes, "draw", flipped)
     assert drawn(Bench(opened)).startswith("other bits, within the bounds of the oracle")
 
 
@@ -151,8 +151,8 @@ def test_a_device_that_flushes_may_err_with_denormals(opened, monkeypatch):
     """In operands and results; no other device may, nor where there is none."""
     tiny = np.array([1e-40, -1e-40, 1.0, -2.0], np.float32)
     case = Case("same", "", "", (tiny,), lambda v: v)
-    for found, right in (([-0.0, 0.0, 1.0, -2.0], True), ([0.0, -0.0, 1.0, 0.0], False)):
-        monkeypatch.setattr(Bench, "run", lambda *_, found=found: np.array(found, np.float32))
+    for outputs, right in (([-0.0, 0.0, 1.0, -2.0], True), ([0.0, -0.0, 1.0, 0.0], False)):
+        monkeypatch.setattr(Bench, "run", lambda *_, outputs=outputs: np.array(outputs, np.float32))
         for flushing in (True, False):
             monkeypatch.setattr(case_module, "flushes", lambda device, flushing=flushing: flushing)
             assert (Bench(opened).wrong(case) is None) == (right and flushing)
@@ -192,11 +192,11 @@ def test_a_failure_has_a_script_and_the_others_have_none(opened, tmp_path, monke
         "compiled = programs.compiled\n"
         f"programs.compiled = lambda device, text, options: compiled(device, {planted}, options)",
     )
-    (first, *others), facts = run_part(task(opened, tmp_path))
+    (first, *rest), facts = run_part(task(opened, tmp_path))
     assert first.name == "divergent_loop"
     assert "of 1024 rows" in first.problem
     assert [path.name for path in tmp_path.iterdir()] == [first.script] == ["constructs_divergent_loop.py"]
-    assert not any(result.problem or result.script for result in others)
+    assert not any(result.problem or result.script for result in rest)
     assert facts["lanes"] == opened.lanes
 
 
@@ -226,8 +226,8 @@ def test_a_launch_that_does_not_end_is_one_line(opened, tmp_path, monkeypatch):
 def test_a_process_that_ends_too_early_is_a_failure(opened, tmp_path, monkeypatch, code, problem):
     """Between two tests too, and whatever its exit code."""
     monkeypatch.setattr(Task, "command", lambda self: [sys.executable, "-c", f"import json; {code}"])
-    found, _ = run_part(task(opened, tmp_path))
-    assert found[0].problem == f"ends the process: {problem}"
+    results, _ = run_part(task(opened, tmp_path))
+    assert results[0].problem == f"ends the process: {problem}"
 
 
 # Groups and card
@@ -251,10 +251,10 @@ def test_the_card(opened):
     results.append(Result("scenes", "three", "what", "a | b", script="scenes_three.py"))
     card = conform.card(info, results, facts)
     assert "- scenes/three (what): a | b [scenes_three.py]\n" in card.markdown()
-    found = json.loads(card.json())
-    assert found["verdict"] == "does not conform: 1 of 3 tests failed"
-    assert [test["name"] for test in found["tests"]] == ["one", "two", "three"]
-    assert (found["device"]["index"], found["lanes"]) == (opened.index, 16)
+    document = json.loads(card.json())
+    assert document["verdict"] == "does not conform: 1 of 3 tests failed"
+    assert [test["name"] for test in document["tests"]] == ["one", "two", "three"]
+    assert (document["device"]["index"], document["lanes"]) == (opened.index, 16)
 
 
 def test_the_command(opened, capsys, tmp_path):

@@ -22,13 +22,13 @@ def small(resolution):
     return builtin("course", level=2, resolution=resolution)
 
 
-def images(found):
-    return {node.attributes["id"]: picture(node.all("img")[0]) for node in found.all("figure")}
+def images(page):
+    return {node.attributes["id"]: picture(node.all("img")[0]) for node in page.all("figure")}
 
 
-def rows(found):
+def rows(page):
     """Return the rows of the table of errors by their causes."""
-    return {row.all("th")[0].text: [cell.text for cell in row.all("td")] for row in found.all("tr")}
+    return {row.all("th")[0].text: [cell.text for cell in row.all("td")] for row in page.all("tr")}
 
 
 @pytest.mark.long
@@ -38,26 +38,26 @@ def test_the_page(opened, capsys, tmp_path):
     path = tmp_path / "h3.npy"
     course.save(with_texture(scene, None), path)
     png.write(tmp_path / TEXTURE, tonemap(scene.meshes[0].material.texture.image, "none"))
-    code, said, told = run(capsys, "report", path, "--course", "-o", tmp_path / "made")
+    code, said, messages = run(capsys, "report", path, "--course", "-o", tmp_path / "made")
     assert (code, said) == (0, f"wrote {tmp_path / 'made.html'}\n")
-    assert any(TEXTURE in line for line in told)
+    assert any(TEXTURE in line for line in messages)
     assert listing(tmp_path) == [TEXTURE, "h3.npy", "made.html"]
-    found = parsed((tmp_path / "made.html").read_bytes())
-    shown = images(found)
+    page = parsed((tmp_path / "made.html").read_bytes())
+    shown = images(page)
     assert list(shown) == [f"f{number}" for number in range(1, 20)]
     textured = with_texture(scene, str(tmp_path / TEXTURE))
     for number, shader in ((8, "gouraud"), (16, "phong"), (17, "gouraud"), (19, "nolight")):
         draw = course.render_object_map if number > 16 else course.render_object
         drawn = draw(shader, **course.arguments(textured, textured=number > 16))
         assert np.array_equal(shown[f"f{number}"], tonemap(drawn[::-1].astype(np.float32), "none"))
-    errors = rows(found)
-    assert [cell.text for cell in found.all("th")[1:5]] == ["figure 8", "figure 16", "figure 17", "figure 18"]
+    errors = rows(page)
+    assert [cell.text for cell in page.all("th")[1:5]] == ["figure 8", "figure 16", "figure 17", "figure 18"]
     assert list(errors)[-2:] == ["total", "total of the PNG"]
     assert [text == "-" for text in errors["Gouraud shading"]] == [False, True, False, True]
     assert [text == "-" for text in errors["texture at vertices"]] == [True, True, False, False]
     shares = [float(row[3].partition("(")[2].partition(" %")[0]) for row in errors.values() if "(" in "".join(row[3:])]
     assert sum(shares) == pytest.approx(100.0, abs=0.5)
-    assert re.fullmatch(r"Figure 5: gouraud, light 1 only. [\d.]+ ms, then [\d.]+ ms", found.all("figure")[4].text)
+    assert re.fullmatch(r"Figure 5: gouraud, light 1 only. [\d.]+ ms, then [\d.]+ ms", page.all("figure")[4].text)
 
 
 @pytest.mark.long
@@ -68,16 +68,16 @@ def test_what_a_scene_lacks_is_left_out_and_named(opened, tmp_path, monkeypatch,
     hostile = "<script>alert(1)</script>\x1b\u202e"
     scene = replace(small((32, 24) if lacks == "texture" else (1, 1)), name=hostile)
     scene = with_texture(scene, None) if lacks == "texture" else replace(scene, lights=())
-    found = parsed(course_report.run(scene, hostile, tmp_path / "a.html", "1.2.3").read_bytes())
+    page = parsed(course_report.run(scene, hostile, tmp_path / "a.html", "1.2.3").read_bytes())
     missing = range(17, 20) if lacks == "texture" else (2, 3, 5, 6, 7, 10, 11, 13, 14, 15)
-    assert list(images(found)) == [f"f{number}" for number in range(1, 20) if number not in missing]
-    assert {image.shape for image in images(found).values()} == {(12, 16, 3) if lacks == "texture" else (1, 1, 3)}
-    terms = {term.text: value.text for term, value in zip(found.all("dt"), found.all("dd"), strict=True)}
+    assert list(images(page)) == [f"f{number}" for number in range(1, 20) if number not in missing]
+    assert {image.shape for image in images(page).values()} == {(12, 16, 3) if lacks == "texture" else (1, 1, 3)}
+    terms = {term.text: value.text for term, value in zip(page.all("dt"), page.all("dd"), strict=True)}
     assert terms[f"no figure {', '.join(map(str, missing))}"] == f"the scene has no {lacks}"
     assert "clshade 1.2.3" in terms["software"]
-    assert len(found.all("table")[0].all("th")) - len(rows(found)) == (2 if lacks == "texture" else 4)
-    assert not found.all("script")
-    assert not {"\x1b", "\u202e"} & set(found.text)
+    assert len(page.all("table")[0].all("th")) - len(rows(page)) == (2 if lacks == "texture" else 4)
+    assert not page.all("script")
+    assert not {"\x1b", "\u202e"} & set(page.text)
 
 
 @pytest.mark.parametrize(

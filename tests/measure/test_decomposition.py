@@ -86,15 +86,15 @@ def test_a_model_takes_the_named_fields_only(studied):
 def test_the_parts_add_up(device, studied):
     """From the converged image to the PNG."""
     scene, converged, _ = studied
-    found = decomposed(studied, device, Settings.from_preset("course", ambient="tinted"))
-    causes = [part.cause for part in found.parts]
+    decomposition = decomposed(studied, device, Settings.from_preset("course", ambient="tinted"))
+    causes = [part.cause for part in decomposition.parts]
     assert causes == [*[*APPROXIMATIONS.values()][:4], SAMPLING, ARITHMETIC, OUTPUT]
-    assert sum(part.share for part in found.parts[:-1]) == pytest.approx(1.0)
-    assert found.parts[-1].share is None
-    frame = render(scene, device=device, settings=found.settings)
-    assert found.total == pytest.approx(rms(frame.rgb - converged.rgb))
-    assert found.png_total == pytest.approx(rms(png_radiance(frame) - converged.rgb))
-    errors = {part.cause: part.rmse for part in found.parts}
+    assert sum(part.share for part in decomposition.parts[:-1]) == pytest.approx(1.0)
+    assert decomposition.parts[-1].share is None
+    frame = render(scene, device=device, settings=decomposition.settings)
+    assert decomposition.total == pytest.approx(rms(frame.rgb - converged.rgb))
+    assert decomposition.png_total == pytest.approx(rms(png_radiance(frame) - converged.rgb))
+    errors = {part.cause: part.rmse for part in decomposition.parts}
     assert errors[ARITHMETIC] < 1e-6 < errors[SAMPLING]
     assert errors["light at the centroid"] > errors["painter's order"] == 0.0
 
@@ -138,9 +138,9 @@ def test_the_arithmetic_is_not_known_without_float64(device):
     without = replace(device, has_fp64=False)
     converged = reference(sphere(), base_settings(sphere()), without)
     models = ModelErrors(sphere(), converged.settings, without)
-    found = decompose(sphere(), Settings.from_preset("standard"), without, converged, models)
-    assert [part.cause for part in found.parts] == [SAMPLING, OUTPUT]
-    assert found.remarks()[-1] == "arithmetic: not known: the device has no float64 to compare with"
+    decomposition = decompose(sphere(), Settings.from_preset("standard"), without, converged, models)
+    assert [part.cause for part in decomposition.parts] == [SAMPLING, OUTPUT]
+    assert decomposition.remarks()[-1] == "arithmetic: not known: the device has no float64 to compare with"
 
 
 def test_a_png_holds_no_radiance_above_one(device):

@@ -61,7 +61,7 @@ def varied(number: int, golden: GoldenScene) -> GoldenScene:
     )
 
 
-SCENES = [varied(number, each) for number, (each, _) in enumerate(golden(True))]
+SCENES = [varied(number, golden_scene) for number, (golden_scene, _) in enumerate(golden(True))]
 ELSEWHERE = {"ENVIRONMENT", "UV_SETS"}  # features that none of these needs: test_maps.py, test_image_light.py
 
 
@@ -119,24 +119,24 @@ def test_indices_of_what_nobody_reads_are_not_taken_for_vertices(device):
 
 def test_what_is_left_out_and_what_it_saves(device, monkeypatch):
     monkeypatch.setattr(feature_savings, "FRAMES", 3)
-    found = explain(plain_scene(), device=device, shader="phong")
-    assert found.passed
-    assert set(found.left_out) == set(OPTIONAL) - {"LIT", "DIFFUSE"}
-    assert found.needed == ("LIT", "DIFFUSE")
-    assert found.left_out["SPECULAR"] == "ks is 0"
-    assert found.frames == 3
-    assert found.bytes[1] - found.bytes[0] >= 61 * 47 * 4  # the owners, at least
-    lean, full = found.ms
+    explanation = explain(plain_scene(), device=device, shader="phong")
+    assert explanation.passed
+    assert set(explanation.left_out) == set(OPTIONAL) - {"LIT", "DIFFUSE"}
+    assert explanation.needed == ("LIT", "DIFFUSE")
+    assert explanation.left_out["SPECULAR"] == "ks is 0"
+    assert explanation.frames == 3
+    assert explanation.bytes[1] - explanation.bytes[0] >= 61 * 47 * 4  # the owners, at least
+    lean, full = explanation.ms
     assert {"frame", "sort"} <= set(lean) <= set(full)
     saved = full["frame"] - lean["frame"]
-    low, middle, high = found.saved_ms
+    low, middle, high = explanation.saved_ms
     assert low <= middle <= high
     assert abs(middle - saved) <= max(full["frame"], lean["frame"])
-    text = "\n".join(found.lines())
+    text = "\n".join(explanation.lines())
     assert "highlights (SPECULAR): ks is 0" in text
     assert "the same bits" in text
     assert "medians of 3 frames" in text
-    json.dumps(found.stats())
+    json.dumps(explanation.stats())
 
 
 def test_work_that_the_view_and_the_settings_do_without(device):
@@ -159,11 +159,11 @@ def test_work_that_the_view_and_the_settings_do_without(device):
 @pytest.mark.long
 def test_what_the_course_preset_does_without(device):
     frame = draw(device, plain_scene(), preset="course", shader="nolight")
-    found = feature_savings._unneeded(frame)
-    assert found["depth at every pixel"] == f"visibility painter, {61 * 47:,} pixels"
+    savings = feature_savings._unneeded(frame)
+    assert savings["depth at every pixel"] == f"visibility painter, {61 * 47:,} pixels"
     covered = np.count_nonzero(draw(device, plain_scene(), shader="nolight").alpha)
-    assert found["perspective division"] == f"interpolation affine, {covered:,} pixels"
-    assert found["shading"].startswith(f"{61 * 47 - covered:,} of")
+    assert savings["perspective division"] == f"interpolation affine, {covered:,} pixels"
+    assert savings["shading"].startswith(f"{61 * 47 - covered:,} of")
 
 
 def test_empty_tiles_are_counted(device):
@@ -229,11 +229,11 @@ def test_explain_is_printed_after_the_summary_and_in_the_figures(tmp_path, capsy
     assert out.startswith("scene")
     assert "texture lookups (TEXTURED): no texture" in out
     code, out, _ = run(capsys, *SMALL, "-o", tmp_path / "a", "--explain", "--stats")
-    found = json.loads(out)["explain"]
+    explanation = json.loads(out)["explain"]
     assert code == 0
-    assert found["identical"] is True
-    assert found["left_out"]["TEXTURED"] == "no texture"
-    assert found["bytes"][1] > found["bytes"][0]
+    assert explanation["identical"] is True
+    assert explanation["left_out"]["TEXTURED"] == "no texture"
+    assert explanation["bytes"][1] > explanation["bytes"][0]
 
 
 @needs_device

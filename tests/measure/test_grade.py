@@ -40,19 +40,19 @@ def right(shader: str = "phong", bright: bool = False) -> grade.Right:
     return grade.right_of(scene, Settings.from_preset("course", shader=shader))
 
 
-def with_mistakes(given: grade.Right, *labels: str) -> drawing.Drawing:
-    known = {change.label: change for change in search.changes_of(given.drawing)}
-    return search.applied(given.drawing, [known[label] for label in labels])
+def with_mistakes(solution: grade.Right, *labels: str) -> drawing.Drawing:
+    by_label = {change.label: change for change in search.changes_of(solution.drawing)}
+    return search.applied(solution.drawing, [by_label[label] for label in labels])
 
 
-def drawn(given: grade.Right, *labels: str) -> np.ndarray:
+def drawn(solution: grade.Right, *labels: str) -> np.ndarray:
     """Return the codes of the image with mistakes."""
-    return np.rint(drawing.code_image(with_mistakes(given, *labels)))
+    return np.rint(drawing.code_image(with_mistakes(solution, *labels)))
 
 
-def found_first(given: grade.Right, image: np.ndarray) -> list[set[str]]:
+def found_first(solution: grade.Right, image: np.ndarray) -> list[set[str]]:
     """Return the labels of the best explanation, and of what gives the same image."""
-    best = grade.graded(image, given, "image").best
+    best = grade.graded(image, solution, "image").best
     assert best is not None
     assert best.claimed
     return [{change.label for change in changes} for changes in (best.changes, *best.same)]
@@ -66,8 +66,8 @@ def found_first(given: grade.Right, image: np.ndarray) -> list[set[str]]:
 def test_the_right_image_is_the_oracle_s(shader, visibility):
     settings = Settings.from_preset("course", shader=shader, visibility=visibility)
     scene = builtin("course", resolution=(64, 48))
-    found = grade.right_of(scene, settings).linear
-    assert np.array_equal(found, frame.render(scene, settings).rgb)
+    image = grade.right_of(scene, settings).linear
+    assert np.array_equal(image, frame.render(scene, settings).rgb)
 
 
 def test_every_mistake_has_a_name_of_its_own_and_says_what_to_do():
@@ -105,7 +105,7 @@ def test_pixels_at_other_places():
 
 def test_lights_keep_their_numbers_beside_a_missing_one():
     changed = with_mistakes(right(), "a light missing (light 1)", "one channel of a light (red of light 3)")
-    before, after = ([light.intensity for light in each.scene.lights] for each in (right().drawing, changed))
+    before, after = ([light.intensity for light in version.scene.lights] for version in (right().drawing, changed))
     assert np.array_equal(after, [0.0 * before[0], before[1], before[2] * [1.0, 0.0, 0.0]])
 
 
@@ -131,47 +131,47 @@ def vertex_colored(shader: str, intensity: float) -> grade.Right:
     return grade.right_of(lit(scene, intensity), Settings.from_preset("course", shader=shader))
 
 
-def linear_of(given: grade.Right, label: str) -> np.ndarray:
-    return drawing.linear_image(with_mistakes(given, label))
+def linear_of(solution: grade.Right, label: str) -> np.ndarray:
+    return drawing.linear_image(with_mistakes(solution, label))
 
 
 @pytest.mark.parametrize("shader", ["phong", "gouraud"])
 def test_a_highlight_without_color_is_that_of_a_white_object(shader):
-    given = vertex_colored(shader, 1.0)
-    scene, settings = given.drawing.scene, given.drawing.settings
+    solution = vertex_colored(shader, 1.0)
+    scene, settings = solution.drawing.scene, solution.drawing.settings
     mesh = scene.meshes[0]
     matte = replace(mesh, material=replace(mesh.material, ks=0.0))
     white = replace(mesh, colors=None, material=replace(mesh.material, ka=0.0, kd=0.0, color=1.0))
-    parts = [frame.render(replace(scene, meshes=(each,)), settings).rgb for each in (matte, white)]
+    parts = [frame.render(replace(scene, meshes=(variant,)), settings).rgb for variant in (matte, white)]
     drawn_at = frame.render(scene, settings).id > 0
-    found = linear_of(given, "highlight without color")
-    assert np.allclose(found[drawn_at], (parts[0] + parts[1])[drawn_at])
-    assert not np.allclose(found, given.linear)
+    image = linear_of(solution, "highlight without color")
+    assert np.allclose(image[drawn_at], (parts[0] + parts[1])[drawn_at])
+    assert not np.allclose(image, solution.linear)
 
 
 @pytest.mark.parametrize("shader", ["phong", "gouraud"])
 def test_dim_light_that_is_clipped_before_the_color_is_right(shader):
-    given = vertex_colored(shader, 0.01)
-    assert np.array_equal(linear_of(given, "light clipped before color"), given.linear)
+    solution = vertex_colored(shader, 0.01)
+    assert np.array_equal(linear_of(solution, "light clipped before color"), solution.linear)
 
 
 def test_bright_light_that_is_clipped_before_the_color_leaves_the_color():
     """Where the light is far above 1 at all corners, ambient light and the color itself are left."""
-    given = vertex_colored("gouraud", 1e6)
-    scene, settings = given.drawing.scene, given.drawing.settings
+    solution = vertex_colored("gouraud", 1e6)
+    scene, settings = solution.drawing.scene, solution.drawing.settings
     unlit = frame.render(scene, replace(settings, shader="nolight"))
     ambient = scene.meshes[0].material.ka * scene.ambient
-    lit = (given.linear > 1e3).all(axis=2) & (unlit.id > 0)
-    found = linear_of(given, "light clipped before color")
-    near = np.isclose(found, unlit.rgb + ambient).all(axis=2)
+    lit = (solution.linear > 1e3).all(axis=2) & (unlit.id > 0)
+    image = linear_of(solution, "light clipped before color")
+    near = np.isclose(image, unlit.rgb + ambient).all(axis=2)
     assert lit.any()
     assert near[lit].mean() > 0.8  # other triangles have corners in the dark
-    assert (found <= unlit.rgb + ambient + 1e-9)[unlit.id > 0].all()
+    assert (image <= unlit.rgb + ambient + 1e-9)[unlit.id > 0].all()
 
 
 def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
     scene = builtin("course", resolution=(SIZE, SIZE))
-    given = grade.right_of(scene, Settings.from_preset("course", shader="nolight"))
+    solution = grade.right_of(scene, Settings.from_preset("course", shader="nolight"))
     mesh = scene.meshes[0]
     image = mesh.material.texture.image
     corners = mesh.uvs[mesh.faces if mesh.uv_faces is None else mesh.uv_faces] * (np.array(image.shape[1::-1]) - 1)
@@ -179,9 +179,9 @@ def test_a_triangle_of_one_color_has_the_mean_of_the_three_texels():
     (x, y), (s, t) = np.moveaxis(low, -1, 0), np.moveaxis(corners - low, -1, 0)[..., None]
     texels = (1 - t) * ((1 - s) * image[y, x] + s * image[y, x + 1])
     texels += t * ((1 - s) * image[y + 1, x] + s * image[y + 1, x + 1])
-    face = frame.render(scene, given.drawing.settings).id.astype(int)
+    face = frame.render(scene, solution.drawing.settings).id.astype(int)
     expected = (texels.mean(axis=1) * mesh.material.color)[face - 1]
-    assert np.allclose(linear_of(given, "one color per triangle")[face > 0], expected[face > 0])
+    assert np.allclose(linear_of(solution, "one color per triangle")[face > 0], expected[face > 0])
 
 
 # Searches
@@ -195,10 +195,10 @@ def test_mistakes_beyond_1_are_found():
 @pytest.mark.long
 def test_what_no_mistake_explains_is_not_claimed():
     noise = np.random.default_rng(0).integers(0, 256, (SIZE, SIZE, 3)).astype(float)
-    found = grade.graded(noise, right(), "noise")
-    assert not found.right
-    assert not (found.best and found.best.claimed)
-    assert "None of the modeled mistakes" in "\n".join(tables.lines(found.facts()))
+    grading = grade.graded(noise, right(), "noise")
+    assert not grading.right
+    assert not (grading.best and grading.best.claimed)
+    assert "None of the modeled mistakes" in "\n".join(tables.lines(grading.facts()))
 
 
 def test_gamma_beside_a_wrong_background_is_found():
@@ -247,20 +247,20 @@ def painted(scene: Scene, shader: str) -> np.ndarray:
 def test_a_student_s_own_code_is_right(shader, rounded):
     scene = untextured(builtin("course", resolution=(80, 60)))
     image = rounded(grade.as_codes(painted(scene, shader)))
-    found = grade.graded(image, grade.right_of(scene, Settings.from_preset("course", shader=shader)), "image")
-    assert found.right
-    assert found.edges < 0.01 * 80 * 60
+    grading = grade.graded(image, grade.right_of(scene, Settings.from_preset("course", shader=shader)), "image")
+    assert grading.right
+    assert grading.edges < 0.01 * 80 * 60
 
 
 def test_pixels_that_another_fill_rule_decides_are_right():
-    given = grade.right_of(builtin("course", resolution=(128, 128)), Settings.from_preset("course"))
+    solution = grade.right_of(builtin("course", resolution=(128, 128)), Settings.from_preset("course"))
     for moved in coverage.SUBPIXEL_SHIFTS.values():
-        found = grade.graded(np.rint(drawing.code_image(moved(given.drawing))), given, "image")
-        assert found.right
-        if found.edges:
+        grading = grade.graded(np.rint(drawing.code_image(moved(solution.drawing))), solution, "image")
+        assert grading.right
+        if grading.edges:
             break
-    assert found.differ == found.edges > 0
-    assert f"but for {found.edges:,} of 16,384 pixels on edges" in tables.lines(found.facts())[0]
+    assert grading.differ == grading.edges > 0
+    assert f"but for {grading.edges:,} of 16,384 pixels on edges" in tables.lines(grading.facts())[0]
 
 
 def crossing() -> Scene:
@@ -292,10 +292,10 @@ def test_every_mistake_shows_somewhere_and_is_found_alone():
         grade.right_of(scene, course) for scene in (crossing(), untextured(builtin("teapot", resolution=(SIZE, SIZE))))
     )
     seen = set()
-    for given in (right(), right("gouraud"), right(bright=True), crossed, dull):
-        for change in search.changes_of(given.drawing):
-            image = drawn(given, change.label)
-            if change.mistake.name not in seen and search.wrong(image, given.codes).sum() > 20:
+    for solution in (right(), right("gouraud"), right(bright=True), crossed, dull):
+        for change in search.changes_of(solution.drawing):
+            image = drawn(solution, change.label)
+            if change.mistake.name not in seen and search.wrong(image, solution.codes).sum() > 20:
                 seen.add(change.mistake.name)
-                assert {change.label} in found_first(given, image), change.label
+                assert {change.label} in found_first(solution, image), change.label
     assert {mistake.name for mistake in MISTAKES} - seen <= {"the other interpolation"}

@@ -110,9 +110,9 @@ def test_the_size_is_checked_before_anything_is_converted(tmp_path, monkeypatch)
 
 def test_the_size_of_an_image_with_exchanged_axes_says_so(tmp_path):
     png.write(tmp_path / "turned.png", np.zeros((12, 9, 3), np.uint8))
-    given = grade.right_of(builtin("course", resolution=(12, 9)), Settings.from_preset("course"))
+    solution = grade.right_of(builtin("course", resolution=(12, 9)), Settings.from_preset("course"))
     with pytest.raises(InputError, match="rows and columns exchanged"):
-        grade.grade(tmp_path / "turned.png", given)
+        grade.grade(tmp_path / "turned.png", solution)
 
 
 def test_jpeg_is_refused(tmp_path):
@@ -126,9 +126,9 @@ def test_alpha_is_left_out_and_remarked(tmp_path):
     Image.fromarray(np.uint8(see_through)).save(tmp_path / "a.png")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = grade.grade(tmp_path / "a.png", right())
-    assert found.right
-    assert tables.lines(found.facts())[1] == "Note: image: its alpha channel is left out"
+        grading = grade.grade(tmp_path / "a.png", right())
+    assert grading.right
+    assert tables.lines(grading.facts())[1] == "Note: image: its alpha channel is left out"
 
 
 def test_a_folder_becomes_a_table_and_a_page(tmp_path):
@@ -141,11 +141,11 @@ def test_a_folder_becomes_a_table_and_a_page(tmp_path):
     names = folder.submissions(place)
     assert names == ["<b>.png", "bad.png", "late/z.png"]
     rows = list(folder.grade_all(place, names, right(), drawn=True))
-    found = list(csv.DictReader(io.StringIO(tables.csv([row.facts for row in rows]))))
-    assert [row["right"] for row in found] == ["True", "", "False"]
-    assert found[1]["error"].startswith("image: expected an image of type")
-    assert (found[2]["explained"], found[2]["mistake"], found[2]["same_image"]) == ("True", "upside down", "")
-    assert float(found[2]["difference_removed"]) == float(found[2]["pixels_made_right"]) == 1.0
+    records = list(csv.DictReader(io.StringIO(tables.csv([row.facts for row in rows]))))
+    assert [row["right"] for row in records] == ["True", "", "False"]
+    assert records[1]["error"].startswith("image: expected an image of type")
+    assert (records[2]["explained"], records[2]["mistake"], records[2]["same_image"]) == ("True", "upside down", "")
+    assert float(records[2]["difference_removed"]) == float(records[2]["pixels_made_right"]) == 1.0
     text = tables.page(rows, "course").decode()
     assert "&lt;b&gt;.png" in text
     assert "<b>.png" not in text
@@ -158,8 +158,8 @@ def test_a_summary_has_a_line_for_each_submission():
     few[20, 20] = 255.0 - few[20, 20]
     mixed[: SIZE // 2] = np.random.default_rng(0).integers(0, 256, (SIZE // 2, SIZE, 3))
     images = {"a": right().codes, "b": upside_down(), "c": few, "d": mixed}
-    found = [grade.graded(image, right(), name).facts() for name, image in images.items()]
-    lines = tables.summary([*found, {"image": "e", "error": "image: expected an image"}])
+    facts = [grade.graded(image, right(), name).facts() for name, image in images.items()]
+    lines = tables.summary([*facts, {"image": "e", "error": "image: expected an image"}])
     assert lines[0] == "a: right within 1/255"
     assert lines[1].startswith("b: not right: ")
     assert lines[1].endswith("; upside down (removes 100 %)")
@@ -244,8 +244,8 @@ def test_the_command_on_a_folder(tmp_path, capsys):
 
 
 def test_a_picture_names_what_it_shows(tmp_path):
-    found = grade.graded(upside_down(), right(), "image")
-    figure = pictures.draw(found, right())
+    grading = grade.graded(upside_down(), right(), "image")
+    figure = pictures.draw(grading, right())
     titles = [axes.get_title() for part in figure.subfigs for axes in part.axes if axes.get_title()]
     assert [title for title in titles if "difference" not in title] == [
         *("your image", "the right image"),
@@ -255,13 +255,13 @@ def test_a_picture_names_what_it_shows(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         (("--list", "x.png"), "IMAGE: expected none with --list, found 'x.png'"),
         (("--list", "--json"), "--json: cannot go with --list"),
         (("x.png", "course", "--look", "studio"), "--look: the right image is drawn as --preset says"),
     ],
 )
-def test_options_without_effect_are_refused(given, message, capsys):
-    assert main(["grade", *given]) == 2
+def test_options_without_effect_are_refused(arguments, message, capsys):
+    assert main(["grade", *arguments]) == 2
     assert message in " ".join(capsys.readouterr().err.split())

@@ -14,9 +14,9 @@ HOSTILE = '<script>alert("x")</script>&$1$\x1b[31m\u202e'
 
 
 def test_a_page_loads_nothing_escapes_names_and_has_all(device, tmp_path, monkeypatch):
-    found = small_study(device)
-    found = replace(found, scene=replace(found.scene, name=HOSTILE))
-    monkeypatch.setattr(report, "study", lambda *arguments: found)
+    studied = small_study(device)
+    studied = replace(studied, scene=replace(studied.scene, name=HOSTILE))
+    monkeypatch.setattr(report, "study", lambda *arguments: studied)
     monkeypatch.setattr(figure, "draw", lambda study: figures.blank(1.0, 1.0))
     report.run(sphere(), device.index, out=tmp_path, html=True, command=lambda settings: f"draw <{settings.samples}>")
     page = parsed((tmp_path / "report.html").read_bytes())

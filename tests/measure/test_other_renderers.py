@@ -43,21 +43,21 @@ def known_answer():
 
 
 def test_the_exact_answer_is_the_known_one():
-    found, (covered, depth, rgb) = script.exact(KNOWN), known_answer()
-    assert not found.tied.any()
-    assert (found.covered == covered).all()
-    np.testing.assert_allclose(found.depth, depth, rtol=1e-12)
-    np.testing.assert_allclose(found.rgb, rgb, atol=1e-7)
+    answer, (covered, depth, rgb) = script.exact(KNOWN), known_answer()
+    assert not answer.tied.any()
+    assert (answer.covered == covered).all()
+    np.testing.assert_allclose(answer.depth, depth, rtol=1e-12)
+    np.testing.assert_allclose(answer.rgb, rgb, atol=1e-7)
 
 
 def test_a_center_on_an_inner_edge_is_covered_and_one_on_the_outline_is_tied():
     _, rows = SIZE
-    found = script.exact(scene_of([[2.5, 2.5], [10.5, 2.5], [10.5, 8.5], [2.5, 8.5]], [[0, 1, 2], [0, 2, 3]]))
+    answer = script.exact(scene_of([[2.5, 2.5], [10.5, 2.5], [10.5, 8.5], [2.5, 8.5]], [[0, 1, 2], [0, 2, 3]]))
     inner, outer = np.zeros((2, *SIZE[::-1]), bool)
     inner[rows - 8 : rows - 3, 3:10] = True
     outer[rows - 9 : rows - 2, 2:11] = True
-    assert (found.covered & ~found.tied == inner).all()  # among them centers on the diagonal
-    assert (found.tied == (outer & ~inner)).all()
+    assert (answer.covered & ~answer.tied == inner).all()  # among them centers on the diagonal
+    assert (answer.tied == (outer & ~inner)).all()
 
 
 def test_a_hole_between_triangles_that_touch_at_the_center_is_tied():
@@ -78,11 +78,11 @@ def test_errors_count_coverage_surfaces_depth_and_color():
     picture.depth[third] += 0.004
     picture.rgb[third] += 0.03
     picture.depth[fourth] = np.nan
-    found = script.exact_errors(picture, right)
+    errors = script.exact_errors(picture, right)
     count = int(right.covered.sum()) - 3
-    assert found["wrong"] == 3
-    assert found["depth"] == pytest.approx(0.004 / np.sqrt(count))
-    assert found["color"] == pytest.approx(0.03 / np.sqrt(count))
+    assert errors["wrong"] == 3
+    assert errors["depth"] == pytest.approx(0.004 / np.sqrt(count))
+    assert errors["color"] == pytest.approx(0.03 / np.sqrt(count))
     tied = np.zeros_like(right.covered)
     tied[first] = tied[second] = tied[fourth] = True
     assert script.exact_errors(picture, right._replace(tied=tied))["wrong"] == 0

@@ -47,8 +47,8 @@ class Planting:
         shown, settings = as_drawn(scene, image.record), image.record.settings
         expected = oracle.render(shown, settings)
         bound = oracle_bounds.color_bound(expected, settings.precision)
-        most = oracle_bounds.allowed(shown, settings) * bound + expected.jump
-        self.right, self.most = expected.rgb, np.maximum(most, oracle_bounds.FLOAT32_TINY)
+        limit = oracle_bounds.allowed(shown, settings) * bound + expected.jump
+        self.right, self.most = expected.rgb, np.maximum(limit, oracle_bounds.FLOAT32_TINY)
         everywhere = np.ones(expected.alpha.shape, bool)
         self.decided = ~(expected.unsure | oracle_bounds.depth_ties(shown, settings, everywhere))  # a tie is no fault
 
@@ -60,8 +60,8 @@ class Planting:
             row, column = place(rgb[..., 0], random)
             where = slice(row, row + int(rows)), slice(column, column + int(columns))
             new = rgb.copy()
-            most = (self.right + self.most)[where].astype(rgb.dtype)
-            new[where] = change(rgb[where].astype(np.float64), most)
+            limit = (self.right + self.most)[where].astype(rgb.dtype)
+            new[where] = change(rgb[where].astype(np.float64), limit)
             read = nearest_stored(new, self.right) if self.half else new.astype(np.float64)
             is_wrong = ~(np.abs(read - self.right) <= self.most).all(axis=-1)
             new = np.where((is_wrong & self.decided)[..., None], new, rgb)
@@ -72,8 +72,8 @@ class Planting:
     def is_outside(self, changed: Files, seed: int) -> bool:
         """Return whether all changed pixels are outside the sample."""
         before = self.files.planes
-        other = [~np.isclose(changed.planes[name], before[name], 0, 0, equal_nan=True) for name in before]
-        at = np.flatnonzero(np.any(other, axis=0))
+        differences = [~np.isclose(changed.planes[name], before[name], 0, 0, equal_nan=True) for name in before]
+        at = np.flatnonzero(np.any(differences, axis=0))
         return len(at) > 0 and not np.isin(at, sampled(self.decided.size, SAMPLE, seed)).any()
 
 
@@ -120,16 +120,16 @@ def changed_code(files: Files, random) -> Files:
 
 
 def moved_vertex(scene: Scene, random) -> Scene:
-    first, *others = scene.meshes
+    first, *rest = scene.meshes
     verts = np.array(first.verts)
     at = place(verts, random)
     verts[at] = next_to(verts[at])
-    return replace(scene, meshes=(replace(first, verts=verts), *others))
+    return replace(scene, meshes=(replace(first, verts=verts), *rest))
 
 
 def brighter_light(scene: Scene, random) -> Scene:
-    first, *others = scene.lights
-    return replace(scene, lights=(replace(first, intensity=next_to(first.intensity)), *others))
+    first, *rest = scene.lights
+    return replace(scene, lights=(replace(first, intensity=next_to(first.intensity)), *rest))
 
 
 def next_to(values: Any) -> np.ndarray:
@@ -138,16 +138,18 @@ def next_to(values: Any) -> np.ndarray:
 
 
 COLORS = {  # of colors (K, L, 3) with the largest that are allowed
-    "an ulp beyond its bound": lambda rgb, most: next_to(next_to(most)),
-    "1 % brighter": lambda rgb, most: 1.01 * rgb,
-    "NaN": lambda rgb, most: np.full_like(rgb, np.nan),
-    "negative": lambda rgb, most: -rgb - 1e-3,
-    "channels exchanged": lambda rgb, most: rgb[..., ::-1],
-    "moved by a column": lambda rgb, most: np.roll(rgb, 1, axis=1),
+    "an ulp beyond its bound": lambda rgb, limit: next_to(next_to(limit)),
+    "1 % brighter": lambda rgb, limit: 1.01 * rgb,
+    "NaN": lambda rgb, limit: np.full_like(rgb, np.nan),
+    "negative": lambda rgb, limit: -rgb - 1e-3,
+    "channels exchanged": lambda rgb, limit: rgb[..., ::-1],
+    "moved by a column": lambda rgb, limit: np.roll(rgb, 1, axis=1),
 }
 SCENES = {
     "vertex moved by an ulp": moved_vertex,
-    "material": lambda scene, random: with_materials(scene, lambda each: replace(each, kd=next_to(each.kd))),
+    "material": lambda scene, random: with_materials(
+        scene, lambda material: replace(material, kd=next_to(material.kd))
+    ),
     "light": brighter_light,
     "camera": lambda scene, random: replace(scene, camera=replace(scene.camera, eye=next_to(scene.camera.eye))),
     "mesh left out": lambda scene, random: replace(scene, meshes=(*scene.meshes[1:], Mesh(np.eye(3), [[0, 1, 2]]))),

@@ -106,13 +106,13 @@ def missed(count: int, together: int, seed: int) -> list[str]:
         changes = chosen(search.changes_of(right.drawing), together, random)
         codes, in_kernels = drawn(right.drawing, changes)
         without = [drawn(right.drawing, [c for c in changes if c is not one])[0] for one in changes]
-        if min(search.wrong(np.rint(codes), np.rint(other)).sum() for other in without) < LEAST:
+        if min(search.wrong(np.rint(codes), np.rint(reduced)).sum() for reduced in without) < LEAST:
             continue
         off = random.integers(-1, 2, codes.shape) * (random.random(codes.shape) < NOISE)
-        found = grade.graded(np.clip(np.rint(codes) + off, 0.0, 255.0), right, "image")
-        if found.right:  # another rule for edges draws it as well
+        grading = grade.graded(np.clip(np.rint(codes) + off, 0.0, 255.0), right, "image")
+        if grading.right:  # another rule for edges draws it as well
             continue
-        done, by_kernels, best = done + 1, by_kernels + in_kernels, found.best
+        done, by_kernels, best = done + 1, by_kernels + in_kernels, grading.best
         answers = [best.changes, *best.same] if best and best.claimed else []
         planted = {change.label for change in changes}
         if planted not in [{change.label for change in answer} for answer in answers]:

@@ -41,12 +41,12 @@ def area(scene: Scene) -> float:
 @pytest.mark.long
 def test_the_reference_approaches_the_covered_area(device):
     scene = triangle()
-    found = reference(scene, base_settings(scene), device)
-    assert found.rgb.shape == (40, 40, 3)
-    assert found.samples == 256
+    converged = reference(scene, base_settings(scene), device)
+    assert converged.rgb.shape == (40, 40, 3)
+    assert converged.samples == 256
     # About 60 pixels contain an edge, and a pixel's coverage is a multiple of 1/256.
-    assert found.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
-    assert 0.0 < found.error < 0.02
+    assert converged.rgb.mean() == pytest.approx(area(scene), abs=60 / 40**2 / 256)
+    assert 0.0 < converged.error < 0.02
 
 
 @pytest.mark.long
@@ -58,20 +58,20 @@ def test_more_samples_are_nearer_to_the_reference(device):
     converged = reference(scene, base, device)
     models = ModelErrors(scene, converged.settings, device)
     measured = measure(scene, chosen, base, device, converged, models, frames=1)
-    errors = [each.error for each in measured]
+    errors = [measurement.error for measurement in measured]
     assert all(later < earlier for earlier, later in itertools.pairwise(errors))
     assert fitted((1, 4, 16, 64), errors).exponent == pytest.approx(-0.75, abs=0.2)
     assert errors[0] > 12 * errors[-1]
-    assert all(each.arithmetic.passed for each in measured)
+    assert all(measurement.arithmetic.passed for measurement in measured)
 
 
 def test_the_mean_of_a_larger_image_is_the_mean_of_samples_on_a_grid(device):
     scene = triangle()
     base = base_settings(scene)
-    found = averaged(scene, device, base, 4, 1)
+    image = averaged(scene, device, base, 4, 1)
     large = render(scene, settings=base, device=device, resolution=(160, 160)).rgb
-    assert found[17, 12] == pytest.approx(large[68:72, 48:52].mean(axis=(0, 1)), rel=1e-6)
-    assert rmse(found, reference(scene, base, device).rgb) < 0.05
+    assert image[17, 12] == pytest.approx(large[68:72, 48:52].mean(axis=(0, 1)), rel=1e-6)
+    assert rmse(image, reference(scene, base, device).rgb) < 0.05
 
 
 def test_tiles_make_the_same_image(device, monkeypatch):
@@ -79,18 +79,18 @@ def test_tiles_make_the_same_image(device, monkeypatch):
     edges so little that none crosses a sample here."""
     scene = triangle()
     scene = replace(scene, camera=replace(scene.camera, principal=(0.45, 0.6), plane=(1.1, 0.9)))
-    whole = averaged(scene, device, base_settings(scene), 2, 4)
+    untiled = averaged(scene, device, base_settings(scene), 2, 4)
     monkeypatch.setattr(reference_module, "TILE", 32)
     assert len(list(tiles(scene.camera, 2))) == 9
-    assert whole.std() > 0.1
-    assert averaged(scene, device, base_settings(scene), 2, 4) == pytest.approx(whole, abs=1e-12)
+    assert untiled.std() > 0.1
+    assert averaged(scene, device, base_settings(scene), 2, 4) == pytest.approx(untiled, abs=1e-12)
 
 
 def places(scale: int, samples: int) -> set[tuple[float, float]]:
     """Return the sample positions within a pixel that is divided into scale x scale pixels."""
     cells = itertools.product(range(scale), repeat=2)
-    own = sample_positions(samples) / 256.0
-    return {((i + x) / scale, (j + y) / scale) for i, j in cells for x, y in own.tolist()}
+    positions = sample_positions(samples) / 256.0
+    return {((i + x) / scale, (j + y) / scale) for i, j in cells for x, y in positions.tolist()}
 
 
 def test_the_reference_samples_where_no_variant_does():
@@ -111,7 +111,7 @@ def test_images_too_large_for_many_samples_have_few():
 
 def test_the_reference_keeps_what_belongs_to_the_scene(device):
     base = Settings.from_preset("course", shader="nolight", cull=True, near=0.5, shadows=True)
-    found = reference_module.best_settings(base, device)
-    assert (found.ambient, found.shader, found.cull, found.near) == ("plain", "nolight", True, 0.5)
-    assert found.shadows
-    assert (found.visibility, found.interpolation, found.texture_at) == ("depth", "perspective", "pixel")
+    settings = reference_module.best_settings(base, device)
+    assert (settings.ambient, settings.shader, settings.cull, settings.near) == ("plain", "nolight", True, 0.5)
+    assert settings.shadows
+    assert (settings.visibility, settings.interpolation, settings.texture_at) == ("depth", "perspective", "pixel")

@@ -36,17 +36,17 @@ def test_measured_errors_are_those_of_the_images(device):
     """A planted error in the reference is found, and not attributed to the image's own arithmetic."""
     scene = sphere()
     base = base_settings(scene)
-    own = render(scene, settings=base, device=device).rgb.astype(np.float64)
-    planted = replace(reference(scene, base, device), rgb=own + 0.125)
+    image = render(scene, settings=base, device=device).rgb.astype(np.float64)
+    planted = replace(reference(scene, base, device), rgb=image + 0.125)
     chosen = named(variants_for(scene, base_settings(scene), device), [BASE, "gouraud"])
     models = ModelErrors(scene, planted.settings, device)
     standard, gouraud = measure(scene, chosen, base, device, planted, models, frames=3)
     assert standard.error == pytest.approx(0.125, rel=1e-6)
     assert gouraud.error != standard.error
-    for each in (standard, gouraud):
-        assert each.arithmetic.wrong == 0
-        assert 0.0 < each.arithmetic.rms < each.arithmetic.error < 1e-5
-        assert each.frame_ms.low > 0.0
+    for measurement in (standard, gouraud):
+        assert measurement.arithmetic.wrong == 0
+        assert 0.0 < measurement.arithmetic.rms < measurement.arithmetic.error < 1e-5
+        assert measurement.frame_ms.low > 0.0
     assert (standard.settings, gouraud.settings) == (base, replace(base, shader="gouraud"))
 
 
@@ -116,13 +116,13 @@ def test_labels_lie_apart():
 
 
 def test_labels_where_there_is_no_room():
-    found = places(np.full((3, 2), 5.0), np.full((3, 2), 50.0), np.array([0.0, 0.0, 10.0, 10.0]), np.empty((0, 2)))
-    assert len({tuple(middle) for middle in found}) == 3
+    middles = places(np.full((3, 2), 5.0), np.full((3, 2), 50.0), np.array([0.0, 0.0, 10.0, 10.0]), np.empty((0, 2)))
+    assert len({tuple(middle) for middle in middles}) == 3
 
 
-def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study:
+def made_up(studied: study.Study, costs: list[tuple[float, float]]) -> study.Study:
     """Return the study with variants of these times and errors."""
-    one = found.measured[0]
+    one = studied.measured[0]
     error = one.approximation
     measured = [
         replace(
@@ -133,31 +133,34 @@ def made_up(found: study.Study, costs: list[tuple[float, float]]) -> study.Study
         )
         for k, (cost, rmse_of) in enumerate(costs)
     ]
-    return replace(found, measured=tuple(measured))
+    return replace(studied, measured=tuple(measured))
 
 
 @pytest.fixture
-def found(device) -> study.Study:
+def studied(device) -> study.Study:
     return small_study(device)
 
 
-def test_the_tables_fit_a_terminal(found):
+def test_the_tables_fit_a_terminal(studied):
     """Also with very long names, and times of minutes."""
-    long = [replace(each, variant=replace(each.variant, title="many_letters" * 9)) for each in found.measured]
-    slow = [replace(each, times=tuple(1e5 * ms for ms in each.times)) for each in long]
-    lines = "\n".join(tables.results(replace(found, measured=tuple(slow))).lines()).splitlines()
+    long = [
+        replace(measurement, variant=replace(measurement.variant, title="many_letters" * 9))
+        for measurement in studied.measured
+    ]
+    slow = [replace(measurement, times=tuple(1e5 * ms for ms in measurement.times)) for measurement in long]
+    lines = "\n".join(tables.results(replace(studied, measured=tuple(slow))).lines()).splitlines()
     assert max(map(len, lines)) <= 100
     for word in ("many_letters", "half of them", "arithmetic", "share"):
         assert any(word in line for line in lines)
 
 
-def test_causes_are_those_of_the_image_that_render_draws(found):
-    assert found.causes.settings.samples == SAMPLES
+def test_causes_are_those_of_the_image_that_render_draws(studied):
+    assert studied.causes.settings.samples == SAMPLES
 
 
-def test_the_front_of_a_study(found):
-    several = made_up(found, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
-    assert [each.cost for each in several.front] == [1.0, 5.0, 6.0, 9.0]
+def test_the_front_of_a_study(studied):
+    several = made_up(studied, [(5.0, 0.1), (1.0, 0.2), (9.0, 0.01), (2.0, 0.9), (6.0, 0.05), (7.0, 0.4)])
+    assert [measurement.cost for measurement in several.front] == [1.0, 5.0, 6.0, 9.0]
     rows = tables.results(several).tables[0].rows()
     assert [row[0] for row in rows if row[0].endswith(" *")] == [
         "variant-0 *",
@@ -167,39 +170,39 @@ def test_the_front_of_a_study(found):
     ]
 
 
-def test_families_are_joined_where_their_errors_are_known(found):
-    known = found.reference.error
-    errors = {BASE: 64.0 * known, "samples-64": 0.9 * known, "samples-4": 16.0 * known, "samples-16": 4.0 * known}
+def test_families_are_joined_where_their_errors_are_known(studied):
+    floor = studied.reference.error
+    errors = {BASE: 64.0 * floor, "samples-64": 0.9 * floor, "samples-4": 16.0 * floor, "samples-16": 4.0 * floor}
     samples = {BASE: 1, "samples-4": 4, "samples-16": 16, "samples-64": 64}
     several = [
-        replace(each, variant=Variant(name, name, {}), settings=Settings(samples=samples[name]))
-        for each, name in zip(
-            made_up(found, [(samples[name], errors[name]) for name in errors]).measured, errors, strict=True
+        replace(measurement, variant=Variant(name, name, {}), settings=Settings(samples=samples[name]))
+        for measurement, name in zip(
+            made_up(studied, [(samples[name], errors[name]) for name in errors]).measured, errors, strict=True
         )
     ]
-    assert figure._curves(replace(found, measured=tuple(several))) == {
-        "shaded once": [(1.0, 64.0 * known), (4.0, 16.0 * known), (16.0, 4.0 * known)]
+    assert figure._curves(replace(studied, measured=tuple(several))) == {
+        "shaded once": [(1.0, 64.0 * floor), (4.0, 16.0 * floor), (16.0, 4.0 * floor)]
     }
-    assert figure._curves(replace(found, measured=tuple(several[1:]))) == {}
+    assert figure._curves(replace(studied, measured=tuple(several[1:]))) == {}
 
 
-def test_pictures_show_the_first_way_and_the_front(found, device):
-    standard, gouraud = found.measured
+def test_pictures_show_the_first_way_and_the_front(studied, device):
+    standard, gouraud = studied.measured
     best = replace(gouraud, approximation=replace(gouraud.approximation, rmse=0.1 * standard.error))
-    shown = study.pictures(sphere(), device, (standard, best), found.reference)
+    shown = study.pictures(sphere(), device, (standard, best), studied.reference)
     assert list(shown) == ["1 sample, off by", "Gouraud, off by"]
     assert metrics.rms(shown["1 sample, off by"]) == standard.error
     assert metrics.rms(shown["Gouraud, off by"]) == gouraud.error
     planted = {"off": np.full((3, 4, 3), [0.0, 0.25, -0.5]), "by half": np.full((3, 4, 3), 0.5)}
-    _, off, half = figure.colored(replace(found, pictures=planted)).values()
+    _, off, half = figure.colored(replace(studied, pictures=planted)).values()
     assert (off == half).all()
     assert off.any()
 
 
 @pytest.mark.long
-def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
+def test_the_figure_names_every_point(studied, tmp_path, monkeypatch):
     monkeypatch.setattr(figure, "DPI", 60)
-    several = made_up(found, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
+    several = made_up(studied, [(1.0 + k, 0.5 / (1 + k)) for k in range(9)] + [(3.0, 0.0)])
     drawn = figure.draw(several)
     figures.save(drawn, tmp_path / "a.png")
     assert {f"variant-{k}" for k in range(10)} <= {text.get_text() for text in drawn.axes[0].texts}
@@ -207,24 +210,26 @@ def test_the_figure_names_every_point(found, tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_the_figure_of_one_way(found, recwarn):
+def test_the_figure_of_one_way(studied, recwarn):
     """Drawn once, with the reference's error."""
-    (one,) = made_up(found, [(2.0, found.reference.error)]).measured
+    (one,) = made_up(studied, [(2.0, studied.reference.error)]).measured
     one = replace(one, times=(2.0,))
-    drawn = figure.draw(replace(found, measured=(one,), pictures={}))
+    drawn = figure.draw(replace(studied, measured=(one,), pictures={}))
     for low, high in (drawn.axes[0].get_xlim(), drawn.axes[0].get_ylim()):
         assert low < 0.8 * high
-    assert not [each.message for each in recwarn if not issubclass(each.category, DeprecationWarning)]  # of others
+    assert not [
+        warning.message for warning in recwarn if not issubclass(warning.category, DeprecationWarning)
+    ]  # of others
 
 
-def test_the_figure_of_ways_with_the_same_error(found):
+def test_the_figure_of_ways_with_the_same_error(studied):
     """To the last bit but one, as of a scene without lights; the reference's own error is in sight, too."""
-    error = 40.0 * found.reference.error
-    study = made_up(found, [(1.0, error), (2.0, np.nextafter(error, 1.0))])
+    error = 40.0 * studied.reference.error
+    study = made_up(studied, [(1.0, error), (2.0, np.nextafter(error, 1.0))])
     axes = figures.blank(1.0, 1.0).add_subplot()
     figure._errors_against_time(axes, study)
     low, high = axes.get_ylim()
-    assert 0.0 < low < found.reference.error < error < 0.9 * high
+    assert 0.0 < low < studied.reference.error < error < 0.9 * high
 
 
 # The command
@@ -237,8 +242,8 @@ def no_figure(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_figure")
-def test_run_writes_all(found, device, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "study", lambda *arguments: found)
+def test_run_writes_all(studied, device, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "study", lambda *arguments: studied)
     options = {"out": tmp_path / "new" / "folder", "budget": 1e6, "formats": ("png", "pdf", "svg"), "html": True}
     assert report.run(sphere(), device.index, command=str, **options)
     folder = tmp_path / "new" / "folder"
@@ -247,24 +252,28 @@ def test_run_writes_all(found, device, capsys, tmp_path, monkeypatch):
     }
     written = json.loads((folder / "report.json").read_text())
     rows = list(csv.DictReader((folder / "report.csv").open()))
-    for row, each, one in zip(rows, written["variants"], found.measured, strict=True):
-        assert row["name"] == each["name"] == one.variant.name
-        assert float(row["rmse"]) == each["rmse"] == one.error
-        assert each["ms_low"] <= each["ms"] <= each["ms_high"]
-    assert [each["cause"] for each in written["where_the_error_comes_from"]] == ["sampling", "arithmetic", "8-bit PNG"]
-    assert written["use"] == min(found.measured, key=lambda each: each.error).variant.name
+    for row, entry, one in zip(rows, written["variants"], studied.measured, strict=True):
+        assert row["name"] == entry["name"] == one.variant.name
+        assert float(row["rmse"]) == entry["rmse"] == one.error
+        assert entry["ms_low"] <= entry["ms"] <= entry["ms_high"]
+    assert [entry["cause"] for entry in written["where_the_error_comes_from"]] == [
+        "sampling",
+        "arithmetic",
+        "8-bit PNG",
+    ]
+    assert written["use"] == min(studied.measured, key=lambda measurement: measurement.error).variant.name
     assert (written["machine"], written["resolution"], written["default"]) == (study.machine(), [64, 48], None)
     shown = capsys.readouterr().out
     page = (folder / "report.md").read_text()
     assert "\nuse 1 sample: " in shown
     assert "no visible error: at least 99% of pixels" in shown
-    for part in (found.device, found.machine, "use: 1 sample: ", "where the error comes from"):
+    for part in (studied.device, studied.machine, "use: 1 sample: ", "where the error comes from"):
         assert part.lower() in page.lower()
-    for each in answer(found):
-        command = str(each.used.settings)
-        assert written[each.purpose].endswith(command)
+    for entry in answer(studied):
+        command = str(entry.used.settings)
+        assert written[entry.purpose].endswith(command)
         assert command in page
-        assert any(line.startswith(each.purpose) and line.endswith(command) for line in shown.splitlines())
+        assert any(line.startswith(entry.purpose) and line.endswith(command) for line in shown.splitlines())
     assert "8-bit PNG" not in shown
     assert report.run(sphere(), device.index, command=str, out=tmp_path, details=True)
     assert "8-bit PNG" in capsys.readouterr().out
@@ -282,9 +291,9 @@ def test_the_options_named_are_relative_to_the_preset():
 
 
 @pytest.mark.usefixtures("no_figure")
-def test_a_limit_that_nothing_keeps(found, device, tmp_path, monkeypatch):
+def test_a_limit_that_nothing_keeps(studied, device, tmp_path, monkeypatch):
     """The measurements are written all the same."""
-    monkeypatch.setattr(report, "study", lambda *arguments: found)
+    monkeypatch.setattr(report, "study", lambda *arguments: studied)
     with pytest.raises(
         InputError, match=r"--tolerance: 1e-12 is below what errors are known to, .* \(the best variant, .* has .*\)"
     ):
@@ -303,24 +312,24 @@ def test_files_that_cannot_be_written_are_found_before_measuring(device, tmp_pat
 
 
 @pytest.mark.usefixtures("no_figure")
-def test_wrong_coverage_fails(found, device, tmp_path, monkeypatch):
-    one = found.measured[0]
+def test_wrong_coverage_fails(studied, device, tmp_path, monkeypatch):
+    one = studied.measured[0]
     spoiled = replace(one, arithmetic=replace(one.arithmetic, wrong=1))
-    monkeypatch.setattr(report, "study", lambda *arguments: replace(found, measured=(spoiled,)))
+    monkeypatch.setattr(report, "study", lambda *arguments: replace(studied, measured=(spoiled,)))
     assert not report.run(sphere(), device.index, command=str, out=tmp_path)
 
 
 @pytest.mark.usefixtures("no_figure")
-def test_the_command_line(found, device, capsys, tmp_path, monkeypatch):
-    given = []
-    monkeypatch.setattr(report, "study", lambda *arguments: given.append(arguments) or found)
+def test_the_command_line(studied, device, capsys, tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(report, "study", lambda *arguments: calls.append(arguments) or studied)
     command = ("report", "icosphere", "--device", device.index, "--out", tmp_path, "--only", BASE, "--frames", "2")
     code, out, err = run(capsys, *command, "--budget", "1000s")
     assert (code, err) == (0, [])
     assert "use " in out
-    scene, _, chosen, frames, settings, details = given[0]
+    scene, _, chosen, frames, settings, details = calls[0]
     assert details
-    assert (scene.camera.resolution, [each.name for each in chosen], frames) == ((320, 240), [BASE], 2)
+    assert (scene.camera.resolution, [variant.name for variant in chosen], frames) == ((320, 240), [BASE], 2)
     assert settings == {}
     code, out, err = run(capsys, "report", "--list")
     assert (code, err) == (0, [])
@@ -365,17 +374,17 @@ def test_settings_that_all_ways_share(device, capsys, tmp_path, monkeypatch, opt
     def measured(scene, opened, chosen, frames, settings, details):
         assert scene.lights[0].radius == 0.25
         assert settings == expected
-        for each in chosen:
-            drawn = vars(each.settings(base_settings(scene, **settings)))
+        for variant in chosen:
+            drawn = vars(variant.settings(base_settings(scene, **settings)))
             assert {name: drawn[name] for name in expected} == {
                 **expected,
-                **{name: each.changes[name] for name in expected if name in each.changes},
+                **{name: variant.changes[name] for name in expected if name in variant.changes},
             }
         raise InputError("measured")
 
     monkeypatch.setattr(report, "study", measured)
-    given = ("report", "icosphere", "--light-radius", "0.25", "--device", device.index, "-o", tmp_path / "out")
-    assert_refused(run(capsys, *given, *options), "measured")
+    command = ("report", "icosphere", "--light-radius", "0.25", "--device", device.index, "-o", tmp_path / "out")
+    assert_refused(run(capsys, *command, *options), "measured")
 
 
 @pytest.mark.long
@@ -386,9 +395,9 @@ def test_points_of_lights_below_a_lamp(device, capsys, tmp_path):
         capsys, "report", "box_room", *options, "--frames", "1", "-o", tmp_path, "--device", device.index
     )
     assert code == 0
-    found = json.loads((tmp_path / "report.json").read_text())
-    assert found["settings"] == {"shadows": True}
-    one, many = found["variants"]
+    record = json.loads((tmp_path / "report.json").read_text())
+    assert record["settings"] == {"shadows": True}
+    one, many = record["variants"]
     assert many["rmse"] < 0.6 * one["rmse"]  # edges of one sample a pixel remain
     assert (tmp_path / "report.png").stat().st_size > 10000
     assert "Where the error comes from" in out

@@ -13,10 +13,10 @@ from clshade.errors import OutputError
 from clshade.measure.results import Column, Results, Table, check_files, files, wrote
 
 COLUMNS = (
-    Column("variant", "name", lambda each: each[0], str),
-    Column("ms", "frame_ms", lambda each: each[1]),
-    Column("", "psnr", lambda each: each[2]),
-    Column("share", "", lambda each: each[1] / 10, lambda value: f"{value:.0%}"),
+    Column("variant", "name", lambda row: row[0], str),
+    Column("ms", "frame_ms", lambda row: row[1]),
+    Column("", "psnr", lambda row: row[2]),
+    Column("share", "", lambda row: row[1] / 10, lambda value: f"{value:.0%}"),
 )
 RECORDS = [("plain | bar", 1.23456789, None), ("<fast>", 2.0, float("inf"))]
 RESULTS = Results(
@@ -41,11 +41,11 @@ def test_people_see_titled_columns_with_few_digits() -> None:
 def test_programs_read_named_columns_in_full_precision() -> None:
     rows = list(csv.DictReader(io.StringIO(RESULTS.tables[0].csv())))
     assert rows[0] == {"name": "plain | bar", "frame_ms": "1.23456789", "psnr": ""}
-    found = json.loads(RESULTS.json())
-    assert found["device"] == "a CPU"
-    assert found["seed"] == 7
-    assert found["all_frames"][1] == {"name": "<fast>", "frame_ms": 2.0, "psnr": None}  # JSON has no infinity
-    assert found["none"] == []
+    document = json.loads(RESULTS.json())
+    assert document["device"] == "a CPU"
+    assert document["seed"] == 7
+    assert document["all_frames"][1] == {"name": "<fast>", "frame_ms": 2.0, "psnr": None}  # JSON has no infinity
+    assert document["none"] == []
 
 
 def test_markdown_and_html_escape_names() -> None:

@@ -44,10 +44,10 @@ def test_render_obeys(device, capsys, tmp_path):
     chosen = json.loads(out)["chosen"]
     assert err[0] == "Variants tried"
     assert err[1].split() == ["variant", "ms", "a", "frame", "half", "of", "them", "RMSE", "95", "%"]
-    for line, each in zip(err[2:4], chosen["tried"], strict=True):
-        assert line.startswith(f"{each['about']} ")
+    for line, trial in zip(err[2:4], chosen["tried"], strict=True):
+        assert line.startswith(f"{trial['about']} ")
     assert " ".join(err[4:]).endswith("accurate enough: 4 samples")
-    assert [each["variant"] for each in chosen["tried"]] == ["unchanged", "gouraud"]
+    assert [trial["variant"] for trial in chosen["tried"]] == ["unchanged", "gouraud"]
     assert chosen["variant"] in ("unchanged", "gouraud")
     settings = exr.read(tmp_path / "a.exr")[1]["settings"]
     for name, value in chosen["settings"].items():
@@ -106,8 +106,8 @@ def test_a_family_is_of_rising_work():
     changes = {variant.name: variant.changes for variant in VARIANTS}
     for family in LADDER:
         for less, more in pairwise(changes[name] for name in family):
-            others = {"samples", "sample_shading"} & {*less, *more}
-            assert {**less, **{name: more[name] for name in others}} == more
+            fields = {"samples", "sample_shading"} & {*less, *more}
+            assert {**less, **{name: more[name] for name in fields}} == more
             assert auto_settings._work(Variant("", "", less)) < auto_settings._work(Variant("", "", more))
             assert less.get("sample_shading", False) <= more.get("sample_shading", False)
 
@@ -243,12 +243,12 @@ def test_the_estimate_is_unbiased(monkeypatch):
     default = np.random.default_rng
     monkeypatch.setattr(thinned_image.np.random, "default_rng", lambda _: default(next(seeds)))
     monkeypatch.setattr(thinned_image, "mean_interval", lambda values: (0.0, 0.0))
-    found = []
+    squares = []
     for _ in range(400):
         windows = thinned(image, 10**9)
         assert sum(windows.times) == 12
-        found.append(windows.estimate(windows.of(image), windows.of(expected)).rmse ** 2)
-    assert np.mean(found) == pytest.approx(rmse(image, expected) ** 2, abs=4.0 * np.std(found) / math.sqrt(400))
+        squares.append(windows.estimate(windows.of(image), windows.of(expected)).rmse ** 2)
+    assert np.mean(squares) == pytest.approx(rmse(image, expected) ** 2, abs=4.0 * np.std(squares) / math.sqrt(400))
 
 
 def test_small_images_are_whole(device):
@@ -258,12 +258,12 @@ def test_small_images_are_whole(device):
     image = render(scene, settings=base, device=device).rgb
     windows = thinned(image, scene.face_count)
     assert windows.about() == "the whole image"
-    whole, part = reference(scene, base, device), reference(scene, base, device, thinned=windows)
-    assert np.array_equal(whole.rgb.reshape(-1, 3), part.rgb)
-    assert whole.error == pytest.approx(part.error, rel=1e-12)
-    found = windows.estimate(windows.of(image), part.rgb)
-    assert found.rmse == pytest.approx(rmse(image, whole.rgb), rel=1e-12)
-    assert found.low == found.high == found.rmse
+    full, part = reference(scene, base, device), reference(scene, base, device, thinned=windows)
+    assert np.array_equal(full.rgb.reshape(-1, 3), part.rgb)
+    assert full.error == pytest.approx(part.error, rel=1e-12)
+    estimate = windows.estimate(windows.of(image), part.rgb)
+    assert estimate.rmse == pytest.approx(rmse(image, full.rgb), rel=1e-12)
+    assert estimate.low == estimate.high == estimate.rmse
     assert len(thinned(np.zeros((1, 1, 3)), 0).windows) == 1
     flat = thinned(np.zeros((400, 400, 3)), 0)
     assert flat.estimate(flat.of(np.ones((400, 400, 3))), flat.of(np.zeros((400, 400, 3)))).rmse == pytest.approx(1.0)
@@ -281,10 +281,10 @@ def test_settings_that_are_given_stay(device):
 
 
 @pytest.mark.usefixtures("unmeasured")
-@pytest.mark.parametrize("given", [{"scene": sphere(), "preset": "course"}, {"scene": builtin("course")}])
-def test_a_preset_stays(device, given):
+@pytest.mark.parametrize("arguments", [{"scene": sphere(), "preset": "course"}, {"scene": builtin("course")}])
+def test_a_preset_stays(device, arguments):
     """Whether it is given or the scene's own: the choice and the reference both follow the course."""
-    chosen = select(**given, budget=1e6, device=device, near=0.25)
+    chosen = select(**arguments, budget=1e6, device=device, near=0.25)
     course = Settings.from_preset("course", near=0.25)
     assert chosen.settings == chosen.used.variant.settings(course)
     fields = {"visibility", "lighting_at", "interpolation", "texture_at", "ambient"}

@@ -129,8 +129,8 @@ def test_the_worst_of_several():
     assert bench_module.worst([fine, off]).error == 40.0
     assert bench_module.worst([off, fine]).amplification == 90.0
     for bad in (off, wrong, undefined):
-        for given in ([fine, bad], [bad, fine], [fine, bad, wrong]):
-            assert not bench_module.worst(given).passed
+        for outcomes in ([fine, bad], [bad, fine], [fine, bad, wrong]):
+            assert not bench_module.worst(outcomes).passed
     assert bench_module.worst([wrong, off, wrong]).wrong == 6
 
 

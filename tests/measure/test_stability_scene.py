@@ -225,7 +225,7 @@ def test_the_worst_pixels_are_spread(device):
 
 
 def test_a_large_image_is_sampled(device, monkeypatch):
-    whole = scene_study.study(light_on_the_surface(), STANDARD, device)
+    full_study = scene_study.study(light_on_the_surface(), STANDARD, device)
     monkeypatch.setattr(scene_study, "EVERY", 100)
     monkeypatch.setattr(scene_study, "SAMPLED", 900)
     study = scene_study.study(light_on_the_surface(), STANDARD, device)
@@ -234,7 +234,7 @@ def test_a_large_image_is_sampled(device, monkeypatch):
     unknown = np.isnan(study.kappa)
     assert (~unknown).sum() >= 900
     assert (study.frame.alpha[unknown] == 1.0).all()
-    assert np.array_equal(study.kappa[~unknown], np.where(unknown, 0, whole.kappa)[~unknown])
+    assert np.array_equal(study.kappa[~unknown], np.where(unknown, 0, full_study.kappa)[~unknown])
 
 
 def spoiled(monkeypatch, amounts: dict[tuple[int, int], float]) -> None:
@@ -261,7 +261,7 @@ def test_a_planted_error_is_the_worst(device, monkeypatch):
     right = scene_study.study(scene_of(sheet()), STANDARD, device)
     spoiled(monkeypatch, {(20, 33): 1e-3})
     study = scene_study.study(scene_of(sheet()), STANDARD, device)
-    marked = [(drawn(each, each.share)[..., :3] == (255, 32, 32)).all(axis=-1) for each in (right, study)]
+    marked = [(drawn(case, case.share)[..., :3] == (255, 32, 32)).all(axis=-1) for case in (right, study)]
     assert not marked[0].any()
     assert np.argwhere(marked[1]).tolist() == [[20, 33]]
     assert np.array_equal(drawn(right, 0.0 * right.kappa)[..., 3] == 255, right.kappa > 0.0)  # also without any error

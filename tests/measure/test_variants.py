@@ -24,7 +24,7 @@ def test_every_variant_is_another_way_and_names_are_unique():
 
 def test_variants_are_those_that_change_something(device):
     plain, textured = (
-        {each.name for each in variants_for(builtin(name, resolution=SMALL), Settings(), device)}
+        {variant.name for variant in variants_for(builtin(name, resolution=SMALL), Settings(), device)}
         for name in ("quads", "course")
     )
     assert {BASE, "gouraud", "painter", "affine", "course"} <= plain
@@ -47,15 +47,15 @@ def test_the_base_keeps_what_approximates_nothing():
 
 
 def test_unknown_variants(device):
-    known = variants_for(sphere(), Settings(), device)
-    assert named(known, []) == known
-    assert [each.name for each in named(known, ["gouraud", BASE, "gouraud"])] == ["gouraud", BASE]
+    candidates = variants_for(sphere(), Settings(), device)
+    assert named(candidates, []) == candidates
+    assert [variant.name for variant in named(candidates, ["gouraud", BASE, "gouraud"])] == ["gouraud", BASE]
     with pytest.raises(
         InputError, match=r"--only: expected names of standard, .*gouraud.* found .guro.: did you mean .gouraud.\?$"
     ):
-        named(known, ["guro"])
+        named(candidates, ["guro"])
     with pytest.raises(InputError, match=r"--only: .*found 'vertex-texture', which changes nothing of this scene"):
-        named(known, ["vertex-texture"])
+        named(candidates, ["vertex-texture"])
     with pytest.raises(InputError, match=r"--only: .*found 'gouraud', which is another picture than shader pbr's"):
         named(variants_for(sphere(), Settings(shader="pbr"), device), ["gouraud"])
     without = variants_for(sphere(), Settings(), replace(device, has_fp64=False))

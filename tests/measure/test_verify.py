@@ -54,13 +54,13 @@ def test_stored_values_may_have_been_half_a_step_away():
 @pytest.mark.parametrize("options", [{}, {"half": True}, {"crop": True, "deterministic": True, "exposure": 1.5}])
 def test_a_right_image_is_verified(tmp_path, options):
     path = saved(tmp_path, **options)
-    found = clshade.verify(path, scene(), pixels=500, seed=7)
-    assert found.passed
-    assert found.pixels == 500
-    assert found.seed == 7
-    assert found.compared == ("color", "coverage", "Z", "id", "PNG")
-    assert 0.0 < found.at_most == upper_bound(0, 500, 4800)
-    assert "with 99 % confidence fewer than 0.92 % of the pixels are wrong" in found.lines()
+    verdict = clshade.verify(path, scene(), pixels=500, seed=7)
+    assert verdict.passed
+    assert verdict.pixels == 500
+    assert verdict.seed == 7
+    assert verdict.compared == ("color", "coverage", "Z", "id", "PNG")
+    assert 0.0 < verdict.at_most == upper_bound(0, 500, 4800)
+    assert "with 99 % confidence fewer than 0.92 % of the pixels are wrong" in verdict.lines()
     assert clshade.verify(path, scene(), pixels="all").claim.startswith("0 of 4,800 pixels are wrong")
 
 
@@ -99,11 +99,11 @@ def written_again(path: Path, record=None, storage=None, half=False, **planes: n
 def test_other_kernels_are_a_remark(tmp_path):
     path = saved(tmp_path)
     written_again(path, {"kernels": "others", "device": "a card", "version": "1\nverified \x1b[31m"})
-    found = clshade.verify(path, scene(), pixels=50)
-    assert found.passed
-    assert "other kernels" in found.remarks[0]
-    lines = "\n".join(found.lines())
-    assert lines.count("\n") == len(found.lines()) - 1
+    verdict = clshade.verify(path, scene(), pixels=50)
+    assert verdict.passed
+    assert "other kernels" in verdict.remarks[0]
+    lines = "\n".join(verdict.lines())
+    assert lines.count("\n") == len(verdict.lines()) - 1
     assert "\x1b" not in lines
     assert "on a card, as the header says" in lines
     header = exr.read(path)[1]
@@ -145,8 +145,8 @@ def test_channels_of_another_type_are_refused(tmp_path):
 def test_an_image_written_again_as_half_is_not_as_its_record_says(tmp_path):
     path = saved(tmp_path)
     written_again(path, half=True)
-    found = clshade.verify(path, scene(), pixels=50)
-    assert "the file was written again: float16 where it had float32" in found.faults
+    verdict = clshade.verify(path, scene(), pixels=50)
+    assert "the file was written again: float16 where it had float32" in verdict.faults
 
 
 PICTURE = {"tonemap": "srgb", "exposure": 0.0, "colorbar": False}
@@ -204,9 +204,9 @@ def test_an_image_of_which_nothing_is_right(tmp_path, name):
     path = saved(tmp_path)
     plane = exr.read(path)[0][name]
     written_again(path, **{name: plane + plane.dtype.type(7) if name != "Z" else np.full_like(plane, np.nan)})
-    found = clshade.verify(path, scene(), pixels=300)
-    assert found.wrong == 300
-    assert found.claim == "any number of the pixels may be wrong"
+    verdict = clshade.verify(path, scene(), pixels=300)
+    assert verdict.wrong == 300
+    assert verdict.claim == "any number of the pixels may be wrong"
 
 
 def test_a_picture_that_is_not_the_exr_is_a_fault(tmp_path):
@@ -216,9 +216,9 @@ def test_a_picture_that_is_not_the_exr_is_a_fault(tmp_path):
     expected = "expected 80 x 60 pixels of 3 channels, found 40 x 30 pixels of 3 channels"
     assert fault == f"teapot.png is of another size: {expected}"
     path.with_suffix(".png").write_bytes(b"\x89PNG")  # damaged
-    found = clshade.verify(path, scene(), pixels=50)
-    assert (found.pixels, len(found.faults)) == (50, 1)
-    assert "teapot.png" in found.faults[0]
+    verdict = clshade.verify(path, scene(), pixels=50)
+    assert (verdict.pixels, len(verdict.faults)) == (50, 1)
+    assert "teapot.png" in verdict.faults[0]
 
 
 def test_another_scene_of_a_builtin_name_has_to_be_given(tmp_path):
@@ -245,10 +245,10 @@ def test_pixels_whose_face_cannot_be_told_are_not_verified(tmp_path):
     at = np.argwhere(planes["A"] > 0)[0]
     planes["R"][tuple(at)] = 123
     written_again(path, **planes)
-    found = clshade.verify(path, drawn, pixels="all")
-    assert found.ties == 1
-    assert "and 1 cannot be judged" in found.claim
-    assert found.at_most == 1 / 1600
+    verdict = clshade.verify(path, drawn, pixels="all")
+    assert verdict.ties == 1
+    assert "and 1 cannot be judged" in verdict.claim
+    assert verdict.at_most == 1 / 1600
 
 
 @pytest.mark.parametrize("seed", range(3))

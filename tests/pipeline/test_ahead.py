@@ -67,12 +67,12 @@ def test_a_frame_from_inside_a_scene_launches_what_a_sorted_one_needs(
 @pytest.fixture
 def started(fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[bytes]:
     """Return what processes that would start are given on standard input."""
-    given: list[bytes] = []
-    monkeypatch.setattr(subprocess, "Popen", lambda command, stdin, **_: given.append(stdin.read()))
+    inputs: list[bytes] = []
+    monkeypatch.setattr(subprocess, "Popen", lambda command, stdin, **_: inputs.append(stdin.read()))
     monkeypatch.setenv(ahead.AHEAD, "1")
     monkeypatch.setattr(programs, "this_thread", type(programs.this_thread)())
     monkeypatch.setattr(programs, "built", lambda: (SimpleNamespace(folder=fresh_cache),))
-    return given
+    return inputs
 
 
 def test_what_is_compiled_ahead(started: list[bytes], fresh_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +101,7 @@ def test_what_is_compiled_ahead(started: list[bytes], fresh_cache: Path, monkeyp
         ahead.os.close(lock) if not free else None
     assert drawn[0].keys() == pickle.loads(trial)[0].keys()
     assert drawn[0]["scene"].camera.resolution == (64, 48)
-    kinds = [(each["preset"], each["samples"], each["shadows"]) for each in drawn[1:]]
+    kinds = [(options["preset"], options["samples"], options["shadows"]) for options in drawn[1:]]
     assert len(set(kinds)) == 5
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO()))
     monkeypatch.setattr(ahead, "lock_file", lambda path: 1)  # this process holds it

@@ -43,9 +43,9 @@ def wall(height: float, half: float = 4000.0, **fields: Any) -> Mesh:
 def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
     """Return a scene of these, or of a dozen triangles over a floor beside a low wall."""
     small = replace(blob(12, material=MATERIAL), verts=0.5 * blob(12).verts)
-    own = meshes or (floor(-1.5), small, wall(0.4, 4.0))
+    objects = meshes or (floor(-1.5), small, wall(0.4, 4.0))
     light = (PointLight((3.0, 4.0, 2.0), (0.6, 0.5, 0.4)),)
-    return Scene(own, **{"camera": ASIDE, "lights": light, "ambient": (1.0, 0.9, 0.8), "background": 0.1, **fields})
+    return Scene(objects, **{"camera": ASIDE, "lights": light, "ambient": (1.0, 0.9, 0.8), "background": 0.1, **fields})
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
@@ -99,8 +99,8 @@ def test_beside_a_wall_the_form_factor_is_missing(device):
     arc to the floor, by Nusselt's analog. The mean over the pixels, whose rays are shifted evenly, converges to it."""
     mean_errors, errors = {}, {}
     for rays in (4, 64):
-        found, a = beside_a_wall(device, rays, ao_distance=1e5)
-        missing = found - (1.0 - 0.5 * (1.0 - a / np.hypot(a, 0.8)))
+        openness, a = beside_a_wall(device, rays, ao_distance=1e5)
+        missing = openness - (1.0 - 0.5 * (1.0 - a / np.hypot(a, 0.8)))
         mean_errors[rays], errors[rays] = abs(missing.mean()), np.sqrt((missing**2).mean())
     assert mean_errors[4] < 0.01
     assert mean_errors[64] < 1e-3
@@ -109,9 +109,9 @@ def test_beside_a_wall_the_form_factor_is_missing(device):
 
 
 def test_what_is_farther_away_does_not_count(device):
-    found, a = beside_a_wall(device, 16, ao_distance=0.5)
-    assert (found[a > 0.5] == 1.0).all()
-    assert (found[(a > 0.0) & (a < 0.2)] < 0.9).all()
+    openness, a = beside_a_wall(device, 16, ao_distance=0.5)
+    assert (openness[a > 0.5] == 1.0).all()
+    assert (openness[(a > 0.0) & (a < 0.2)] < 0.9).all()
 
 
 def test_of_a_sphere_on_a_plane_the_form_factor_is_missing(device):
@@ -142,18 +142,18 @@ def test_of_a_sphere_on_a_plane_the_form_factor_is_missing(device):
 
 
 def glass(scene: Scene) -> Scene:
-    *others, last = scene.meshes
+    *rest, last = scene.meshes
     clear = replace(last, material=replace(MATERIAL, blend=True, opacity=0.5))
-    return replace(scene, meshes=(*others, clear))
+    return replace(scene, meshes=(*rest, clear))
 
 
 def leaves(scene: Scene) -> Scene:
     """Return the scene with holes in its last mesh."""
     image = np.ones((8, 8, 4))
     image[..., 3] = np.random.default_rng(1).uniform(size=(8, 8)) > 0.4
-    *others, last = scene.meshes
+    *rest, last = scene.meshes
     cut = replace(last, uvs=last.verts[:, 1:], material=replace(MATERIAL, texture=Texture(image), alpha_cutoff=0.5))
-    return replace(scene, meshes=(*others, cut))
+    return replace(scene, meshes=(*rest, cut))
 
 
 def in_an_environment(scene: Scene) -> Scene:

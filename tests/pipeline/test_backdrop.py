@@ -29,8 +29,8 @@ PANE = np.array([[-1.0, -1.0, -1.0], [1.5, -1.0, 1.0], [0.0, 1.2, 0.0]])
 
 def scene(environment: Environment | None = AROUND, **fields) -> Scene:
     solid = Mesh(PANE * 0.7 + (0.0, 0.0, -1.0), [[0, 1, 2]], material=Material(color=(0.9, 0.3, 0.1)))
-    given = {"camera": CAMERA, "lights": PointLight((2, 3, 4)), "environment": environment}
-    return Scene(**{"meshes": solid, **given, **fields})
+    defaults = {"camera": CAMERA, "lights": PointLight((2, 3, 4)), "environment": environment}
+    return Scene(**{"meshes": solid, **defaults, **fields})
 
 
 def glass() -> Scene:
@@ -43,8 +43,8 @@ def parallel() -> Scene:
 
 
 def draw(device, drawn: Scene, lanes: int | None = None, **options) -> Frame:
-    given = {"background": "environment", "layers": ("Z", "id"), **options}
-    return rendered(drawn, device=device, lanes=lanes, **given)
+    arguments = {"background": "environment", "layers": ("Z", "id"), **options}
+    return rendered(drawn, device=device, lanes=lanes, **arguments)
 
 
 def directions(drawn: Scene) -> np.ndarray:
@@ -86,12 +86,12 @@ def test_a_mirror_shows_what_the_background_shows_in_the_reflected_direction(up)
     blank = Environment(np.zeros((64, 128, 3)), rotation=70, up=up)
     polar, turn = np.mgrid[:64, :128] + 0.5
     polar, turn = polar * (np.pi / 64), np.pi - turn * (2.0 * np.pi / 128)
-    own = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
-    told = replace(blank, image=0.5 + 0.5 * (own @ blank.axes))
+    local_directions = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    environment = replace(blank, image=0.5 + 0.5 * (local_directions @ blank.axes))
     facets = Material(color=1.0, pbr=MetallicRoughness(1.0, 0.0))
     corners = [[-3, -2, 0], [3, -2, 0.5], [0, 2, -0.5]]
     mirror = Mesh(corners, [[0, 1, 2]], normals=[[0.3, 0.2, 1.0]] * 3, material=facets)
-    drawn = scene(told, meshes=mirror, lights=(), ambient=0.0, preset="pbr")
+    drawn = scene(environment, meshes=mirror, lights=(), ambient=0.0, preset="pbr")
     drawn, settings = effective_settings(drawn, background="environment")
     frame, rays = oracle.render(drawn, settings), directions(drawn)
     normal = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])

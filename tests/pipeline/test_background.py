@@ -23,9 +23,9 @@ UNLIT: SettingsFields = {"shader": "nolight"}  # light does not matter here, and
 
 def test_the_scenes_background_a_color_and_none():
     assert Settings().background == "scene"
-    for given, expected in (("scene", SMALL.background), (None, None), ((1, 0.5, 0), [1, 0.5, 0]), ("red", [1, 0, 0])):
-        found = effective_settings(SMALL, background=given)[0].background
-        assert found is expected if expected is None else np.array_equal(found, expected)
+    for option, expected in (("scene", SMALL.background), (None, None), ((1, 0.5, 0), [1, 0.5, 0]), ("red", [1, 0, 0])):
+        color = effective_settings(SMALL, background=option)[0].background
+        assert color is expected if expected is None else np.array_equal(color, expected)
     only = clshade.Edges(only=True)
     assert effective_settings(SMALL, edges=only)[0].background.tolist() == [1, 1, 1]
     assert effective_settings(SMALL, edges=only, background=None)[0].background is None
@@ -35,12 +35,12 @@ def test_straight_alpha():
     rgba = np.array([[[0.25, 0.5, 1.0, 0.5], [0, 0, 0, 0], [3.0, 0, 0, 1.0], [0.1, 0.1, 0.1, 0.25]]], np.float32)
     assert straight(rgba)[0].tolist() == pytest.approx(np.array([[0.5, 1, 2], [0, 0, 0], [3, 0, 0], [0.4, 0.4, 0.4]]))
     for operator in ("none", "aces", "neutral"):
-        found = tonemap_rgba(rgba, operator, 1.0)
-        assert found[0, :, 3].tolist() == [128, 0, 255, 64]
-        assert np.array_equal(found[..., :3], tonemap(straight(rgba), operator, 1.0))
+        codes = tonemap_rgba(rgba, operator, 1.0)
+        assert codes[0, :, 3].tolist() == [128, 0, 255, 64]
+        assert np.array_equal(codes[..., :3], tonemap(straight(rgba), operator, 1.0))
     shown = over(np.array([[[200, 100, 0, 128], [9, 9, 9, 0], [1, 2, 3, 255]]], np.uint8), (255, 255, 255))
     assert shown.tolist() == [[[227, 177, 127], [255, 255, 255], [1, 2, 3]]]
-    assert {tuple(each) for each in over_checkers(np.zeros((20, 20, 4), np.uint8)).reshape(-1, 3).tolist()} == {
+    assert {tuple(pixel) for pixel in over_checkers(np.zeros((20, 20, 4), np.uint8)).reshape(-1, 3).tolist()} == {
         (204, 204, 204),
         (153, 153, 153),
     }
@@ -74,12 +74,12 @@ def test_images_over_nothing_and_over_a_color(samples, tmp_path):
 
 @needs_device
 def test_the_command_line(tmp_path, capsys):
-    given = ("render", "icosphere", "--resolution", "24,18", "--shader", "nolight", "--quiet", "-o", tmp_path / "a")
-    assert run(capsys, *given, "--background", "none", "--crop-zoom", "0,0,8,8")[0] == 0
+    command = ("render", "icosphere", "--resolution", "24,18", "--shader", "nolight", "--quiet", "-o", tmp_path / "a")
+    assert run(capsys, *command, "--background", "none", "--crop-zoom", "0,0,8,8")[0] == 0
     assert png.read(tmp_path / "a.png", alpha=True)[0, 0].tolist() == [0, 0, 0, 0]
     assert png.read(tmp_path / "a_crop.png")[0, 0].tolist() == [204, 204, 204]
     for text, code in (("#336699", (0x33, 0x66, 0x99)), ("white", (255, 255, 255)), ("1,0,0", (255, 0, 0))):
-        assert run(capsys, *given, "--background", text)[0] == 0
+        assert run(capsys, *command, "--background", text)[0] == 0
         assert png.read(tmp_path / "a.png", alpha=True)[0, 0].tolist() == list(code)
     for option in ("--background", "--edge-color", "--nan-color"):
         code, out, lines = run(capsys, "render", "icosphere", option, "1,2")
@@ -93,10 +93,10 @@ def test_sheets_stand_on_white_and_films_keep_alpha_where_they_can(tmp_path, cap
     sheet = draw_sheet(SMALL, ("front",), background=None, **UNLIT)
     x, y = sheet.facts["views"][0]["panel"][:2]
     assert sheet.picture[y, x].tolist() == [255, 255, 255]
-    given = ("turntable", "torus_knot", "--count", "2", "--resolution", "16,12", "--background", "none", "--quiet")
-    given = (*given, "--shader", "nolight")
+    command = ("turntable", "torus_knot", "--count", "2", "--resolution", "16,12", "--background", "none", "--quiet")
+    command = (*command, "--shader", "nolight")
     for ending, alpha in (("webp", 0), ("apng", 0), ("gif", 255)):
-        assert run(capsys, *given, "-o", tmp_path / f"a.{ending}")[0] == 0
+        assert run(capsys, *command, "-o", tmp_path / f"a.{ending}")[0] == 0
         with Image.open(tmp_path / f"a.{ending}") as film:
             film.seek(1)
             corner = film.convert("RGBA").getpixel((0, 0))

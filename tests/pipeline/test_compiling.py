@@ -29,24 +29,24 @@ SLOWLY = 0.06  # seconds
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Simulate a process without built programs, in which each build and each kernel's first launch is slow; yield the
     names of the calls."""
-    found: list[str] = []
+    names: list[str] = []
     program, launch = cl.Program, cl.enqueue_nd_range_kernel
 
     def build(*arguments: Any) -> Any:
-        found.append(f"build {len(found)}")
+        names.append(f"build {len(names)}")
         time.sleep(SLOWLY)
         return program(*arguments)
 
     def enqueue(queue: Any, kernel: Any, *arguments: Any) -> Any:
-        if kernel.function_name not in found:
+        if kernel.function_name not in names:
             time.sleep(SLOWLY)
-        found.append(kernel.function_name)
+        names.append(kernel.function_name)
         return launch(queue, kernel, *arguments)
 
     monkeypatch.setattr(cl, "Program", build)
     monkeypatch.setattr(cl, "enqueue_nd_range_kernel", enqueue)
     monkeypatch.setattr(programs, "_built", {})
-    return found
+    return names
 
 
 # Time
@@ -60,10 +60,10 @@ def test_a_frame_does_not_hold_what_its_kernels_cost(calls: list[str], opened: D
         passed = (time.perf_counter() - start) * 1e3
         uses = len(set(calls))
         second = renderer.render().stats
-    least = uses * SLOWLY * 1e3
+    minimum_ms = uses * SLOWLY * 1e3
     assert uses >= 6, "two programs and their kernels"
-    assert least <= first["build_ms"] <= passed
-    assert sum(first["times_ms"][name] for name in ("pack", "open", "upload", "frame")) <= passed - least
+    assert minimum_ms <= first["build_ms"] <= passed
+    assert sum(first["times_ms"][name] for name in ("pack", "open", "upload", "frame")) <= passed - minimum_ms
     assert second["build_ms"] == 0.0
     assert "build" not in first["times_ms"]
 
@@ -191,5 +191,5 @@ def test_a_warning_of_the_compiler_is_said_and_fails_a_test(
 def test_a_warning_about_nvidias_own_mark_is_none() -> None:
     mark = "(): Warning: Function fill is a kernel, so overriding noinline attribute. It may be inlined."
     program = SimpleNamespace(get_build_info=lambda *_: f"{mark}\n<kernel>:3:1: warning: unused variable 'x'\n")
-    found = programs._warnings(SimpleNamespace(device=None), program)
-    assert found == ("<kernel>:3:1: warning: unused variable 'x'",)
+    messages = programs._warnings(SimpleNamespace(device=None), program)
+    assert messages == ("<kernel>:3:1: warning: unused variable 'x'",)

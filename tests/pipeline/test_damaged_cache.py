@@ -43,13 +43,13 @@ def run(folder: Path, device: str, *options: str, before: str = "") -> Run:
     for name in ("image.exr", "image.png"):
         (folder / name).unlink(missing_ok=True)
     # Without a writable cache the temporary folder is used, which tests must not share.
-    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder)}
+    variables = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "TMPDIR": str(folder)}
     code = f"import sys, resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); sys.argv[0] = 'clshade'\n{before}"
     code += "\nfrom clshade.base import console; console.SLOW = 1e6  # no word about slow steps"
     code += "\nfrom clshade.__main__ import entry; entry()"
     done = subprocess.run(
         [sys.executable, "-c", code, *SMALL, "--device", device, *options],
-        env={**os.environ, **own},
+        env={**os.environ, **variables},
         cwd=folder,
         capture_output=True,
         text=True,
@@ -115,9 +115,9 @@ def every(change: Damage, pattern: str = "*") -> Damage:
     """Apply the change to every file that is not empty and matches the pattern."""
 
     def apply(cache: Path) -> None:
-        found = [path for path in cache.rglob(pattern) if path.is_file() and path.stat().st_size]
-        assert found
-        for path in found:
+        paths = [path for path in cache.rglob(pattern) if path.is_file() and path.stat().st_size]
+        assert paths
+        for path in paths:
             change(path)
 
     return apply
@@ -175,10 +175,10 @@ def test_every_kind_of_damage(kept: tuple[Path, Run], cached: Path, opened: Devi
     assert (first.code, first.images) == (0, kept[1].images), first.said
     thrown = [line for line in first.said if "is thrown away and compiled anew: " in line]
     assert bool(thrown) == kind.startswith("programs"), "a trial of the device throws away without a word"
-    others = [line for line in first.said if line not in thrown]
+    remarks = [line for line in first.said if line not in thrown]
     elsewhere = "clshade: warning: compiled kernels are kept in "
-    told = ("clshade: compiling kernels for ", "clshade: trying out ", elsewhere)
-    assert all(line.startswith(told) for line in others), first.said
+    prefixes = ("clshade: compiling kernels for ", "clshade: trying out ", elsewhere)
+    assert all(line.startswith(prefixes) for line in remarks), first.said
     second = run(cached, opened.index)
     assert (second.code, second.images) == (0, kept[1].images)
     assert all(line.startswith(elsewhere) for line in second.said), "the next one has nothing to compile"
@@ -191,12 +191,12 @@ def test_a_flipped_bit_is_found_before_it_is_run(kept: tuple[Path, Run], cached:
     data = bytearray(path.read_bytes())
     data[len(data) // 3] ^= 4
     path.write_bytes(data)
-    found = run(cached, opened.index)
-    assert (found.code, found.images) == (0, kept[1].images)
-    assert found.said[0] == (
+    outcome = run(cached, opened.index)
+    assert (outcome.code, outcome.images) == (0, kept[1].images)
+    assert outcome.said[0] == (
         f"clshade: warning: a compiled program in {path.parent} is thrown away and compiled anew: it is damaged"
     )
-    assert all("compiling kernels" in line for line in found.said[1:])
+    assert all("compiling kernels" in line for line in outcome.said[1:])
 
 
 CRASHES = """
@@ -211,9 +211,9 @@ cl.{function} = lambda *arguments, **options: os.abort()
 def test_a_run_that_died_of_what_is_cached(kept: tuple[Path, Run], cached: Path, opened: Device, function: str) -> None:
     died = run(cached, opened.index, before=CRASHES.format(function=function))
     assert died.code == -6
-    found = run(cached, opened.index)
-    assert (found.code, found.images) == (0, kept[1].images)
-    assert found.said[0].endswith("is thrown away and compiled anew: a run that began to use it ended abruptly")
+    outcome = run(cached, opened.index)
+    assert (outcome.code, outcome.images) == (0, kept[1].images)
+    assert outcome.said[0].endswith("is thrown away and compiled anew: a run that began to use it ended abruptly")
 
 
 @pytest.mark.long

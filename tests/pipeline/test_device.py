@@ -225,10 +225,10 @@ def test_verdict_is_remembered_until_the_system_changes(
 def test_verdict_depends_on_the_driver(fresh_cache: Path) -> None:
     probe.remember(replace(POCL, problem=""))
     assert probe.recall(POCL).works
-    others = {"driver": "another", "platform_version": "another", "version": "OpenCL 3.0 PoCL haswell"}
-    for name, value in others.items():
-        other = replace(POCL, **{name: value})
-        assert probe.recall(other) == other
+    changes = {"driver": "another", "platform_version": "another", "version": "OpenCL 3.0 PoCL haswell"}
+    for name, value in changes.items():
+        variant = replace(POCL, **{name: value})
+        assert probe.recall(variant) == variant
 
 
 def test_recalling_is_fast(fresh_cache: Path) -> None:
@@ -295,7 +295,7 @@ print("{right}")
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"),
+    ("fault", "reason"),
     [
         (
             "sys.stderr.write('LLVM ERROR: Cannot select\\n'); sys.stderr.flush(); os.abort()",
@@ -308,7 +308,7 @@ print("{right}")
 )
 @pytest.mark.parametrize("working", [8, 1, 0])
 def test_fewer_lanes_are_taken_where_more_fail(
-    fault: str, told: str, working: int, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+    fault: str, reason: str, working: int, fresh_cache: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
 ) -> None:
     """Down to one; a line says which and why. The verdict keeps the number."""
     monkeypatch.setattr(probe, "PROBE_SECONDS", 0.5 if "sleep" in fault else 30.0)
@@ -331,7 +331,7 @@ def test_fewer_lanes_are_taken_where_more_fail(
         (listed,) = device.list_devices()
         assert (listed.works, listed.lanes) == (True, working)
         assert listed.narrowed.removeprefix(f"{POCL} ") in device.format_devices([listed])
-    assert told in said
+    assert reason in said
     assert "\n" not in said
     assert tried[:attempts] == ["0:0"] * attempts
 

@@ -123,15 +123,15 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("given", "fields", "name", "reason"), CASES)
-def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
-    found = features.derive(given, Settings(**fields), double_positions=False)
-    assert found[name] == 0
-    assert dict(found.left_out)[name] == reason
+@pytest.mark.parametrize(("input_scene", "fields", "name", "reason"), CASES)
+def test_the_reason_is_the_one_that_holds(input_scene, fields, name, reason):
+    feature_set = features.derive(input_scene, Settings(**fields), double_positions=False)
+    assert feature_set[name] == 0
+    assert dict(feature_set.left_out)[name] == reason
 
 
 @pytest.mark.parametrize(
-    ("given", "fields", "used"),
+    ("input_scene", "fields", "used"),
     [
         (scene(COLORED), {}, {"LIT", "AMBIENT", "DIFFUSE", "SPECULAR", "POWER", "VERTEX_COLORS"}),
         (
@@ -181,27 +181,27 @@ def test_the_reason_is_the_one_that_holds(given, fields, name, reason):
         (scene(CUT), {"shader": "nolight", **AT_VERTEX}, {"UV_INDICES", "ALPHA_TEST"}),
     ],
 )
-def test_what_is_needed_is_used_and_all_else_has_a_reason(given, fields, used):
-    found = features.derive(given, Settings(**fields), double_positions=False)
-    assert set(found.used) & set(features.OPTIONAL) == used
-    assert {name for name, _ in found.left_out} == set(features.OPTIONAL) - used
-    assert all(reason for _, reason in found.left_out)
+def test_what_is_needed_is_used_and_all_else_has_a_reason(input_scene, fields, used):
+    feature_set = features.derive(input_scene, Settings(**fields), double_positions=False)
+    assert set(feature_set.used) & set(features.OPTIONAL) == used
+    assert {name for name, _ in feature_set.left_out} == set(features.OPTIONAL) - used
+    assert all(reason for _, reason in feature_set.left_out)
 
 
 @pytest.mark.parametrize("mesh", [COLORED, TEXTURED])
 def test_with_everything_forced_nothing_is_left_out(mesh):
     settings = Settings(texture_at="vertex", shader="nolight")
-    found = features.derive(scene(mesh), settings, double_positions=False, forced=features.OPTIONAL)
-    assert found.left_out == ()
-    assert set(features.OPTIONAL) <= set(found.used)
+    feature_set = features.derive(scene(mesh), settings, double_positions=False, forced=features.OPTIONAL)
+    assert feature_set.left_out == ()
+    assert set(features.OPTIONAL) <= set(feature_set.used)
 
 
 def test_one_feature_forced_is_one_left_out_less():
     lean = features.derive(scene(PLAIN), Settings(), double_positions=False)
     for name in features.OPTIONAL:
-        found = features.derive(scene(PLAIN), Settings(), double_positions=False, forced={name})
+        feature_set = features.derive(scene(PLAIN), Settings(), double_positions=False, forced={name})
         along = {"SORTED"} if name == "BLEND" else set()  # transparent triangles are looked for in sorted lists
-        assert dict(found.left_out) == {k: why for k, why in lean.left_out if k not in {name, *along}}
+        assert dict(feature_set.left_out) == {k: why for k, why in lean.left_out if k not in {name, *along}}
 
 
 def test_normals_that_are_read_keep_their_indices():

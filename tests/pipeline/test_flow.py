@@ -58,9 +58,9 @@ def draw(device, *meshes: Mesh, camera: Camera = CAMERA, **options) -> Frame:
     return clshade.render(Scene(meshes, camera), device=device, **{**PLAIN, **options})
 
 
-def assert_oracles(frame: Frame, found: Flow) -> None:
+def assert_oracles(frame: Frame, flow: Flow) -> None:
     where = np.divmod(np.arange(frame.alpha.size), frame.alpha.shape[1])
-    errors, wrong = flow_errors(found, frame.scene, frame.settings, frame["id"][where], where)
+    errors, wrong = flow_errors(flow, frame.scene, frame.settings, frame["id"][where], where)
     assert errors.max() <= 1.0
     assert not wrong.any()
 
@@ -72,42 +72,42 @@ def test_a_camera_that_moves_along_a_plane(opened):
     """Distance 4, 64 px for a width of 1 at distance 1: 16 px for each unit to the side, the other way; y is down."""
     frame = draw(opened, square())
     moved = replace(CAMERA, eye=CAMERA.eye + (0.25, 0.125, 0), lookat=CAMERA.lookat + (0.25, 0.125, 0))
-    found = clshade.flow(frame, moved, device=opened)
+    flow = clshade.flow(frame, moved, device=opened)
     shown = frame["id"] > 0
-    assert found.vectors.dtype == np.float32
-    assert np.abs(found.vectors[shown] - [-4.0, 2.0]).max() <= 4.0 * HALF_ULP
-    assert np.isnan(found.vectors[~shown]).all()
-    assert np.array_equal(found.occluded, ~shown)
-    assert_oracles(frame, found)
+    assert flow.vectors.dtype == np.float32
+    assert np.abs(flow.vectors[shown] - [-4.0, 2.0]).max() <= 4.0 * HALF_ULP
+    assert np.isnan(flow.vectors[~shown]).all()
+    assert np.array_equal(flow.occluded, ~shown)
+    assert_oracles(frame, flow)
 
 
 def test_a_camera_that_comes_nearer(opened):
     """To half the distance: places move away from the middle by as much as they are from it."""
     frame = draw(opened, square(0.5))
-    found = clshade.flow(frame, replace(CAMERA, eye=(0, 0, 2.0)), device=opened)
+    flow = clshade.flow(frame, replace(CAMERA, eye=(0, 0, 2.0)), device=opened)
     shown = frame["id"] > 0
     assert shown.sum() == 256
-    assert np.abs(found.vectors - (centers(frame) - (32, 24)))[shown].max() <= 8.0 * HALF_ULP
-    assert not found.occluded[shown].any()
-    assert_oracles(frame, found)
+    assert np.abs(flow.vectors - (centers(frame) - (32, 24)))[shown].max() <= 8.0 * HALF_ULP
+    assert not flow.occluded[shown].any()
+    assert_oracles(frame, flow)
 
 
 def test_a_rotation_is_a_homography(opened):
     """Of whatever distance: the same vectors for a plane far and near, K R K^-1."""
     turned = replace(CAMERA, lookat=CAMERA.eye + (0.2, -0.1, -1.0), up=(0.1, 1.0, 0.0))
-    axes, other = camera_axes(CAMERA), camera_axes(turned)
+    axes, turned_axes = camera_axes(CAMERA), camera_axes(turned)
     for size, z in ((8.0, -4.0), (2.0, 2.0)):
         frame = draw(opened, square(size, z))
         assert (frame["id"] > 0).all()
         directions = (centers(frame) - (32, 24)) / (64, -64)
-        rays = np.concatenate([directions, np.ones((48, 64, 1))], axis=-1) @ axes @ other.T
+        rays = np.concatenate([directions, np.ones((48, 64, 1))], axis=-1) @ axes @ turned_axes.T
         expected = rays[..., :2] / rays[..., 2:] * (64, -64) + (32, 24)
-        found = clshade.flow(frame, turned, device=opened)
-        assert np.abs(found.vectors - (expected - centers(frame))).max() <= 40.0 * HALF_ULP
+        flow = clshade.flow(frame, turned, device=opened)
+        assert np.abs(flow.vectors - (expected - centers(frame))).max() <= 40.0 * HALF_ULP
         inside = ((expected >= 0) & (expected < (64, 48))).all(axis=-1)
-        assert np.array_equal(found.occluded, ~inside)
+        assert np.array_equal(flow.occluded, ~inside)
         assert 0.2 < inside.mean() < 0.9
-        assert_oracles(frame, found)
+        assert_oracles(frame, flow)
 
 
 def test_a_moved_instance(opened):
@@ -116,33 +116,33 @@ def test_a_moved_instance(opened):
     mesh = square(0.5, instances=placed)
     frame = draw(opened, mesh, layers=("id", "instance_id"))
     moved = replace(frame.scene, meshes=(replace(mesh, instances=gone),))
-    found = clshade.flow(frame, moved, device=opened)
-    still, other = frame["instance_id"] == 1, frame["instance_id"] == 2
-    assert (still.sum(), other.sum()) == (256, 256)
-    assert (found.vectors[still] == 0.0).all()
-    points = (centers(frame)[other] - (32, 24)) / 16  # in the plane of the square, y down
+    flow = clshade.flow(frame, moved, device=opened)
+    still, moving = frame["instance_id"] == 1, frame["instance_id"] == 2
+    assert (still.sum(), moving.sum()) == (256, 256)
+    assert (flow.vectors[still] == 0.0).all()
+    points = (centers(frame)[moving] - (32, 24)) / 16  # in the plane of the square, y down
     expected = 8.0 * (points + (0.8, 0.0)) - 16.0 * points  # twice as far away: 8 px for each unit
-    assert np.abs(found.vectors[other] - expected).max() <= 16.0 * HALF_ULP
-    assert not found.occluded[still | other].any()
-    assert_oracles(frame, found)
+    assert np.abs(flow.vectors[moving] - expected).max() <= 16.0 * HALF_ULP
+    assert not flow.occluded[still | moving].any()
+    assert_oracles(frame, flow)
 
 
 def test_a_parallel_projection(opened):
     frame = draw(opened, square(), camera=PARALLEL)
-    found = clshade.flow(frame, replace(PARALLEL, eye=(0.5, 0, 4.0), lookat=(0.5, 0, 0)), device=opened)
-    assert np.abs(found.vectors[frame["id"] > 0] - [-8.0, 0.0]).max() <= 8.0 * HALF_ULP
-    assert_oracles(frame, found)
+    flow = clshade.flow(frame, replace(PARALLEL, eye=(0.5, 0, 4.0), lookat=(0.5, 0, 0)), device=opened)
+    assert np.abs(flow.vectors[frame["id"] > 0] - [-8.0, 0.0]).max() <= 8.0 * HALF_ULP
+    assert_oracles(frame, flow)
 
 
 def test_nothing_moves(opened):
     """Exactly 0, at slivers and clipped faces too, and with several samples."""
     frame = clshade.render(mixed(), device=opened, samples=3, **PLAIN)
     shown = frame["id"] > 0
-    found = clshade.flow(frame, frame, device=opened)
-    assert (found.vectors[shown] == 0.0).all()
+    flow = clshade.flow(frame, frame, device=opened)
+    assert (flow.vectors[shown] == 0.0).all()
     # Snapping moves edges by up to 1/131072 px: here none crosses a sample, which would see what is hidden from it.
-    assert not found.occluded[shown].any()
-    assert_oracles(frame, found)
+    assert not flow.occluded[shown].any()
+    assert_oracles(frame, flow)
 
 
 # What is hidden
@@ -152,16 +152,16 @@ def test_what_a_box_hides(opened):
     """A square behind another, which the camera's way to the side moves by twice as much: a strip is hidden, as wide."""
     frame = draw(opened, square(3.0, -4.0), square(0.5, 2.0), layers=("id", "object_id"))
     moved = replace(CAMERA, eye=(0.25, 0, 4.0), lookat=(0.25, 0, 0))
-    found = clshade.flow(frame, moved, device=opened)
+    flow = clshade.flow(frame, moved, device=opened)
     front, behind = frame["object_id"] == 2, frame["object_id"] == 1
-    assert np.abs(found.vectors[front] - [-8.0, 0.0]).max() <= 8.0 * HALF_ULP
-    assert np.abs(found.vectors[behind] - [-2.0, 0.0]).max() <= 8.0 * HALF_ULP
+    assert np.abs(flow.vectors[front] - [-8.0, 0.0]).max() <= 8.0 * HALF_ULP
+    assert np.abs(flow.vectors[behind] - [-2.0, 0.0]).max() <= 8.0 * HALF_ULP
     x, y = np.moveaxis(centers(frame), -1, 0)
     # In the other image the square before it has x from 8 to 40, y from 8 to 40; what is behind it moves by 2.
     hidden = behind & (x - 2 > 8) & (x - 2 < 40) & (y > 8) & (y < 40)
-    assert np.array_equal(found.occluded, hidden | ~(front | behind))
+    assert np.array_equal(flow.occluded, hidden | ~(front | behind))
     assert hidden.any()
-    assert_oracles(frame, found)
+    assert_oracles(frame, flow)
 
 
 def boxes(device, **options) -> tuple[Frame, Frame]:
@@ -179,28 +179,28 @@ def test_warping(opened):
     where it is, another face is nearer there, or the place is outside."""
     a, b = boxes(opened)
     for start, end in ((a, b), (b, a)):
-        found = clshade.flow(start, end, device=opened)
+        flow = clshade.flow(start, end, device=opened)
         shown = np.nonzero(start["id"])
         face = start["id"][shown].astype(int) - 1
-        places = (centers(start) + found.vectors)[shown]
+        places = (centers(start) + flow.vectors)[shown]
         points, inner = points_of(start.scene, end.scene, face, centers(start)[shown])
         seen, distance = first_hits(end.scene, places)
-        own = np.linalg.norm(points - end.scene.camera.eye, axis=1)
-        visible = ~found.occluded[shown]
+        expected_distance = np.linalg.norm(points - end.scene.camera.eye, axis=1)
+        visible = ~flow.occluded[shown]
         # Places are float32: right to 1e-5 px, along the floor 1e-4 of the distance. On sides that may be beside the face.
-        same = (seen == face) & (np.abs(distance - own) <= 1e-4 * own)
+        same = (seen == face) & (np.abs(distance - expected_distance) <= 1e-4 * expected_distance)
         assert same[visible & inner].all()
         assert inner.mean() > 0.99
         inside = ((places >= 0) & (places < end.scene.camera.resolution)).all(axis=1)
-        assert (~inside | (distance < own * (1 - 1e-4)))[~visible & inner].all()
+        assert (~inside | (distance < expected_distance * (1 - 1e-4)))[~visible & inner].all()
         assert 0.1 < visible.mean() < 0.95
         assert (inside & ~visible).sum() > 30
-        assert_oracles(start, found)
+        assert_oracles(start, flow)
 
 
-def points_of(scene: Scene, other: Scene, face: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def points_of(scene: Scene, moved_scene: Scene, face: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (K, 3) of the other scene that faces show at places (K, 2) of this one, and which lie on no side."""
-    (verts, faces), moved = triangles(scene), triangles(other)[0]
+    (verts, faces), moved = triangles(scene), triangles(moved_scene)[0]
     rays, origins = rays_of(scene.camera, places)
     weights = face_weights(origins, rays, verts[faces[face]])
     return np.einsum("kc,kcx->kx", weights, moved[faces[face]]), weights.min(axis=1) > 1e-4
@@ -248,11 +248,11 @@ def test_a_side_that_is_not_drawn_is_occluded(opened):
     behind = replace(CAMERA, eye=(0, 0, -4.0))
     for sides in ("both", "front"):
         frame = draw(opened, square(material=Material(sides=sides)))
-        found = clshade.flow(frame, behind, device=opened)
+        flow = clshade.flow(frame, behind, device=opened)
         shown = frame["id"] > 0
-        assert found.occluded[shown].all() == (sides == "front")
-        assert np.abs(found.vectors - (2 * ((32, 24) - centers(frame)) * (1, 0)))[shown].max() <= 64 * HALF_ULP
-        assert_oracles(frame, found)
+        assert flow.occluded[shown].all() == (sides == "front")
+        assert np.abs(flow.vectors - (2 * ((32, 24) - centers(frame)) * (1, 0)))[shown].max() <= 64 * HALF_ULP
+        assert_oracles(frame, flow)
 
 
 @pytest.mark.long
@@ -272,19 +272,19 @@ def test_a_square_that_is_not_drawn_hides_nothing(opened):
     ):
         moved = draw(opened, far, near, **options)
         assert set(np.unique(moved["id"])) <= {0, 1, 2}
-        found = clshade.flow(away, moved, device=opened)
-        assert not found.occluded[away["id"] > 0].any()
-        assert_oracles(away, found)
+        flow = clshade.flow(away, moved, device=opened)
+        assert not flow.occluded[away["id"] > 0].any()
+        assert_oracles(away, flow)
 
 
 def test_what_is_behind_the_other_camera_has_no_vector(opened):
     frame = draw(opened, square(0.5), square(0.5, -6.0, instances=[at(2, 0, 0)]), layers=("id", "object_id"))
-    found = clshade.flow(frame, replace(CAMERA, eye=(0, 0, -1.0), lookat=(0, 0, -5.0)), device=opened)
+    flow = clshade.flow(frame, replace(CAMERA, eye=(0, 0, -1.0), lookat=(0, 0, -5.0)), device=opened)
     front = frame["object_id"] == 1
-    assert np.isnan(found.vectors[front]).all()
-    assert found.occluded[front].all()
-    assert np.isfinite(found.vectors[frame["object_id"] == 2]).all()
-    assert_oracles(frame, found)
+    assert np.isnan(flow.vectors[front]).all()
+    assert flow.occluded[front].all()
+    assert np.isfinite(flow.vectors[frame["object_id"] == 2]).all()
+    assert_oracles(frame, flow)
 
 
 @pytest.mark.long
@@ -321,10 +321,10 @@ def test_random_scenes_are_the_oracles(opened):
         if number % 4 < 2:
             moves = [at(*0.05 * reach * rng.normal(size=3)) for _ in meshes]
             meshes = [replace(mesh, instances=move @ mesh.instances) for mesh, move in zip(meshes, moves, strict=True)]
-        found = clshade.flow(frame, replace(frame.scene, meshes=tuple(meshes), camera=end), device=opened)
-        assert_oracles(frame, found)
-        shown += (~found.occluded).sum()
-        hidden += found.occluded[frame["id"] > 0].sum()
+        flow = clshade.flow(frame, replace(frame.scene, meshes=tuple(meshes), camera=end), device=opened)
+        assert_oracles(frame, flow)
+        shown += (~flow.occluded).sum()
+        hidden += flow.occluded[frame["id"] > 0].sum()
     assert min(shown, hidden) > 500
 
 
@@ -334,17 +334,17 @@ def test_random_scenes_are_the_oracles(opened):
 def test_check_looks_at_flows(opened):
     a, b = boxes(opened)
     a.flows = {"flow": clshade.flow(a, b, device=opened)}
-    found = clshade.check(a, 500)
-    assert found.passed
-    assert 0.0 < found.flow <= 1.0
-    assert any("flow: " in line for line in found.lines())
+    report = clshade.check(a, 500)
+    assert report.passed
+    assert 0.0 < report.flow <= 1.0
+    assert any("flow: " in line for line in report.lines())
     vectors, occluded = a.flows["flow"].vectors.copy(), ~a.flows["flow"].occluded
     vectors[np.isfinite(vectors)] += np.float32(1e-3)
     for wrong in (replace(a.flows["flow"], vectors=vectors), replace(a.flows["flow"], occluded=occluded)):
         a.flows["flow"] = wrong
-        found = clshade.check(a, 500)
-        assert not found.passed
-        assert found.flow > 1.0
+        report = clshade.check(a, 500)
+        assert not report.passed
+        assert report.flow > 1.0
 
 
 @pytest.mark.parametrize("layers", [("instance_id",), ("id", "instance_id")])
@@ -354,8 +354,8 @@ def test_check_looks_at_instances(opened, layers):
     assert set(np.unique(frame["instance_id"])) == {0, 1, 2, 3}
     row, column = np.argwhere(frame["instance_id"] == 2)[5]
     frame["instance_id"][row, column] = 3
-    found = clshade.check(frame, "all")
-    assert (found.passed, found.wrong) == (False, 1)
+    report = clshade.check(frame, "all")
+    assert (report.passed, report.wrong) == (False, 1)
 
 
 def test_files(opened, tmp_path):
@@ -374,9 +374,9 @@ def test_files(opened, tmp_path):
     assert data[:4] == b"PIEH"
     assert struct.unpack("<ii", data[4:12]) == (64, 48)
     values = np.frombuffer(data, "<f4", offset=12).reshape(48, 64, 2)
-    known = np.isfinite(there.vectors)
-    assert np.array_equal(values[known], there.vectors[known])
-    assert (values[~known] > 1e9).all()
+    has_vector = np.isfinite(there.vectors)
+    assert np.array_equal(values[has_vector], there.vectors[has_vector])
+    assert (values[~has_vector] > 1e9).all()
     with pytest.raises(InputError, match=r"Flow.save: path: expected a file name ending in \.flo, found"):
         there.save(tmp_path / "a.png")
     a.flows["motion"] = there
@@ -393,8 +393,8 @@ def test_the_command_line_writes_flow(opened, tmp_path, capsys):
     assert main([*command, "--flow-to", str(tmp_path / "c.json"), "-o", str(tmp_path / "a")]) == 0
     channels, _ = clshade.exr.read(tmp_path / "a.exr")
     frame = clshade.render(clshade.builtin("icosphere"), device=opened, resolution=(40, 30), samples=4, **PLAIN)
-    for name, found in zip(("flow", "flow_back"), read_cameras(tmp_path / "c.json", frame.scene.camera), strict=True):
-        expected = clshade.flow(frame, found, device=opened)
+    for name, target in zip(("flow", "flow_back"), read_cameras(tmp_path / "c.json", frame.scene.camera), strict=True):
+        expected = clshade.flow(frame, target, device=opened)
         np.testing.assert_array_equal(channels[f"{name}.X"], expected.vectors[..., 0])
         np.testing.assert_array_equal(channels[f"{name}_occluded"] != 0, expected.occluded)
     capsys.readouterr()
@@ -428,8 +428,8 @@ def test_refusals(opened):
 
 
 def test_flow_takes_any_number_of_pixels_and_none(opened):
-    found = clshade.flow(rendered(Scene((), CAMERA), device=opened, **PLAIN), CAMERA, device=opened)
-    assert found.occluded.all()
+    flow = clshade.flow(rendered(Scene((), CAMERA), device=opened, **PLAIN), CAMERA, device=opened)
+    assert flow.occluded.all()
     rays, _ = pixel_rays(CAMERA)
     places, depths = in_image(CAMERA, rays.reshape(-1, 3))
     assert np.allclose(places.reshape(48, 64, 2), np.stack(np.meshgrid(np.arange(64), np.arange(48)), -1) + 0.5)

@@ -34,11 +34,11 @@ def drawn(request, renderer) -> Frame | Views:
 
 
 def test_as_an_array_it_is_rgb(drawn):
-    found = np.asarray(drawn)
-    assert found.shape == drawn.rgba.shape[:-1] + (3,)
-    assert np.array_equal(found, drawn.rgba[..., :3])
-    assert np.shares_memory(found, drawn.rgba)
-    assert np.asarray(drawn, np.float32).base is found.base
+    array = np.asarray(drawn)
+    assert array.shape == drawn.rgba.shape[:-1] + (3,)
+    assert np.array_equal(array, drawn.rgba[..., :3])
+    assert np.shares_memory(array, drawn.rgba)
+    assert np.asarray(drawn, np.float32).base is array.base
 
 
 def test_copies_are_made_when_asked_for(drawn):
@@ -90,14 +90,14 @@ def test_memory_that_a_capsule_holds_is_not_recycled(renderer, name):
     address, before = taken.ctypes.data, taken.copy()
     del frame
     gc.collect()
-    others = [renderer.render(away) for _ in range(6)]
-    assert all(arrays_of(other)[name].ctypes.data != address for other in others)
+    newer_frames = [renderer.render(away) for _ in range(6)]
+    assert all(arrays_of(newer)[name].ctypes.data != address for newer in newer_frames)
     assert np.array_equal(taken, before)
-    assert not np.array_equal(arrays_of(others[0])[name], before)
-    del others, taken
+    assert not np.array_equal(arrays_of(newer_frames[0])[name], before)
+    del newer_frames, taken
     gc.collect()
     again = [renderer.render(away) for _ in range(4)]
-    assert address in [arrays_of(other)[name].ctypes.data for other in again]
+    assert address in [arrays_of(newer)[name].ctypes.data for newer in again]
 
 
 def test_a_capsule_outlives_the_renderer(device):

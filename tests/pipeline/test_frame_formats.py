@@ -38,22 +38,22 @@ def test_an_npz_has_all_arrays_and_the_camera(tmp_path):
     assert frame.save(tmp_path / "a.npz") == []
     assert os.listdir(tmp_path) == ["a.npz"]
     with np.load(tmp_path / "a.npz", allow_pickle=False) as arrays:
-        found = dict(arrays)
+        contents = dict(arrays)
     for name, array in {"rgba": frame.rgba, **{name: frame[name] for name in frame}}.items():
-        assert found[name].dtype == array.dtype
-        assert np.array_equal(found[name], array), name
+        assert contents[name].dtype == array.dtype
+        assert np.array_equal(contents[name], array), name
     names = {"rgba", "Z", "id", "P", "K", "pose", "pixel_center", "convention", "resolution", "metadata"}
-    assert set(found) == names
+    assert set(contents) == names
     again = Camera.from_matrix(
-        found["K"],
-        found["pose"],
-        found["resolution"].tolist(),
-        pixel_center=found["pixel_center"].item(),
-        convention=str(found["convention"]),
+        contents["K"],
+        contents["pose"],
+        contents["resolution"].tolist(),
+        pixel_center=contents["pixel_center"].item(),
+        convention=str(contents["convention"]),
     )
-    for one, other in zip(again.to_matrix(), CAMERA.to_matrix(), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
-    metadata = json.loads(str(found["metadata"]))
+    for one, expected in zip(again.to_matrix(), CAMERA.to_matrix(), strict=True):
+        np.testing.assert_allclose(one, expected, rtol=0, atol=1e-12)
+    metadata = json.loads(str(contents["metadata"]))
     assert metadata["renderTimeSeconds"] == 0.002
     assert metadata["settings"].startswith("shader=")
 

@@ -118,7 +118,7 @@ def test_odd_sizes(device, preset, resolution):
 def test_a_crop_is_that_part_of_the_whole(device, preset):
     """An image with a moved principal point is bit-identical to a part of the larger one."""
     camera = replace(CAMERA, resolution=(64, 64))
-    whole = draw(device, blob_scene(camera=camera), preset=preset)
+    full_frame = draw(device, blob_scene(camera=camera), preset=preset)
     for left, bottom, columns, rows in ((0, 0, 1, 1), (31, 17, 1, 7), (5, 9, 17, 33), (1, 30, 63, 1), (17, 3, 32, 48)):
         part = replace(
             camera,
@@ -128,9 +128,9 @@ def test_a_crop_is_that_part_of_the_whole(device, preset):
         )
         frame = draw(device, blob_scene(camera=part), preset=preset)
         cut = np.s_[64 - bottom - rows : 64 - bottom, left : left + columns]
-        assert np.array_equal(frame["id"], whole["id"][cut])
-        assert np.array_equal(frame.rgba, whole.rgba[cut])
-        assert np.array_equal(frame["Z"], whole["Z"][cut])
+        assert np.array_equal(frame["id"], full_frame["id"][cut])
+        assert np.array_equal(frame.rgba, full_frame.rgba[cut])
+        assert np.array_equal(frame["Z"], full_frame["Z"][cut])
 
 
 @pytest.mark.sampled
@@ -328,12 +328,12 @@ def test_frames_own_their_memory(device):
     with Renderer(blob_scene(), device=device, layers=LAYERS) as renderer:
         first = renderer.render()
         kept = {name: array.copy() for name, array in first.channels().items()}
-        others = [renderer.render(camera=camera) for camera in cameras() * 2]
+        later_frames = [renderer.render(camera=camera) for camera in cameras() * 2]
         assert all(np.array_equal(first.channels()[name], kept[name]) for name in kept)
-        assert len({address(frame) for frame in (first, *others)}) == 1 + len(others)
+        assert len({address(frame) for frame in (first, *later_frames)}) == 1 + len(later_frames)
     # Frames outlive the renderer.
     assert all(np.array_equal(first.channels()[name], kept[name]) for name in kept)
-    assert same_bits(others[4], first)
+    assert same_bits(later_frames[4], first)
 
 
 def test_memory_is_recycled_once_no_view_is_held(device):
@@ -346,10 +346,10 @@ def test_memory_is_recycled_once_no_view_is_held(device):
         assert frame["Z"].__array_interface__["data"][0] == depth_place
         view, content = frame.rgb[::2, 1:], frame.rgb[::2, 1:].copy()
         del frame
-        other = renderer.render(camera=cameras()[0])
-        assert address(other) != place
+        second = renderer.render(camera=cameras()[0])
+        assert address(second) != place
         assert np.array_equal(view, content)
-        del view, other
+        del view, second
         places = {address(renderer.render()) for _ in range(10)}
         assert len(places) <= 2
 

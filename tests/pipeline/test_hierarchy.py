@@ -103,9 +103,9 @@ def test_the_same_as_one_by_one(device, mesh):
     hierarchy = Hierarchy(device, *mesh)
     for light in lights_for(mesh):
         for points in (random_points(mesh, 1600), border_points(mesh, 800), neighbors(mesh, 1600)):
-            found = hierarchy.shadowed(*points, light)
-            wrong = np.flatnonzero(found != one_by_one(device, hierarchy, *points, light))
-            assert not len(wrong), (light, wrong[:9], found[wrong[:9]])
+            in_shadow = hierarchy.shadowed(*points, light)
+            wrong = np.flatnonzero(in_shadow != one_by_one(device, hierarchy, *points, light))
+            assert not len(wrong), (light, wrong[:9], in_shadow[wrong[:9]])
 
 
 @pytest.mark.parametrize("name", ["crumpled", "closed", "boxes side by side"])
@@ -171,9 +171,9 @@ def test_triangles_seen_edge_on(device):
     points[:, 2] = -3.0
     hierarchy = Hierarchy(device, *mesh)
     rays = points, np.full(len(points), 300), light
-    found = hierarchy.shadowed(*rays)
-    assert np.array_equal(found, one_by_one(device, hierarchy, *rays))
-    assert found.mean() > 0.99
+    in_shadow = hierarchy.shadowed(*rays)
+    assert np.array_equal(in_shadow, one_by_one(device, hierarchy, *rays))
+    assert in_shadow.mean() > 0.99
 
 
 @pytest.mark.parametrize("lanes", OTHER_LANES)
@@ -181,8 +181,8 @@ def test_packets_of_any_size(device, lanes):
     for mesh in MESHES.values():
         for light in lights_for(mesh):
             points = neighbors(mesh, 3200)
-            found = [Hierarchy(device, *mesh, lanes=each).shadowed(*points, light) for each in (16, lanes)]
-            assert np.array_equal(*found)
+            answers = [Hierarchy(device, *mesh, lanes=count).shadowed(*points, light) for count in (16, lanes)]
+            assert np.array_equal(*answers)
 
 
 def cage(offset: float) -> tuple[Mesh, Array]:
@@ -273,8 +273,8 @@ def test_runs_are_halved_down_to_the_leaves(device, monkeypatch, count):
 
     def check(points: Array) -> None:
         if len(points) > 16:
-            whole = 256 if len(points) > 256 else 16
-            first = -(-len(points) // (2 * whole)) * whole
+            unit = 256 if len(points) > 256 else 16
+            first = -(-len(points) // (2 * unit)) * unit
             assert overlap(points[:first], points[first:]) <= 1 / 64
             check(points[:first])
             check(points[first:])
@@ -287,7 +287,7 @@ def test_neighbors_along_the_curve(device, monkeypatch):
     """Of triangles one per cell, in the order before that of runs, each lies in a cell next to that of the one before."""
     run = Stages.run
     monkeypatch.setattr(
-        Stages, "run", lambda self, name, *rest, **own: name == "hierarchy_runs" or run(self, name, *rest, **own)
+        Stages, "run", lambda self, name, *rest, **extra: name == "hierarchy_runs" or run(self, name, *rest, **extra)
     )
     cells = np.stack(np.meshgrid(*[np.arange(16)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     small = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.1]]) + 0.45
@@ -320,8 +320,8 @@ def test_indices_of_many_bits(device, monkeypatch, bits):
 
 def test_bits_of_the_index():
     """26, which leave all of the curve's, and one more from 2^26 faces on."""
-    found = [hierarchy_module._index_bits(n) for n in (0, 1, 2**24 + 1, 2**26, 2**26 + 1, 2**29)]
-    assert found == [26, 26, 26, 26, 27, 29]
+    bits = [hierarchy_module._index_bits(n) for n in (0, 1, 2**24 + 1, 2**26, 2**26 + 1, 2**29)]
+    assert bits == [26, 26, 26, 26, 27, 29]
 
 
 def test_memory(device):
@@ -352,7 +352,7 @@ def test_frame(offset, scale):
     vertices = (np.random.default_rng(5).normal(size=(100, 3)) * [1.0, 0.1, 0.01] + offset) * scale
     frame = CasterFrame.around(vertices)
     pairs = frame.pairs(vertices).astype(np.float64)
-    found = pairs[:, :3] + pairs[:, 3:]
-    assert SHADOW_REACH / 2 <= np.abs(found).max() <= SHADOW_REACH
-    assert np.array_equal(found * 2.0**31, np.rint(found * 2.0**31))
-    assert np.abs(found - (vertices - frame.origin) * frame.unit).max() <= 2.0**-32
+    coordinates = pairs[:, :3] + pairs[:, 3:]
+    assert SHADOW_REACH / 2 <= np.abs(coordinates).max() <= SHADOW_REACH
+    assert np.array_equal(coordinates * 2.0**31, np.rint(coordinates * 2.0**31))
+    assert np.abs(coordinates - (vertices - frame.origin) * frame.unit).max() <= 2.0**-32

@@ -36,8 +36,8 @@ def ball(roughness: float, metallic: float, environment: Environment | None, col
 
 def draw(device, scene: Scene, **options) -> Frame:
     """Draw with all features on, for which one program is built, unless `options` say otherwise."""
-    given = {"layers": ("Z", "id"), "forced": OPTIONAL, **options}
-    return rendered(scene, device=device, **given)
+    arguments = {"layers": ("Z", "id"), "forced": OPTIONAL, **options}
+    return rendered(scene, device=device, **arguments)
 
 
 @pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.long)])
@@ -97,8 +97,8 @@ def test_left_out_without_an_environment_at_no_difference(device):
     frames = [draw(device, plain, forced=()), draw(device, black, forced=()), draw(device, plain)]
     assert ["ENVIRONMENT" in frame.stats["features"] for frame in frames] == [False, False, True]
     assert len({digest(frame) for frame in frames}) == 1
-    other = replace(plain, environment=WHITE)
-    assert ignored(other, Settings()) == ("the environment, which only shader pbr shows",)
+    white_scene = replace(plain, environment=WHITE)
+    assert ignored(white_scene, Settings()) == ("the environment, which only shader pbr shows",)
 
 
 @pytest.mark.long
@@ -164,9 +164,9 @@ def test_lights_that_stand_in_give_way_to_the_studio(device):
     assert frame.scene.environment is clshade.studio()
     assert frame.scene.lights == ()
     assert frame.metadata()["environment"] == "studio, rotation=0, intensity=1"
-    other = replace(scene, environment=WHITE)
-    assert draw(device, other).scene.environment is WHITE
-    assert digest(draw(device, other, preset="standard")) == digest(
+    white_scene = replace(scene, environment=WHITE)
+    assert draw(device, white_scene).scene.environment is WHITE
+    assert digest(draw(device, white_scene, preset="standard")) == digest(
         draw(device, replace(scene, own_lights=True), preset="standard")
     )
     upright = replace(scene, camera=replace(CAMERA, eye=(0, -4, 0), up=(0, 0, 1)))
@@ -183,9 +183,9 @@ def test_the_oracles_lookup_is_continuous_and_means_texels():
         np.testing.assert_allclose(around.lookup(level, d[None], reach)[0], bilinear(level, d[None]), atol=1e-12)
     for d in ([0, 0, -1.0], [1, 0, -1e-15], [0.5, -0.5, -0.2], [-1, 0, 0]):
         moved = np.array(d) + 1e-7 * np.random.default_rng(0).standard_normal((40, 3))
-        found, off = around.lookup(level, moved, np.full(40, 1e-6))
-        assert np.ptp(found, axis=0).max() < 1e-4
-        assert (np.abs(found - found[0]) <= off + 1e-12).all()
+        colors, off = around.lookup(level, moved, np.full(40, 1e-6))
+        assert np.ptp(colors, axis=0).max() < 1e-4
+        assert (np.abs(colors - colors[0]) <= off + 1e-12).all()
 
 
 def test_the_split_sum_is_near_the_true_integral():
@@ -208,8 +208,8 @@ def test_unlit_materials_keep_their_color(device):
     scene = replace(scene, meshes=(*scene.meshes, aside))
     frame = draw(device, scene)
     assert_drawn(frame)
-    own = np.isin(frame["id"], np.arange(len(BALL.faces), 2 * len(BALL.faces)) + 1)
-    np.testing.assert_allclose(frame.rgb[own], np.tile([0.2, 0.5, 0.8], (own.sum(), 1)), rtol=1e-6)
-    assert own.sum() > 20
+    unlit_pixels = np.isin(frame["id"], np.arange(len(BALL.faces), 2 * len(BALL.faces)) + 1)
+    np.testing.assert_allclose(frame.rgb[unlit_pixels], np.tile([0.2, 0.5, 0.8], (unlit_pixels.sum(), 1)), rtol=1e-6)
+    assert unlit_pixels.sum() > 20
     lit = draw(device, replace(scene, meshes=scene.meshes[:1]))
-    np.testing.assert_array_equal(frame.rgb[~own], lit.rgb[~own])
+    np.testing.assert_array_equal(frame.rgb[~unlit_pixels], lit.rgb[~unlit_pixels])

@@ -36,11 +36,11 @@ LONG = tuple(
 )
 
 
-def differing(part: Frame, whole: Frame, left: int, top: int) -> list[str]:
+def differing(part: Frame, image: Frame, left: int, top: int) -> list[str]:
     """Return the arrays of a part that differ in a bit from those of the whole."""
     columns, rows = part.scene.camera.resolution
     cut = np.s_[top : top + rows, left : left + columns]
-    pairs = {"rgba": (part.rgba, whole.rgba), **{name: (part[name], whole[name]) for name in whole.layers}}
+    pairs = {"rgba": (part.rgba, image.rgba), **{name: (part[name], image[name]) for name in image.layers}}
     return [name for name, (a, b) in pairs.items() if a.tobytes() != np.ascontiguousarray(b[cut]).tobytes()]
 
 
@@ -61,11 +61,11 @@ def test_parts_have_the_bits_of_the_whole(device, case):
     skip_unsupported(device, options)
     with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:
         camera = renderer.scene.camera
-        whole = renderer.render()
+        image = renderer.render()
         for across, up in ((17, 23), (32, 16)):
             for left, top, part in parts(camera, across, up):
-                assert not differing(renderer.render(part), whole, left, top), (left, top)
-        assert not differing(renderer.render(), whole, 0, 0)
+                assert not differing(renderer.render(part), image, left, top), (left, top)
+        assert not differing(renderer.render(), image, 0, 0)
 
 
 def corners(count: int, reach: float) -> Scene:
@@ -80,20 +80,20 @@ def corners(count: int, reach: float) -> Scene:
 def test_clipped_triangles_have_the_same_pieces_in_all_parts(device):
     scene = corners(40, 3000.0)
     with Renderer(scene, device=device, shader="nolight", layers=("Z", "id")) as renderer:
-        whole = renderer.render()
-        assert whole.stats["clipped"] > 20
+        image = renderer.render()
+        assert image.stats["clipped"] > 20
         for left, top, part in parts(scene.camera, 20, 20):
-            assert not differing(renderer.render(part), whole, left, top), (left, top)
+            assert not differing(renderer.render(part), image, left, top), (left, top)
 
 
 def test_devices_without_float64_project_alike(device):
     scene = clshade.builtin("icosphere", level=2, resolution=(50, 40))
     part = part_of(scene.camera, 13, 9, 20, 17)
-    one, other = (
-        Renderer(scene, device=each, layers=("Z", "id")) for each in (device, replace(device, has_fp64=False))
+    one, single = (
+        Renderer(scene, device=variant, layers=("Z", "id")) for variant in (device, replace(device, has_fp64=False))
     )
-    with one, other:
-        assert not differing(other.render(part), one.render(part), 0, 0)
+    with one, single:
+        assert not differing(single.render(part), one.render(part), 0, 0)
 
 
 WHOLE = (100_000, 60_000)  # far more than can be drawn at once
@@ -111,14 +111,14 @@ def seen_at(place: tuple[float, float], camera: Camera) -> np.ndarray:
 def speckled() -> Scene:
     """Small triangles about the corner where four regions of 16384 pixels meet, and one over all of the image."""
     base = Camera.from_fov((0.0, 0.0, 0.0), (0.3, 0.1, -1.0), (0.0, 1.0, 0.0), 50.0)
-    whole = whole_camera(base, WHOLE)
+    full_camera = whole_camera(base, WHOLE)
     rng = np.random.default_rng(1)
     verts = [
-        seen_at((2 * 16384 + x, 16384 + y), whole) * depth
+        seen_at((2 * 16384 + x, 16384 + y), full_camera) * depth
         for x, y, depth in np.stack([*rng.uniform(-60, 60, (2, 300)), rng.uniform(0.9, 1.1, 300)], axis=1)
     ]
-    verts += [20.0 * seen_at(at, whole) for at in ((-4e5, 9e4), (5e5, 9e4), (5e4, -9e5))]
-    return Scene((Mesh(np.array(verts), np.arange(len(verts)).reshape(-1, 3)),), whole.with_resolution((100, 60)))
+    verts += [20.0 * seen_at(at, full_camera) for at in ((-4e5, 9e4), (5e5, 9e4), (5e4, -9e5))]
+    return Scene((Mesh(np.array(verts), np.arange(len(verts)).reshape(-1, 3)),), full_camera.with_resolution((100, 60)))
 
 
 def part_near_the_corner(scene: Scene, left: int, top: int, columns: int, rows: int) -> Camera:
@@ -128,11 +128,11 @@ def part_near_the_corner(scene: Scene, left: int, top: int, columns: int, rows: 
 def test_parts_of_larger_images_do_not_depend_on_how_they_are_cut(device, speckled):
     with Renderer(speckled, device=device, shader="nolight", layers=("Z", "id")) as renderer:
         for left, top in ((-64, -64), (0, -64), (-64, 0), (0, 0)):
-            whole = renderer.render(part_near_the_corner(speckled, left, top, 64, 64))
-            assert len(np.unique(whole["id"])) > 15
+            image = renderer.render(part_near_the_corner(speckled, left, top, 64, 64))
+            assert len(np.unique(image["id"])) > 15
             for dx, dy, columns, rows in ((5, 7, 30, 41), (48, 0, 16, 64), (63, 63, 1, 1)):
                 part = renderer.render(part_near_the_corner(speckled, left + dx, top + dy, columns, rows))
-                assert not differing(part, whole, dx, dy)
+                assert not differing(part, image, dx, dy)
 
 
 def test_parts_of_larger_images_are_the_oracles(device, speckled):
@@ -142,9 +142,11 @@ def test_parts_of_larger_images_are_the_oracles(device, speckled):
         for left, top in ((-40, -40), (0, -40), (-40, 0), (0, 0)):
             frame = renderer.render(part_near_the_corner(speckled, left, top, 40, 40))
             assert clshade.check(frame, pixels="all").passed
-        own = part_near_the_corner(speckled, -60, -60, 60, 60)
-        lens = Camera(own.eye, own.lookat, own.up, own.focal, (2 * own.plane[0], 2 * own.plane[1]), (120, 120))
-        principal = tuple((p * 60 + shift) / 120 for p, shift in zip(own.principal, (0, 60), strict=True))
+        camera = part_near_the_corner(speckled, -60, -60, 60, 60)
+        lens = Camera(
+            camera.eye, camera.lookat, camera.up, camera.focal, (2 * camera.plane[0], 2 * camera.plane[1]), (120, 120)
+        )
+        principal = tuple((p * 60 + shift) / 120 for p, shift in zip(camera.principal, (0, 60), strict=True))
         both = renderer.render(replace(lens, principal=principal))
         for left, top in ((-60, -60), (0, -60), (-60, 0), (0, 0)):
             part = renderer.render(part_near_the_corner(speckled, left, top, 60, 60))
@@ -162,14 +164,14 @@ def test_positions_of_shifted_corners_fit_their_ranges():
 
 def test_the_raster_of_a_part():
     camera = clshade.builtin("icosphere").camera
-    whole = whole_camera(camera, (40_000, 30_000))
-    raster = raster_of(part_of(whole, 33_000, 20_000, 100, 50))
+    full_camera = whole_camera(camera, (40_000, 30_000))
+    raster = raster_of(part_of(full_camera, 33_000, 20_000, 100, 50))
     assert raster.resolution == (40_000, 30_000)
     assert raster.corner == (32_768, 0)
-    assert raster_of(part_of(whole, 33_000, 5, 100, 50)).corner == (32_768, 30_000 - 16_384)
+    assert raster_of(part_of(full_camera, 33_000, 5, 100, 50)).corner == (32_768, 30_000 - 16_384)
     assert raster.first == (33_000, 30_000 - 20_050)
     assert raster_of(camera).corner == (0, 0)
-    assert part_of(whole, 0, 0, 10, 10).with_resolution((64, 48)).plane == camera.with_resolution((64, 48)).plane
+    assert part_of(full_camera, 0, 0, 10, 10).with_resolution((64, 48)).plane == camera.with_resolution((64, 48)).plane
 
 
 @pytest.mark.parametrize(
@@ -177,9 +179,9 @@ def test_the_raster_of_a_part():
     [((-1, 0, 5, 5), "left"), ((0, 0, 0, 5), "left"), ((0, 2995, 5, 6), "top"), ((16_380, 0, 5, 5), "left")],
 )
 def test_parts_outside_the_image_or_across_regions_are_refused(part, field):
-    whole = whole_camera(clshade.builtin("icosphere").camera, (20_000, 3_000))
+    full_camera = whole_camera(clshade.builtin("icosphere").camera, (20_000, 3_000))
     with pytest.raises(InputError, match=f"part_of: {field}: expected a part that ends within"):
-        part_of(whole, *part)
+        part_of(full_camera, *part)
 
 
 def test_a_part_has_the_lens_of_a_part():
@@ -206,10 +208,10 @@ def test_lines_are_hidden_by_what_is_clipped_beside_a_part(device):
     behind = Mesh([at(31, 5, 5), at(31, 40, 5), at(10, 20, 5)], [(0, 1, 2)])
     edges = clshade.Edges(kinds=("silhouette",), width=4.0)
     with Renderer(Scene((wall, behind), camera), device=device, shader="nolight", edges=edges, layers="id") as renderer:
-        whole = renderer.render()
+        image = renderer.render()
         for left in (30, 31, 32):
             part = renderer.render(part_of(camera, left, 0, 64 - left, 48))
-            assert not differing(part, whole, left, 0), left
+            assert not differing(part, image, left, 0), left
 
 
 @pytest.mark.parametrize("resolution", [(0, 5), (MAX_WHOLE + 1, 5), (5,), "large", (2.5, 3)])

@@ -28,25 +28,25 @@ def draw(device, monkeypatch) -> Callable[..., list[Frame]]:
     """Return a function that draws a scene from copies and from one copy of each mesh, the latter twice."""
 
     def drawn(scene: Scene, **options: object) -> list[Frame]:
-        found = []
-        for least in (1 << 40, 0):
-            monkeypatch.setattr(triangle_source, "LEAST_COPIES", least)
+        frames = []
+        for threshold in (1 << 40, 0):
+            monkeypatch.setattr(triangle_source, "LEAST_COPIES", threshold)
             with Renderer(scene, device=device, **options) as renderer:
-                found.append(renderer.render())
-                if least == 0:
-                    found.append(renderer.render())
-            assert ("INSTANCES" in found[-1].stats["features"]) == (least == 0)
-        return found
+                frames.append(renderer.render())
+                if threshold == 0:
+                    frames.append(renderer.render())
+            assert ("INSTANCES" in frames[-1].stats["features"]) == (threshold == 0)
+        return frames
 
     needs_float64(device)
     return drawn
 
 
 def assert_alike(frames: list[Frame]) -> None:
-    copies, *others = frames
-    for other in others:
-        assert same_bits(copies, other)
-        assert {name: other.stats[name] for name in COUNTS} == {name: copies.stats[name] for name in COUNTS}
+    copies, *instanced_frames = frames
+    for frame in instanced_frames:
+        assert same_bits(copies, frame)
+        assert {name: frame.stats[name] for name in COUNTS} == {name: copies.stats[name] for name in COUNTS}
 
 
 @pytest.mark.long
@@ -71,33 +71,33 @@ def test_the_same_image_layers_and_counts_as_from_copies(device, monkeypatch):
             monkeypatch.setattr(buffers, "_coherent", lambda *_: False)
         with Renderer(scene, **options) as renderer:
             views = renderer.render_many(cameras)
-            found = [renderer.render(camera) for camera in cameras]
+            frames = [renderer.render(camera) for camera in cameras]
         assert views.stats["triangles"] == scene.face_count
-        for k, (frame, other) in enumerate(zip(found, expected, strict=True)):
-            assert_alike([other, frame])
-            assert np.array_equal(views.rgba[k], other.rgba)
-            assert all(np.array_equal(views[name][k], other[name]) for name in LAYERS)
-    stats = found[0].stats
+        for k, (frame, reference) in enumerate(zip(frames, expected, strict=True)):
+            assert_alike([reference, frame])
+            assert np.array_equal(views.rgba[k], reference.rgba)
+            assert all(np.array_equal(views[name][k], reference[name]) for name in LAYERS)
+    stats = frames[0].stats
     assert "INSTANCES" in stats["features"]
     assert all(stats[name] > 0 for name in ("behind", "off_screen", "clipped", "between_samples"))
     assert stats["visible"] > 100
-    assert found[1].stats["visible"] == 0
+    assert frames[1].stats["visible"] == 0
     assert expected[0].stats["bytes"]["scene"] > 2 * stats["bytes"]["scene"]
 
 
 def test_other_scenes_keep_copies():
     scene = crowd(300)
 
-    def of(least: int, given: Scene = scene, forced: tuple[str, ...] = (), **fields: object) -> bool:
+    def of(threshold: int, drawn_scene: Scene = scene, forced: tuple[str, ...] = (), **fields: object) -> bool:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(triangle_source, "LEAST_COPIES", least)
-            return triangle_source.draws_from_one_copy(given, Settings(**fields), forced)
+            patch.setattr(triangle_source, "LEAST_COPIES", threshold)
+            return triangle_source.draws_from_one_copy(drawn_scene, Settings(**fields), forced)
 
     many = (300 - 1) * 14 + (20 - 1) * 3
     assert of(many)
     assert not of(many + 1)
     assert of(many, layers=LAYERS)
-    assert not any(of(many, **each) for each in ({"shadows": True}, {"ambient_occlusion": 1}))
+    assert not any(of(many, **options) for options in ({"shadows": True}, {"ambient_occlusion": 1}))
     assert not of(many, edges=clshade.Edges("all"))
     assert not of(many, forced=("SHADOWS",))
     assert not of(1, replace(scene, meshes=[replace(mesh, instances=None) for mesh in scene.meshes]))
@@ -110,11 +110,11 @@ def test_box_of_all_copies_is_exact():
         packed = scene_tables.pack(scene, Settings())
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(triangle_source, "LEAST_COPIES", 0)
-            found = scene_tables.pack(scene, Settings())
+            instance_tables = scene_tables.pack(scene, Settings())
         assert packed.instances is None
-        assert np.array_equal(found.low, packed.low)
-        assert np.array_equal(found.high, packed.high)
-        assert len(found.arrays["positions"]) <= 2 * sum(len(mesh.verts) for mesh in scene.meshes)
+        assert np.array_equal(instance_tables.low, packed.low)
+        assert np.array_equal(instance_tables.high, packed.high)
+        assert len(instance_tables.arrays["positions"]) <= 2 * sum(len(mesh.verts) for mesh in scene.meshes)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
@@ -177,8 +177,8 @@ def test_without_float64_there_are_copies(device, monkeypatch):
     needs_float64(device)
     monkeypatch.setattr(triangle_source, "LEAST_COPIES", 0)
     frames = []
-    for each in (device, replace(device, has_fp64=False)):
-        frames.append(rendered(crowd(), device=each, shader="nolight", layers=("Z", "id")))
+    for variant in (device, replace(device, has_fp64=False)):
+        frames.append(rendered(crowd(), device=variant, shader="nolight", layers=("Z", "id")))
     assert ["INSTANCES" in frame.stats["features"] for frame in frames] == [True, False]
     assert_alike(frames)
 

@@ -51,7 +51,7 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
         *lights: Light,
         side: int = SIDE,
         ambient: float | None = None,
-        own: bool = False,
+        own_lights: bool = False,
         **settings: bool,
     ) -> Cells:
         scene: Scene = load(write(tmp_path / "card.glb"))
@@ -60,7 +60,7 @@ def drawn(tmp_path: Path, device) -> Callable[..., Cells]:
         size, resolution = (float(rows), float(columns)), (columns * side, rows * side)
         camera = Camera((*at, 5.0), (*at, 0.0), (0, 1, 0), 1.0, size, resolution, orthographic=True)
         scene = replace(scene, camera=camera, background=0.25, own_lights=True)
-        if not own:
+        if not own_lights:
             scene = replace(scene, lights=lights)
         if ambient is not None:
             scene = replace(scene, ambient=ambient)
@@ -86,10 +86,10 @@ PASS_OR_FAIL = {
 def test_cells_pass_and_notice_wrong_settings(drawn, name):
     """In the file with wrong settings no cell passes: each is able to fail."""
     write, columns, rows = PASS_OR_FAIL[name]
-    whole = {"alpha_modes": 3, "multi_uv": 1}.get(name, rows), {"multi_uv": 5}.get(name, columns)
-    right = passing(drawn(write, whole[1], whole[0]).inner())[:rows, :columns]
+    shape = {"alpha_modes": 3, "multi_uv": 1}.get(name, rows), {"multi_uv": 5}.get(name, columns)
+    right = passing(drawn(write, shape[1], shape[0]).inner())[:rows, :columns]
     assert right.all(), np.argwhere(~right).tolist()
-    wrong = passing(drawn(partial(write, wrong=True), whole[1], whole[0]).inner())[:rows, :columns]
+    wrong = passing(drawn(partial(write, wrong=True), shape[1], shape[0]).inner())[:rows, :columns]
     assert not wrong.any(), np.argwhere(wrong).tolist()
 
 
@@ -168,7 +168,7 @@ def test_negative_scales(drawn):
 
 def test_lights_in_closed_form(drawn):
     """Radiance of a matt wall, by the formulas of KHR_lights_punctual, in the file's units times one factor."""
-    cells = drawn(surfaces.punctual_lights, 6, 3, own=True, ambient=0.0)
+    cells = drawn(surfaces.punctual_lights, 6, 3, own_lights=True, ambient=0.0)
     rgb, scene = cells.frame.rgb, cells.frame.scene
     rows, columns = rgb.shape[:2]
     x = (np.arange(columns) + 0.5) / SIDE - 0.5

@@ -25,16 +25,16 @@ def texture(shape: tuple[int, int], wrap: Any, channels: int = 3) -> Texture:
 def cards(uvs: np.ndarray, *textures: Texture, seed: int = 1, **fields: Any) -> Scene:
     """Return a mesh of large white triangles for each texture, with coordinates uvs (F, 3, 2)."""
     rng, meshes, count = np.random.default_rng(seed), [], len(uvs)
-    for each in textures:
-        material = Material(texture=each, **({} if each.image.shape[2] == 3 else fields))
+    for base_texture in textures:
+        material = Material(texture=base_texture, **({} if base_texture.image.shape[2] == 3 else fields))
         faces = np.arange(3 * count).reshape(-1, 3)
         meshes.append(Mesh(rng.uniform(-1, 1, (3 * count, 3)), faces, uvs=uvs.reshape(-1, 2), material=material))
     return Scene(tuple(meshes), CAMERA)
 
 
 def draw(device: Any, scene: Scene, **options: Any) -> Frame:
-    given = {"shader": "nolight", "layers": ("Z", "id", "uv", "albedo"), **options}
-    return rendered(scene, device=device, **given)
+    arguments = {"shader": "nolight", "layers": ("Z", "id", "uv", "albedo"), **options}
+    return rendered(scene, device=device, **arguments)
 
 
 def assert_equals_oracle(frame: Frame) -> None:
@@ -95,10 +95,10 @@ def test_far_but_close_to_each_other(device, wrap):
 def test_alpha_tests_far_away(device, wrap):
     """Holes are where the oracle has them."""
     scene = cards(far(2.0**20), texture((8, 4), wrap, 4), alpha_cutoff=0.5)
-    whole = draw(device, cards(far(2.0**20), texture((8, 4), wrap)))
+    opaque_frame = draw(device, cards(far(2.0**20), texture((8, 4), wrap)))
     frame = draw(device, scene)
     assert_equals_oracle(frame)
-    assert (frame.alpha != whole.alpha).mean() > 0.1
+    assert (frame.alpha != opaque_frame.alpha).mean() > 0.1
 
 
 @pytest.mark.parametrize("wrap", ["repeat", "mirror"])
@@ -106,9 +106,9 @@ def test_as_far_as_coordinates_go(device, wrap):
     """From 2^24 on float32 has no fractions: only the low parts hold them. At 2^39 they are accurate to 2^-9."""
     for exponent in (24, 26, 32, 39):
         frame = draw(device, cards(far(2.0**exponent), texture((8, 4), wrap)))
-        found = clshade.check(frame, "all")
-        assert found.passed
-        assert found.error < 2.0 ** (exponent - 44)
+        report = clshade.check(frame, "all")
+        assert report.passed
+        assert report.error < 2.0 ** (exponent - 44)
 
 
 def test_the_bound_knows_how_far_coordinates_reach(device):
@@ -117,7 +117,7 @@ def test_the_bound_knows_how_far_coordinates_reach(device):
         uvs = far(reach)
         uvs[0, 0] = reach
         frame = draw(device, cards(uvs, texture(shape, "repeat")))
-        found = clshade.check(frame, "all")
-        assert found.passed
-        assert found.allowed == allowed
-        assert (found.bounds > 32.0) == (allowed > 500.0)
+        report = clshade.check(frame, "all")
+        assert report.passed
+        assert report.allowed == allowed
+        assert (report.bounds > 32.0) == (allowed > 500.0)

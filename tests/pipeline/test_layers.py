@@ -61,8 +61,8 @@ def test_layers_are_the_oracles(device, case):
     ties = oracle_asserts.assert_same_ids(frame, expected, frame.scene, frame.settings)
     assert ties.mean() < 0.01
     assert frame.layers == LAYERS
-    found = oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
-    assert set(found) == set(LAYERS) - {"Z", "id"}
+    errors = oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings, skip=ties)
+    assert set(errors) == set(LAYERS) - {"Z", "id"}
     assert (frame["id"] > 0).mean() > 0.2
     assert_background_is_0(frame)
 
@@ -225,8 +225,8 @@ DETAILED = {"precision": "float64", "texture_filter": "trilinear"}
 def test_lanes_do_not_change_a_bit(device, lanes, options):
     if options:
         needs_float64(device)
-    first, other = (draw(device, mixed(), lanes=count, samples=3, **options) for count in (16, lanes))
-    assert same_bits(first, other)
+    first, second = (draw(device, mixed(), lanes=count, samples=3, **options) for count in (16, lanes))
+    assert same_bits(first, second)
 
 
 @pytest.mark.long
@@ -274,14 +274,14 @@ def test_instances_that_a_uint32_cannot_count_are_refused():
 
 
 def test_equal_materials_share_a_number():
-    red, other = Material(color=(1, 0, 0)), Material(color=(1, 0, 0), texture=CHECKERS)
+    red, checkered = Material(color=(1, 0, 0)), Material(color=(1, 0, 0), texture=CHECKERS)
     copy = replace(CHECKERS, image=np.array(CHECKERS.image))
     same = [
         red,
         Material(color=(1, 0, 0)),
-        other,
-        replace(other, texture=copy),
-        replace(other, kd=0.7),
+        checkered,
+        replace(checkered, texture=copy),
+        replace(checkered, kd=0.7),
         replace(red, name="r"),
     ]
     scene = mixed()

@@ -59,8 +59,8 @@ def test_a_glaring_corner_costs_the_others_no_digits(device, colors, options):
     """Opposite a corner of 1e6, the bound is relative to the pixel's own color."""
     skip_unsupported(device, options)
     frame = draw(device, lit(triangle(colors)), shader="phong", **options)
-    found = clshade.check(frame, "all")
-    assert found.passed, found.lines()
+    report = clshade.check(frame, "all")
+    assert report.passed, report.lines()
     assert frame.alpha.mean() > 0.2
 
 
@@ -75,8 +75,8 @@ def test_glaring_corners_of_many_small_triangles(device):
     )
     colors = 10.0 ** rng.uniform(-3, 6, (441, 3))
     frame = draw(device, lit(Mesh(verts, faces, colors=colors, material=MATTE)), shader="phong")
-    found = clshade.check(frame, "all")
-    assert found.passed, found.lines()
+    report = clshade.check(frame, "all")
+    assert report.passed, report.lines()
 
 
 @pytest.mark.long
@@ -88,8 +88,8 @@ def test_glaring_texels_at_the_corners(device):
         uvs=np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]]),
         material=replace(MATTE, texture=Texture(image)),
     )
-    found = clshade.check(draw(device, lit(mesh), shader="phong", texture_at="vertex"), "all")
-    assert found.passed, found.lines()
+    report = clshade.check(draw(device, lit(mesh), shader="phong", texture_at="vertex"), "all")
+    assert report.passed, report.lines()
 
 
 @pytest.mark.long
@@ -143,10 +143,10 @@ def grazed(n: float = 0.0, height: float = 1e-7, *, orthographic: bool = False) 
 def test_a_light_that_grazes_opens_and_closes_highlights_within_rounding(device, shader, n, orthographic):
     frame = draw(device, grazed(n, orthographic=orthographic), shader=shader)
     assert frame.alpha.all()
-    found = clshade.check(frame, "all")
-    assert found.passed, found.lines()
+    report = clshade.check(frame, "all")
+    assert report.passed, report.lines()
     if shader == "phong" and n < 1.0:
-        assert 0 < found.gates < 0.2 * found.of
+        assert 0 < report.gates < 0.2 * report.of
 
 
 @pytest.mark.parametrize("height", [1e-5, 1e-4, 1e-3])
@@ -192,7 +192,7 @@ def test_the_oracle_does_not_depend_on_the_unit_of_length(orthographic):
         return replace(scene, meshes=(replace(mesh, verts=mesh.verts * unit),), camera=camera, lights=lights)
 
     for unit in (2.0**-60, 2.0**20, 2.0**60):
-        other = oracle.render(scaled(unit), Settings(shader="phong"))
-        assert np.allclose(other.rgb, first.rgb, rtol=1e-9)
-        assert np.allclose(other.kappa, first.kappa, rtol=1e-9)
-        assert np.allclose(other.jump, first.jump, rtol=1e-9)
+        rescaled = oracle.render(scaled(unit), Settings(shader="phong"))
+        assert np.allclose(rescaled.rgb, first.rgb, rtol=1e-9)
+        assert np.allclose(rescaled.kappa, first.kappa, rtol=1e-9)
+        assert np.allclose(rescaled.jump, first.jump, rtol=1e-9)

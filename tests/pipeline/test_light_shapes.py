@@ -49,7 +49,7 @@ def test_an_error_in_any_of_them_is_noticed(device):
         replace(LIGHTS["spot"], inner_cone=16.0),
         replace(LIGHTS["directional"], direction=(0.21, 0.3, -2.0)),
     ):
-        right = next(each for name, each in LIGHTS.items() if type(each) is type(light) and name != "all")
+        right = next(lamp for name, lamp in LIGHTS.items() if type(lamp) is type(light) and name != "all")
         right = LIGHTS["ranged"] if getattr(light, "range", None) else right
         frame = draw(device, lit_by(light))
         frame.scene = lit_by(right)
@@ -64,27 +64,27 @@ def center_of(frame: Frame) -> float:
 def test_closed_forms(device):
     """At the center, which faces the light, on white: I/d^2, times the window, times the cone's factor."""
 
-    def found(light) -> float:
+    def brightness(light) -> float:
         forced = {"AMBIENT", "SPECULAR", "POWER"}  # of 0: the program of the tests above
         return center_of(draw(device, lit_by(light, material=MATTE), forced=forced))
 
     above = (0.0, 0.0, 2.0)
-    assert found(DirectionalLight((0, 0, -7), (0.5, 0.5, 0.5))) == 0.5
-    assert found(DirectionalLight((0, 3, -4))) == pytest.approx(0.8, rel=1e-6)
-    assert found(DirectionalLight((0, 0, 1))) == 0.0
-    assert found(PointLight(above, (1, 1, 1), "inverse-square")) == pytest.approx(0.25, rel=1e-6)
-    assert found(PointLight(above, (1, 1, 1), "inverse-square", 4.0)) == pytest.approx(0.25 * 15 / 16, rel=1e-6)
-    assert found(PointLight(above, (1, 1, 1), "inverse-square", 2.0 * (1 - 1e-6))) == 0.0
+    assert brightness(DirectionalLight((0, 0, -7), (0.5, 0.5, 0.5))) == 0.5
+    assert brightness(DirectionalLight((0, 3, -4))) == pytest.approx(0.8, rel=1e-6)
+    assert brightness(DirectionalLight((0, 0, 1))) == 0.0
+    assert brightness(PointLight(above, (1, 1, 1), "inverse-square")) == pytest.approx(0.25, rel=1e-6)
+    assert brightness(PointLight(above, (1, 1, 1), "inverse-square", 4.0)) == pytest.approx(0.25 * 15 / 16, rel=1e-6)
+    assert brightness(PointLight(above, (1, 1, 1), "inverse-square", 2.0 * (1 - 1e-6))) == 0.0
     inner, outer, off = math.cos(math.radians(10)), math.cos(math.radians(30)), math.cos(math.radians(20))
     axis = (0.0, math.sin(math.radians(20)), -off)
     fading = ((off - outer) / (inner - outer)) ** 2
-    assert found(SpotLight(above, axis, (1, 1, 1), 10, 30)) == pytest.approx(fading, rel=1e-5)
-    assert found(SpotLight(above, axis, (1, 1, 1), 0, 19.9)) == 0.0
-    assert found(SpotLight(above, axis, (1, 1, 1), 21, 40)) == 1.0
-    assert found(SpotLight(above, (0, 0, -1), (1, 1, 1), 0, 0)) == 0.0
-    assert found(SpotLight(above, (0, 0, -1), (1, 1, 1), 90, 90)) == 1.0
-    assert found(SpotLight(above, (0, 0, -1), (1, 1, 1), 5, 5)) == 1.0
-    assert found(PointLight((0, 0, 0), (1, 1, 1), "inverse-square")) == 0.0  # at the point itself
+    assert brightness(SpotLight(above, axis, (1, 1, 1), 10, 30)) == pytest.approx(fading, rel=1e-5)
+    assert brightness(SpotLight(above, axis, (1, 1, 1), 0, 19.9)) == 0.0
+    assert brightness(SpotLight(above, axis, (1, 1, 1), 21, 40)) == 1.0
+    assert brightness(SpotLight(above, (0, 0, -1), (1, 1, 1), 0, 0)) == 0.0
+    assert brightness(SpotLight(above, (0, 0, -1), (1, 1, 1), 90, 90)) == 1.0
+    assert brightness(SpotLight(above, (0, 0, -1), (1, 1, 1), 5, 5)) == 1.0
+    assert brightness(PointLight((0, 0, 0), (1, 1, 1), "inverse-square")) == 0.0  # at the point itself
 
 
 @pytest.mark.parametrize("scale", [2.0**-60, 2.0**40])
@@ -93,8 +93,8 @@ def test_the_unit_of_length_does_not_matter(device, scale):
     scene = lit_by(LIGHTS["all"], LIGHTS["ranged"], LIGHTS["directional"])
     camera = replace(CAMERA, eye=CAMERA.eye * scale)
     mesh = replace(scene.meshes[0], verts=scene.meshes[0].verts * scale)
-    other = Scene(mesh, camera, tuple(light.rescaled(scale, 0.0) for light in scene.lights))
-    assert np.array_equal(draw(device, scene).rgb, draw(device, other).rgb)
+    rescaled = Scene(mesh, camera, tuple(light.rescaled(scale, 0.0) for light in scene.lights))
+    assert np.array_equal(draw(device, scene).rgb, draw(device, rescaled).rgb)
 
 
 @pytest.mark.parametrize("intensity", [3e38, -3e38])

@@ -138,8 +138,8 @@ def test_the_unit_of_length_does_not_matter(device, scale):
     scene = lit_by(*LIGHTS.values())
     camera = replace(CAMERA, eye=CAMERA.eye * scale)
     mesh = replace(scene.meshes[0], verts=scene.meshes[0].verts * scale)
-    other = Scene(mesh, camera, tuple(light.rescaled(scale, 0.0) for light in scene.lights))
-    assert np.array_equal(draw(device, scene).rgb, draw(device, other).rgb)
+    rescaled = Scene(mesh, camera, tuple(light.rescaled(scale, 0.0) for light in scene.lights))
+    assert np.array_equal(draw(device, scene).rgb, draw(device, rescaled).rgb)
 
 
 @pytest.mark.long
@@ -189,8 +189,8 @@ def test_neighbors_complement_each_other(device):
     placed at random would be."""
     wide = RectangleLight((0, 0, 1), (1.5, 0, 0), (0, -1.5, 0), (1, 1, 1), "inverse-square")
     true = draw(device, lit_by(wide, material=MATTE), light_samples=256).rgb[8:32, 8:32, 0]
-    found = draw(device, lit_by(wide, material=MATTE), light_samples=4).rgb[8:32, 8:32, 0]
-    error = found.astype(np.float64) - true
+    estimate = draw(device, lit_by(wide, material=MATTE), light_samples=4).rgb[8:32, 8:32, 0]
+    error = estimate.astype(np.float64) - true
     means = error.reshape(6, 4, 6, 4).mean(axis=(1, 3))
     assert error.std() > 1e-3
     assert np.sqrt((means**2).mean()) < 0.5 * error.std() / 4.0
@@ -213,8 +213,8 @@ def test_shadows_against_the_oracle(device, options):
     for light in LIGHTS.values():
         frame = draw(device, roofed(light), shadows=True, light_samples=3, **options)
         expected = oracle.render(frame.scene, frame.settings)
-        found = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
-        assert found.bounds < (3.0 if "precision" not in options else np.inf)
+        agreement = oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
+        assert agreement.bounds < (3.0 if "precision" not in options else np.inf)
         assert (expected.jump > 0.0).any(
             axis=-1
         ).mean() < 0.05  # where either answer is right, highlights' gates included

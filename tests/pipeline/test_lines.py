@@ -26,8 +26,8 @@ def _device_with_float64(request):
 
 
 def passes(frame) -> bool:
-    found = clshade.check(frame, "all")
-    return found.passed and found.complete
+    report = clshade.check(frame, "all")
+    return report.passed and report.complete
 
 
 def flat_scene(verts, faces, resolution=(32, 32)):
@@ -43,12 +43,12 @@ def flat_scene(verts, faces, resolution=(32, 32)):
 def test_lines_have_their_width(device):
     """Lines 3 px wide along pixel borders cover three rows or columns; the rule is closed, so centers at 1.5 count."""
     scene = flat_scene([[8.5, 8.5, 5], [24.5, 8.5, 5], [24.5, 24.5, 5], [8.5, 24.5, 5]], [[0, 1, 2], [0, 2, 3]])
-    found = render(scene, device=device, edges=Edges("boundary", width=3, only=True)).alpha[::-1] > 0
+    coverage = render(scene, device=device, edges=Edges("boundary", width=3, only=True)).alpha[::-1] > 0
     rows, columns = np.mgrid[0:32, 0:32]
     inner = np.maximum(abs(rows - 16), abs(columns - 16))
     expected = (inner >= 7) & (inner <= 9)
     corner = (abs(rows - 16) > 8) & (abs(columns - 16) > 8)  # the joins are round: 1 px off both ways is within 1.5
-    assert np.array_equal(found, expected | (corner & (inner <= 9)))
+    assert np.array_equal(coverage, expected | (corner & (inner <= 9)))
 
 
 def test_frames_are_the_oracles(device):
@@ -128,7 +128,7 @@ def test_the_bits_do_not_depend_on_lanes(device, samples):
     for lanes in (None, 4):
         with Renderer(scene, device=device, lanes=lanes, edges="all", samples=samples, layers=("id",)) as renderer:
             frames += [renderer.render(), renderer.render()]
-    assert all(same_bits(frames[0], other) for other in frames[1:])
+    assert all(same_bits(frames[0], frame) for frame in frames[1:])
 
 
 def test_far_away_and_end_on(device):

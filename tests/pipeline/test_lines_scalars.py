@@ -35,9 +35,9 @@ def colored():
 def test_frames_are_the_oracles(device, case):
     needs_float64(device)
     frame = render(colored(), device=device, **{**COMMON, **CASES[case]})
-    found = clshade.check(frame, "all")
-    assert found.passed
-    assert found.complete
+    report = clshade.check(frame, "all")
+    assert report.passed
+    assert report.complete
     assert np.isfinite(frame["scalar"]).any()
 
 

@@ -23,9 +23,9 @@ def soup(before: int) -> Scene:
     rng = np.random.default_rng(1)
     corners = rng.uniform(-1.0, 1.0, (400, 1, 3)) + rng.uniform(-0.5, 0.5, (400, 3, 3))
     corners[::20, 0, 2] += 4.0
-    verts, own = corners.reshape(-1, 3).astype(np.float32), np.arange(1200).reshape(-1, 3)
+    verts, triangles = corners.reshape(-1, 3).astype(np.float32), np.arange(1200).reshape(-1, 3)
     faces = np.zeros((before + 600, 3), np.int32)
-    faces[before:] = np.concatenate([own, own[:200, [1, 2, 0]]])
+    faces[before:] = np.concatenate([triangles, triangles[:200, [1, 2, 0]]])
     normals = rng.normal(size=verts.shape)
     mesh = Mesh(verts, faces, normals=normals, colors=rng.random(verts.shape), material=Material(n=8.0))
     return Scene((mesh,), CAMERA, (PointLight((2.0, 3.0, 4.0), np.ones(3)),))

@@ -54,14 +54,14 @@ def test_maps_that_are_looked_up_alike_agree_with_the_oracle(device):
         "occlusion_texture": "occlusion_texture",
         "emission_texture": "metallic_roughness_texture",
     }
-    others = [
+    alternatives = [
         {"wrap": "mirror"},
         {"filter": "nearest"},
         {"coordinates": 1},
         {"image": noise(11, 8)},
         {"lookup": "course"},
     ]
-    alone = [replace(facets.normal_texture, **changes) for changes in others]
+    alone = [replace(facets.normal_texture, **changes) for changes in alternatives]
     assert texture_tables([facets.normal_texture, *alone])[0]["alike"].tolist() == list(range(6))
 
 
@@ -155,7 +155,7 @@ def test_the_normals_shown_are_those_that_were_baked(device, mirrored, quarter, 
     pbr = MetallicRoughness(normal_texture=nearest(image))
     scene = square(pbr, lighting=LIT, uvs=uvs, instances=[matrix], normals=[[0, 0, 1.0]] * 4)
     scene = replace(scene, camera=replace(FRONT, eye=(0, 0, 3.0 * placement[2])))
-    found = texels(clshade.render(scene, shader="pbr", layers="N", device=device)["N"])
+    normals = texels(clshade.render(scene, shader="pbr", layers="N", device=device)["N"])
     x, y = np.meshgrid(np.arange(4) * 0.5 - 0.75, 0.75 - np.arange(4) * 0.5)
     at = np.stack([x * placement[2], y], axis=-1) * placement[:2]  # of the pixels, in the square's own space
     to_uv = np.linalg.lstsq(np.column_stack([CORNERS[:, :2], np.ones(4)]), uvs, rcond=None)[0]
@@ -164,7 +164,7 @@ def test_the_normals_shown_are_those_that_were_baked(device, mirrored, quarter, 
     right, down = 0.5 * np.linalg.inv(to_uv[:2])  # where they point in space
     flat = texel[..., :1] * right - texel[..., 1:] * down
     expected = np.dstack([flat, np.sqrt(1.0 - (texel**2).sum(axis=-1))]) * placement
-    np.testing.assert_allclose(found, expected, atol=1e-5)
+    np.testing.assert_allclose(normals, expected, atol=1e-5)
 
 
 @pytest.mark.long
@@ -193,17 +193,17 @@ def test_emission_is_added_and_looked_up_at_its_own_coordinates(device):
     glowing = MetallicRoughness(0.0, 0.5, emission=(4.0, 0.5, 1.0), emission_texture=nearest(image, coordinates=1))
     scene = square(glowing, lighting=LIT, more_uvs=[UPRIGHT * [1, -1] + [0, 1]])
     plain = square(MetallicRoughness(0.0, 0.5), lighting=LIT)
-    both, alone = (clshade.render(each, shader="pbr", device=device).rgb for each in (scene, plain))
+    both, alone = (clshade.render(variant, shader="pbr", device=device).rgb for variant in (scene, plain))
     np.testing.assert_allclose(texels(both - alone), image[::-1] * [4.0, 0.5, 1.0], atol=1e-6)
 
 
-NEEDED = (*(f"{each.name}_MAP" for each in MAPS.values()), "UV_SETS")
+NEEDED = (*(f"{slot.name}_MAP" for slot in MAPS.values()), "UV_SETS")
 
 
 def test_every_map_can_be_needed():
     settings = Settings(shader="pbr")
-    found = features.derive(mixed_scene(), settings, double_positions=False)
-    assert {"EMISSION", *NEEDED} <= set(found.used)
+    feature_set = features.derive(mixed_scene(), settings, double_positions=False)
+    assert {"EMISSION", *NEEDED} <= set(feature_set.used)
 
 
 @pytest.mark.long  # four programs

@@ -124,9 +124,9 @@ def test_vertex_colors_of_whole_numbers():
     """Unsigned integers are fractions of their type's maximum, as in textures; ones and zeros of a list are kept."""
     shares = np.array([[0, 51, 255], [255, 102, 0], [204, 255, 0]])
     for kind, factor in ((np.uint8, 1), (np.uint16, 257), (np.uint32, 16843009)):
-        given = (shares * factor).astype(kind)
-        colors = Mesh(np.eye(3), [[0, 1, 2]], colors=given).colors
+        codes = (shares * factor).astype(kind)
+        colors = Mesh(np.eye(3), [[0, 1, 2]], colors=codes).colors
         assert np.allclose(colors, shares / 255, rtol=1e-15)
-        assert np.array_equal(Texture(given[None]).image[0], np.float32(colors))
+        assert np.array_equal(Texture(codes[None]).image[0], np.float32(colors))
     for plain in ([[0, 1, 0], [1, 0, 2], [-1, 0, 0]], np.eye(3, dtype=bool), np.eye(3, dtype=np.int8)):
         assert np.array_equal(Mesh(np.eye(3), [[0, 1, 2]], colors=plain).colors, np.float64(plain))

@@ -17,17 +17,17 @@ from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, Scene
 
 
-def manifest(found):
-    return json.loads(next(text for name, text in found.metadata.items() if name.endswith("/manifest")))
+def manifest(layer):
+    return json.loads(next(text for name, text in layer.metadata.items() if name.endswith("/manifest")))
 
 
-def share(found, name):
+def share(layer, name):
     """Return the share of each pixel that a thing covers."""
-    wanted, total = int(manifest(found)[name], 16), 0.0
-    for channel, plane in found.channels.items():
+    wanted, total = int(manifest(layer)[name], 16), 0.0
+    for channel, plane in layer.channels.items():
         if channel[-1] in "RB":
             beside = channel[:-1] + "GA"["RB".index(channel[-1])]
-            total = total + np.where(plane.view(np.uint32) == wanted, found.channels[beside], 0.0)
+            total = total + np.where(plane.view(np.uint32) == wanted, layer.channels[beside], 0.0)
     return total
 
 
@@ -47,20 +47,20 @@ def test_shares_of_squares(device):
     """Edges through the middle of pixels: of 16 samples 8 lie on either side."""
     scene = Scene((square("far", (0, 0), (6.5, 6), 0), square("near", (2.5, 1), (5, 4), 1)), CAMERA)
     frame = clshade.render(scene, device=device, samples=16)
-    found = clshade.cryptomatte(frame, ["object"], device=device)["object"]
+    layer = clshade.cryptomatte(frame, ["object"], device=device)["object"]
     near, far = np.zeros((6, 8)), np.zeros((6, 8))
     near[2:5, 2], near[2:5, 3:5] = 0.5, 1.0
     far[:, :6], far[:, 6] = 1.0, 0.5
-    assert np.array_equal(share(found, "near"), near)
-    assert np.array_equal(share(found, "far"), far - near)
-    assert np.array_equal(found.channels["CryptoObject00.G"][2, :3], [1.0, 1.0, 0.5])
+    assert np.array_equal(share(layer, "near"), near)
+    assert np.array_equal(share(layer, "far"), far - near)
+    assert np.array_equal(layer.channels["CryptoObject00.G"][2, :3], [1.0, 1.0, 0.5])
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("samples", [1, 5])
 def test_they_are_the_oracles(device, samples):
     frame = clshade.render(mixed(), device=device, samples=samples, shader="nolight")
-    found = clshade.cryptomatte(frame, device=device)
+    layers = clshade.cryptomatte(frame, device=device)
     scene, settings = frame.scene, frame.settings
     views = prepare(scene, settings).samples
     columns, rows = scene.camera.resolution
@@ -69,24 +69,24 @@ def test_they_are_the_oracles(device, samples):
     owner = np.array([owners(view, column, row) for view in views]).reshape(-1, rows, columns)[:, ::-1]
     names_of = {k: mesh.name or f"object {k}" for k, mesh in enumerate(scene.meshes, 1)}
     expected = matte("CryptoObject", mesh_of[owner].astype(np.uint32), names_of)
-    assert found["object"].metadata == expected.metadata
+    assert layers["object"].metadata == expected.metadata
     for name, plane in expected.channels.items():
-        assert np.array_equal(found["object"].channels[name].view(np.uint32), plane.view(np.uint32)), name
-    assert set(found) == {"object", "material", "instance"}
-    for each in found.values():
-        covered = sum(share(each, name) for name in manifest(each))
+        assert np.array_equal(layers["object"].channels[name].view(np.uint32), plane.view(np.uint32)), name
+    assert set(layers) == {"object", "material", "instance"}
+    for layer in layers.values():
+        covered = sum(share(layer, name) for name in manifest(layer))
         assert np.allclose(covered, frame.alpha, atol=1e-6)
     dome = next(number for number, mesh in enumerate(scene.meshes, 1) if len(mesh.instances) > 1)
     names = [f"instance {number}" for number in range(dome, dome + len(scene.meshes[dome - 1].instances))]
-    together = sum(share(found["instance"], name) for name in names)
-    assert np.allclose(together, share(found["object"], names_of[dome]), atol=1e-6)
+    together = sum(share(layers["instance"], name) for name in names)
+    assert np.allclose(together, share(layers["object"], names_of[dome]), atol=1e-6)
 
 
 @pytest.mark.long
 def test_an_empty_scene(device):
-    found = clshade.cryptomatte(clshade.render(Scene((), CAMERA), device=device, samples=4), device=device)
-    assert manifest(found["object"]) == {}
-    assert not any(plane.any() for plane in found["object"].channels.values())
+    layers = clshade.cryptomatte(clshade.render(Scene((), CAMERA), device=device, samples=4), device=device)
+    assert manifest(layers["object"]) == {}
+    assert not any(plane.any() for plane in layers["object"].channels.values())
 
 
 @pytest.mark.sampled

@@ -13,9 +13,9 @@ from clshade.scene.model import Settings
 from clshade.scene.settings import Edges
 
 
-def drawn(mesh, asked: Edges) -> int:
+def drawn(mesh, edge_options: Edges) -> int:
     edges = mesh_edges(mesh.verts, mesh.faces)
-    return int(always_drawn(edges, asked, face_normals(mesh.verts, mesh.faces)).sum())
+    return int(always_drawn(edges, edge_options, face_normals(mesh.verts, mesh.faces)).sum())
 
 
 @pytest.mark.parametrize("shared", [True, False])
@@ -39,8 +39,8 @@ def test_open_and_triple_edges():
     fin = np.vstack([cube().verts, [[2.0, 2.0, 2.0]]])
     faces = np.vstack([CUBE_FACES, [[0, 1, 8]]])
     edges, normals = mesh_edges(fin, faces), face_normals(fin, faces)
-    found = {kind: int(always_drawn(edges, Edges(kind), normals).sum()) for kind in ("boundary", "nonmanifold")}
-    assert found == {"boundary": 2, "nonmanifold": 1}
+    counts = {kind: int(always_drawn(edges, Edges(kind), normals).sum()) for kind in ("boundary", "nonmanifold")}
+    assert counts == {"boundary": 2, "nonmanifold": 1}
 
 
 def drawn_of(faces, kind) -> int:

@@ -37,8 +37,8 @@ def test_host_and_oracle_agree(size):
     for image in (image_of(size), np.rint(image_of(size) * 255).astype(np.float32) / 255):
         first, *expected = texture.levels(image)
         assert np.array_equal(first, image)
-        for found, level in zip(smaller_levels(image), expected, strict=True):
-            assert np.array_equal(found, level)
+        for mipmap, level in zip(smaller_levels(image), expected, strict=True):
+            assert np.array_equal(mipmap, level)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -76,10 +76,10 @@ def test_a_constant_stays_the_same_to_the_last_bit(size):
 def test_bands_of_rows_change_no_bit(monkeypatch, size):
     """One row per band, several, or all; and images that need several bands by default."""
     image = image_of(size)
-    found = smaller_levels(image)
+    levels = smaller_levels(image)
     for band in (1, 1 << 40):
         monkeypatch.setattr("clshade.pipeline.shading_tables.BAND", band)
-        for level, same in zip(found, smaller_levels(image), strict=True):
+        for level, same in zip(levels, smaller_levels(image), strict=True):
             assert level.tobytes() == same.tobytes()
 
 
@@ -125,9 +125,9 @@ def test_levels_lie_behind_their_texture():
             assert np.array_equal(stored[:, 3], level[..., 3].ravel() if level.shape[2] == 4 else np.ones(count))
             end += count
     assert len(texels) == end
-    plain, own = texture_tables(textures)
+    plain, plain_texels = texture_tables(textures)
     assert plain["levels"].tolist() == [1, 1, 1]
-    assert len(own) == sum(chosen.image[..., 0].size for chosen in textures)
+    assert len(plain_texels) == sum(chosen.image[..., 0].size for chosen in textures)
 
 
 def test_the_largest_texture_has_room_for_its_levels():

@@ -100,8 +100,8 @@ def test_pixel_centers_on_edges_are_gates(device):
     scene = square(noise(8, 8), UVS + 0.5 / 8, pixels=8)
     settings = Settings(shader="nolight")
     expected = oracle.render(scene, settings)
-    found = clshade.render(scene, settings=settings, device=device).rgb
-    assert (np.abs(found - expected.rgb) <= expected.jump + 1e-6).all()
+    colors = clshade.render(scene, settings=settings, device=device).rgb
+    assert (np.abs(colors - expected.rgb) <= expected.jump + 1e-6).all()
     assert (expected.jump.max(axis=2) > 0.0).all()
 
 
@@ -135,14 +135,14 @@ def test_the_kernel_finds_the_texel(device, lanes):
     )
     low = np.zeros(count, np.float32)
     size, wrap = (np.repeat(rng.choice(a, count // 16), 16).astype(np.int32) for a in ([1, 3, 16, 32768], range(3)))
-    found = Probe(device, TEXEL, lanes=lanes, NEAREST=1)("texels", high, low, size, wrap)
-    assert ((found >= 0) & (found < size)).all()
+    indices = Probe(device, TEXEL, lanes=lanes, NEAREST=1)("texels", high, low, size, wrap)
+    assert ((indices >= 0) & (indices < size)).all()
     exact = np.s_[count // 2 :]
     for number, name in enumerate(WRAPS):
         for texels in (1, 3, 16, 32768):
             mine = np.flatnonzero((wrap[exact] == number) & (size[exact] == texels)) + count // 2
             expected = reference.neighbors(high[mine].astype(np.float64), texels, "nearest", name)[0]
-            assert np.array_equal(found[mine], expected)
+            assert np.array_equal(indices[mine], expected)
 
 
 @pytest.mark.parametrize(("fields", "words"), [({"filter": "best"}, "linear"), ({"lookup": "course"}, "filter")])

@@ -68,10 +68,10 @@ def test_planted_errors_are_found(tmp_path):
 def test_no_kernel_does_anything_undefined(tmp_path, form):
     """Sixteen scenes: every kernel, alpha tests, clipped pieces, both visibilities, textures at corners and pixels, an
     empty frame, edges, shadows, instances; the images are correct too."""
-    found, log = oclgrind(tmp_path, form)
+    report, log = oclgrind(tmp_path, form)
     assert log.strip() == ""
-    assert set(found["ran"]) == KERNELS - ({"setup_count"} if form == "groups" else set())
-    assert found["error"] < 16.0
+    assert set(report["ran"]) == KERNELS - ({"setup_count"} if form == "groups" else set())
+    assert report["error"] < 16.0
 
 
 def test_padding_is_never_read():

@@ -32,10 +32,10 @@ def test_mirroring_is_decided_exactly():
         matrix[:3, :3] *= 10.0 ** rng.uniform(-120, 100)
         signs.append(transform.mirroring(matrix))
         assert packing.mirroring(matrix[None])[0] == signs[-1]
-        other = matrix[:, [1, 0, 2, 3]]
+        mirrored = matrix[:, [1, 0, 2, 3]]
         if number % 3 == 2:
             assert signs[-1] == (np.linalg.det(matrix[:3, :3] / np.abs(matrix[:3, :3]).max()) < 0)
-            assert transform.mirroring(other) == packing.mirroring(other[None])[0] == (not signs[-1])
+            assert transform.mirroring(mirrored) == packing.mirroring(mirrored[None])[0] == (not signs[-1])
     assert 50 < sum(signs) < 250
 
 
@@ -100,8 +100,8 @@ def test_normals_under_placements_that_nearly_flatten():
             )
             exact = [cofactors * mpmath.matrix(normal) for normal in normals.tolist()]
             true = np.array([[float(x / mpmath.norm(v)) for x in v] for v in exact])
-        for found in (oracles, packed(normals, matrix)):
-            off = np.abs(found - true).max(axis=1)
+        for candidate in (oracles, packed(normals, matrix)):
+            off = np.abs(candidate - true).max(axis=1)
             assert (off <= allowed / 2.0).all()
             worst = max(worst, off.max())
     assert worst > 5e-14  # units of 2^-53 are 1e-16
@@ -128,5 +128,5 @@ def test_instances_flattened_at_random_are_lit_from_the_oracles_side(device):
     )
     frame = rendered(scene, device=device, layers=("id", "N"))
     assert len(np.unique(frame["id"])) > 12
-    found = clshade.check(frame, "all")
-    assert found.passed, found.lines()
+    report = clshade.check(frame, "all")
+    assert report.passed, report.lines()

@@ -40,9 +40,9 @@ kernel void power(global const REAL *t, global const REAL *n, global REAL *out) 
 )
 
 
-def relative(found: np.ndarray, expected: list) -> float:
+def relative(values: np.ndarray, expected: list) -> float:
     """Return the largest relative error against exact values."""
-    return float(max(abs(mpmath.mpf(float(f)) / e - 1) for f, e in zip(found, expected, strict=True)))
+    return float(max(abs(mpmath.mpf(float(f)) / e - 1) for f, e in zip(values, expected, strict=True)))
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +152,7 @@ def test_float64_does_not_pass_for_float32(device):
 @pytest.mark.parametrize("precision", ["float64"])
 def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
     scene = replace(scenes.builtin("box_room"), name="room")
-    frames = [draw(device, scene, precision=precision, resolution=RESOLUTION, lanes=each) for each in (None, lanes)]
+    frames = [draw(device, scene, precision=precision, resolution=RESOLUTION, lanes=count) for count in (None, lanes)]
     assert frames[0].rgba.tobytes() == frames[1].rgba.tobytes()
 
 
@@ -186,8 +186,8 @@ def test_far_texture_coordinates_that_are_equal_in_float64(device, orthographic)
     near = float(np.linalg.norm(scene.camera.eye - scene.camera.lookat))
     frame = draw(device, scene, shader="nolight", precision="float64", near=near)
     assert frame.stats["clipped"] > 5
-    found = oracle_asserts.assert_drawn(frame).bounds
-    assert 1.0 < found < oracle_bounds.allowed(scene, frame.settings)
+    error = oracle_asserts.assert_drawn(frame).bounds
+    assert 1.0 < error < oracle_bounds.allowed(scene, frame.settings)
 
 
 @pytest.mark.long
@@ -195,7 +195,7 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
     """Found by the fuzzer: if depths are small, or differ little, along a clipped edge, barycentric coordinates amplify
     the rounding of positions."""
     needs_float64(device)
-    rng, worst, least = np.random.default_rng(9), 0.0, np.inf
+    rng, worst, best = np.random.default_rng(9), 0.0, np.inf
     for _ in range(12):
         depths = rng.uniform(0.5e-3, 2e-3, (40, 3, 1))
         verts = np.concatenate([rng.normal(size=(40, 3, 2)), depths], axis=2).reshape(-1, 3)
@@ -206,12 +206,12 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
         options = {"precision": "float64", "shader": "nolight", "near": 1e-3}
         frame = rendered(scene, device=device, layers=LAYERS + SURFACE, **options)
         assert frame.stats["clipped"]
-        expected, layers = (each(scene, frame.settings) for each in (oracle.render, oracle.render_layers))
+        expected, layers = (reference(scene, frame.settings) for reference in (oracle.render, oracle.render_layers))
         ties = oracle_asserts.assert_same_ids(frame, expected, scene, frame.settings)
         oracle_asserts.assert_layers(frame, layers, scene, frame.settings, skip=ties)
         worst = max(worst, layers.weight_condition.max())
-        least = min(least, layers.weight_condition.min())
-    assert least >= 1.0
+        best = min(best, layers.weight_condition.min())
+    assert best >= 1.0
     assert 1e3 < worst < 1e6
 
 
@@ -247,7 +247,7 @@ def test_an_unknown_precision_is_refused():
 
 def test_fast_is_another_name_of_float32(device):
     scene = lit(20.0)
-    frame, other = draw(device, scene, precision="fast"), draw(device, scene)
-    assert same_bits(frame, other)
-    assert frame.settings == other.settings
+    frame, default_frame = draw(device, scene, precision="fast"), draw(device, scene)
+    assert same_bits(frame, default_frame)
+    assert frame.settings == default_frame.settings
     assert frame.settings.precision == "float32"

@@ -148,13 +148,13 @@ def drawn(code: str, cache: Path, **variables: str) -> dict[str, Any]:
 
 
 def test_planted_faults_are_seen(packages, tmp_path):
-    found = drawn(PLANTED, tmp_path / "cache", **variables_of("znver1", "avx2", packages, tmp_path / "packages"))
-    assert (found["target"], found["calls"]) == ("znver1", {"_cl_fma"})
-    assert any("implicit conversion from 'float'" in line for line in found["warnings"])
+    report = drawn(PLANTED, tmp_path / "cache", **variables_of("znver1", "avx2", packages, tmp_path / "packages"))
+    assert (report["target"], report["calls"]) == ("znver1", {"_cl_fma"})
+    assert any("implicit conversion from 'float'" in line for line in report["warnings"])
 
 
 @pytest.fixture(scope="module")
-def own(packages, tmp_path_factory) -> list[str]:
+def own_images(packages, tmp_path_factory) -> list[str]:
     """Return digests of the images as this processor's own kernels draw them, not optimized, which has the same bits."""
     images: list[str] = drawn(DRAW, tmp_path_factory.mktemp("own"), **{QUICK: "1"})["images"]
     return images
@@ -162,9 +162,9 @@ def own(packages, tmp_path_factory) -> list[str]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("model", MODELS)
-def test_kernels_for_another_processor_draw_the_same_bits(model, own, packages, tmp_path):
+def test_kernels_for_another_processor_draw_the_same_bits(model, own_images, packages, tmp_path):
     target, library = MODELS[model]
-    found = drawn(DRAW, tmp_path / "cache", **variables_of(target, library, packages, tmp_path / "packages"))
-    assert found["images"] == own
-    assert (found["target"], found["warnings"], found["messages"], found["calls"]) == (target, [], [], set())
-    assert found["of_c"] <= ({"fma"} if model == "nehalem" else set())  # of float64, without the instruction
+    report = drawn(DRAW, tmp_path / "cache", **variables_of(target, library, packages, tmp_path / "packages"))
+    assert report["images"] == own_images
+    assert (report["target"], report["warnings"], report["messages"], report["calls"]) == (target, [], [], set())
+    assert report["of_c"] <= ({"fma"} if model == "nehalem" else set())  # of float64, without the instruction

@@ -180,9 +180,9 @@ def test_private_folders_go_with_their_process_or_with_the_next(tmp_path: Path) 
     assert left.is_dir()
     used = environment.private_folder(tmp_path, "once-")
     assert not left.exists()
-    other = run("os.fork() or os._exit(0); os.wait()")
+    forked = run("os.fork() or os._exit(0); os.wait()")
     assert used.is_dir(), "its process lives"
-    assert not other.exists()
+    assert not forked.exists()
 
 
 @pytest.mark.parametrize("locked", [False, True])

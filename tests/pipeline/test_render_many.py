@@ -36,17 +36,17 @@ def open_cloud(device, **options) -> Renderer:
 def assert_same(views: Views, expected: list[Frame]) -> None:
     """In every bit of every array, and in what is counted."""
     assert len(views) == len(expected)
-    for frame, other in zip(views, expected, strict=True):
-        assert frame.rgba.dtype == other.rgba.dtype
-        assert same_bits(frame, other)
-        assert frame.scene.camera is other.scene.camera
+    for frame, reference in zip(views, expected, strict=True):
+        assert frame.rgba.dtype == reference.rgba.dtype
+        assert same_bits(frame, reference)
+        assert frame.scene.camera is reference.scene.camera
         varying = (
             "times_ms",
             "build_ms",
             "features",
             "left_out",
         )  # whether it is sorted may depend on the frame before
-        counts = {name: value for name, value in other.stats.items() if name not in varying}
+        counts = {name: value for name, value in reference.stats.items() if name not in varying}
         assert {name: frame.stats[name] for name in counts} == counts
 
 
@@ -67,9 +67,9 @@ def test_frames_that_have_to_be_drawn_again(device):
     """The first of a renderer finds no room in the tile lists, nor does one from nearer; faces to clip need a sort. Views
     of all kinds follow one another."""
     cameras = [looking(back) for back in BACKS]
-    with open_cloud(device) as one, open_cloud(device) as other:
+    with open_cloud(device) as one, open_cloud(device) as reference:
         frames = one.render_many(cameras)
-        assert_same(frames, [other.render(camera) for camera in cameras])
+        assert_same(frames, [reference.render(camera) for camera in cameras])
         assert [frame.stats["clipped"] > 0 for frame in frames] == [back > -1.0 for back in BACKS]
         assert_same(one.render_many(cameras[::-1]), list(frames)[::-1])
         assert same_bits(one.render(cameras[0]), frames[0])
@@ -122,10 +122,10 @@ def test_arrays_of_the_caller(device, tmp_path, kind, size):
     with open_cloud(device) as renderer:
         expected = renderer.render_many(cameras)
         out = {name: places(kind, array.shape, array.dtype, tmp_path) for name, array in expected.arrays.items()}
-        found = renderer.render_many(cameras, out)
-        assert all(found.arrays[name] is array for name, array in out.items())
+        views = renderer.render_many(cameras, out)
+        assert all(views.arrays[name] is array for name, array in out.items())
         assert all(np.array_equal(array, expected.arrays[name]) for name, array in out.items())
-        assert_same(found, list(expected))
+        assert_same(views, list(expected))
 
 
 def test_images_that_cannot_be_written_past_the_caches(device, monkeypatch):
@@ -136,9 +136,9 @@ def test_images_that_cannot_be_written_past_the_caches(device, monkeypatch):
     cameras = [looking(back) for back in FAR]
     with open_cloud(device) as renderer:
         expected = renderer.render_many(cameras)
-        found = renderer.render_many(cameras, {"rgba": wide[:, :numbers].reshape(shape)})
-        assert found.rgba[1].ctypes.data % 64 == 16
-        assert np.array_equal(found.rgba, expected.rgba)
+        views = renderer.render_many(cameras, {"rgba": wide[:, :numbers].reshape(shape)})
+        assert views.rgba[1].ctypes.data % 64 == 16
+        assert np.array_equal(views.rgba, expected.rgba)
 
 
 def test_memory_mapped_arrays_are_written_without_others(device, tmp_path):

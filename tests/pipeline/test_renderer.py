@@ -41,35 +41,35 @@ def test_a_trial_frame_takes_the_programs_of_the_scene():
     scene = Scene((mesh, mesh), CAMERA, environment=Environment(sky), preset="pbr")
     settings = Settings.from_preset("pbr")
     trial = pickle.loads(trial_of(scene, settings, ()))[0]["scene"]
-    features = [scene_tables.pack(each, settings, forced=(), has_fp64=True).features for each in (scene, trial)]
+    features = [scene_tables.pack(variant, settings, forced=(), has_fp64=True).features for variant in (scene, trial)]
     assert features[0] == features[1]
     assert trial.meshes[0].material.texture.image.shape == trial.environment.image.shape[:2] + (4,) == (2, 2, 4)
-    own = type("OwnMaterial", (Material,), {"__init__": lambda self: Material.__init__(self)})()
-    assert trial_of(Scene((replace(TRIANGLE, material=own),), CAMERA), settings, ()) == b""
+    own_material = type("OwnMaterial", (Material,), {"__init__": lambda self: Material.__init__(self)})()
+    assert trial_of(Scene((replace(TRIANGLE, material=own_material),), CAMERA), settings, ()) == b""
 
 
 @pytest.mark.parametrize("shape", [(7,), (5, 3), (5, 4), (2, 8)])
 def test_float64_in_a_buffer_is_aligned(device, shape):
     """Kernels read four float64 at once, with rows of any length; NumPy aligns to 16 bytes."""
     count = int(np.prod(shape))
-    given = aligned((count + 2,), np.dtype(np.float64))[2:].reshape(shape)
-    given[:] = np.arange(count).reshape(shape)
-    assert given.ctypes.data % 64 == 16
-    buffer = Buffer(device, given)
+    array = aligned((count + 2,), np.dtype(np.float64))[2:].reshape(shape)
+    array[:] = np.arange(count).reshape(shape)
+    assert array.ctypes.data % 64 == 16
+    buffer = Buffer(device, array)
     assert buffer.array.ctypes.data % 64 == 0
-    assert np.array_equal(buffer.to_host(), given)
+    assert np.array_equal(buffer.to_host(), array)
 
 
 def test_memory_that_is_hardly_aligned_is_shared_as_other_is(device):
     """The device sees the host's writes, and vice versa, in arrays aligned to only 16 bytes."""
-    given = aligned((4 + 1000,), np.dtype(np.uint32))[4:]
-    given[:] = 5
-    buffer = Buffer(device, given)
+    array = aligned((4 + 1000,), np.dtype(np.uint32))[4:]
+    array[:] = 5
+    buffer = Buffer(device, array)
     with buffer.writing() as rows:
         rows[:] = np.arange(1000)
     cl.enqueue_copy(device.queue, seen := np.zeros(1000, np.uint32), buffer.memory)
     assert np.array_equal(seen, np.arange(1000))
-    cl.enqueue_fill_buffer(device.queue, buffer.memory, np.uint32(9), 0, given.nbytes)
+    cl.enqueue_fill_buffer(device.queue, buffer.memory, np.uint32(9), 0, array.nbytes)
     assert (buffer.to_host() == 9).all()
 
 
@@ -88,7 +88,7 @@ def test_a_closed_renderer_says_so_and_its_frames_stay(device):
 def test_threads_share_a_renderer_and_a_device(device):
     """Each frame is that of its camera, with the shortest thread switch interval."""
     cameras = [replace(CAMERA, eye=np.array([0.1 * k, 0.0, 3.0])) for k in range(8)]
-    with Renderer(SCENE, device=device) as one, Renderer(SCENE, device=device) as other:
+    with Renderer(SCENE, device=device) as one, Renderer(SCENE, device=device) as second:
         expected = [one.render(camera).rgba.copy() for camera in cameras]
         wrong: list[object] = []
 
@@ -104,7 +104,7 @@ def test_threads_share_a_renderer_and_a_device(device):
         interval = sys.getswitchinterval()
         sys.setswitchinterval(1e-6)
         try:
-            threads = [threading.Thread(target=draw, args=(renderer,)) for renderer in (one, one, other)]
+            threads = [threading.Thread(target=draw, args=(renderer,)) for renderer in (one, one, second)]
             for thread in threads:
                 thread.start()
             for thread in threads:

@@ -79,9 +79,9 @@ def test_depth_reprojects_into_another_view(device, convention, pixel_center):
     rim = np.array([[-1.3, -1.1], [1.2, -0.9], [1.4, 1.0], [-1.2, 1.3]]) + rng.uniform(-0.1, 0.1, (4, 2))
     verts = np.vstack([[0.07, -0.05, 0.6], np.column_stack([rim, rng.uniform(-0.2, 0.2, 4)])])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
-    given = first.copy()
-    given[:3, :3] = first[:3, :3] @ FLIPS[convention]
-    camera = Camera.from_matrix(k, given, (320, 240), pixel_center=pixel_center, convention=convention)
+    pose = first.copy()
+    pose[:3, :3] = first[:3, :3] @ FLIPS[convention]
+    camera = Camera.from_matrix(k, pose, (320, 240), pixel_center=pixel_center, convention=convention)
     scene = Scene((Mesh(verts, faces),), camera)
     with Renderer(scene, shader="nolight", layers=("Z", "id"), device=device) as renderer:
         frame = renderer.render()
@@ -91,12 +91,12 @@ def test_depth_reprojects_into_another_view(device, convention, pixel_center):
     assert set(face[rows, columns]) == {0, 1, 2, 3}
     rays = np.stack([(columns + pixel_center - k[0, 2]) / k[0, 0], (rows + pixel_center - k[1, 2]) / k[1, 1]], axis=1)
     rays = np.column_stack([rays, np.ones(len(rays))]) @ first[:3, :3].T
-    found = first[:3, 3] + depth[rows, columns, None] * rays
+    points = first[:3, 3] + depth[rows, columns, None] * rays
     corner = verts[faces[face[rows, columns]]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     reach = ((corner[:, 0] - first[:3, 3]) * normal).sum(axis=1) / (rays * normal).sum(axis=1)
     true = first[:3, 3] + reach[:, None] * rays
-    error = np.abs(project(k, second, found) - project(k, second, true)).max()
+    error = np.abs(project(k, second, points) - project(k, second, true)).max()
     assert error < 1 / 12000
     # A depth error of 1/1000 is detected.
     wrong = first[:3, 3] + 1.001 * depth[rows, columns, None] * rays

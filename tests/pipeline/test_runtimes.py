@@ -29,10 +29,10 @@ def test_no_home(homeless: tuple[Path, str]) -> None:
 def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path, kind: str) -> None:
     """Anyone who can write to it could plant code. The replacement folders do not accumulate."""
     taken = tmp_path / f"clshade-{os.getuid()}"
-    own = tmp_path / "own"
-    own.mkdir(mode=0o700)
+    private_folder = tmp_path / "own"
+    private_folder.mkdir(mode=0o700)
     if kind == "link":
-        taken.symlink_to(own)
+        taken.symlink_to(private_folder)
     elif kind == "file":
         taken.touch()
     else:
@@ -51,7 +51,7 @@ def test_a_temporary_folder_of_someone_else_is_not_used(tmp_path: Path, kind: st
         assert len(done.stderr.splitlines()) == 1
         assert done.stderr.startswith("clshade: warning: compiled kernels are not kept (/proc/nowhere: ")
         assert len(list(tmp_path.iterdir())) == (3 if deed else 2)
-    assert not list(own.iterdir())
+    assert not list(private_folder.iterdir())
 
 
 def test_a_temporary_folder_that_others_can_read_is_made_private(tmp_path: Path) -> None:
@@ -91,11 +91,11 @@ if os.fork() == 0:
 os.wait()
 """
     done = python(code, tmp_path)
-    *lines, told = done.stdout.splitlines()
+    *lines, message = done.stdout.splitlines()
     folders = {line.split()[1] for line in lines}
     assert len(folders) == 3, done.stderr
     assert all(folder.startswith(f"{tmp_path}/clshade/pocl-") for folder in folders)
-    assert "spawn" in told
+    assert "spawn" in message
     python(CLAIM, tmp_path)
     assert not list((tmp_path / "clshade").glob("pocl-*"))
 

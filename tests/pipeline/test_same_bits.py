@@ -77,8 +77,8 @@ def test_golden_glb(device, tmp_path, preset):
     """The scene's own preset is pbr; an explicit one takes its place. Lit by lights: an environment's tables are made by
     NumPy, whose last bits depend on the machine."""
     scene = replace(clshade.load(spheres(tmp_path / "spheres.glb")), own_lights=True)
-    given = {"shadows": False} if preset == scene.preset else {"preset": preset}
-    frame = rendered(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, **given)
+    arguments = {"shadows": False} if preset == scene.preset else {"preset": preset}
+    frame = rendered(scene, device=device, layers=("Z", "id"), resolution=RESOLUTION, **arguments)
     assert digest(frame) == SPHERES[preset]
 
 
@@ -168,14 +168,14 @@ def test_lanes_do_not_change_a_bit_of_several_samples(device, scene, options, la
     tiles with and without triangles."""
     if options.get("precision") == "float64":
         needs_float64(device)
-    found = {}
-    for each in (None, lanes):
-        given = {"resolution": (97, 61), "layers": "all" if scene is mixed else ("Z", "id"), **options}
-        frame = rendered(replace(scene(), background=background), device=device, lanes=each, **given)
-        found[each] = digest(frame)
+    digests = {}
+    for count in (None, lanes):
+        arguments = {"resolution": (97, 61), "layers": "all" if scene is mixed else ("Z", "id"), **options}
+        frame = rendered(replace(scene(), background=background), device=device, lanes=count, **arguments)
+        digests[count] = digest(frame)
         empty = frame.alpha == 0.0
         assert (frame.rgb[empty] == np.asarray(background or (0, 0, 0), frame.rgb.dtype)).all()
-    assert found[None] == found[lanes]
+    assert digests[None] == digests[lanes]
     assert 0.1 < empty.mean() < 0.9
     if scene is knot:
         assert empty[-struct_layout.TILE_SIZE :, : struct_layout.TILE_SIZE].all()

@@ -46,15 +46,15 @@ def test_places():
     """On the grid of 1/256 px, all different, symmetric about the center, the nearest to it first, and the oracle's. A
     triangle that covers them all is lit at the center; one sample is there."""
     for samples in range(1, 65):
-        found = sample_positions(samples)
-        assert found.shape == (samples, 2)
-        assert found.min() >= 0, samples
-        assert found.max() <= 255, samples
-        assert len(np.unique(found, axis=0)) == samples
-        distance = ((found - 128) ** 2).sum(axis=1)
+        positions = sample_positions(samples)
+        assert positions.shape == (samples, 2)
+        assert positions.min() >= 0, samples
+        assert positions.max() <= 255, samples
+        assert len(np.unique(positions, axis=0)) == samples
+        distance = ((positions - 128) ** 2).sum(axis=1)
         assert (np.diff(distance) >= 0).all(), samples
-        assert {tuple(place) for place in found} == {tuple(place) for place in 256 - found}, samples
-        assert np.array_equal(found, places(samples)), samples
+        assert {tuple(place) for place in positions} == {tuple(place) for place in 256 - positions}, samples
+        assert np.array_equal(positions, places(samples)), samples
 
 
 @pytest.mark.parametrize(("samples", "rows"), [(4, 4), (9, 9), (16, 16), (64, 43)])
@@ -97,7 +97,7 @@ def area(polygon: np.ndarray) -> float:
 
 def exact_coverage(points: np.ndarray, faces: list) -> np.ndarray:
     """Return the covered fraction of each pixel, from areas; row 0 at the top."""
-    found = np.zeros((HEIGHT, WIDTH))
+    coverage = np.zeros((HEIGHT, WIDTH))
     for face in faces:
         triangle = points[face]
         low, high = np.floor(triangle.min(axis=0)).astype(int), np.ceil(triangle.max(axis=0)).astype(int)
@@ -107,8 +107,8 @@ def exact_coverage(points: np.ndarray, faces: list) -> np.ndarray:
                 part = clipped(band, 0, column, 1.0) if len(band) else band
                 part = clipped(part, 0, column + 1.0, -1.0) if len(part) else part
                 if len(part):
-                    found[HEIGHT - 1 - row, column] += area(part)
-    return found
+                    coverage[HEIGHT - 1 - row, column] += area(part)
+    return coverage
 
 
 @pytest.mark.long
@@ -309,13 +309,13 @@ def test_pixels_with_a_saturated_sample_are_counted(device):
 
 @pytest.mark.long
 def test_the_brightest_colors_stay_finite(device):
-    most = float(np.finfo(np.float32).max)
+    maximum = float(np.finfo(np.float32).max)
     points, faces = star()
-    scene = flat(points, faces, material=Material(color=most))
+    scene = flat(points, faces, material=Material(color=maximum))
     for options in ({}, {"resolve": "weighted"}, {"sample_shading": True}):
         frame = draw(device, scene, shader="nolight", samples=64, **options)
         assert np.isfinite(frame.rgb).all()
-        assert frame.rgb[frame.alpha == 1.0].min() == np.float32(most)
+        assert frame.rgb[frame.alpha == 1.0].min() == np.float32(maximum)
 
 
 def test_no_triangle_no_sample(device):

@@ -36,8 +36,8 @@ def wave(values=None, **fields) -> Mesh:
     verts = np.stack([x, y, 0.3 * np.sin(4 * x + y)], axis=1).astype(np.float32)
     corner = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([corner[:, None] + [0, 1, 10], corner[:, None] + [0, 10, 9]])
-    own = verts[:, 2] if values is None else values(verts, faces)
-    return Mesh(verts, faces, scalars={"data": own}, **fields)
+    data = verts[:, 2] if values is None else values(verts, faces)
+    return Mesh(verts, faces, scalars={"data": data}, **fields)
 
 
 def floor() -> Mesh:
@@ -47,8 +47,8 @@ def floor() -> Mesh:
 
 
 def drawn(device, scene: Scene, *, preset: str = "standard", lanes: int | None = None, **options) -> Frame:
-    given = {"scalars": "data", "layers": "all", **options}
-    return rendered(scene, device=device, preset=preset, lanes=lanes, **given)
+    arguments = {"scalars": "data", "layers": "all", **options}
+    return rendered(scene, device=device, preset=preset, lanes=lanes, **arguments)
 
 
 @pytest.mark.long
@@ -70,8 +70,8 @@ def test_an_unlit_png_shows_the_maps_colors(device, preset):
     scene = Scene(square(values), FRONT, preset=preset)
     frame = drawn(device, scene, preset="standard", shader="nolight", scalars=Scalars("data", "viridis", (0, 4)))
     table = colormaps["viridis"](np.floor(values / 4 * 256).astype(int))[:, :3]
-    found = frame.to_png8()[frame["id"] == 1][0], frame.to_png8()[frame["id"] == 2][0]
-    assert np.array_equal(found, np.rint(255 * table))
+    codes = frame.to_png8()[frame["id"] == 1][0], frame.to_png8()[frame["id"] == 2][0]
+    assert np.array_equal(codes, np.rint(255 * table))
 
 
 CASES = {
@@ -135,7 +135,7 @@ def test_a_color_of_the_map_is_lit_as_any_other(device):
 def test_scalars_that_are_not_shown_change_nothing(device):
     scene = Scene((wave(), floor()), ASIDE, LIGHT)
     bare = replace(scene, meshes=tuple(replace(mesh, scalars=None) for mesh in scene.meshes))
-    first, second = (drawn(device, each, scalars=None) for each in (scene, bare))
+    first, second = (drawn(device, variant, scalars=None) for variant in (scene, bare))
     assert same_bits(first, second)
     assert "scalar" not in first.layers
     assert first.stats["left_out"]["SCALARS"] == "no scalars asked for"
@@ -152,20 +152,20 @@ def test_positions_of_any_numbers(ends):
     rng = np.random.default_rng(3)
     values = rng.normal(size=(50, 3)) * 10.0 ** rng.uniform(-300, 300, (50, 1))
     values[:10] = ends[0] + rng.random((10, 3)) * (ends[1] / 2 - ends[0] / 2)
-    for row, found in zip(values, map_positions(values, color_map), strict=True):
+    for row, positions in zip(values, map_positions(values, color_map), strict=True):
         low, high = map(Fraction, ends)
         apart = [Fraction(float(value)) - low for value in row]
-        most = max(map(abs, apart))
-        if not most:
-            assert not found.any()
+        largest = max(map(abs, apart))
+        if not largest:
+            assert not positions.any()
             continue
         factor = Fraction(256) / (high - low) if high > low else None
-        assert np.isfinite(found).all()
-        if factor is None or factor * most > 10**300:
-            factor = Fraction(float(np.abs(found).max())) / most
-            assert np.abs(found).max() > MOST_POSITION
-        for exact, position in zip(apart, found.tolist(), strict=True):
-            assert abs(Fraction(position) - exact * factor) <= most * factor * Fraction(1, 2**49)
+        assert np.isfinite(positions).all()
+        if factor is None or factor * largest > 10**300:
+            factor = Fraction(float(np.abs(positions).max())) / largest
+            assert np.abs(positions).max() > MOST_POSITION
+        for exact, position in zip(apart, positions.tolist(), strict=True):
+            assert abs(Fraction(position) - exact * factor) <= largest * factor * Fraction(1, 2**49)
 
 
 def test_whole_numbers_of_colors_are_exact():
@@ -176,8 +176,8 @@ def test_whole_numbers_of_colors_are_exact():
 
 def test_a_map_without_width_separates_what_is_below_and_above(device):
     scene = Scene(square([0.5, 0.5 + 1e-9, 0.5 + 1e-9, 0.5]), FRONT)
-    found = drawn(device, scene, scalars=Scalars("data", ("black", "red"), (0.5, 0.5)), shader="nolight")
-    assert (found.rgb[8:-8, 8:-8] == np.float32([1, 0, 0])).all()
+    frame = drawn(device, scene, scalars=Scalars("data", ("black", "red"), (0.5, 0.5)), shader="nolight")
+    assert (frame.rgb[8:-8, 8:-8] == np.float32([1, 0, 0])).all()
     same = drawn(
         device, Scene(square(np.full(4, 0.5)), FRONT), scalars=Scalars("data", ("lime", "red")), shader="nolight"
     )

@@ -29,8 +29,8 @@ def placed(count: int) -> Scene:
 
 def test_memory_of_a_device(device):
     """The least that both kinds of devices need is told, in figures; a device with all of it draws."""
-    for is_cpu, least in ((True, 40_000), (False, 120_000)):
-        small = replace(device, is_cpu=is_cpu, memory=least)
+    for is_cpu, memory in ((True, 40_000), (False, 120_000)):
+        small = replace(device, is_cpu=is_cpu, memory=memory)
         line = r"^[^\n]+: 1,280 triangles and 642 vertices take 0\.0 GiB or more, the device has 0\.0 GiB$"
         with pytest.raises(DeviceError, match=line):
             clshade.render(SCENE, device=small, resolution=(8, 8))
@@ -94,15 +94,15 @@ def test_faces_that_the_kernels_do_not_count(monkeypatch):
 def test_the_most_faces_are_within_the_kernels_numbers():
     """In int32: corners, rows of four reals of the structs of triangles, twice a piece and its turn. In the bits of a float,
     neither infinite nor NaN: ranks, and faces of leaves. In 64 bits: keys. And the hierarchy has enough levels."""
-    most = model.MAX_FACES
-    assert 3 * most <= 1 << 31
+    limit = model.MAX_FACES
+    assert 3 * limit <= 1 << 31
     assert struct_layout.SINGLE.Triangle.itemsize == 3 * 16
-    assert 2 * most + 1 < 1 << 31
-    assert most + 0x00800000 < 0x7F800000
-    assert most <= 16 ** (struct_layout.MOST_HIERARCHY_LEVELS + 1)
-    mantissa = 64 - buffers.index_bits(most) - 12
+    assert 2 * limit + 1 < 1 << 31
+    assert limit + 0x00800000 < 0x7F800000
+    assert limit <= 16 ** (struct_layout.MOST_HIERARCHY_LEVELS + 1)
+    mantissa = 64 - buffers.index_bits(limit) - 12
     assert mantissa > 22  # sorted to 2^-22 of a depth, as the kernels have it
-    per_axis = (64 - struct_layout.SIZE_BITS - hierarchy._index_bits(most)) / 3
+    per_axis = (64 - struct_layout.SIZE_BITS - hierarchy._index_bits(limit)) / 3
     assert per_axis >= 10  # cells of Hilbert's curve, 2^10 along each axis
 
 

@@ -170,10 +170,10 @@ CARDS = {
 
 def test_another_alpha_is_noticed(opened):
     frame = draw(opened, half(), samples=1)
-    other = scene_of(card(blend=True, opacity=0.501))
-    expected = oracle.render(other, frame.settings)
+    wrong_scene = scene_of(card(blend=True, opacity=0.501))
+    expected = oracle.render(wrong_scene, frame.settings)
     with pytest.raises(AssertionError):
-        oracle_asserts.assert_frame(frame, expected, other, frame.settings)
+        oracle_asserts.assert_frame(frame, expected, wrong_scene, frame.settings)
 
 
 @pytest.mark.sampled

@@ -30,10 +30,10 @@ MANY = 32
 def compare(device, hierarchy: Hierarchy, points: Array, receivers: Array, ends: Array, directional=False) -> Array:
     """Check a fan of each receiver by the predicate alone; return which ends are hidden, (K, N)."""
     fans = device, hierarchy, points, receivers, ends, directional
-    found = hidden(*fans)
-    wrong = np.argwhere(found != hidden(*fans, one_by_one=True))
-    assert not len(wrong), (wrong[:9], found[tuple(wrong[0])])
-    return found
+    is_hidden = hidden(*fans)
+    wrong = np.argwhere(is_hidden != hidden(*fans, one_by_one=True))
+    assert not len(wrong), (wrong[:9], is_hidden[tuple(wrong[0])])
+    return is_hidden
 
 
 MESHES = {
@@ -114,10 +114,10 @@ def test_many_random_fans(device, mesh):
     for seed in range(10, 30):
         rng = np.random.default_rng(seed)
         turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        other = rounded((mesh[0] @ turned.T * 10.0 ** rng.uniform(-2.0, 3.0), mesh[1]), rng.choice([0.0, 1e3, 1e9]))
-        hierarchy = Hierarchy(device, *other)
-        points, receivers = random_points(other, 160, seed)
-        for ends in ends_for(other, points, receivers, seed).values():
+        rotated = rounded((mesh[0] @ turned.T * 10.0 ** rng.uniform(-2.0, 3.0), mesh[1]), rng.choice([0.0, 1e3, 1e9]))
+        hierarchy = Hierarchy(device, *rotated)
+        points, receivers = random_points(rotated, 160, seed)
+        for ends in ends_for(rotated, points, receivers, seed).values():
             compare(device, hierarchy, points, receivers, ends)
 
 
@@ -139,7 +139,7 @@ def test_fans_of_any_number_of_lanes(device, lanes):
         hierarchy = Hierarchy(device, *mesh)
         for ends in ends_for(mesh, points, receivers, 5).values():
             fans = device, hierarchy, points, receivers, ends
-            assert np.array_equal(*(hidden(*fans, lanes=each) for each in (16, lanes)))
+            assert np.array_equal(*(hidden(*fans, lanes=count) for count in (16, lanes)))
 
 
 def test_the_same_as_lights_by_themselves(device):
@@ -150,10 +150,10 @@ def test_the_same_as_lights_by_themselves(device):
     grid = SHADOW_GRID / hierarchy.frame.unit
     lights = np.random.default_rng(9).normal(size=(16, 3)) * [0.3, 0.3, 0.1] + [0.5, 0.2, 4.0]
     lights = np.rint((lights - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
-    found = hidden(device, hierarchy, points, receivers, np.broadcast_to(lights, (200, 16, 3)))
+    is_hidden = hidden(device, hierarchy, points, receivers, np.broadcast_to(lights, (200, 16, 3)))
     for k, light in enumerate(lights):
-        assert np.array_equal(found[:, k], hierarchy.shadowed(points, receivers, np.append(light, 1.0)))
-    assert 0.1 < found.mean() < 0.9
+        assert np.array_equal(is_hidden[:, k], hierarchy.shadowed(points, receivers, np.append(light, 1.0)))
+    assert 0.1 < is_hidden.mean() < 0.9
 
 
 def test_an_end_at_the_receiver_is_not_hidden(device):
@@ -165,9 +165,9 @@ def test_an_end_at_the_receiver_is_not_hidden(device):
     points = np.rint((points - hierarchy.frame.origin) / grid) * grid + hierarchy.frame.origin
     ends = points[:, None] + np.random.default_rng(2).normal(size=(32, 16, 3))
     ends[:, ::3] = points[:, None]
-    found = hidden(device, hierarchy, points, receivers, ends)
-    assert not found[:, ::3].any()
-    assert found[:, 1::3].any()
+    is_hidden = hidden(device, hierarchy, points, receivers, ends)
+    assert not is_hidden[:, ::3].any()
+    assert is_hidden[:, 1::3].any()
 
 
 def test_neighbors_in_the_same_plane_cast_nothing(device):
@@ -186,8 +186,8 @@ def test_the_ends_of_a_segment(device):
     hierarchy = Hierarchy(device, *mesh)
     heights = np.array([0.1, 0.4, 0.4999999, 0.5, 0.5000001, 0.6, 1.0, 30.0, 1e20])
     ends = np.array([0.013, 0.021, 1.0]) * heights[:, None]
-    found = hidden(device, hierarchy, np.zeros((1, 3)), np.array([0]), ends[None])
-    assert found[0].tolist() == [False] * 4 + [True] * 5
+    is_hidden = hidden(device, hierarchy, np.zeros((1, 3)), np.array([0]), ends[None])
+    assert is_hidden[0].tolist() == [False] * 4 + [True] * 5
     assert hierarchy.frame.unit * 1e20 > SHADOW_REACH
 
 
@@ -252,8 +252,8 @@ def test_single_rays_are_decided_without_the_predicate(device, lanes):
     a, b, c = (corners[:, k].astype(float) - point for k in range(3))
     ray = toward.astype(float)[:, None]
     volumes = np.stack([(np.cross(*ends) * ray).sum(axis=2) for ends in ((b, c), (c, a), (a, b))], axis=-1)
-    whole = volumes.sum(axis=2)
-    share, way = volumes / whole[..., None], (np.cross(b - a, c - a) * a).sum(axis=1) / whole
+    total = volumes.sum(axis=2)
+    share, way = volumes / total[..., None], (np.cross(b - a, c - a) * a).sum(axis=1) / total
     from_border = np.minimum(share.min(axis=2), np.minimum(way, 1.0 - way))
     expected = (from_border > 0.0) & (np.arange(16) != 5)
     clear = abs(from_border) > 1e-3
@@ -274,7 +274,7 @@ def test_boxes_that_single_rays_meet(device, lanes):
     ends = rng.uniform(-4e4, 4e4, (16, 2, 3)).astype(np.float32)
     low, high = ends.min(axis=1), ends.max(axis=1)
     node = np.concatenate([low.T, high.T])
-    found = bits_of(Probe(device, SINGLY, lanes=lanes)("boxes", toward, point, node, dtype=np.uint32))
+    is_met = bits_of(Probe(device, SINGLY, lanes=lanes)("boxes", toward, point, node, dtype=np.uint32))
 
     def met(wider: float) -> Array:
         with np.errstate(divide="ignore"):
@@ -285,6 +285,6 @@ def test_boxes_that_single_rays_meet(device, lanes):
         start, end = np.minimum(*ways).max(axis=2), np.maximum(*ways).min(axis=2)
         return np.maximum(start, 0.0) <= np.minimum(end, 1.0)
 
-    assert not (met(0.0) & ~found).any()
-    assert not (found & ~met(1.0)).any()
-    assert 0.02 < found.mean() < 0.5
+    assert not (met(0.0) & ~is_met).any()
+    assert not (is_met & ~met(1.0)).any()
+    assert 0.02 < is_met.mean() < 0.5

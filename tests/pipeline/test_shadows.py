@@ -39,8 +39,8 @@ def ground(**fields: Any) -> Mesh:
 def scene_of(lights: str = "points", *meshes: Mesh, **fields: Any) -> Scene:
     """Return triangles of all sizes and a bent sheet with smooth normals over a ground."""
     sheet = patch(size=0.8, cells=5, bend=0.5, material=MATERIAL)
-    own = meshes or (ground(), replace(blob(40, material=MATERIAL), verts=0.5 * blob(40).verts), sheet)
-    return Scene(own, **{"camera": CAMERA, "lights": LIGHTS[lights], "background": (0.1, 0.2, 0.3), **fields})
+    objects = meshes or (ground(), replace(blob(40, material=MATERIAL), verts=0.5 * blob(40).verts), sheet)
+    return Scene(objects, **{"camera": CAMERA, "lights": LIGHTS[lights], "background": (0.1, 0.2, 0.3), **fields})
 
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
@@ -57,9 +57,9 @@ def assert_equals_oracle(frame: Frame) -> Any:
 
 def glass(scene: Scene) -> Scene:
     """Return the scene with a transparent sheet."""
-    *others, sheet = scene.meshes
+    *rest, sheet = scene.meshes
     clear = replace(sheet, material=replace(MATERIAL, blend=True, opacity=0.5, kd=0.3))
-    return replace(scene, meshes=(*others, clear))
+    return replace(scene, meshes=(*rest, clear))
 
 
 def mapped() -> Scene:
@@ -173,7 +173,7 @@ def test_a_camera_that_moves_sees_the_same_shadow(device):
 def test_the_hierarchy_counts_as_memory_of_the_scene(device):
     scene = scene_of()
     with Renderer(scene, device=device, shader="phong", shadows=True) as renderer:
-        own = renderer.render().stats["bytes"]["scene"]
+        nbytes = renderer.render().stats["bytes"]["scene"]
         hierarchy = renderer._drawing.resident.casters.nbytes
     assert hierarchy > 0
-    assert own == draw(device, scene, layers=(), shader="phong", shadows=False).stats["bytes"]["scene"] + hierarchy
+    assert nbytes == draw(device, scene, layers=(), shader="phong", shadows=False).stats["bytes"]["scene"] + hierarchy

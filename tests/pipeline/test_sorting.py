@@ -63,24 +63,24 @@ def test_many_depths_within_a_run_and_apart():
 
 def test_exact_depths_are_asked_for_only_where_keys_are_equal():
     depth = np.array([3.0, 1.0, np.nextafter(1.0, 0.0), 2.0, 1.0 - 2.0**-52])
-    asked = []
+    requests = []
 
     def exact(index):
-        asked.extend(index.tolist())
+        requests.extend(index.tolist())
         return depth[index], index.astype(np.int64)
 
     # Just below 1 the exponent differs: 1.0 itself is alone in its run.
     assert front_to_back(keys_of(depth), exact).tolist() == [4, 2, 1, 3, 0]
-    assert sorted(asked) == [2, 4]
+    assert sorted(requests) == [2, 4]
 
 
 @pytest.mark.parametrize("exact", [None, "given"])
 def test_few(exact):
     for values in ([], [1.0], [-0.0, 0.0]):
         depth = np.array(values)
-        found = front_to_back(keys_of(depth), exact and (lambda i: (depth[i], i.astype(np.int64))))  # noqa: B023
-        assert found.dtype == np.uint32
-        assert found.tolist() == list(range(len(values)))[::-1]
+        order = front_to_back(keys_of(depth), exact and (lambda i: (depth[i], i.astype(np.int64))))  # noqa: B023
+        assert order.dtype == np.uint32
+        assert order.tolist() == list(range(len(values)))[::-1]
 
 
 def test_without_exact_depths_runs_are_in_order_of_40_bits():

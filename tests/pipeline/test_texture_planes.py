@@ -69,11 +69,11 @@ def test_coefficients_just_below_a_power_of_two_keep_their_digits(device):
     for row in range(size // 16):
         for column in range(size // 16):
             across, up = rng.uniform(1e-4, 5e-4, 2)
-            least = -(1.0 - rng.uniform(0, 1.5e-6))
+            corner_u = -(1.0 - rng.uniform(0, 1.5e-6))
             left, top = 16 * column, size - 16 * row
             for x, y in ((0, 0), (16, 0), (16, -16), (0, 0), (16, -16), (0, -16)):
                 verts.append(((left + x - size / 2) / 256, (top + y - size / 2) / 256, 1.0))
-                uvs.append((least + across * (15.5 - x) + up * (15.5 + y), 0.5))
+                uvs.append((corner_u + across * (15.5 - x) + up * (15.5 + y), 0.5))
     texture = Texture(rng.random((4, 8192, 3)).astype(np.float32))
     faces = np.arange(len(verts)).reshape(-1, 3)
     mesh = Mesh(np.array(verts), faces, uvs=np.array(uvs), material=Material(texture=texture, ks=0.0))

@@ -36,9 +36,9 @@ def scene(*meshes: Mesh, background=None, **fields) -> Scene:
     return Scene(meshes, CAMERA, background=background, **fields)
 
 
-def draw(device, given: Scene, lanes: int | None = None, **options) -> Frame:
+def draw(device, drawn_scene: Scene, lanes: int | None = None, **options) -> Frame:
     """Draw with all features on, for which few programs are built, unless `options` say otherwise."""
-    return rendered(given, device=device, lanes=lanes, **{"forced": OPTIONAL, **options})
+    return rendered(drawn_scene, device=device, lanes=lanes, **{"forced": OPTIONAL, **options})
 
 
 def test_alpha_comes_from_material_vertices_and_texture(device):
@@ -80,8 +80,8 @@ def test_layers_are_composited_in_order_of_depth(device, order, visibility):
 def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
     """In painter's order of many triangles, some of them transparent."""
     meshes = [square(z, color=(RED, GREEN, BLUE)[z % 3], opacity=0.3) for z in range(12)]
-    given = scene(*meshes, square(12, color=RED, blend=False))
-    expected = draw(device, given, visibility="painter")
+    drawn_scene = scene(*meshes, square(12, color=RED, blend=False))
+    expected = draw(device, drawn_scene, visibility="painter")
     sort = TileLists.sort
 
     def further(self, frame):
@@ -90,7 +90,7 @@ def test_ranks_that_float32_does_not_count(device, monkeypatch, first):
             ranks += first
 
     monkeypatch.setattr(TileLists, "sort", further)
-    assert same_bits(draw(device, given, visibility="painter"), expected)
+    assert same_bits(draw(device, drawn_scene, visibility="painter"), expected)
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -127,8 +127,8 @@ def test_many_layers_in_one_plane(device, lanes, orthographic, tilt, planes):
     )
     focal = 1.0 if orthographic else 40.0  # a unit is a pixel
     camera = Camera((0, 0, 0), (0, 0, 1), (0, 1, 0), focal, (rows, columns), (columns, rows), orthographic=orthographic)
-    given = Scene((mesh,), camera, (), ambient=0.0, background=0.0)
-    frame = draw(device, given, lanes, shader="nolight", near=0.5, samples=1)
+    drawn_scene = Scene((mesh,), camera, (), ambient=0.0, background=0.0)
+    frame = draw(device, drawn_scene, lanes, shader="nolight", near=0.5, samples=1)
     expected, through = np.zeros((rows, columns, 3)), np.ones((rows, columns))
     at_x, at_y = np.meshgrid(256 * np.arange(columns) + 128, 256 * np.arange(rows) + 128)
     for k in sorted(range(count), key=lambda k: (behind[k], -k)):
@@ -215,8 +215,8 @@ def test_panes_in_one_plane(device, shared):
     place = (np.arange(64) + 0.5) * 3.2 / 64 - 1.6
     x, y = place[None, :, None], -place[:, None, None]
     inside = [np.abs(p - at[:, k]) - half[:, k] for k, p in enumerate((x, y))]
-    layers = np.all(np.broadcast_arrays(*(each < 0 for each in inside)), axis=0).sum(axis=2)
-    at_an_edge = np.any(np.broadcast_arrays(*(np.abs(each) < 0.01 for each in inside)), axis=(0, 3))
+    layers = np.all(np.broadcast_arrays(*(distance < 0 for distance in inside)), axis=0).sum(axis=2)
+    at_an_edge = np.any(np.broadcast_arrays(*(np.abs(distance) < 0.01 for distance in inside)), axis=(0, 3))
     wrong = abs(frame.alpha - (1 - (1 - alpha) ** layers)) > 1e-5
     assert layers.max() > 10
     assert (~at_an_edge).mean() > 0.3
@@ -320,15 +320,15 @@ OPTIONS = [  # every other one without a background
 def test_frames_equal_the_oracle(device, options):
     """Some fifteen layers; measured: at most 2 bounds."""
     both = soup(), replace(soup(), background=None)
-    for given in both if options == EVERY_DAY else both[OPTIONS.index(options) % 2 :][:1]:
+    for drawn_scene in both if options == EVERY_DAY else both[OPTIONS.index(options) % 2 :][:1]:
         skip_unsupported(device, options)
-        frame = draw(device, given, layers=("Z", "id", "N", "albedo"), forced=(), **options)
-        found = oracle_asserts.assert_drawn(frame)
-        assert found.bounds < 8.0
-        assert found.ties.mean() < 0.01
-        layers = oracle.render_layers(given, frame.settings)
-        oracle_asserts.assert_layers(frame, layers, given, frame.settings, skip=found.ties)
-        assert ((frame.alpha > 0.0) & (frame.alpha < 1.0)).mean() > 0.1 or given.background is not None
+        frame = draw(device, drawn_scene, layers=("Z", "id", "N", "albedo"), forced=(), **options)
+        agreement = oracle_asserts.assert_drawn(frame)
+        assert agreement.bounds < 8.0
+        assert agreement.ties.mean() < 0.01
+        layers = oracle.render_layers(drawn_scene, frame.settings)
+        oracle_asserts.assert_layers(frame, layers, drawn_scene, frame.settings, skip=agreement.ties)
+        assert ((frame.alpha > 0.0) & (frame.alpha < 1.0)).mean() > 0.1 or drawn_scene.background is not None
         assert clshade.check(frame, 500).passed
 
 
@@ -344,18 +344,18 @@ def test_frames_equal_the_oracle(device, options):
     ids=str,
 )
 def test_lanes_change_no_bit(device, lanes, options):
-    whole = draw(device, soup(), layers=("Z", "id"), forced=(), **options)
-    assert same_bits(whole, draw(device, soup(), lanes, layers=("Z", "id"), forced=(), **options))
+    expected = draw(device, soup(), layers=("Z", "id"), forced=(), **options)
+    assert same_bits(expected, draw(device, soup(), lanes, layers=("Z", "id"), forced=(), **options))
 
 
 def test_the_comparison_notices_a_wrong_order_and_a_wrong_alpha(device):
     meshes = square(0, color=BLUE, opacity=0.5), square(1, color=GREEN, opacity=0.5)
     frame = draw(device, scene(*meshes), layers=("Z", "id"))
     swapped = scene(square(1, color=BLUE, opacity=0.5), square(0, color=GREEN, opacity=0.5))
-    for other, what in ((swapped, "ids"), (scene(meshes[0], square(1, color=GREEN, opacity=0.6)), "alpha|ids")):
-        expected = oracle.render(other, frame.settings)
+    for wrong_scene, what in ((swapped, "ids"), (scene(meshes[0], square(1, color=GREEN, opacity=0.6)), "alpha|ids")):
+        expected = oracle.render(wrong_scene, frame.settings)
         with pytest.raises(AssertionError, match=what):
-            oracle_asserts.assert_frame(frame, expected, other, frame.settings)
+            oracle_asserts.assert_frame(frame, expected, wrong_scene, frame.settings)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "half"])

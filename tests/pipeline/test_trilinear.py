@@ -35,8 +35,8 @@ def noise(columns: int, rows: int, seed: int = 1) -> np.ndarray:
 
 
 def draw(device: Device, scene: Scene, **options: Any) -> Frame:
-    given = {"shader": "nolight", "texture_filter": "trilinear", "layers": LAYERS, **options}
-    return rendered(scene, device=device, **given)
+    arguments = {"shader": "nolight", "texture_filter": "trilinear", "layers": LAYERS, **options}
+    return rendered(scene, device=device, **arguments)
 
 
 # The level of detail
@@ -84,23 +84,23 @@ def test_level_of_detail(device, precision):
     rng = np.random.default_rng(1)
     slopes = np.exp2(rng.uniform(-9, 3, (20_000, 1))) * rng.normal(size=(20_000, 4))
     slopes = slopes if precision == "float64" else slopes.astype(np.float32).astype(np.float64)
-    found = details(device, slopes, precision).astype(np.float64)
+    levels = details(device, slopes, precision).astype(np.float64)
     expected = reference.level_of_detail(slopes[:, :2], slopes[:, 2:], SIZE, LAST)
-    assert len(np.unique(found[:, 0])) == LAST + 1
-    assert np.isin(found[:, 0], np.arange(LAST + 1)).all()
-    assert (found[:, 1] >= 0.0).all()
-    assert (found[:, 1] <= 1.0).all()
-    assert np.abs(found.sum(axis=1) - expected).max() <= DETAIL[precision] + 4 * 2.0**-53
-    assert (found[expected == 0.0] == 0.0).all()
-    assert (found[expected == LAST] == [LAST, 0.0]).all()
+    assert len(np.unique(levels[:, 0])) == LAST + 1
+    assert np.isin(levels[:, 0], np.arange(LAST + 1)).all()
+    assert (levels[:, 1] >= 0.0).all()
+    assert (levels[:, 1] <= 1.0).all()
+    assert np.abs(levels.sum(axis=1) - expected).max() <= DETAIL[precision] + 4 * 2.0**-53
+    assert (levels[expected == 0.0] == 0.0).all()
+    assert (levels[expected == LAST] == [LAST, 0.0]).all()
 
 
 def test_the_oracles_level_of_detail_is_the_specifications():
     mpmath.mp.dps = 30
     for a, b, c, d in np.random.default_rng(2).normal(size=(50, 4)):
         rho = max(mpmath.hypot(a * 48, b * 20), mpmath.hypot(c * 48, d * 20))
-        found = reference.level_of_detail(np.array([a, b]), np.array([c, d]), SIZE, LAST)
-        assert float(found) == pytest.approx(float(min(max(mpmath.log(rho, 2), 0), LAST)), abs=1e-15)
+        level = reference.level_of_detail(np.array([a, b]), np.array([c, d]), SIZE, LAST)
+        assert float(level) == pytest.approx(float(min(max(mpmath.log(rho, 2), 0), LAST)), abs=1e-15)
 
 
 def test_whole_levels_are_exact(device):
@@ -319,10 +319,10 @@ def test_between_two_levels_the_share_is_the_logarithm(device):
     fine, share = frame.rgb[..., 0], np.log2(3.0) - 1.0
     assert np.abs(fine - 1.0).max() <= 2.0**-24  # lambda 1.58 lies between levels of 1
     near = replace(frame.scene, camera=replace(ABOVE, resolution=(40, 40)))
-    found = draw(device, near).rgb[..., 0].astype(np.float64)
+    trilinear = draw(device, near).rgb[..., 0].astype(np.float64)
     share = np.log2(48 / 40)
     bilinear = draw(device, near, texture_filter="bilinear").rgb[..., 0].astype(np.float64)
-    assert np.abs(found - (bilinear + share * (1.0 - bilinear))).max() <= 16 * 2.0**-24
+    assert np.abs(trilinear - (bilinear + share * (1.0 - bilinear))).max() <= 16 * 2.0**-24
 
 
 def test_magnified_is_bilinear_bit_for_bit(device):
@@ -366,7 +366,7 @@ def supersampled(scene: Scene, side: int) -> np.ndarray:
     columns, rows = camera.resolution
     axes = oracle.transform.camera_frame(camera)
     at = (np.arange(side) + 0.5) / side
-    image, found = mesh.material.texture.image, np.full((rows, columns), np.nan)
+    image, averages = mesh.material.texture.image, np.full((rows, columns), np.nan)
     x = ((np.arange(columns)[:, None] + at).ravel() / columns - 0.5) * camera.plane[1]
     for row in range(rows):
         y = ((rows - 1 - row + at) / rows - 0.5) * camera.plane[0]
@@ -377,8 +377,8 @@ def supersampled(scene: Scene, side: int) -> np.ndarray:
         share = (point - mesh.verts[0])[..., [0, 2]] / (mesh.verts[2] - mesh.verts[0])[[0, 2]]  # 0 to 1 on the floor
         red = reference.bilerp(share * mesh.uvs[2], image)[..., 0].reshape(side, columns, side)
         inside = ((share > 0.0) & (share < 1.0)).all(axis=-1).reshape(side, columns, side)
-        found[row] = np.where(inside.all(axis=(0, 2)), red.mean(axis=(0, 2)), np.nan)
-    return found
+        averages[row] = np.where(inside.all(axis=(0, 2)), red.mean(axis=(0, 2)), np.nan)
+    return averages
 
 
 @pytest.mark.long

@@ -34,8 +34,8 @@ def tiles(*placements: np.ndarray, **fields) -> Mesh:
     return Mesh(verts, [[0, 1, 2], [0, 2, 3]], instances=np.stack(placements), **fields)
 
 
-def columns(found: clshade.pipeline.visible.Visible, *names: str) -> list[list[float]]:
-    return [found.table[name].tolist() for name in names]
+def columns(visibility: clshade.pipeline.visible.Visible, *names: str) -> list[list[float]]:
+    return [visibility.table[name].tolist() for name in names]
 
 
 @pytest.mark.long
@@ -43,13 +43,13 @@ def test_squares_of_which_one_covers_half_of_the_other(opened):
     """The second is before the first in a parallel projection, half a unit to the side; the third is alone."""
     camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
     scene = Scene((tiles(at(-0.5, 0), at(0, 0, 1), name="tile"), tiles(at(1.5, 1))), camera)
-    found = clshade.visible(scene, masks=True, device=opened)
-    assert columns(found, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["tile", "tile", ""]]
-    assert columns(found, "pixels", "alone", "whole") == [[128, 256, 256], [256] * 3, [256] * 3]
-    assert columns(found, "visible", "inside") == [[0.5, 1.0, 1.0], [1.0] * 3]
+    visibility = clshade.visible(scene, masks=True, device=opened)
+    assert columns(visibility, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["tile", "tile", ""]]
+    assert columns(visibility, "pixels", "alone", "whole") == [[128, 256, 256], [256] * 3, [256] * 3]
+    assert columns(visibility, "visible", "inside") == [[0.5, 1.0, 1.0], [1.0] * 3]
     expected = np.zeros((3, 48, 64), bool)
     expected[0, 16:32, 16:32] = expected[1, 16:32, 24:40] = expected[2, 0:16, 48:64] = True
-    assert np.array_equal(found.masks, expected)
+    assert np.array_equal(visibility.masks, expected)
 
 
 @pytest.mark.long
@@ -58,13 +58,13 @@ def test_parts_of_an_object_count_as_one(opened):
     places = at(-1, 0), at(1, 0)
     lower = np.diag([1.0, 0.5, 1.0, 1.0])
     parts = [
-        tiles(*(place @ each for each in places), name="pair", part_of="pair", material=Material(color))
+        tiles(*(place @ offset for offset in places), name="pair", part_of="pair", material=Material(color))
         for place, color in ((at(0, 0), (1, 0, 0)), (at(0, -0.75) @ lower, (0, 1, 0)))
     ]
     scene = Scene((parts[0], tiles(at(0, 1)), parts[1]), replace(CAMERA, orthographic=True, plane=(3.0, 4.0)))
-    found = clshade.visible(scene, device=opened)
-    assert columns(found, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["pair", "pair", ""]]
-    assert columns(found, "pixels", "whole") == [[384, 384, 256]] * 2
+    visibility = clshade.visible(scene, device=opened)
+    assert columns(visibility, "instance", "object", "name") == [[1, 2, 3], [1, 1, 2], ["pair", "pair", ""]]
+    assert columns(visibility, "pixels", "whole") == [[384, 384, 256]] * 2
     layers = ("object_id", "instance_id")
     frame = clshade.render(scene, device=opened, shader="nolight", layers=layers)
     assert [np.unique(frame[layer], return_counts=True)[1].tolist() for layer in layers] == [
@@ -83,11 +83,11 @@ def test_parts_of_an_object_count_as_one(opened):
 def test_what_lies_outside_of_the_image(opened):
     """Half, three quarters and all of a square are outside; what is beyond the margin does not count at all."""
     scene = Scene((tiles(at(2, 0), at(-2, 1.5), at(0, 3), at(12.5, 0)),), CAMERA)
-    found = clshade.visible(scene, device=opened)
-    assert found.masks is None
-    assert columns(found, "pixels", "alone", "whole") == [[128, 64, 0, 0], [128, 64, 0, 0], [256, 256, 256, 0]]
-    np.testing.assert_array_equal(found.table["visible"], [1.0, 1.0, np.nan, np.nan])
-    np.testing.assert_array_equal(found.table["inside"], [0.5, 0.25, 0.0, np.nan])
+    visibility = clshade.visible(scene, device=opened)
+    assert visibility.masks is None
+    assert columns(visibility, "pixels", "alone", "whole") == [[128, 64, 0, 0], [128, 64, 0, 0], [256, 256, 256, 0]]
+    np.testing.assert_array_equal(visibility.table["visible"], [1.0, 1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(visibility.table["inside"], [0.5, 0.25, 0.0, np.nan])
     assert columns(clshade.visible(scene, margin=0, device=opened), "whole") == [[128, 64, 0, 0]]
     assert columns(clshade.visible(scene, margin=3, device=opened), "whole") == [[256] * 4]
 
@@ -97,16 +97,16 @@ def test_against_the_oracle(opened):
     _, settings = effective_settings(mixed(), layers=("instance_id",), shader="nolight")
     radius_of_all = 1e-4 * 21.656407827707714  # half of the diagonal of floor and all, 18 x 1.9 x 39
     settings = replace(settings, near=radius_of_all)
-    found = clshade.visible(mixed(), masks=True, device=opened, near=radius_of_all)
+    visibility = clshade.visible(mixed(), masks=True, device=opened, near=radius_of_all)
     numbers = oracle.render_layers(mixed(), settings).instance_id
-    assert columns(found, "pixels") == [[int((numbers == number).sum()) for number in range(1, 8)]]
+    assert columns(visibility, "pixels") == [[int((numbers == number).sum()) for number in range(1, 8)]]
     row = 0
     for mesh in mixed().meshes:
         for matrix in np.asarray(mesh.instances):
             alone = oracle.render(replace(mixed(), meshes=(replace(mesh, instances=matrix[None]),)), settings).id > 0
-            assert np.array_equal(found.masks[row], alone)
+            assert np.array_equal(visibility.masks[row], alone)
             row += 1
-    table = found.table
+    table = visibility.table
     assert (table["pixels"] <= table["alone"]).all()
     assert (table["alone"] <= table["whole"]).all()
     assert (table["alone"][:1] < table["whole"][:1]).all()  # the floor
@@ -121,8 +121,8 @@ def test_holes_and_what_layers_look_through(opened):
     uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
     camera = replace(CAMERA, plane=(3.0, 4.0), orthographic=True)
     behind = tiles(at(0, 0, -1))
-    found = clshade.visible(Scene((behind, tiles(at(0, 0), uvs=uvs, material=holes)), camera), device=opened)
-    assert columns(found, "pixels", "alone") == [[128, 128], [256, 128]]
+    visibility = clshade.visible(Scene((behind, tiles(at(0, 0), uvs=uvs, material=holes)), camera), device=opened)
+    assert columns(visibility, "pixels", "alone") == [[128, 128], [256, 128]]
     glass = Scene((behind, tiles(at(0, 0), material=Material(blend=True, opacity=0.3))), camera)
     assert columns(clshade.visible(glass, device=opened), "pixels", "alone") == [[256, 0], [256, 0]]
     assert columns(clshade.visible(glass, device=opened, layer_alpha=0.25), "pixels") == [[0, 256]]
@@ -139,9 +139,9 @@ def test_sides_that_are_not_drawn(opened):
 def test_files(opened, tmp_path):
     names = ("left, \u00e4", "")
     scene = Scene((tiles(at(-1, 0), at(2, 0), name="tile", instance_names=names), tiles(at(0, 9))), CAMERA)
-    found = clshade.visible(scene, device=opened)
-    found.save(tmp_path / "a.csv")
-    found.save(tmp_path / "a.json")
+    visibility = clshade.visible(scene, device=opened)
+    visibility.save(tmp_path / "a.csv")
+    visibility.save(tmp_path / "a.json")
     with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == ["left, \u00e4", "tile", ""]
@@ -153,14 +153,14 @@ def test_files(opened, tmp_path):
     }
     assert objects[2]["visible"] is None
     with pytest.raises(InputError, match=r"Visible.save: path: expected a file name ending in .csv or .json, found"):
-        found.save(tmp_path / "a.txt")
+        visibility.save(tmp_path / "a.txt")
 
 
 def test_nothing_and_refusals(opened):
     for meshes in ((), (Mesh(np.zeros((1, 3)), np.zeros((0, 3), int)),)):
-        found = clshade.visible(Scene(meshes, CAMERA), masks=True, device=opened)
-        assert len(found.table) == len(found.masks) == len(meshes)
-        assert not found.table["whole"].any()
+        visibility = clshade.visible(Scene(meshes, CAMERA), masks=True, device=opened)
+        assert len(visibility.table) == len(visibility.masks) == len(meshes)
+        assert not visibility.table["whole"].any()
     for options, message in (
         ({"margin": 9}, "visible: margin: expected a whole number from 0 to 8, found 9"),
         ({"masks": 1}, "visible: masks: expected True or False, found 1"),

@@ -23,11 +23,13 @@ def chromium() -> Iterator[Callable[..., Any]]:
     Within the block asyncio takes this thread's loop for a running one.
     """
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if found is None:
+    executable = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if executable is None:
         pytest.skip("Chromium is not installed")
     with api.sync_playwright() as playwright:
-        yield lambda *arguments: playwright.chromium.launch(executable_path=found, args=["--no-sandbox", *arguments])
+        yield lambda *arguments: playwright.chromium.launch(
+            executable_path=executable, args=["--no-sandbox", *arguments]
+        )
 
 
 def opened(browser: Any, path: Path, width: int = 640, height: int = 400, script: str = "") -> Any:
@@ -51,8 +53,8 @@ def until(page: Any, expression: str) -> Any:
     """Return the first true value of an expression. (Playwright's own function needs `eval`, which pages forbid.)"""
     ends = time.monotonic() + READY_MS / 1e3
     while time.monotonic() < ends:
-        found = page.evaluate(expression)
-        if found:
-            return found
+        answer = page.evaluate(expression)
+        if answer:
+            return answer
         page.wait_for_timeout(20)
     raise AssertionError(f"never true: {expression}")

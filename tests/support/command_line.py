@@ -40,16 +40,16 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
 
 def scene_of(*arguments: object) -> clshade.Scene:
     """Return the scene selected by a command line of `render`; a contact shadow, which takes a while, is nowhere dark."""
-    given = join_values(["render", *map(str, arguments)])
-    parsed = _parser(given).parse_args(given)
+    command = join_values(["render", *map(str, arguments)])
+    parsed = _parser(command).parse_args(command)
     with mock.patch.object(look, "_share_of_light", return_value=np.ones((2, 2))):
         return selected.load_scene(parsed, parsed.scenes[0])
 
 
 def settings_of(*arguments: object) -> dict[str, Any]:
     """Return the settings that a command line of `render` chooses for its picture."""
-    given = join_values(["render", *map(str, arguments)])
-    return selected.picture_settings(_parser(given).parse_args(given), scene_of(*arguments))
+    command = join_values(["render", *map(str, arguments)])
+    return selected.picture_settings(_parser(command).parse_args(command), scene_of(*arguments))
 
 
 def process(
@@ -67,8 +67,8 @@ def without_notices(err: str) -> list[str]:
     return [line for line in err.splitlines() if not (line.startswith("clshade: ") and line.endswith(" ..."))]
 
 
-def assert_refused(found: tuple[int, str, list[str]], *parts: str) -> None:
-    code, out, err = found
+def assert_refused(outcome: tuple[int, str, list[str]], *parts: str) -> None:
+    code, out, err = outcome
     assert code == 2, (out, err)
     assert out == ""
     assert len(err) == 1, err

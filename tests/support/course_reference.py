@@ -49,7 +49,7 @@ def bound(point, normal, color, eye, k_a, k_d, k_s, n, positions, intensities) -
     lights = Lights(positions, np.reshape(intensities, (-1, 3)))
     at = Interaction(point, normal, eye, lights, extent, np.where(length > 0.0, length, 1.0))
     kappa = shade.condition_number(shade.conditions(at))
-    k = {name: np.asarray(each, np.float64) * np.ones(3) for name, each in (("kd", k_d), ("ks", k_s))}
+    k = {name: np.asarray(coefficient, np.float64) * np.ones(3) for name, coefficient in (("kd", k_d), ("ks", k_s))}
     surface = Surface(np.float64(n), np.asarray(k_a, np.float64), k)
     budget = shade.budget(np.asarray(color, np.float64), surface, lights.intensities)
     jump = shade.jumps(at, surface)

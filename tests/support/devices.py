@@ -39,10 +39,10 @@ def is_tested(platform: str) -> bool:
 def working_devices() -> tuple[str, ...]:
     """Return the indices "P:D" of the devices that work, as remembered, or else tried out; empty if there is none."""
     try:
-        found = [info for info in found_devices("") if is_tested(info.platform)]
+        infos = [info for info in found_devices("") if is_tested(info.platform)]
     except DeviceError:
         return ()
-    return tuple(info.index for info in found if recall(info).works or tried_out(info).works)
+    return tuple(info.index for info in infos if recall(info).works or tried_out(info).works)
 
 
 def rendered(scene: Scene, **options: Any) -> Frame:

@@ -39,7 +39,7 @@ class Signs(NamedTuple):
     """The signs that the kernel may find: both are the same where that is certain."""
 
     one: Array
-    other: Array
+    alternative: Array
 
 
 def _sign(value: Array) -> Array:
@@ -88,7 +88,7 @@ class ExactShadows:
     def _one(self, point: Array, receiver: int, light: Array, w: int) -> int:
         per_unit = round(1 / SHADOW_GRID)
         toward = light * per_unit - w * point  # times _SCALE / SHADOW_GRID
-        own = self.normals[0][receiver], self.normals[1][receiver]
+        receiver_normal = self.normals[0][receiver], self.normals[1][receiver]
         first = self.corners[receiver, 0]
 
         def light_side(normal: tuple[Array, Array], corner: Array) -> Signs:
@@ -96,8 +96,8 @@ class ExactShadows:
             p, of_p = dot(normal, corner - point)
             return signs(np.array(d - w * p), np.array(of_d + w * of_p), _TWO)
 
-        side = light_side(own, first)
-        heights = [signs(*dot(own, self.corners[:, k] - first), _ONE) for k in range(3)]
+        side = light_side(receiver_normal, first)
+        heights = [signs(*dot(receiver_normal, self.corners[:, k] - first), _ONE) for k in range(3)]
         above = [np.array([side[i] * h[j] > 0 for h in heights]).any(axis=0) for i in (0, 1) for j in (0, 1)]
         may, must = np.any(above, axis=0), np.all(above, axis=0)
 
@@ -112,7 +112,7 @@ class ExactShadows:
         of_centroid = signs((self.normals[0] * centroid).sum(axis=-1), of_sum, _CENTROID)
         direct = _opposite(of_light, Signs(exact, exact))
         central = _opposite(of_light, of_centroid)
-        near_may, near_must = (np.asarray(each, bool) for each in near)
+        near_may, near_must = (np.asarray(mask, bool) for mask in near)
         may &= (direct[0] & ~near_must) | (central[0] & near_may)
         must &= (direct[1] | near_must) & (central[1] | ~near_may)
         touching_may, touching_must = np.zeros((2, len(self.faces)), bool)
@@ -120,14 +120,14 @@ class ExactShadows:
             forward, ends = self.forward[:, k, None], (self.corners[:, k], self.corners[:, (k + 1) % 3])
             start, end = np.where(forward, *ends), np.where(forward, *ends[::-1])
             turn = np.where(self.forward[:, k], 1, -1)
-            toward_inside = Signs(turn * of_light.one, turn * of_light.other)
+            toward_inside = Signs(turn * of_light.one, turn * of_light.alternative)
             volume, magnitude = dot(cross(start - point, end - start), toward)
             direct = _alike(toward_inside, signs(volume, magnitude, _ONE))
             central = _alike(toward_inside, self._centroid_sides(receiver, start, end - start, toward, w, point))
             size = abs(volume) << _ONE[1]
             off = RECEIVER_UNITS * abs(cross(end - start, toward)[0]).sum(axis=-1) << _ONE[1]
-            most, least = (_ONE[0] * magnitude + np.where(each, off, 0) for each in (near_may, near_must))
-            zero_may, zero_must = np.asarray(size <= 2 * most, bool), np.asarray(2 * size <= least, bool)
+            upper, lower = (_ONE[0] * magnitude + np.where(mask, off, 0) for mask in (near_may, near_must))
+            zero_may, zero_must = np.asarray(size <= 2 * upper, bool), np.asarray(2 * size <= lower, bool)
             tie_may, tie_must = near_may & zero_may, near_must & zero_must
             may &= (direct[0] & ~tie_must) | (central[0] & tie_may)
             must &= (direct[1] | tie_must) & (central[1] | ~tie_may)
@@ -158,8 +158,8 @@ class ExactShadows:
         moved = w * (start - point)
         light, of_light = toward - moved, abs(toward) + abs(moved)
         normal = cross(side, light)[0], cross(abs(side), of_light)[1]
-        own = self.corners[receiver] - start[:, None]
-        return signs(-dot(normal, own.sum(axis=1))[0], dot(normal, abs(own).sum(axis=1))[1], _CENTROID)
+        offsets = self.corners[receiver] - start[:, None]
+        return signs(-dot(normal, offsets.sum(axis=1))[0], dot(normal, abs(offsets).sum(axis=1))[1], _CENTROID)
 
 
 def _exact(number: np.float32) -> int:

@@ -14,8 +14,13 @@ from clshade.scene.model import Settings
 
 
 def job(**changes: object) -> Job:
-    given = {"settings": Settings.from_preset("course"), "device": None, "saving": {"deterministic": True}, **changes}
-    return Job(builtin("icosphere"), **given)  # type: ignore[arg-type]
+    arguments = {
+        "settings": Settings.from_preset("course"),
+        "device": None,
+        "saving": {"deterministic": True},
+        **changes,
+    }
+    return Job(builtin("icosphere"), **arguments)  # type: ignore[arg-type]
 
 
 def tasks(folder: Path, count: int, resolution: tuple[int, int]) -> list[Task]:

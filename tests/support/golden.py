@@ -26,5 +26,5 @@ GOLDEN = {
 
 def draw(device, name: str, preset: str, shader: str, **options) -> Frame:
     scene = clshade.builtin(name, **({"triangles": 10_000} if name == "torus_knot" else {}))
-    given = {"preset": preset, "shader": shader, "layers": ("Z", "id"), "resolution": RESOLUTION}
-    return rendered(scene, device=device, **given, **options)
+    settings = {"preset": preset, "shader": shader, "layers": ("Z", "id"), "resolution": RESOLUTION}
+    return rendered(scene, device=device, **settings, **options)

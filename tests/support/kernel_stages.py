@@ -267,15 +267,15 @@ class Pipeline:
 
         It must live until the kernel is done: its buffers share the arrays' memory.
         """
-        own = {
+        stage_buffers = {
             "triangles": self.made.triangles,
             "faces": self.faces,
             "relative": self.vertices.relative,
             "vertices": self.vertices.projected,
             "image": self.image,
         }
-        given = {name: Buffer(self.device, array) for name, array in arrays.items()}
-        return struct_layout.surface_inputs(**own, **given)
+        array_buffers = {name: Buffer(self.device, array) for name, array in arrays.items()}
+        return struct_layout.surface_inputs(**stage_buffers, **array_buffers)
 
     def draw(self, corner_light: Buffer | None = None, **arrays: Array) -> tuple[Array, Array]:
         """Run the pixel stage; return rgba (M, N, 4) and, with OWNERS, triangles (M, N), both with row 0 at the TOP."""
@@ -296,17 +296,10 @@ class Pipeline:
         name = "phong" if self.features["PHONG"] else "gouraud"
         self.stages.run(name, self.stages.pixels(name, self.tiles), values, rgba=rgba, owners=owners)
         self.counters = self.counted.to_host()[0].copy()
-        found = rgba.to_host(), owners.to_host()
+        planes = rgba.to_host(), owners.to_host()
         assert np.isnan(around[0][[0, -1]]).all()
         assert (around[1][[0, -1]] == -2).all()
-        return found
-
-    def whole(self, vertices: VertexBuffers, faces: Array, **arrays: Array) -> tuple[Array, Array]:
-        """Run set-up, sort, bin and the pixel stage."""
-        self.set_up(vertices, faces)
-        self.sort()
-        self.bin()
-        return self.draw(**arrays)
+        return planes
 
 
 def material_rows(count: int = 1, **fields: Any) -> Array:
@@ -349,10 +342,10 @@ def reflected(
     vectors = {"points": points, "normals": normals, "colors": np.ones_like(points) if colors is None else colors}
     values = {name: Buffer(device, four(array)) for name, array in vectors.items()}
     values |= {"materials": Buffer(device, materials), "lights": Buffer(device, lights)}
-    found = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
+    lit = Buffer(device, np.full((len(points), 4), np.nan, np.float32))
     numbers = {"needs": chosen.needs, "unit": 1.0, "light_count": len(lights), "count": len(points)}
-    stages.run("light", stages.vectors(len(points)), values, lit=found, **numbers)
-    return found.to_host()[:, :3]
+    stages.run("light", stages.vectors(len(points)), values, lit=lit, **numbers)
+    return lit.to_host()[:, :3]
 
 
 def four(vectors: Array) -> Array:

@@ -43,9 +43,9 @@ class Card(Gltf):
 
     def texture(self, pixels: np.ndarray, **sampler: int) -> int:
         """Add an image and its sampler, nearest and clamped unless told otherwise."""
-        given = {"magFilter": NEAREST, "minFilter": NEAREST, "wrapS": CLAMP, "wrapT": CLAMP, **sampler}
+        sampler_fields = {"magFilter": NEAREST, "minFilter": NEAREST, "wrapS": CLAMP, "wrapT": CLAMP, **sampler}
         image = self.add("images", {"bufferView": self.view(png(pixels)), "mimeType": "image/png"})
-        return self.add("textures", {"source": image, "sampler": self.add("samplers", given)})
+        return self.add("textures", {"source": image, "sampler": self.add("samplers", sampler_fields)})
 
     def shape(self, positions: np.ndarray, faces: np.ndarray, material: int, **attributes: Any) -> int:
         """Add a mesh. Positions have their bounds, which glTF asks for."""
@@ -75,9 +75,9 @@ def stripes(*colors: Sequence[int], down: bool = False) -> np.ndarray:
     return row.transpose(1, 0, 2) if down else row
 
 
-def spanned(low: float, high: float, axis: int, other: float = 0.5) -> np.ndarray:
+def spanned(low: float, high: float, axis: int, constant: float = 0.5) -> np.ndarray:
     """Return texture coordinates of a tile that go from low to high along u (axis 0) or v (1)."""
-    uvs = np.full((4, 2), other, np.float32)
+    uvs = np.full((4, 2), constant, np.float32)
     uvs[:, axis] = low + (high - low) * _UNIT_UVS[:, axis]
     return uvs
 
@@ -95,10 +95,10 @@ def texture_settings(path: Path, wrong: bool = False) -> str:
         ((red, green), (1.0, 2.0), CLAMP, REPEAT),
     ]
     for row, name in enumerate(("wrapS", "wrapT")):
-        other = "wrapT" if row == 0 else "wrapS"
+        counterpart = "wrapT" if row == 0 else "wrapS"
         for column, (texels, (low, high), right, false) in enumerate(cells):
             mode, elsewhere = (false, right) if wrong else (right, false)
-            texture = card.texture(stripes(*texels, down=row == 1), **{name: mode, other: elsewhere})
+            texture = card.texture(stripes(*texels, down=row == 1), **{name: mode, counterpart: elsewhere})
             material = card.material(reflection={"baseColorTexture": {"index": texture}})
             card.place(card.tile(material, TEXCOORD_0=spanned(low, high, row)), column, row)
     _filters(card, wrong)
@@ -133,7 +133,7 @@ CODE = 128 / 255
 
 def _masks(wrong: bool) -> list[tuple[bool, dict[str, Any], dict[str, Any]]]:
     """Return whether each tile shows, its material's fields, and where its alpha comes from: factor, texture, vertices."""
-    least = {"alphaMode": "MASK", "alphaCutoff": CODE}
+    cutoff = {"alphaMode": "MASK", "alphaCutoff": CODE}
     cells: list[tuple[bool, dict[str, Any], dict[str, Any]]] = [
         (True, {"alphaMode": "OPAQUE"}, {"factor": 0.0}),
         (True, {"alphaMode": "MASK"}, {"factor": 0.5}),
@@ -141,10 +141,10 @@ def _masks(wrong: bool) -> list[tuple[bool, dict[str, Any], dict[str, Any]]]:
         (True, {"alphaMode": "MASK", "alphaCutoff": 0.0}, {"factor": 0.0}),
         (False, {"alphaMode": "MASK", "alphaCutoff": 1.01}, {"factor": 1.0}),
         (True, {"alphaMode": "BLEND"}, {"factor": 1.0}),
-        (True, least, {"texture": 128}),
-        (False, least, {"texture": 127}),
-        (True, least, {"vertices": 128}),
-        (False, least, {"vertices": 127}),
+        (True, cutoff, {"texture": 128}),
+        (False, cutoff, {"texture": 127}),
+        (True, cutoff, {"vertices": 128}),
+        (False, cutoff, {"vertices": 127}),
         (True, {"alphaMode": "MASK", "alphaCutoff": 0.25}, {"factor": 0.5, "texture": 255, "vertices": 128}),
         (False, {"alphaMode": "BLEND"}, {"factor": 0.0}),
     ]
@@ -182,14 +182,14 @@ def vertex_colors(path: Path) -> str:
     texture."""
     card = Card(4, 2)
     bytes_ = np.full((4, 4), [51, 128, 204, 0], np.uint8)
-    given: list[tuple[np.ndarray, Sequence[float]]] = [
+    cells: list[tuple[np.ndarray, Sequence[float]]] = [
         (np.full((4, 3), VERTEX_COLOR, np.float32), WHITE),
         (bytes_, WHITE),
         (bytes_.astype(np.uint16) * np.uint16(257), WHITE),
         (bytes_, (0.5, 0.25, 1.0)),
     ]
     plain = card.texture(np.full((1, 1, 3), 188, np.uint8))  # sRGB
-    for column, (colors, factor) in enumerate(given):
+    for column, (colors, factor) in enumerate(cells):
         index = card.accessor(colors, **({} if colors.dtype == np.float32 else {"normalized": True}))
         textured = {"reflection": {"baseColorTexture": {"index": plain}}} if column == 3 else {}
         attributes = {"COLOR_0": index, "TEXCOORD_0": _UNIT_UVS}

@@ -64,17 +64,17 @@ def mixed(**fields: Any) -> Scene:
     )
     nothing = Mesh(np.zeros((1, 3)), np.zeros((0, 3), int), material=Material(kd=0.3))
     meshes = (floor(), nothing, dome(), wedge(), tile)
-    given: dict[str, Any] = {"camera": CAMERA, "lights": (PointLight((2, 3, 4)),), "background": None}
-    return Scene(meshes, **{**given, **fields})
+    defaults: dict[str, Any] = {"camera": CAMERA, "lights": (PointLight((2, 3, 4)),), "background": None}
+    return Scene(meshes, **{**defaults, **fields})
 
 
 def matrices(count: int, rng: np.random.Generator, *, reach: float = 6.0, size: float = 0.6) -> np.ndarray:
     """Return random placements, half of which mirror; the last one is the identity."""
-    found = np.tile(np.eye(4), (count, 1, 1))
-    found[:, :3, :3] = size * rng.normal(size=(count, 3, 3))
-    found[:, :3, 3] = rng.uniform(-reach, reach, (count, 3))
-    found[-1] = np.eye(4)
-    return found
+    placements = np.tile(np.eye(4), (count, 1, 1))
+    placements[:, :3, :3] = size * rng.normal(size=(count, 3, 3))
+    placements[:, :3, 3] = rng.uniform(-reach, reach, (count, 3))
+    placements[-1] = np.eye(4)
+    return placements
 
 
 def crowd(count: int = 100) -> Scene:

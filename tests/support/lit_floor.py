@@ -21,7 +21,7 @@ GLOSSY = Material(ka=0.1, kd=0.7, ks=0.4, n=30.0)
 
 def floor(material: Material, cells: int = 4) -> Mesh:
     line = np.linspace(-2.5, 2.5, cells + 1)
-    x, y = (each.ravel() for each in np.meshgrid(line, line))
+    x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
     faces = [
         np.stack([first, first + 1, first + cells + 2], 1),

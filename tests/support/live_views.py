@@ -20,8 +20,8 @@ SMALL = ("quads", "--resolution", "40,30")
 
 def source_of(*arguments: object) -> Source:
     """Return the source of `clshade view ARGUMENTS`."""
-    given = join_values(["view", *map(str, arguments)])
-    parsed = _parser(given).parse_args(given)
+    command = join_values(["view", *map(str, arguments)])
+    parsed = _parser(command).parse_args(command)
     return live_view.source_of(parsed, *parsed.files)
 
 
@@ -49,13 +49,13 @@ def next_drawing(session: Session, ms: float = 1.0) -> Drawing:
 
 def all_drawings(session: Session, clock: Clock) -> list[Drawing]:
     """Draw until nothing is due, waiting where the session asks for it."""
-    found = []
+    drawings = []
     while (due := session.due()) is not None:
         if isinstance(due, float):
             clock.now += due
             continue
-        found.append(next_drawing(session))
-    return found
+        drawings.append(next_drawing(session))
+    return drawings
 
 
 def unpacked(message: bytes) -> tuple[dict[str, Any], dict[str, clshade.base.arrays.Array]]:
@@ -64,9 +64,9 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], dict[str, clshade.base.arr
     header = json.loads(message[8 : 8 + length])
     arrays = {}
     shape = header["height"], header["width"]
-    for each in header["arrays"]:
-        channels = 4 if each["name"] == "rgba" else 1
+    for entry in header["arrays"]:
+        channels = 4 if entry["name"] == "rgba" else 1
         count = shape[0] * shape[1] * channels
-        array = np.frombuffer(message, each["type"], count, 8 + length + each["offset"])
-        arrays[each["name"]] = array.reshape(*shape, channels) if channels > 1 else array.reshape(shape)
+        array = np.frombuffer(message, entry["type"], count, 8 + length + entry["offset"])
+        arrays[entry["name"]] = array.reshape(*shape, channels) if channels > 1 else array.reshape(shape)
     return header, arrays

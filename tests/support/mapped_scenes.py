@@ -26,7 +26,7 @@ def noise(rows: int, columns: int, seed: int = 2) -> np.ndarray:
 
 def mapped(**changes: Any) -> MetallicRoughness:
     """Return parameters with all maps, each of another size."""
-    given: dict[str, Any] = {
+    defaults: dict[str, Any] = {
         "metallic": 0.3,
         "roughness": 0.5,
         "emission": (0.2, 0.1, 0.4),
@@ -38,7 +38,7 @@ def mapped(**changes: Any) -> MetallicRoughness:
         "metallic_roughness_texture": Texture(noise(6, 4, 4)),
         **{name: Texture(noise(4, number, 5)) for number, name in enumerate(MAPS) if number > 3},
     }
-    return MetallicRoughness(**{**given, **changes})
+    return MetallicRoughness(**{**defaults, **changes})
 
 
 def sheet(cells: int = 5, shift: tuple[float, float, float] = (0.0, 0.0, 0.0), **fields: Any) -> Mesh:
@@ -50,10 +50,10 @@ def sheet(cells: int = 5, shift: tuple[float, float, float] = (0.0, 0.0, 0.0), *
     a, b, c, d = corner, corner + 1, corner + cells + 2, corner + cells + 1
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     uvs = np.stack([1.3 * x + 0.1, 0.7 - 1.1 * y], axis=1)
-    given = {"uvs": uvs, "more_uvs": (uvs[:, ::-1] * 2.0,), "material": Material(ka=0.3, pbr=mapped())}
-    return Mesh(verts, faces, **{**given, **fields})
+    defaults = {"uvs": uvs, "more_uvs": (uvs[:, ::-1] * 2.0,), "material": Material(ka=0.3, pbr=mapped())}
+    return Mesh(verts, faces, **{**defaults, **fields})
 
 
 def mapped_scene(*meshes: Mesh, **fields: Any) -> Scene:
-    given = {"meshes": meshes or (sheet(),), "camera": CAMERA, "lights": LIGHTS, "background": 0.1}
-    return Scene(**{**given, **fields})
+    defaults = {"meshes": meshes or (sheet(),), "camera": CAMERA, "lights": LIGHTS, "background": 0.1}
+    return Scene(**{**defaults, **fields})

@@ -45,8 +45,8 @@ class Gltf:
 
     def mesh(self, attributes: dict[str, Any], indices: Any = None, **fields: Any) -> int:
         """Add a mesh of one primitive; arrays become accessors, integers are indices of accessors."""
-        given = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items()}
-        primitive = {"attributes": given, **fields}
+        accessors = {k: v if isinstance(v, int) else self.accessor(v) for k, v in attributes.items()}
+        primitive = {"attributes": accessors, **fields}
         if indices is not None:
             primitive["indices"] = self.accessor(indices)
         self.json.setdefault("meshes", []).append({"primitives": [primitive]})
@@ -61,8 +61,8 @@ class Gltf:
         its index."""
         entry: dict[str, Any] = {"channels": [], "samplers": [], **({"name": name} if name else {})}
         for number, (node, path, times, values, interpolation) in enumerate(channels):
-            given = [each if isinstance(each, int) else self.accessor(np.array(each)) for each in (times, values)]
-            entry["samplers"].append({"input": given[0], "output": given[1], "interpolation": interpolation})
+            accessors = [data if isinstance(data, int) else self.accessor(np.array(data)) for data in (times, values)]
+            entry["samplers"].append({"input": accessors[0], "output": accessors[1], "interpolation": interpolation})
             entry["channels"].append({"sampler": number, "target": {"node": node, "path": path}})
         return self.add("animations", entry)
 

@@ -32,11 +32,11 @@ from clshade.scene.settings import Edges
 # Rewrites of correct OpenCL C that Oclgrind 21.10 reports wrongly; each text must occur in the sources.
 
 
-def told(text: str) -> str:
-    for found, instead in _ALL:
-        if found in text:
-            text = text.replace(found, instead)
-            _said.add(found)
+def rewritten(text: str) -> str:
+    for original, instead in _ALL:
+        if original in text:
+            text = text.replace(original, instead)
+            _said.add(original)
     return text
 
 
@@ -78,7 +78,7 @@ def empty(cls: type, device: Device, shape: Any, dtype: Any) -> Any:
 
 
 def prepare() -> None:
-    programs.flatten = lambda names: told(_flatten(names))  # type: ignore[assignment]
+    programs.flatten = lambda names: rewritten(_flatten(names))  # type: ignore[assignment]
     launches.Stages.run = launched  # type: ignore[method-assign]
     buffer = cl.Buffer
 
@@ -193,13 +193,13 @@ def plant() -> None:
     """Run kernels with an error each, and one that Oclgrind reports wrongly."""
     device = open_device("oclgrind")
     program = cl.Program(device.context, PLANTED).build()
-    values, found = np.arange(8, dtype=np.int32), np.zeros(8, np.int32)
+    values, target = np.arange(8, dtype=np.int32), np.zeros(8, np.int32)
     flags = cl.mem_flags
-    given = cl.Buffer(device.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=values)
-    out = cl.Buffer(device.context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=found)
+    source = cl.Buffer(device.context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=values)
+    out = cl.Buffer(device.context, flags.READ_WRITE | flags.COPY_HOST_PTR, hostbuf=target)
     kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
     for name, size in (("beyond", 8), ("raced", 8), ("unset", 1)):
-        kernels[name](device.queue, (size,), (1,), given, out)
+        kernels[name](device.queue, (size,), (1,), source, out)
     for size in (4, 8):  # this one is correct
         memory = cl.Buffer(device.context, flags.READ_WRITE, 4 * size)
         kernels["fill"](device.queue, (size,), (1,), memory)

@@ -44,8 +44,8 @@ def assert_array(
     """Assert that a value is a NumPy array of exactly this shape and type, without infinity if `finite`, and without NaN
     unless `nan`."""
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.dtype(dtype):
-        found = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {found}")
+        description = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise AssertionError(f"{name}: expected an array {shape} {np.dtype(dtype)}, found {description}")
     bad = np.isinf(value) if nan else ~np.isfinite(value) if finite else np.isnan(value)
     if bad.any():
         raise fail(f"{name}: not finite" if finite else f"{name}: NaN", bad, (name, value))
@@ -169,7 +169,7 @@ def assert_layers(
 
     Returns the largest error of each, relative to the bound. skip: (M, N) bool, pixels to exclude.
     """
-    found = {}
+    errors = {}
     layers = {name: frame[name] for name in frame.layers if name not in ("Z", "id")}
     for name, value in layers.items():
         dtype = LAYER_TABLE[name].dtype(oracle_bounds.real_of(settings))
@@ -180,5 +180,5 @@ def assert_layers(
             raise fail(
                 f"{name} differs", bad, (name, layers[name]), ("expected", getattr(oracle, name)), ("bounds", error)
             )
-        found[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
-    return found
+        errors[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
+    return errors

@@ -24,8 +24,8 @@ class Node:
 
     def all(self, tag: str = "") -> list[Node]:
         """Return the elements within, of one tag or of all, in the order of the page."""
-        found = [each for node in self.inside for each in (node, *node.all())]
-        return [each for each in found if not tag or each.tag == tag]
+        elements = [element for node in self.inside for element in (node, *node.all())]
+        return [element for element in elements if not tag or element.tag == tag]
 
 
 class _Reader(HTMLParser):

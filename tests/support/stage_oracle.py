@@ -174,9 +174,9 @@ def phong(inputs: Inputs, owners: Array, *, centroid: bool, interpolation: str, 
     point = blend(weights, corner_points(inputs, centroid)[face])
     color = blend(weights, inputs.colors[face])
     extent = np.abs(inputs.points[face].astype(np.float64)).max(axis=(1, 2))
-    found = lit(point, blend(weights, inputs.normals[face]), color, surface, inputs, extent)
-    found["rgb"] = found["rgb"] + surface.ka_Ia * (color if tinted else 1.0)
-    return as_frame(owners, at, face, found)
+    light = lit(point, blend(weights, inputs.normals[face]), color, surface, inputs, extent)
+    light["rgb"] = light["rgb"] + surface.ka_Ia * (color if tinted else 1.0)
+    return as_frame(owners, at, face, light)
 
 
 def gouraud_corners(inputs: Inputs, *, centroid: bool, tinted: bool) -> dict[str, Array]:
@@ -187,16 +187,16 @@ def gouraud_corners(inputs: Inputs, *, centroid: bool, tinted: bool) -> dict[str
         a.astype(np.float64).reshape(-1, 3) for a in (corner_points(inputs, centroid), inputs.normals, inputs.colors)
     )
     extent = np.repeat(np.abs(inputs.points.astype(np.float64)).max(axis=(1, 2)), 3)
-    found = lit(point, normal, color, surface, inputs, extent)
+    light = lit(point, normal, color, surface, inputs, extent)
     if tinted:
-        found["rgb"] = found["rgb"] + surface.ka_Ia * color
-    return found
+        light["rgb"] = light["rgb"] + surface.ka_Ia * color
+    return light
 
 
-def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[str, Array]) -> OracleFrame:
+def as_frame(owners: Array, at: tuple[Array, Array], face: Array, covered: dict[str, Array]) -> OracleFrame:
     """Return an OracleFrame (M, N) with the values at the covered pixels, without Z."""
     shape = owners.shape
-    whole = {
+    planes = {
         "rgb": np.zeros((*shape, 3)),
         "budget": np.zeros((*shape, 3)),
         "conditions": np.ones((*shape, 4)),
@@ -205,11 +205,11 @@ def as_frame(owners: Array, at: tuple[Array, Array], face: Array, found: dict[st
         "alpha_error": np.zeros(shape),
         "unsure": np.zeros(shape, bool),
     }
-    for name, values in found.items():
-        whole[name][at] = values
+    for name, values in covered.items():
+        planes[name][at] = values
     ids = np.zeros(shape, np.uint32)
     ids[at] = face + 1
-    return OracleFrame(alpha=(ids > 0).astype(np.float64), id=ids, Z=np.full(shape, np.inf), **whole)
+    return OracleFrame(alpha=(ids > 0).astype(np.float64), id=ids, Z=np.full(shape, np.inf), **planes)
 
 
 def only(frame: OracleFrame, inputs: Inputs, n: float) -> Array:
