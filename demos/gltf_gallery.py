@@ -28,7 +28,7 @@ import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError  # noqa: E402
 from clshade.images import marks, png  # noqa: E402
-from clshade.scene.views import named_cameras  # noqa: E402
+from clshade.scene.adjust_camera import named_cameras  # noqa: E402
 
 SIZE = (544, 408)  # twice a panel's width: reduced, its edges are smooth
 SCENES = {

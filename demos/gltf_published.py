@@ -34,7 +34,7 @@ import clshade  # noqa: E402
 from clshade.base.text_tables import create_folder  # noqa: E402
 from clshade.errors import ClshadeError, InputError  # noqa: E402
 from clshade.images import marks, png  # noqa: E402
-from clshade.scene.fitting import FILL, fitted  # noqa: E402
+from clshade.scene.framing import FILL, fitted  # noqa: E402
 
 SIZE = (624, 602)  # of a panel
 EXPOSURE = 1.0  # stops

@@ -1,4 +1,7 @@
-"""Public docstrings in numpydoc's layout: a one-line summary, and a section that names every parameter."""
+"""Public docstrings in numpydoc's layout: a one-line summary, and a section that names every parameter.
+
+Numpydoc's own validation needs Sphinx, and neither it nor pydoclint reads `a, b : type` of several parameters.
+"""
 
 from __future__ import annotations
 
@@ -6,249 +9,101 @@ import dataclasses
 import inspect
 import re
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 import clshade
 
-MODULES = [clshade.course, clshade.errors, clshade.exr, clshade.farm, clshade.view]
+MODULES = [clshade, clshade.course, clshade.errors, clshade.exr, clshade.farm, clshade.view]
 RESULTS = [clshade.Frame, clshade.Views]  # users get these from functions: instead of parameters they have attributes
 MARKS = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
 
 
-def sections(doc: str) -> dict[str, str]:
-    """Return the text below each underlined title."""
+def names_in(doc: str, title: str) -> set[str] | None:
+    """Return the names in a section of lines `a, b : type` or `a, b`; None without this section."""
     parts = re.split(r"^(\w[\w ]*)\n-+\n", doc + "\n", flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2], strict=True))
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    if title not in sections:
+        return None
+    heads = re.findall(r"^(\S.*?)(?: : .*)?$", sections[title], re.MULTILINE)
+    return {name for head in heads for name in head.split(", ")}
 
 
-def named_in(section: str) -> list[str]:
-    """Return the names in a section: lines `a, b : type` or `a, b` at the left margin, with indented text below."""
-    heads = re.findall(r"^(\S.*?)(?: : .*)?$", section, re.MULTILINE)
-    return [name for head in heads for name in head.split(", ")]
-
-
-def option_keys(function: Any, name: str) -> set[str]:
-    """Return the keys of `**name`, if its annotation is Unpack of a TypedDict."""
-    match = re.fullmatch(r"Unpack\[(\w+)\]", str(function.__annotations__.get(name)))
-    return set(getattr(sys.modules[function.__module__], match[1]).__annotations__) if match else set()
-
-
-def taken(function: Any) -> list[inspect.Parameter]:
-    """Return the parameters of a function, or of a method without its first."""
-    return [item for item in inspect.signature(function).parameters.values() if item.name != "self"]
-
-
-def mismatches(function: Any, section: str) -> Iterator[str]:
-    """Yield the parameters of a function that a section lacks, and the names in it that are no parameters."""
-    rest = named_in(section)
-    for item in taken(function):
-        name = MARKS.get(item.kind, "") + item.name
-        keys = option_keys(function, item.name) if name.startswith("**") else set()
-        if name not in rest and not (keys and keys <= set(rest)):
-            yield f"{name} is missing"
-        rest = [other for other in rest if other != name and other not in keys]
-    yield from (f"{name} is no parameter" for name in rest)
+def parameters(function: Any) -> dict[str, set[str]]:
+    """Return the names of parameters, with `*` and `**`, and of `**` the keys of its TypedDict."""
+    keys: dict[str, set[str]] = {}
+    for parameter in inspect.signature(function).parameters.values():
+        match = re.fullmatch(r"Unpack\[(\w+)\]", str(parameter.annotation))
+        options = set(getattr(sys.modules[function.__module__], match[1]).__annotations__) if match else set()
+        keys[MARKS.get(parameter.kind, "") + parameter.name] = options
+    return {name: options for name, options in keys.items() if name != "self"}
 
 
 def faults(subject: Any) -> list[str]:
     """Return what the docstring of a function, method, property or class lacks."""
-    if not subject.__doc__:
-        return ["no docstring"]
-    doc = inspect.cleandoc(subject.__doc__)
+    doc = inspect.cleandoc(subject.__doc__ or "")
     summary, *rest = doc.split("\n")
-    found = [f"no summary of one line: {summary}"] if not summary.endswith(".") or any(rest[:1]) else []
-    found += [
-        f"underline of {title}" for title, line in re.findall(r"^(\w.*)\n(-+)$", doc, re.M) if len(title) != len(line)
-    ]
+    lines = [] if summary.endswith(".") and not any(rest[:1]) else [f"no summary of one line: {summary}"]
+    lines += [f"underline of {a}" for a, b in re.findall(r"^(\w.*)\n(-+)$", doc, re.MULTILINE) if len(a) != len(b)]
     if isinstance(subject, property):
-        return found
-    parts, title, function = sections(doc), "Parameters", subject
+        return lines
     if dataclasses.is_dataclass(subject) or subject in RESULTS:
-        title = "Attributes"
-        names = [field.name for field in dataclasses.fields(subject)] if dataclasses.is_dataclass(subject) else []
-        lacking = [f"{name} is missing" for name in names if name not in named_in(parts.get(title, ""))]
-        return found + lacking + ([] if title in parts else ["no Attributes"])
-    if inspect.isclass(subject):
-        function = subject.__init__
-        if not inspect.isfunction(function):  # of an exception, which takes a message
-            return found
-    if title not in parts and taken(function):
-        return [*found, "no Parameters"]
-    return found + list(mismatches(function, parts.get(title, "")))
+        fields = {field.name for field in dataclasses.fields(subject)} if dataclasses.is_dataclass(subject) else set()
+        names = names_in(doc, "Attributes")
+        return [*lines, "no Attributes"] if names is None else lines + [f"{name} is missing" for name in fields - names]
+    function = subject.__init__ if inspect.isclass(subject) else subject
+    if not inspect.isroutine(function) or not hasattr(function, "__annotations__"):  # of an exception
+        return lines
+    names, taken = names_in(doc, "Parameters"), parameters(function)
+    if names is None:
+        return [*lines, "no Parameters"] if taken else lines
+    for name, keys in taken.items():
+        if name not in names and not (keys and keys <= names):
+            lines.append(f"{name} is missing")
+    return lines + [f"{name} is no parameter" for name in names - {*taken, *set().union(*taken.values())}]
 
 
 def public() -> dict[str, Any]:
     """Return everything whose docstring users read, by its dotted name."""
-    found: dict[str, Any] = {}
-    for module in [clshade, *MODULES]:
+    subjects: dict[str, Any] = {}
+    for module in MODULES:
         for name in getattr(module, "__all__", vars(module)):
             value = getattr(module, name)
             if (inspect.isclass(value) or inspect.isfunction(value)) and value.__module__.startswith("clshade."):
-                found[f"{module.__name__}.{name}"] = value
-    for title, owner in [(title, value) for title, value in found.items() if inspect.isclass(value)]:
+                subjects[f"{module.__name__}.{name}"] = value
+    for title, owner in [(title, value) for title, value in subjects.items() if inspect.isclass(value)]:
         for name, value in vars(owner).items():
             if name.startswith("_") and name != "__getitem__":
                 continue
             if inspect.isfunction(value) or isinstance(value, (property, classmethod, staticmethod)):
-                found[f"{title}.{name}"] = value if isinstance(value, property) else getattr(owner, name)
-    return found
+                subjects[f"{title}.{name}"] = value if isinstance(value, property) else getattr(owner, name)
+    return subjects
 
 
 PUBLIC = public()
 
 
-def test_all_that_is_public_is_looked_at():
-    assert {
-        "clshade.load",
-        "clshade.Camera",
-        "clshade.Camera.from_fov",
-        "clshade.Scene.face_count",
-        "clshade.Frame.__getitem__",
-        "clshade.course.light",
-        "clshade.errors.InputError",
-        "clshade.exr.read",
-        "clshade.farm.Run.rate",
-    } <= set(PUBLIC)
-    names = [name for name in clshade.__all__ if name != "__version__"]
-    assert {name for name in names if f"clshade.{name}" not in PUBLIC} == {m.__name__.split(".")[1] for m in MODULES}
-
-
-@pytest.mark.parametrize("name", PUBLIC)
-def test_a_docstring_says_what_its_subject_takes(name):
-    assert faults(PUBLIC[name]) == []
-
-
-@pytest.mark.parametrize("module", [clshade, *MODULES], ids=lambda module: module.__name__)
-def test_a_module_has_a_summary(module):
-    summary, *rest = module.__doc__.split("\n")
-    assert summary.endswith(".")
-    assert not any(rest[:1])
-
-
-# The checker itself: docstrings without a fault, and each fault planted into one of them.
-
-
-def painted(scene, size=1, *others, lamp=False, **settings):
-    """Paint a scene.
-
-    Parameters
-    ----------
-    scene, size : Scene or int
-        What to paint, and
-        how large : a number.
-    *others
-        More.
-    lamp : bool, default False
-        Whether the light is on.
-    **settings
-        The rest.
-
-    Returns
-    -------
-    Frame
-    """
-
-
-@dataclasses.dataclass
-class Point:
-    """A point.
-
-    Attributes
-    ----------
-    x, y : float
-        Where it lies.
-    """
-
-    x: float
-    y: float = 0.0
-
-    def moved(self, by):
-        """Return the point moved.
-
-        Parameters
-        ----------
-        by : float
-            How far.
-        """
-
-    @classmethod
-    def origin(cls, name):
-        """Return the origin.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-        """
-
-    @property
-    def length(self):
-        """Distance from the origin."""
-
-
-class Pen:
-    """A pen.
-
-    Parameters
-    ----------
-    width : float
-        In pixels.
-    """
-
-    def __init__(self, width):
-        self.width = width
-
-    def lift(self):
-        """Lift the pen."""
-
-
-SOUND = [painted, Point, Point.moved, Point.origin, Point.length, Pen, Pen.lift]
-
-
-def test_sound_docstrings_have_no_fault():
-    assert [faults(subject) for subject in SOUND] == [[]] * len(SOUND)
+def test_docstrings_say_what_their_subjects_take():
+    assert {"clshade.load", "clshade.Camera.from_fov", "clshade.Scene.face_count", "clshade.farm.Run.rate"} <= set(
+        PUBLIC
+    )
+    assert {name: lines for name, subject in PUBLIC.items() if (lines := faults(subject))} == {}
 
 
 @pytest.mark.parametrize(
-    ("subject", "old", "new", "fault"),
+    ("name", "old", "new", "fault"),
     [
-        (painted, "Paint a scene.", "Paint a scene", "no summary of one line: Paint a scene"),
-        (painted, "Paint a scene.\n", "Paint a scene.\nOr two.\n", "no summary of one line: Paint a scene."),
-        (painted, "scene, size :", "scene :", "size is missing"),
-        (painted, "scene, size : Scene or int", "scene", "size is missing"),
-        (painted, "lamp :", "lamps :", "lamp is missing"),
-        (painted, "lamp :", "lamp, color :", "color is no parameter"),
-        (painted, "*others\n", "others\n", "*others is missing"),
-        (painted, "**settings", "settings", "**settings is missing"),
-        (painted, "Parameters\n----------", "Arguments\n---------", "no Parameters"),
-        (painted, "Parameters\n----------", "Parameters", "no Parameters"),
-        (painted, "Parameters\n----------", "Parameters\n---------", "underline of Parameters"),
-        (Point, "x, y :", "x :", "y is missing"),
-        (Point, "Attributes\n----------", "Parameters\n----------", "no Attributes"),
-        (Point.moved, "by :", "to :", "by is missing"),
-        (Point.moved, "by :", "self, by :", "self is no parameter"),
-        (Point.origin, "name :", "cls, name :", "cls is no parameter"),
-        (Point.length, "origin.", "origin", "no summary of one line: Distance from the origin"),
-        (Pen, "width :", "color :", "width is missing"),
-        (Pen.lift, "Lift the pen.", "", "no docstring"),
+        ("load", "Parameters\n----------", "Parameters\n---------", "underline of Parameters"),
+        ("load", "Parameters\n----------", "Arguments\n---------", "no Parameters"),
+        ("load", "crease :", "creases :", "crease is missing"),
+        ("load", "crease :", "crease, color :", "color is no parameter"),
+        ("load", ".\n", "\n", "no summary of one line: "),
+        ("Scene", "background", "backdrop", "background is missing"),
     ],
 )
-def test_a_planted_fault_is_seen(subject, old, new, fault, monkeypatch):
-    holder = getattr(subject, "__func__", subject)
-    doc = inspect.cleandoc(holder.__doc__)
-    assert doc.count(old) == 1
-    monkeypatch.setattr(holder, "__doc__", doc.replace(old, new))
-    assert fault in faults(subject)
-
-
-def test_options_may_be_named_by_their_keys(monkeypatch):
-    method = clshade.Settings.from_preset
-    doc = inspect.cleandoc(method.__doc__)
-    keys = list(clshade.Settings.__dataclass_fields__)
-    monkeypatch.setattr(method.__func__, "__doc__", doc.replace("**fields", "\n".join(keys)))
-    assert faults(method) == []
-    monkeypatch.setattr(method.__func__, "__doc__", doc.replace("**fields", "\n".join(keys[1:])))
-    assert faults(method) == ["**fields is missing"]
+def test_a_planted_fault_is_seen(name, old, new, fault, monkeypatch):
+    subject = PUBLIC[f"clshade.{name}"]
+    doc = inspect.cleandoc(subject.__doc__)
+    monkeypatch.setattr(subject, "__doc__", doc.replace(old, new, 1))
+    assert any(line.startswith(fault) for line in faults(subject))

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from kernel_stages import Pipeline, samples_at, vertices_at
+from kernel_stages import Pipeline, samples_at
 from stage_oracle import hull, seen_from
 
 from clshade.oracle import coverage
 from clshade.pipeline import struct_layout
 from clshade.pipeline.camera_space import sample_positions
-from clshade.pipeline.renderer import Renderer, render
-from clshade.scene.camera import Camera
-from clshade.scene.model import Mesh, Scene
 
 TILE, PIXEL = struct_layout.TILE_SIZE, coverage.SUBPIXELS
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
@@ -31,12 +26,13 @@ def triangles(seed: int, count: int = 1500) -> np.ndarray:
     return np.rint(np.clip(xy, low, high)).astype(np.int64)
 
 
-def set_up(device, xy: np.ndarray, resolution: tuple[int, int]) -> tuple[Pipeline, np.ndarray, np.ndarray]:
-    """Return the pipeline, a random order of the visible triangles, and all boxes."""
-    pipeline = Pipeline(device, FILES, resolution, OWNERS=1)
-    z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
-    pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
-    return pipeline, pipeline.sort(), coverage.setup(xy, *resolution).box
+def set_up(device, xy: np.ndarray, resolution: tuple[int, int], places: np.ndarray | None = None) -> Pipeline:
+    """Return the pipeline with the visible triangles in a random order. places: sample positions (S, 2)."""
+    several = {} if places is None else {"image": samples_at(places), "SAMPLES": 1}
+    pipeline = Pipeline(device, FILES, resolution, OWNERS=1, **several)
+    pipeline.set_up_apart(xy, np.random.default_rng(9).uniform(1, 2, (len(xy), 3)))
+    pipeline.ordered(np.random.default_rng(8).permutation(pipeline.sort()))
+    return pipeline
 
 
 def tiles_drawn(xy: np.ndarray, boxes: np.ndarray, order: np.ndarray, resolution: tuple[int, int]) -> list[set[int]]:
@@ -82,11 +78,8 @@ def test_lists(device, count, resolution):
     """Each triangle is listed, in the given order, in exactly the tiles of its hull that none of its edges excludes, which
     include all tiles with a pixel that it covers at any sample."""
     xy, places = triangles(6, 500), sample_positions(count)
-    several = {"image": samples_at(places), "SAMPLES": 1} if count > 1 else {}
-    pipeline = Pipeline(device, FILES, resolution, OWNERS=1, **several)
-    z = np.random.default_rng(9).uniform(1, 2, (len(xy), 3))
-    pipeline.set_up(vertices_at(device, xy.reshape(-1, 2), z.reshape(-1)), np.arange(3 * len(xy)).reshape(-1, 3))
-    order, boxes, across = pipeline.sort(), hull(xy, places, resolution), -(-resolution[0] // TILE)
+    pipeline = set_up(device, xy, resolution, places if count > 1 else None)
+    order, boxes, across = pipeline.order.array, hull(xy, places, resolution), -(-resolution[0] // TILE)
     lists = [listed.tolist() for listed in pipeline.bin()]
     expected: list[list[int]] = [[] for _ in lists]
     for k in order.tolist():
@@ -99,21 +92,10 @@ def test_lists(device, count, resolution):
         assert all(some <= set(listed) for some, listed in zip(needed, lists, strict=True))
 
 
-def test_triangles_that_miss_a_tile_of_their_box_are_left_out(device):
-    """A needle along the diagonal of 10 x 10 tiles meets the 28 on and next to it; its box contains all 100."""
-    xy = np.array([[[0, 0], [160, 159.6], [159.6, 160]]])
-    xy = np.rint(PIXEL * xy).astype(np.int64)
-    pipeline, _, _ = set_up(device, xy, (160, 160))
-    tiles = np.array([len(listed) for listed in pipeline.bin()]).reshape(10, 10)
-    distance = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))
-    assert (tiles[distance == 0] == 1).all()
-    assert not tiles[distance > 1].any()
-
-
 @pytest.mark.parametrize(("chunk", "parts"), [(1, 1), (2, 3), (7, 1), (64, 64), (1000, 7), (10**6, 2)])
 def test_chunks_and_parts_change_nothing(device, chunk, parts):
     xy = triangles(2, 400)
-    pipeline, _, _ = set_up(device, xy, (90, 70))
+    pipeline = set_up(device, xy, (90, 70))
     lists = pipeline.bin()
     entries, starts = pipeline.lists.array.copy(), pipeline.starts.array.copy()
     assert sum(map(len, lists)) > 250
@@ -125,8 +107,8 @@ def test_chunks_and_parts_change_nothing(device, chunk, parts):
 def test_an_entrys_box_is_the_triangles_box_within_the_tile(device):
     resolution = (163, 119)
     xy = triangles(3)
-    pipeline, _, boxes = set_up(device, xy, resolution)
-    lists = pipeline.bin()
+    pipeline = set_up(device, xy, resolution)
+    lists, boxes = pipeline.bin(), coverage.setup(xy, *resolution).box
     entries = pipeline.lists.to_host()
     tile = np.repeat(np.arange(len(lists)), [len(listed) for listed in lists])
     corner = np.stack([tile % -(-resolution[0] // TILE), tile // -(-resolution[0] // TILE)], axis=1) * TILE
@@ -136,19 +118,9 @@ def test_an_entrys_box_is_the_triangles_box_within_the_tile(device):
     assert np.array_equal(entries["nearest"], bounds["nearest"][entries["index"]])
 
 
-def test_the_given_order_is_kept_whatever_it_is(device):
-    """Binning ignores depths: a reversed order gives reversed lists."""
-    xy = triangles(4, 300)
-    pipeline, order, _ = set_up(device, xy, (90, 70))
-    forth = pipeline.bin()
-    pipeline.ordered(order[::-1])
-    back = pipeline.bin(13)
-    assert all(np.array_equal(a, b[::-1]) for a, b in zip(forth, back, strict=True))
-
-
 def test_without_room_nothing_is_listed_or_drawn(device):
     """No pixel has an owner then: layers may be enqueued already."""
-    pipeline, _, _ = set_up(device, triangles(5, 300), (90, 70))
+    pipeline = set_up(device, triangles(5, 300), (90, 70))
     pipeline.bin()
     entries = len(pipeline.lists.array)
     assert (pipeline.draw()[1] != -2).all()
@@ -156,16 +128,3 @@ def test_without_room_nothing_is_listed_or_drawn(device):
     image, owners = pipeline.draw()[:2]
     assert np.isnan(image).all()
     assert (owners == -1).all()
-
-
-def test_the_renderer_makes_room_as_it_needs_it(device):
-    """From one small triangle to many across the image and back: each frame equals a first frame."""
-    mesh = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    cameras = [Camera.from_fov((0.0, 0.0, z), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 60.0) for z in (50.0, 0.5, 9.0)]
-    scene = Scene((mesh,), cameras[0].with_resolution((200, 150)))
-    with Renderer(scene, device=device) as renderer:
-        frames = [renderer.render(camera.with_resolution((200, 150))) for camera in cameras]
-    for camera, frame in zip(cameras, frames, strict=True):
-        alone = render(replace(scene, camera=camera.with_resolution((200, 150))), device=device)
-        assert np.array_equal(frame.rgb, alone.rgb)
-        assert frame.alpha.any()

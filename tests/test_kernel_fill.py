@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from devices import needs_float64
-from kernel_stages import OTHER_LANES, Pipeline, samples_at, vertices_at
+from kernel_stages import Pipeline, samples_at
 from stage_oracle import as_kernels_see, owners_of, seen_from
 
 from clshade.oracle import coverage, transform
@@ -17,20 +17,17 @@ PIXEL = coverage.SUBPIXELS
 LOW, HIGH = struct_layout.GUARD_LOW * PIXEL, struct_layout.GUARD_HIGH * PIXEL
 # A triangle as large as the guard band: it covers the image.
 LARGEST = np.array([[LOW, LOW], [HIGH, LOW], [0, HIGH]])
-FINEST = np.array([0, 1, 255, 256, 257, PIXEL - 1, 2 * PIXEL + 1])  # from pixel centers
 
 
-def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> np.ndarray:
+def fill(device, xy, z, resolution, *, places=None, **features) -> np.ndarray:
     """Return owners (M, N), row 0 at the BOTTOM, of triangles without shared vertices: snapped xy (F, 3, 2), depths z
     (F, 3).
 
     places: sample positions (S, 2), with SAMPLES; the owners are those at the first.
     """
     image = None if places is None else samples_at(places)
-    pipeline = Pipeline(device, FILES, resolution, lanes=lanes, image=image, OWNERS=1, **features)
-    kind = {"structs": pipeline.structs, "orthographic": bool(features.get("ORTHOGRAPHIC"))}
-    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1), **kind)
-    pipeline.set_up(vertices, np.arange(3 * len(xy)).reshape(-1, 3))
+    pipeline = Pipeline(device, FILES, resolution, image=image, OWNERS=1, **features)
+    pipeline.set_up_apart(xy, z, orthographic=bool(features.get("ORTHOGRAPHIC")))
     face_of_index = np.arange(len(xy))
     pipeline.sort(lambda index: (transform.painter_depth(z[index]), face_of_index[index]))
     pipeline.bin(max(1, -(-pipeline.visible // 3)))
@@ -42,26 +39,14 @@ def fill(device, xy, z, resolution, *, lanes=None, places=None, **features) -> n
     return owners[::-1].copy()
 
 
-def assert_same_coverage(device, xy, resolution, **options) -> None:
+def assert_same_coverage(device, xy, resolution) -> None:
     """Assert that triangles that do not overlap each cover exactly the oracle's pixels."""
     z = np.ones((len(xy), 3))
-    owners = fill(device, xy, z, resolution, **options)
+    owners = fill(device, xy, z, resolution)
     assert np.array_equal(owners, owners_of(xy, z, resolution, "painter"))
 
 
 # Coverage
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("depth_test", [0, 1])
-@pytest.mark.parametrize("at", [coverage.HALF * np.arange(7), coverage.HALF + FINEST], ids=["half-pixels", "finest"])
-def test_every_triangle_of_a_grid(device, at, depth_test):
-    """All 117,649 triangles with corners on a 7 x 7 grid, each in a cell of 4 x 4 pixels of one image: every center lies on
-    corners and edges of many, or a step beside them."""
-    a, b, c = np.meshgrid(np.arange(49), np.arange(49), np.arange(49), indexing="ij")
-    xy = at[np.stack(np.divmod(np.stack([a.ravel(), b.ravel(), c.ravel()], axis=1), 7), axis=-1)]
-    cell = np.stack(np.divmod(np.arange(len(xy)), 343), axis=1)
-    assert_same_coverage(device, xy + 4 * PIXEL * cell[:, None, :], (1372, 1372), DEPTH_TEST=depth_test)
 
 
 @pytest.mark.parametrize("size", [1, 2, 4, 8, 16, 32, 64, 128, 256])
@@ -85,25 +70,6 @@ def test_triangles_far_larger_than_the_image(device, resolution):
         assert_same_coverage(device, xy, resolution)
     for xy in (LARGEST, np.array([[HIGH, HIGH], [LOW, HIGH], [0, LOW]])):
         assert_same_coverage(device, xy[None], resolution)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("reach", [120, 8000])
-def test_a_fan_of_needles_has_no_hole_and_no_overlap(device, reach):
-    """600 needles of either winding around a point, 1:1000 and thinner, in one image: each pixel inside belongs to a
-    triangle."""
-    angle = np.sort(np.random.default_rng(5).uniform(0, 2 * np.pi, 600))
-    rim = np.rint(PIXEL * (128 + reach * np.stack([np.cos(angle), np.sin(angle)], axis=1))).astype(np.int64)
-    xy = np.stack([np.full_like(rim, 128 * PIXEL + 19_777), rim, np.roll(rim, -1, axis=0)], axis=1)
-    xy[::2] = xy[::2, ::-1].copy()
-    owners = fill(device, xy, np.ones((600, 3)), (256, 256))
-    assert np.array_equal(owners, owners_of(xy, np.ones((600, 3)), (256, 256), "painter"))
-    row, column = np.indices(owners.shape)
-    # The widest gap of the rim is 3 degrees: a sagitta of 1/1000 of its radius.
-    inside = np.hypot(row - 127.5, column - 127.5) < 0.99 * reach
-    assert (owners[inside] >= 0).all()
-    count = sum(coverage.triangle_mask(t, 256, 256).astype(int) for t in xy)
-    assert count.max() == 1
 
 
 # Ownership
@@ -202,28 +168,3 @@ def test_of_equal_depths_the_later_face_wins(device, depth_test):
     owned = owners[owners >= 0]
     assert (owned >= 80).all()
     assert len(owned) > 1000
-
-
-def test_crossing_triangles_are_cut_along_their_line(device):
-    """Depths 1 to 3 against 3 to 1: the boundary is the middle column, where both depths are 1/(1/2 (1 + 1/3)) =
-    1.5."""
-    box = 64 * PIXEL
-    xy = np.array([[[0, -box], [box, -box], [box, 9 * box]], [[0, -box], [box, -box], [0, 9 * box]]])
-    both = coverage.triangle_mask(xy[0], 64, 64) & coverage.triangle_mask(xy[1], 64, 64)
-    z = np.array([[1.0, 3.0, 3.0], [3.0, 1.0, 3.0]])
-    owners = fill(device, xy, as_kernels_see(z), (64, 64), DEPTH_TEST=1)
-    assert both.any()
-    assert np.array_equal(owners[both], owners_of(xy, as_kernels_see(z), (64, 64), "depth")[both])
-    assert {0, 1} == set(owners[both].tolist())
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("lanes", OTHER_LANES)
-@pytest.mark.parametrize("depth_test", [0, 1])
-def test_lanes_do_not_change_an_owner(device, depth_test, lanes):
-    xy, z = overlapping(9)
-    z[::2] = 1.5
-    z[1::4] = z[::4]
-    xy[1::4] = xy[::4]
-    first, second = (fill(device, xy, z, RESOLUTION, lanes=count, DEPTH_TEST=depth_test) for count in (16, lanes))
-    assert np.array_equal(first, second)

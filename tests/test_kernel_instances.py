@@ -15,17 +15,15 @@ from layer_scenes import crowd, matrices
 from clshade.pipeline import placements, scene_tables, triangle_source
 from clshade.pipeline.buffers import Buffer
 from clshade.pipeline.camera_space import CameraSpace, Extent
-from clshade.pipeline.launches import FrameInFlight, Stages, items
+from clshade.pipeline.launches import FrameInFlight, Stages
 from clshade.pipeline.programs import build
 from clshade.pipeline.struct_layout import SINGLE
 from clshade.pipeline.triangle_source import TriangleSource
 from clshade.scene.model import Scene, Settings
-from clshade.scene.objects import first_instances
 
 STAGES = """
 #include "project.cl"
 #include "setup.cl"
-#include "layers.cl"
 
 // Of one lane.
 kernel void normals(global const Instance *given, global const double4 *own, global real4 *out)
@@ -120,30 +118,6 @@ def test_the_same_triangles_as_of_copies(device, lanes, features):
     assert np.array_equal(setup.order, expected.order)
     if not features:
         assert np.array_equal(setup.depth, expected.depth)
-    assert_layers(device, stages, setup, scene)
-
-
-def assert_layers(device, stages: Stages, setup: SimpleNamespace, scene: Scene) -> None:
-    """Check the layers id and instance_id of the triangles that are set up."""
-    owners = np.concatenate([[-1, -1], setup.index, [-1, 0, 0, 0]]).astype(np.int32)
-    count = len(owners) - 3  # nothing is written beyond
-    owner_buffer, rows = Buffer(device, owners), Buffer(device, setup.table.rows)
-    ids, numbers = (Buffer(device, np.full(len(owners), 7, np.uint32)) for _ in range(2))
-    triangles = setup.source.made.triangles
-    values = {
-        "owners": owner_buffer,
-        "triangles": triangles,
-        "triangle_instances": setup.of_triangles,
-        "instances": rows,
-    }
-    values |= {"numbers": None, "in_table": False, "count": count}
-    for shown, of_instances in ((ids, False), (numbers, True)):
-        stages.run("layer_number", items(count), values, shown=shown, of_instances=of_instances)
-    faces, instance = setup.rows["face"], []
-    for mesh, first in zip(scene.meshes, first_instances(scene), strict=True):
-        instance += [first + k for k in range(len(mesh.instances)) for _ in mesh.faces]
-    assert ids.to_host().tolist() == [0, 0, *(faces + 1), 0, 7, 7, 7]
-    assert numbers.to_host().tolist() == [0, 0, *np.array(instance)[faces], 0, 7, 7, 7]
 
 
 def test_normals_and_tangents(device):

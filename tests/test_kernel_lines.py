@@ -236,15 +236,30 @@ def columns_of(shown: np.ndarray) -> np.ndarray:
     return np.flatnonzero((shown[..., 0] > 0).any(axis=0))
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_nearer_triangle_hides_where_it_covers(device, turned):
-    wall = WALL[:, ::-1] if turned else WALL
-    before = Drawing(device, lines_at(ACROSS), wall, np.full((1, 3), NEAR))
-    assert columns_of(before.shown()).tolist() == list(range(1, 10))
-    behind = Drawing(device, lines_at(ACROSS), wall, np.full((1, 3), 2.0 * FAR))
-    assert columns_of(behind.shown()).tolist() == list(range(1, 39))
-    same = Drawing(device, lines_at(ACROSS), wall, np.full((1, 3), FAR))
-    assert np.array_equal(same.shown(), behind.shown())
+HIDDEN, SHOWN = range(1, 10), range(1, 39)  # columns that show the line
+ASIDE = WALL - 60000
+WITH_FACES = {"faces": (1, 2)}  # of the edge: the second of a list, and the one after it
+CASES = {  # members of the line; triangles and their depths; further arguments of Drawing
+    "in front": ({}, [WALL], [NEAR], {}, HIDDEN),
+    "in front, turned": ({}, [WALL[:, ::-1]], [NEAR], {}, HIDDEN),
+    "behind": ({}, [WALL], [2.0 * FAR], {}, SHOWN),
+    "at the same depth": ({}, [WALL], [FAR], {}, SHOWN),
+    "the second piece of a face": ({}, [ASIDE, ASIDE, ASIDE, WALL], [FAR, FAR, NEAR, NEAR], {"pieces": 2}, HIDDEN),
+    "the first piece of a face": ({}, [ASIDE, ASIDE, WALL, ASIDE], [FAR, FAR, NEAR, NEAR], {"pieces": 2}, HIDDEN),
+    "the edge's own face": (WITH_FACES, [WALL] * 3, [FAR, NEAR, 2.0 * FAR], {"edge_faces": [7, 0, 1]}, SHOWN),
+    "the face of another edge": (WITH_FACES, [WALL] * 3, [FAR, NEAR, 2.0 * FAR], {"edge_faces": [1, 0, 2]}, HIDDEN),
+    # In painter's order lines hold minus the first rank of their faces, and depths do not matter.
+    "an earlier rank": ({"z": -1 / 5}, [WALL], [2.0 * FAR], {"ranks": [3]}, HIDDEN),
+    "the same rank": ({"z": -1 / 5}, [WALL], [2.0 * FAR], {"ranks": [5]}, SHOWN),
+    "a later rank": ({"z": -1 / 5}, [WALL], [2.0 * FAR], {"ranks": [6]}, SHOWN),
+}
+
+
+@pytest.mark.parametrize(("line", "triangles", "z", "options", "shown"), CASES.values(), ids=CASES)
+def test_a_triangle_hides_where_it_covers(device, line, triangles, z, options, shown):
+    depths = np.array(z)[:, None] * np.ones(3)
+    drawing = Drawing(device, lines_at(ACROSS, **line), np.concatenate(triangles), depths, **options)
+    assert columns_of(drawing.shown()).tolist() == list(shown)
 
 
 def test_a_triangle_that_leans_through_the_line_hides_where_it_is_nearer(device):
@@ -267,34 +282,6 @@ def test_triangles_hide_a_line_along_their_sides(device):
     assert columns.min() < left < right < columns.max()
 
 
-def test_pieces_of_clipped_faces_hide_as_faces_do(device):
-    """The second of two pieces is the wall, then the first; the faces before them lie elsewhere."""
-    aside = WALL - 60000
-    for xy in (np.concatenate([aside, aside, aside, WALL]), np.concatenate([aside, aside, WALL, aside])):
-        z = np.array([[2.0 * FAR], [2.0 * FAR], [NEAR], [NEAR]]) * np.ones((4, 3))
-        drawing = Drawing(device, lines_at(ACROSS), xy, z, pieces=2)
-        assert columns_of(drawing.shown()).tolist() == list(range(1, 10))
-
-
-def test_faces_of_the_edge_do_not_hide_it(device):
-    """The edge's own face is listed with others, as the second of two."""
-    wall = np.repeat(WALL, 3, axis=0)
-    near = np.array([[FAR], [NEAR], [2.0 * FAR]]) * np.ones((3, 3))
-    visible = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[7, 0, 1])
-    assert columns_of(visible.shown()).tolist() == list(range(1, 39))
-    hidden = Drawing(device, lines_at(ACROSS, faces=(1, 2)), wall, near, edge_faces=[1, 0, 2])
-    assert columns_of(hidden.shown()).tolist() == list(range(1, 10))
-
-
-def test_in_painters_order_the_rank_decides(device):
-    """Lines hold minus the first rank of their faces; depths do not matter."""
-    for rank, expected in ((3, range(1, 10)), (5, range(1, 39)), (6, range(1, 39))):
-        lines = lines_at(ACROSS)
-        lines["w"] = -5.0
-        samples = Drawing(device, lines, WALL, np.full((1, 3), 2.0 * FAR), ranks=[rank]).shown()
-        assert columns_of(samples).tolist() == list(expected)
-
-
 def slivers(count: int) -> np.ndarray:
     """Return triangles that together cover the image from x = 10 to 30, each less than a pixel wide."""
     x = np.rint(np.linspace(10 * 256, 30 * 256, count + 1)).astype(np.int64)
@@ -305,10 +292,9 @@ def slivers(count: int) -> np.ndarray:
     return np.concatenate([first, second])
 
 
-@pytest.mark.parametrize("count", [12, 400])
-def test_many_triangles_hide_together(device, count):
-    """400 pairs: more in a cell than are kept, between whose sides nothing shows through."""
-    xy = slivers(count)
+def test_many_triangles_hide_together(device):
+    """More in a cell than are kept, between whose sides nothing shows through."""
+    xy = slivers(400)
     samples = Drawing(device, lines_at(ACROSS), xy, np.full((len(xy), 3), NEAR), bits=12).shown()
     columns = columns_of(samples)
     assert not ((columns >= 10) & (columns < 30)).any()

@@ -3,7 +3,6 @@ runtime's function that it stands for. The definitions are those of `conform`.""
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 from itertools import product
@@ -14,7 +13,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 from devices import needs_float64
-from kernel_stages import LANES, Probe
+from kernel_stages import LANES
 from processes import python
 
 from clshade.measure.conform import operations
@@ -26,26 +25,7 @@ from clshade.pipeline.opencl.environment import FORCED
 pytestmark = pytest.mark.optimized
 
 POCL = "Portable Computing Language"
-HAS_FMA = {"nehalem": 0, "haswell": 1}  # of targets other than this processor
-KIND = """
-#include "lanes.clh"
-kernel void kind(global const int *x, global int *out)
-{
-    out[0] = HAS_OWN_OPERATIONS;
-#ifdef __FMA__
-    out[1] = 1;
-#endif
-}
-"""
 WAYS = [Way(*way) for way in product((np.float32, np.float64), (False, True), LANES[::-1])]
-
-
-@pytest.fixture(params=WAYS, ids=str)
-def way(device, request):
-    """Return a way on a device that has its type of real numbers."""
-    if request.param.real is np.float64:
-        needs_float64(device)
-    return request.param
 
 
 def test_definitions():
@@ -72,20 +52,11 @@ def test_operands():
 
 
 @pytest.mark.sampled
-def test_what_is_tested(device, way):
-    """PoCL compiles for x86-64 by clang; elsewhere both ways may be the runtime's functions."""
-    text = "#define LIBRARY_OPERATIONS\n" * way.library + KIND
-    probe = Probe(device, text, lanes=way.lanes, DOUBLE=way.real is np.float64)
-    has_own, has_fma = probe("kind", np.zeros(2, np.int32), dtype=np.int32)
-    assert not (has_own and way.library)
-    if device.platform == POCL and platform.machine() == "x86_64":
-        assert has_own == (not way.library)
-        assert has_fma == HAS_FMA.get(os.environ.get(FORCED, ""), has_fma)
-
-
-@pytest.mark.sampled
+@pytest.mark.parametrize("way", WAYS, ids=str)
 def test_operations(device, way):
     """All operations of a way, in one program."""
+    if way.real is np.float64:
+        needs_float64(device)
     bench, cases = Bench(device), operations.cases(way)
     assert {"min_int", "popcount_ulong", "to_real_long", "count"} <= {case.name for case in cases}
     for case in cases:
@@ -94,13 +65,13 @@ def test_operations(device, way):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("target", HAS_FMA)
+@pytest.mark.parametrize("target", ["nehalem", "haswell"])
 def test_another_processor(device, tmp_path, target):
     """Without an instruction for fma, and with one but without AVX-512. The runtime's functions are not made for these."""
     bundled = list(Path(cl.__file__).parent.glob(".libs/libpocl*"))
     if not (bundled and device.platform == POCL and sys.platform == "linux" and platform.machine() == "x86_64"):
         pytest.skip("not PyPI's PoCL on x86-64 Linux")
-    if HAS_FMA[target] and " avx2 " not in Path("/proc/cpuinfo").read_text():
+    if target == "haswell" and " avx2 " not in Path("/proc/cpuinfo").read_text():
         pytest.skip(f"this processor does not run code for {target}")
     arguments = [__file__, "-q", "-m", "", "-k", "own", "-p", "no:cacheprovider"]
     code = f"import sys, pytest; sys.exit(pytest.main({arguments}))"

@@ -11,13 +11,13 @@ from clshade.oracle import coverage, transform
 from clshade.pipeline import struct_layout
 from clshade.pipeline.buffers import Buffer, TriangleBuffers
 from clshade.pipeline.camera_space import sample_positions
-from clshade.pipeline.draw import TileLists, front_to_back
+from clshade.pipeline.draw import front_to_back
 from clshade.pipeline.launches import FrameInFlight
-from clshade.pipeline.opencl.device import Device
-from clshade.pipeline.triangle_source import TriangleSource, set_up_pieces
+from clshade.pipeline.triangle_source import set_up_pieces
 
 COLUMNS, ROWS = 61, 43
 LIMIT, PIXEL = struct_layout.SNAP_LIMIT, coverage.SUBPIXELS
+COUNTED = ("visible", "between_samples", "off_screen", "zero_area", "back_facing")
 FILES = ("setup.cl", "bin.cl", "gouraud.cl")  # more than needed, to share the program of test_kernel_fill.py
 
 
@@ -36,19 +36,9 @@ def triangles(count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     return xy, np.exp2(rng.uniform(-3, 3, (count, 3)))
 
 
-def separate(device, pipeline: Pipeline, xy: np.ndarray, z: np.ndarray, near: float = 0.0):
-    """Set up triangles without shared vertices."""
-    vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
-    return pipeline.set_up(vertices, np.arange(len(xy) * 3).reshape(-1, 3), near)
-
-
 def aside(xy: np.ndarray) -> np.ndarray:
     """Return which triangles are entirely to one side of the image."""
     return ((xy < 0).all(axis=1) | (xy > np.array([COLUMNS, ROWS]) * PIXEL).all(axis=1)).any(axis=1)
-
-
-def counters_of(device: Device) -> Buffer:
-    return Buffer(device, np.zeros(1, struct_layout.SINGLE.Counters))
 
 
 def drawn(xy: np.ndarray, box: np.ndarray, culled: np.ndarray) -> np.ndarray:
@@ -74,43 +64,31 @@ def assert_visible(
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("cull", [0, 1])
-def test_areas_boxes_and_culls(device, cull):
-    xy, z = triangles()
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull)
-    counters = separate(device, pipeline, xy, z)
-    expected = coverage.setup(xy, COLUMNS, ROWS, cull=bool(cull))
-    visible = np.sort(pipeline.sort())
-    assert counters["visible"] == len(visible) == len(np.unique(visible))
-    assert 200 < len(visible) < 1500
-    assert_visible(visible, xy, expected.box, expected.culled, drawn(xy, expected.box, expected.culled))
-    bounds = pipeline.made.bounds.to_host()[visible]
-    assert np.array_equal(boxes_of(bounds), expected.box[visible])
-    made = pipeline.made.triangles.to_host()[visible]
-    assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[visible])
-    assert np.array_equal(made["piece_and_turn"], -2 + (expected.area[visible] < 0))
-    assert np.array_equal(made["inverse_area"], np.float32(PIXEL) / np.abs(expected.area[visible]).astype(np.float32))
-    assert np.array_equal(made["w"], (1.0 / z[visible]).astype(np.float32))
-    assert np.array_equal(bounds["nearest"], made["w"].max(axis=1))
-    assert np.array_equal(made["face"], visible)
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("count", [2, 3, 16, 64])
-def test_boxes_and_culls_of_several_samples(device, count):
+@pytest.mark.parametrize(("count", "cull"), [(1, 0), (1, 1), *((count, 0) for count in (2, 3, 16, 64))])
+def test_areas_boxes_and_culls(device, count, cull):
     """The box is the union of all samples' boxes, and a pixel is covered at any sample."""
     (xy, z), places = triangles(), sample_positions(count)
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=samples_at(places), OWNERS=1, SAMPLES=1)
-    counters = separate(device, pipeline, xy, z)
-    visible = np.sort(pipeline.sort())
-    box, covers = hull(xy, places, (COLUMNS, ROWS)), np.zeros(len(xy), bool)
+    several = {"image": samples_at(places), "SAMPLES": 1} if count > 1 else {}
+    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull, **several)
+    counters = pipeline.set_up_apart(xy, z)
+    area, box, covers = coverage.signed_area(xy), hull(xy, places, (COLUMNS, ROWS)), np.zeros(len(xy), bool)
     for moved in seen_from(xy, places):
-        covers |= drawn(moved, *coverage.setup(moved, COLUMNS, ROWS)[1:])
-    culled = (coverage.signed_area(xy) == 0) | (box[:, 2:] < box[:, :2]).any(axis=1)
+        covers |= drawn(moved, *coverage.setup(moved, COLUMNS, ROWS, cull=bool(cull))[1:])
+    culled = (area == 0) | ((area < 0) & bool(cull)) | (box[:, 2:] < box[:, :2]).any(axis=1)
+    visible = np.sort(pipeline.sort())
+    assert counters["visible"] == len(visible) == len(np.unique(visible))
+    assert sum(counters[name] for name in COUNTED) == len(xy)
+    assert 200 < len(visible) < 1500
     assert_visible(visible, xy, box, culled, covers)
     bounds = pipeline.made.bounds.to_host()[visible]
     assert np.array_equal(boxes_of(bounds), box[visible])
-    assert counters["visible"] + counters["between_samples"] + counters["off_screen"] + counters["zero_area"] == len(xy)
+    made = pipeline.made.triangles.to_host()[visible]
+    assert np.array_equal(np.stack([made["x"], made["y"]], axis=2), xy[visible])
+    assert np.array_equal(made["piece_and_turn"], -2 + (area[visible] < 0))
+    assert np.array_equal(made["inverse_area"], np.float32(PIXEL) / np.abs(area[visible]).astype(np.float32))
+    assert np.array_equal(made["w"], (1.0 / z[visible]).astype(np.float32))
+    assert np.array_equal(bounds["nearest"], made["w"].max(axis=1))
+    assert np.array_equal(made["face"], visible)
 
 
 @pytest.mark.parametrize("cull", [0, 1])
@@ -118,7 +96,7 @@ def test_counters_say_why(device, cull):
     """Each face counts once, by the first reason: outside the image, no area, winding, samples or the image's
     border."""
     xy, z = triangles()
-    counters = separate(device, Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull), xy, z)
+    counters = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, CULL=cull).set_up_apart(xy, z)
     area, _, _ = coverage.setup(xy, COLUMNS, ROWS)
     first, last = -((coverage.HALF - xy.min(axis=1)) // PIXEL), (xy.max(axis=1) - coverage.HALF) // PIXEL
     beside = aside(xy)
@@ -151,21 +129,13 @@ def test_faces_that_cross_are_left_to_the_clipper(device):
     z = np.full((10, 3), 2.0)
     z[1, 0], z[2, :2], z[3], z[4, 1], z[9] = 0.5, 0.5, 0.5, -1.0, 0.5
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
-    counters = separate(device, pipeline, xy, z, near=1.0)
+    counters = pipeline.set_up_apart(xy, z, near=1.0)
     assert sorted(pipeline.made.to_clip.to_host(int(counters["to_clip"])).tolist()) == [1, 2, 4, 5]
     assert sorted(pipeline.sort().tolist()) == [0]
     assert counters["behind"] == 2  # faces 3 and 9
     assert counters["off_screen"] == 2  # left and high
     assert counters["zero_area"] == 0
     assert counters["between_samples"] == 1  # edge
-
-
-def test_the_near_plane_itself_is_before_the_eye(device):
-    xy = np.array([[[0, 0], [35 * PIXEL, 0], [0, 35 * PIXEL]]] * 2)
-    z = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, np.nextafter(1.0, 0.0)]])
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
-    counters = separate(device, pipeline, xy, z, near=1.0)
-    assert (counters["visible"], counters["to_clip"]) == (1, 1)
 
 
 DEPTHS = (0.0, -0.0, 5e-324, 1e-30, np.nextafter(1.0, 0), 1.0, np.nextafter(1.0, 2), 1e6, 1e6 + 2**-33, 1e30, 1e300)
@@ -175,7 +145,7 @@ def deep(device, z: np.ndarray, **features: int) -> tuple[Pipeline, np.ndarray]:
     """Set up visible triangles of these depths (F, 3), with the near plane far behind the eye."""
     xy = np.tile(np.array([[[0, 0], [35 * PIXEL, 0], [0, 35 * PIXEL]]]), (len(z), 1, 1))
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1, **features)
-    assert separate(device, pipeline, xy, z, near=-np.inf)["visible"] == len(z)
+    assert pipeline.set_up_apart(xy, z, near=-np.inf)["visible"] == len(z)
     return pipeline, z
 
 
@@ -226,7 +196,8 @@ def test_setup_pieces(device, first_face):
     xy, z = triangles(400)
     pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), OWNERS=1)
     face_count = first_face + 7
-    made, counted = TriangleBuffers(device, face_count, len(xy)), counters_of(device)
+    made = TriangleBuffers(device, face_count, len(xy))
+    counted = Buffer(device, np.zeros(1, struct_layout.SINGLE.Counters))
     table = np.zeros(len(xy), struct_layout.SINGLE.Piece)
     table["x"], table["y"] = xy[..., 0], xy[..., 1]
     table["w"] = 1.0 / z
@@ -248,48 +219,3 @@ def test_setup_pieces(device, first_face):
     assert np.array_equal(rows["piece_and_turn"] >> 1, visible)
     assert np.array_equal(boxes_of(made.bounds.to_host()[face_count + visible]), expected.box[visible])
     assert np.array_equal(order, face_count + visible[np.argsort(z[visible, 1])])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("ways", [{}, {"CULL": 1}, {"SAMPLES": 1}], ids=str)
-def test_faces_in_their_order_are_set_up_and_listed_alike(device, ways):
-    """setup_count gives the triangles of setup, in the order of faces, and bin_fill lists them in the same tiles."""
-    xy, z = triangles()
-    xy[7] = [[LIMIT, 0], [5 * PIXEL, 5 * PIXEL], [9 * PIXEL, 20 * PIXEL]]  # to clip
-    places = samples_at(sample_positions(3)) if ways.get("SAMPLES") else None
-    features = {"OWNERS": 1, "DEPTH_TEST": 1, **ways}
-    ordered = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, **features)
-    counters = separate(device, ordered, xy, z)
-    visible = np.sort(ordered.sort())
-    expected = [np.sort(counted) for counted in ordered.bin()]
-    pipeline = Pipeline(device, FILES, (COLUMNS, ROWS), image=places, lanes=16, SORTED=0, **features)
-    faces = Buffer(device, np.arange(len(xy) * 3, dtype=np.int32).reshape(-1, 3))
-    source = TriangleSource(pipeline.stages, Buffer(device, np.zeros((0, 3), np.float32)), faces)
-    source.vertices = vertices_at(device, xy.reshape(-1, 2), z.reshape(-1))
-    made, lists = source.made, TileLists(pipeline.stages)
-    values = {"rgba": Buffer.empty(device, (ROWS, COLUMNS, 4), np.float32), "image": pipeline.image}
-    values |= {"counters": counters_of(device), "faces": faces, "vertices": source.vertices.projected}
-    frame = FrameInFlight({**values, "face_materials": None, "materials": None})
-    lists.set_up(source, frame)
-    counted = frame.read_counters()
-    assert counted["entries"] > 2**60  # nothing is drawn: the host clips first
-    for name in ("visible", "to_clip", "behind", "off_screen", "between_samples", "zero_area", "back_facing"):
-        assert counted[name] == counters[name], name
-    assert counted["to_clip"] == 1
-    assert made.to_clip.to_host(1) == [7]
-    size, number, counts = (frame.values[name] for name in ("chunk_size", "chunks", "made"))
-    slots = np.concatenate([k * size + np.arange(n) for k, n in enumerate(counts.to_host()[:number])])
-    assert number > 2
-    both = made.triangles.to_host()[slots], ordered.made.triangles.to_host()[visible]
-    for name in ("x", "y", "w", "piece_and_turn", "face", "inverse_area"):
-        assert np.array_equal(both[0][name], both[1][name]), name
-    bounds = made.bounds.to_host()[slots], ordered.made.bounds.to_host()[visible]
-    assert np.array_equal(bounds[0], bounds[1])
-    with frame.values["counters"].writing() as table:
-        table["entries"] = 0
-    starts = frame.values["starts"].to_host()
-    lists.make_room(int(starts[-1]), frame)
-    lists.fill(frame)
-    entries = frame.values["lists"].to_host()[: starts[-1]]
-    listed = [np.sort(made.triangles.array["face"][tile["index"]]) for tile in np.split(entries, starts[1:-1])]
-    assert all(np.array_equal(a, b) for a, b in zip(listed, expected, strict=True))

@@ -134,7 +134,7 @@ def commands(block: Block) -> list[list[str]]:
         for words in lines
         if words
         and not {"venv", "install", "--scheduler"} & set(words)
-        and Path(words[0]).name not in ("pytest", "dask", "ruff", "mypy")
+        and Path(words[0]).name not in ("pytest", "dask", "ruff", "mypy", "lint-imports")
     ]
 
 

@@ -22,9 +22,9 @@ Kept = TypeVar("Kept", covariant=True)
 
 
 class Converted(Generic[Given, Kept]):
-    """The type of a dataclass field that accepts one type and keeps another, to which its check converts.
+    """The type of a field of a `declare.record` that accepts one type and keeps another, to which its check converts.
 
-    For fields with a default, and for type checkers only; it is never instantiated.
+    For type checkers only; it is never instantiated.
     """
 
     if TYPE_CHECKING:
@@ -40,16 +40,12 @@ Vector: TypeAlias = Converted[ArrayLike, Floats]  # from one number or three
 def connected_components(count: int, first: Array, second: Array) -> Array:
     """Return (count,) int32: for each node the lowest one connected with it by the links first[i], second[i]."""
     labels = np.arange(count, dtype=np.int32)
-    while len(first):
+    while True:
         one, two = labels[first], labels[second]
         apart = one != two
         if not apart.any():
-            break
+            return labels
         first, second, one, two = first[apart], second[apart], one[apart], two[apart]
         np.minimum.at(labels, np.maximum(one, two), np.minimum(one, two))
-        while True:
-            further = labels[labels]
-            if np.array_equal(further, labels):
-                break
+        while not np.array_equal(further := labels[labels], labels):
             labels = further
-    return labels

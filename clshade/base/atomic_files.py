@@ -11,7 +11,6 @@ import stat
 import sys
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any, BinaryIO
 
 from ..errors import OutputError
@@ -29,22 +28,18 @@ def shown(path: Path) -> str:
 
 
 def write_error(path: Path, reason: str) -> OutputError:
-    """Build the error for a file that cannot be written."""
     return OutputError(f"{shown(path)}: cannot be written: {reason}")
 
 
-def _reason(error: BaseException, path: Path) -> str:
+def _reason(error: OSError | MemoryError, path: Path) -> str:
     if isinstance(error, MemoryError):
         return "out of memory"
-    if isinstance(error, OSError):
-        folder = os.path.dirname(os.path.realpath(path))
-        if error.errno == errno.ENOENT and not os.path.exists(folder):
-            return f"there is no folder {shown(folder)}"
-        if error.errno == errno.ENOTDIR:
-            return f"{shown(folder)} is not a folder"
-        if error.strerror:
-            return error.strerror
-    return " ".join(str(error).split()) or type(error).__name__
+    folder = os.path.dirname(os.path.realpath(path))
+    if error.errno == errno.ENOENT and not os.path.exists(folder):
+        return f"there is no folder {shown(folder)}"
+    if error.errno == errno.ENOTDIR:
+        return f"{shown(folder)} is not a folder"
+    return error.strerror or " ".join(str(error).split()) or type(error).__name__
 
 
 @contextlib.contextmanager
@@ -121,17 +116,26 @@ def _beside(target: str) -> str:
     return os.path.join(os.path.dirname(target), f".clshade-{secrets.token_hex(8)}.tmp")
 
 
-# The process that has made a folder or is writing files, and what undoes that.
-_under_way: dict[object, tuple[int, tuple[Callable[[], None], ...]]] = {}
+_under_way: dict[contextlib.ExitStack, int] = {}  # what undoes unfinished work, and the process whose work it is
+
+
+@contextlib.contextmanager
+def _undoing() -> Iterator[contextlib.ExitStack]:
+    """Yield a stack of callbacks, for the end of the block or of the process, which may not wait for its threads."""
+    stack = contextlib.ExitStack()
+    _under_way[stack] = os.getpid()
+    try:
+        with stack:
+            yield stack
+    finally:
+        del _under_way[stack]
 
 
 @interrupts.at_end
 def _abandon_all() -> None:
-    """Undo unfinished writes, and remove folders made for them, when the process ends without waiting for its threads."""
-    for owner, steps in reversed(list(_under_way.values())):
-        if owner == os.getpid():
-            for step in steps:
-                step()
+    for stack, process in reversed(list(_under_way.items())):
+        if process == os.getpid():
+            stack.close()
 
 
 def _try(function: Callable[..., Any], *arguments: Any) -> None:
@@ -145,30 +149,17 @@ def folder_made(path: Path | None) -> Iterator[None]:
 
     None: no folder. Raises OutputError if the folder cannot be created.
     """
-    created: list[tuple[str, object]] = []
-    try:
+    with _undoing() as undo:
         if path is not None:
             with naming(path):
-                for folder in _missing(_resolved(path)):
+                missing = [_resolved(path)]
+                while not os.path.lexists(missing[-1]):
+                    missing.append(os.path.dirname(missing[-1]))
+                for folder in reversed(missing[:-1]):
                     with contextlib.suppress(FileExistsError):  # created by another process
                         os.mkdir(folder)
-                        key = object()  # two threads may create the folder in turn
-                        created.append((folder, key))
-                        _under_way[key] = os.getpid(), (partial(_try, os.rmdir, folder),)
+                        undo.callback(_try, os.rmdir, folder)
         yield
-    finally:
-        for folder, key in reversed(created):
-            _try(os.rmdir, folder)
-            _under_way.pop(key, None)
-
-
-def _missing(folder: str) -> list[str]:
-    """Return the folders of the path that do not exist, outermost first."""
-    missing: list[str] = []
-    while not os.path.lexists(folder):
-        missing.insert(0, folder)
-        folder = os.path.dirname(folder)
-    return missing
 
 
 @contextlib.contextmanager
@@ -179,13 +170,11 @@ def replacing_all(*paths: Path) -> Iterator[list[BinaryIO]]:
     has hard links, or the file was new). An error of the block passes unchanged: `naming` says which file it was about.
     Otherwise like `replacing`.
     """
-    with contextlib.ExitStack() as names, contextlib.ExitStack() as undo, contextlib.ExitStack() as closing:
-        _under_way[undo] = os.getpid(), (undo.close, names.close)
-        names.callback(_under_way.pop, undo, None)
-        targets = [_resolved(path) for path in paths]
-        temporaries = [_beside(target) for target in targets]
+    with _undoing() as names, _undoing() as undo, contextlib.ExitStack() as closing:
+        targets = [(path, _resolved(path)) for path in paths]
+        temporaries = [_beside(target) for _, target in targets]
         files: list[BinaryIO] = []
-        for path, target, temporary in zip(paths, targets, temporaries, strict=True):
+        for (path, target), temporary in zip(targets, temporaries, strict=True):
             with naming(path):
                 mode = _permissions(path, target)
                 names.callback(_try, os.unlink, temporary)
@@ -199,7 +188,7 @@ def replacing_all(*paths: Path) -> Iterator[list[BinaryIO]]:
         for path, file in zip(paths, files, strict=True):
             with naming(path):
                 _sync(file)
-        for path, target, temporary in zip(paths, targets, temporaries, strict=True):
+        for (path, target), temporary in zip(targets, temporaries, strict=True):
             with naming(path):
                 is_new = not os.path.lexists(target)
                 if not is_new and len(paths) > 1:
@@ -254,7 +243,7 @@ def write_bytes(path: Path, data: bytes | bytearray | memoryview) -> None:
 
 @contextlib.contextmanager
 def folder_locked(folder: Path) -> Iterator[bool]:
-    """Lock a folder for the block, among processes and threads that lock it too, and wait for those. Yield whether it is
+    """Lock a folder for the block, and wait for other processes and threads that have locked it. Yield whether it is
     locked: Windows and some file systems cannot."""
     with contextlib.ExitStack() as stack:
         is_locked = False

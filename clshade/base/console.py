@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, TextIO
 
 QUIET, NORMAL, VERBOSE = range(3)
 SLOW = 1.0  # seconds of work that pass without a word
@@ -21,7 +20,6 @@ _compilers: list[None] = []  # that are at work for this process
 
 @contextlib.contextmanager
 def at_level(level: int) -> Iterator[None]:
-    """Set the verbosity within the block."""
     global _level
     before, _level = _level, level
     try:
@@ -78,8 +76,8 @@ def is_compiling() -> bool:
 
 @contextlib.contextmanager
 def told_when_slow(text: str, *, after_compiling: bool = False) -> Iterator[None]:
-    """Print a line about the block if it is slow. after_compiling: counted from when no compiler is at
-    work, which says so itself."""
+    """Print a line about the block if it is slow. after_compiling: do not count the time of compilers, which say so
+    themselves."""
     ended = threading.Event()
 
     def tell() -> None:
@@ -108,21 +106,5 @@ def printable(text: str, encoding: str = "utf-8") -> str:
     A byte of a file name that is not UTF-8 is a surrogate in Python, and shown as such: 0xe9 as `\udce9`.
     """
     if not text.replace("\n", "").isprintable():
-        text = "".join(
-            character if character.isprintable() or character == "\n" else ascii(character)[1:-1] for character in text
-        )
+        text = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
     return text.encode(encoding, "backslashreplace").decode(encoding)
-
-
-class Printable:
-    """A text stream that can print any text, see `printable`; otherwise the stream it wraps."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self.stream = stream
-
-    def write(self, text: str) -> int:
-        self.stream.write(printable(text, getattr(self.stream, "encoding", None) or "utf-8"))
-        return len(text)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)

@@ -8,12 +8,15 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args
 
 from . import validation
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+    from typing_extensions import dataclass_transform
+
+Kind = TypeVar("Kind", bound=type)
 
 Check: TypeAlias = Callable[[str, str, Any], Any]  # owner, field and value -> the value that is kept
 
@@ -46,14 +49,12 @@ class Declared:
 
 
 def choice(default: str, literal: Any) -> Declared:
-    """Declare a field that is one of the texts of a Literal."""
     choices = get_args(literal)
     kind = "{" + ", ".join(f'"{text}"' for text in choices) + "}"
     return Declared(default, partial(validation.choice, allowed=choices), kind, choices)
 
 
 def flag(default: bool) -> Declared:
-    """Declare a field that is True or False."""
     return Declared(default, validation.flag, "bool")
 
 
@@ -76,11 +77,28 @@ def value(default: Any, kind: str, check: Check, form: str) -> Declared:
 
 
 def checked(default: Any, check: Check, **facts: Any) -> Any:
-    """Declare a field whose docstring and options stand elsewhere. facts: by name, for `facts_of`.
-
-    A field without a default is declared by `field(metadata={"check": check})`, which type checkers understand.
-    """
+    """Declare a field whose docstring and options stand elsewhere. facts: by name, for `facts_of`."""
     return field(default=default, metadata={"check": check, **facts})
+
+
+def required(*, check: Check) -> Any:
+    """Declare a field without a default."""
+    return field(metadata={"check": check})
+
+
+if TYPE_CHECKING:
+
+    @dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(required,))
+    def record(kind: Kind) -> Kind: ...
+
+else:
+
+    def record(kind: Kind) -> Kind:
+        """Make a frozen dataclass that compares by identity, whose declared fields are checked. Type checkers know what the
+        constructor accepts from fields of type `Converted`, which those of a dataclass may be only with a default."""
+        if not hasattr(kind, "__post_init__"):
+            kind.__post_init__ = check_fields
+        return dataclass(frozen=True, eq=False, repr=kind.__repr__ is object.__repr__)(kind)
 
 
 def facts_of(kind: type[DataclassInstance], fact: str) -> dict[str, Any]:

@@ -11,5 +11,4 @@ installed: dict[str, Callable[[], Any]] = {}  # functions that import and return
 
 
 def get(name: str) -> Any:
-    """Return what was installed under this name."""
     return installed[name]()

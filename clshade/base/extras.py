@@ -13,7 +13,6 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 
 def how_to_install(extra: str) -> str:
-    """Return the command that installs the extra."""
     source, option = "clshade", ""
     if (_ROOT / "pyproject.toml").is_file():
         source, option = "." if Path.cwd() == _ROOT else str(_ROOT), "-e "

@@ -29,11 +29,10 @@ def available(root: Path = Path("/")) -> float:
     of a container) leave; swap is not counted. root: of /proc and /sys.
     """
     free = _number(root / "proc/meminfo", r"^MemAvailable:\s*(\d+) kB$")
-    machine = float(physical() or math.inf) if free is None else free * 1024.0  # not Linux: the total
     pages = _number(root / "proc/self/statm", r"^(\d+) ")
-    process = math.inf if pages is None else limit("RLIMIT_AS") - pages * os.sysconf("SC_PAGE_SIZE")
-    groups = min((_left_of(folder, *names) for folder, names in _groups(root)), default=math.inf)
-    return max(min(machine, groups, process), 0.0)
+    left = [float(physical() or math.inf) if free is None else free * 1024.0]  # not Linux: the total
+    left += [] if pages is None else [limit("RLIMIT_AS") - pages * os.sysconf("SC_PAGE_SIZE")]
+    return max(min(*left, *_left_of_groups(root), math.inf), 0.0)
 
 
 def _number(path: Path, pattern: str = r"^(\d+)$") -> int | None:
@@ -44,33 +43,29 @@ def _number(path: Path, pattern: str = r"^(\d+)$") -> int | None:
     return None
 
 
-def _groups(root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:
-    """Yield the control groups that the process is in, each followed by its parents."""
+def _left_of_groups(root: Path) -> Iterator[float]:
+    """Yield the bytes that are left in the control groups of the process that limit them, and in the groups around."""
     with contextlib.suppress(OSError):
         for line in (root / "proc/self/cgroup").read_text().splitlines():
             _, kinds, name = line.split(":", 2)
             if kinds and "memory" not in kinds.split(","):
                 continue
+            maximum, usage, cached = _GROUP_FILES[bool(kinds)]
             top = root / "sys/fs/cgroup" / ("memory" if kinds else "")
             inner = top / name.strip("/")  # missing in a container that sees its own group as the root
-            for folder in (inner, *inner.parents):
-                yield folder, _GROUP_FILES[bool(kinds)]
-                if folder == top:
+            for group in (inner, *inner.parents):
+                maximal, used = _number(group / maximum), _number(group / usage)  # none where the limit is "max"
+                if maximal is not None and used is not None:
+                    yield maximal - used + (_number(group / "memory.stat", rf"^{cached} (\d+)$") or 0)
+                if group == top:
                     break
-
-
-def _left_of(group: Path, maximum: str, usage: str, cached: str) -> float:
-    limit, used = _number(group / maximum), _number(group / usage)  # none where the limit is "max"
-    if limit is None or used is None:
-        return math.inf
-    return limit - used + (_number(group / "memory.stat", rf"^{cached} (\d+)$") or 0)
 
 
 def limit(name: str) -> float:
     """Return a limit of this process, bytes; infinity if there is none. name: of `resource`, such as RLIMIT_FSIZE."""
     try:
         import resource
-    except ImportError:  # on Windows, which knows no such limits
+    except ImportError:  # on Windows
         return math.inf
     soft = resource.getrlimit(getattr(resource, name))[0]
     return math.inf if soft == resource.RLIM_INFINITY else soft

@@ -108,7 +108,6 @@ def leave_soon(*, quiet: bool = False) -> None:
 
 
 def ignore() -> None:
-    """Ignore interrupts from now on."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -41,7 +42,6 @@ def parse_text(text: bytes, owner: str, form: str, *, unique: bool = False) -> A
 
 
 def found_text(value: Any) -> str:
-    """Return a value as shown in a message."""
     if value is None:
         return "none"
     return f"{len(value)} values" if isinstance(value, (list, dict)) else quoted(repr(value)).strip("\"'")
@@ -60,8 +60,7 @@ def _refuse_constant(name: str) -> Any:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     unique = dict(pairs)
     if len(unique) < len(pairs):
-        keys: set[str] = set()
-        twice = next(key for key, _ in pairs if key in keys or keys.add(key))  # type: ignore[func-returns-value]
+        twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]
         raise ValueError(f"the key {twice} twice")
     return unique
 
@@ -93,5 +92,4 @@ def in_line(value: Any) -> str:
 
 
 def named_values(values: Mapping[str, Any]) -> str:
-    """Format names and values as part of one line."""
     return ", ".join(f"{in_line(name)} {value!s}" for name, value in values.items())

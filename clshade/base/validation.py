@@ -33,22 +33,22 @@ def value_error(owner: str, name: str, expected: str, found: Any, remark: str = 
     return InputError(f"{owner}: {name}: expected {expected}, found {_describe(found)}{remark}")
 
 
-def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **others: Any) -> str:
-    """Return one of the allowed texts; the error for another suggests the closest. others: for `spelling.hint`."""
+def choice(owner: str, name: str, value: Any, allowed: Iterable[str], **hints: Any) -> str:
+    """Return one of the allowed texts; the error for another suggests the closest. hints: for `spelling.hint`."""
     allowed = tuple(allowed)
     if not isinstance(value, str) or value not in allowed:
-        raise value_error(owner, name, "one of " + ", ".join(allowed), value, hint(value, allowed, **others))
+        raise value_error(owner, name, "one of " + ", ".join(allowed), value, hint(value, allowed, **hints))
     return value
 
 
-def known(owner: str, given: Iterable[str], allowed: Iterable[str], **others: Any) -> None:
-    """Raise InputError for the first keyword not allowed, suggesting the closest. others: for `spelling.hint`."""
+def known(owner: str, names: Iterable[str], allowed: Iterable[str], **hints: Any) -> None:
+    """Raise InputError for the first keyword not allowed, suggesting the closest. hints: for `spelling.hint`."""
     allowed = tuple(allowed)
-    for name in given:
+    for name in names:
         if not isinstance(name, str) or name not in allowed:
-            near = hint(name, allowed, **others)
-            shown = name if isinstance(name, str) else _describe(name)
-            raise InputError(f"{owner}: {shown}: expected one of {', '.join(allowed)}, found no such field{near}")
+            field = name if isinstance(name, str) else _describe(name)
+            names_and_hint = f"{', '.join(allowed)}, found no such field{hint(name, allowed, **hints)}"
+            raise InputError(f"{owner}: {field}: expected one of {names_and_hint}")
 
 
 def text(owner: str, name: str, value: Any) -> str:
@@ -73,10 +73,11 @@ def flag(owner: str, name: str, value: Any) -> bool:
 
 def keywords(owner: str, name: str, value: Any, allowed: Iterable[str]) -> dict[str, Any]:
     """Return a mapping whose names are all allowed as a dict of its own; an empty one for None."""
-    if value is not None and not isinstance(value, Mapping):
+    value = {} if value is None else value
+    if not isinstance(value, Mapping):
         raise value_error(owner, name, "a dict", value)
-    known(f"{owner}: {name}", value or (), allowed)
-    return {**(value or {})}
+    known(f"{owner}: {name}", value, allowed)
+    return dict(value)
 
 
 def count_or_all(owner: str, name: str, value: Any, of: int) -> int:
@@ -94,8 +95,8 @@ def arguments(**checks: type | Callable[[str, str, Any], Any]) -> Callable[[Func
         signature, owner = inspect.signature(function), function.__qualname__.removesuffix(".__init__")
 
         @functools.wraps(function)
-        def checked(*given: Any, **named: Any) -> Any:
-            bound = signature.bind(*given, **named)
+        def checked(*args: Any, **named: Any) -> Any:
+            bound = signature.bind(*args, **named)
             for name, check in checks.items():
                 value = bound.arguments.get(name, default := signature.parameters[name].default)
                 if value is default:
@@ -122,8 +123,7 @@ def sequence(value: Any) -> tuple[Any, ...] | None:
 def items(
     owner: str, name: str, value: Any, expected: str = "a sequence", count: int | None = None, kinds: Any = object
 ) -> tuple[Any, ...]:
-    """Return the items of an iterable other than a text as a tuple. count: how many there have to be. kinds: their class,
-    or a tuple of classes."""
+    """Return the items of an iterable other than a text as a tuple. count: their number. kinds: their class or classes."""
     values = None if isinstance(value, str) else sequence(value)
     if values is None or count not in (None, len(values)):
         raise value_error(owner, name, expected, value)
@@ -172,7 +172,6 @@ def limits_of(above: float = -math.inf, least: float = -math.inf, most: float = 
 
 
 def one_of(owner: str, name: str, value: Any, numbers: tuple[int, ...]) -> int:
-    """Return one of a few whole numbers."""
     result = integer(owner, name, value, min(numbers), max(numbers))
     if result not in numbers:
         raise value_error(owner, name, " or ".join(map(str, numbers)), value)

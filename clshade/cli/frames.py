@@ -14,7 +14,7 @@ from ..base.atomic_files import check, folder_made, shown
 from ..base.validation import integer, number
 from ..errors import InputError
 from ..scene import adjust_camera
-from ..scene.camera import MAX_RESOLUTION, checked_resolution
+from ..scene.camera import MAX_RESOLUTION, MAX_WHOLE, checked_resolution
 from ..scene.formats.table import extensions_with
 from ..scene.pose import PerFrame, Poses
 from . import DONE
@@ -314,7 +314,6 @@ def _draw_eye(
 
 
 def run_poster(arguments: Arguments) -> int:
-    from ..scene.image_part import MAX_WHOLE
     from ..view.poster import draw_poster
 
     if arguments.resolution is None:

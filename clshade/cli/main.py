@@ -9,7 +9,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, TextIO
 
 from ..base import console, interrupts
 from ..base.interrupts import INTERRUPTED
@@ -101,20 +101,27 @@ class _Unwritable(Exception):
     """Standard output cannot be written; the cause holds the reason."""
 
 
-class _Stdout(console.Printable):
-    """Standard output, whose errors raise an exception of their own."""
+class _Stdout:
+    """Standard output that can print any text, and whose errors raise an exception of their own."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
 
     def write(self, text: str) -> int:
         try:
-            return super().write(text)
+            self.stream.write(console.printable(text, getattr(self.stream, "encoding", None) or "utf-8"))
         except OSError as error:
             raise _Unwritable from error
+        return len(text)
 
     def flush(self) -> None:
         try:
             self.stream.flush()
         except OSError as error:
             raise _Unwritable from error
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,7 +7,6 @@ import argparse
 import math
 import os
 import re
-import stat
 import sys
 from argparse import ArgumentParser
 from collections.abc import Callable, Iterable, Sequence
@@ -202,20 +201,12 @@ def color(text: str, names: Sequence[str] = ()) -> str:
 
 
 def output_name(text: str) -> str:
-    """Check an output name.
-
-    It must not be empty, which would become the default or `.exr`, nor a device, pipe or socket, beside which files
-    would appear: `/dev/null` would become /dev/null.exr.
-    """
-    if not text:
-        raise argparse.ArgumentTypeError("expected the name of a file or folder, found ''")
-    try:
-        mode = os.stat(text).st_mode
-    except (OSError, ValueError):  # does not exist, or fails when written
-        return text
-    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        kind = f"{text!r}, a device, pipe or socket"
-        raise argparse.ArgumentTypeError(f"expected the name of a file or folder, found {kind}")
+    """Check an output name: not empty, which would become the default or `.exr`, nor a device, pipe or socket, beside which
+    files would appear: `/dev/null` would become /dev/null.exr."""
+    is_device = os.path.exists(text) and not os.path.isfile(text) and not os.path.isdir(text)
+    if not text or is_device:
+        found = f"{text!r}{', a device, pipe or socket' if is_device else ''}"
+        raise argparse.ArgumentTypeError(f"expected the name of a file or folder, found {found}")
     return text
 
 
@@ -244,12 +235,13 @@ def is_scene(name: str) -> bool:
     return ending in EXTENSIONS or (not ending and not os.path.exists(name))
 
 
-def check_scene_name(name: str) -> None:
-    """Refuse a name without extension that is neither a file's nor a built-in scene's."""
+def check_scene_name(name: str, otherwise: str = "") -> None:
+    """Refuse a name without extension that is neither a file's nor a built-in scene's. otherwise: a hint, if no scene has
+    a similar name."""
     from ..scene.builtin.scenes import BUILTINS
 
     if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):
-        near = hint(name, BUILTINS)
+        near = hint(name, BUILTINS) or otherwise
         raise InputError(f"SCENE: expected a file or one of {', '.join(BUILTINS)}, found {name!r}{near}")
 
 
@@ -270,8 +262,8 @@ def check_output_file(output: str, inputs: Sequence[str], endings: Sequence[str]
 def join_values(arguments: Sequence[str]) -> list[str]:
     """Join options with values that argparse would misread.
 
-    `--up -x` becomes `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes any argument that begins with a
-    dash and is not a single number for an option. `--check SCENE` becomes `--check=4096 SCENE`, unless it is a number.
+    `--up -x` becomes `--up=-x`, and `--camera-position -1,2,3` likewise: argparse takes what begins with a dash and is not
+    a single number for an option. `--check SCENE` becomes `--check=4096 SCENE`, unless it is a number.
     """
     joined: list[str] = []
     for argument in arguments:
@@ -321,7 +313,6 @@ _REMARKS = {
     "help": "`clshade --help` lists all, `clshade COMMAND --help` explains one",
     "version": "`clshade --version` prints it",
 }
-_IMAGES = (".exr", ".png")
 
 
 class Parser(argparse.ArgumentParser):
@@ -351,14 +342,12 @@ class Parser(argparse.ArgumentParser):
         from ..scene.formats.table import EXTENSIONS
 
         before = self._arguments[: self._arguments.index(name)] if name in self._arguments else []
-        early = next(
-            (text for text in before if text.startswith("-") and text not in self._option_string_actions), None
-        )
-        if early is not None:
-            return f": {early} belongs after the command, as in `clshade render {early} ...`"
+        for early in before:
+            if early.startswith("-") and early not in self._option_string_actions:
+                return f": {early} belongs after the command, as in `clshade render {early} ...`"
         ending = os.path.splitext(name)[1].lower()
-        if name in BUILTINS or ending in (*EXTENSIONS, *_IMAGES):
-            return f": did you mean `clshade {'inspect' if ending in _IMAGES else 'render'} {name}`?"
+        if name in BUILTINS or ending in (*EXTENSIONS, ".exr", ".png"):
+            return f": did you mean `clshade {'inspect' if ending in ('.exr', '.png') else 'render'} {name}`?"
         return hint(name, commands, _COMMAND_WORDS, remarks=_REMARKS)
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
@@ -376,22 +365,18 @@ class Parser(argparse.ArgumentParser):
         if left and getattr(parsed, "cameras", "") is None:  # argparse looks for an optional one beside SCENE alone
             parsed.cameras = left.pop(0)
         if left and hasattr(parsed, "scenes"):  # argparse collects only those before the first option
-            parsed.scenes = [*parsed.scenes, *map(command._scene, left)]
+            try:
+                for name in left:  # it may be a further value of an option
+                    check_scene_name(name, ": values of one option have commas between them, and no blanks")
+            except InputError as error:
+                command.error(str(error))
+            parsed.scenes = [*parsed.scenes, *left]
         elif left and hasattr(parsed, "files"):
             parsed.files = [*parsed.files, *left]
         elif left:
             names = " and ".join(str(action.metavar) for action in command._get_positional_actions())
             command.error(f"expected {f'{names} alone' if names else 'options alone'}, found {left[0]!r} too")
         return parsed
-
-    def _scene(self, name: str) -> str:
-        """Check a scene that follows options: it may be a further value of an option, separated by a blank."""
-        from ..scene.builtin.scenes import BUILTINS
-
-        if not os.path.splitext(name)[1] and name not in BUILTINS and not os.path.exists(name):
-            near = hint(name, BUILTINS) or ": values of one option have commas between them, and no blanks"
-            self.error(f"argument SCENE: expected a file or a built-in scene, found {name!r}{near}")
-        return name
 
 
 _SHOWN_AT_ONCE = 30  # options; the help of a command with more shows the first ones

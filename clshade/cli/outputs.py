@@ -16,8 +16,8 @@ from ..images.cryptomatte import MATTES
 from ..images.depth_png import SCALE
 from ..images.exr import COMPRESSIONS
 from ..images.tonemap import OPERATORS
-from ..pipeline.frame_files import KINDS, OTHER_FORMATS, SAVING, default_files, output_paths, visible_path
-from ..scene.views import VIEWS, named_cameras, seen_by
+from ..pipeline.frame_files import KINDS, OTHER_FORMATS, default_files, output_paths, visible_path
+from ..scene.adjust_camera import VIEWS, named_cameras, seen_by
 from .options import Arguments, Group, Option, check_output_file, names, reader
 
 if TYPE_CHECKING:
@@ -123,14 +123,11 @@ NOT_WITH_SHEET = (
 
 
 def saving(arguments: Arguments) -> SavingOptions:
-    """Return the keyword arguments of `Frame.save`."""
+    """Return the keyword arguments of `Frame.save` that are set, and `files`."""
     if "depth" not in (arguments.formats or ()):
         arguments.refuse(("depth_scale",), "needs --formats depth")
-    options: Any = {name: getattr(arguments, name) for name in SAVING if name != "files"}
-    options["files"] = arguments.formats or default_files(arguments.output or "")
-    options["depth_scale"] = SCALE if arguments.depth_scale is None else arguments.depth_scale
-    chosen: SavingOptions = options
-    return chosen
+    chosen: Any = {"files": default_files(arguments.output or ""), **arguments.keywords(Saving)}
+    return chosen  # type: ignore[no-any-return]
 
 
 def check_stereo(arguments: Arguments, *others: str) -> None:
@@ -259,13 +256,9 @@ def write_sheet(scene: Scene, output: str, arguments: Arguments, options: dict[s
 def _sheet_lines(facts: dict[str, Any]) -> list[str]:
     from ..base.text_tables import as_lines
 
-    size = " x ".join(f"{side:.6g}" for side in facts["bounding_box"]["size"])
-    counts = ", ".join(
-        f"{name.replace('non_', 'non-').replace('_', ' ')} {value:,}"
-        for name, value in facts["counts"].items()
-        if value is not None
-    )
-    area = facts["surface_area"]
+    size, area = " x ".join(f"{side:.6g}" for side in facts["bounding_box"]["size"]), facts["surface_area"]
+    counted = {name.replace("non_", "non-").replace("_", " "): count for name, count in facts["counts"].items()}
+    counts = ", ".join(f"{name} {count:,}" for name, count in counted.items() if count is not None)
     formats = {"name": "", "coverage": ".2%", "visible_faces": ",", "covered_box": "", "units_per_pixel": ".4g"}
     views = [{**view, "covered_box": json.dumps(view["covered_box"])} for view in facts["views"]]
     rows = [[format(view[name], form) for name, form in formats.items()] for view in views]

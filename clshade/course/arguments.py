@@ -90,9 +90,8 @@ def _check_call(
     if any(_is_object(value) for value in (*positional, *keywords.values())):
         reason += "; a material or a light is given by its numbers, not as an object"
     expected = f"{', '.join(names)}, in this order"
-    raise CallError(
-        f"{owner}: arguments: expected {expected}, found {', '.join(arguments) or 'none'}: {reason}"
-    ) from None
+    found_words = ", ".join(arguments) or "none"
+    raise CallError(f"{owner}: arguments: expected {expected}, found {found_words}: {reason}") from None
 
 
 def _is_object(value: Any) -> bool:
@@ -178,20 +177,15 @@ def _is_image(shape: tuple[int, ...]) -> bool:
     return len(shape) == 3 and shape[2] == 3 and 0 not in shape
 
 
+_MATRIX = _array_of("an array of shape (3, 3)", ((3, 3),).__contains__, _floats)
 _CHECKS: dict[str, Check] = {
     **dict.fromkeys(("point", "normal", "color", "cam_pos", "bcoords"), vector),
     **dict.fromkeys(("k_a", "k_d", "k_s", "l_amb", "light_amb", "bg_color"), coefficient),
     "n": lambda owner, _, value: course_npy.exponent(owner, value),
     "shader": partial(choice, allowed=get_args(Shader)),
-    "verts_p": _array_of("an array of shape (3, 2)", lambda shape: shape == (3, 2), _floats),
-    **dict.fromkeys(
-        ("verts_n", "verts_c"), _array_of("an array of shape (3, 3)", lambda shape: shape == (3, 3), _floats)
-    ),
-    "uv": _array_of(
-        "two finite numbers",
-        lambda shape: shape in ((2,), (1, 2), (2, 1)),
-        lambda uv: _floats(uv).reshape(1, 2),
-    ),
+    "verts_p": _array_of("an array of shape (3, 2)", ((3, 2),).__contains__, _floats),
+    **dict.fromkeys(("verts_n", "verts_c"), _MATRIX),
+    "uv": _array_of("two finite numbers", ((2,), (1, 2), (2, 1)).__contains__, lambda uv: _floats(uv).reshape(1, 2)),
     "texture_map": _array_of("an array of shape (h, w, 3)", _is_image, np.ascontiguousarray),
     "X": _array_of(
         f"an array of shape (M, N, 3) with M and N from 1 to {MAX_RESOLUTION}",

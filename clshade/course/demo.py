@@ -28,10 +28,7 @@ from .figures import LIGHTS, Figure, build_all, draw_all, pairs
 SCENE, TEXTURE = "h3.npy", "cat_diff.png"  # used if they are in the current folder
 _OPTIONS = {
     "--scene": ("FILE", f"course scene (default: ./{SCENE} if there is one, else a built-in scene)"),
-    "--texture": (
-        "FILE",
-        f"texture of demotmap.py (default: ./{TEXTURE} if there is one); demo.py draws the vertex colors",
-    ),
+    "--texture": ("FILE", f"for demotmap.py (default: ./{TEXTURE} if there is one); demo.py draws the vertex colors"),
     "--out": ("DIR", "folder of the images (default: the current one)"),
     "--resolution": ("N,M", "columns and rows, in place of the scene's; the pixels become square"),
     "--device": (None, "pocl, intel, part of a platform's name ... (default: CLSHADE_DEVICE, PoCL)"),

@@ -20,19 +20,16 @@ LIT: tuple[Shader, Shader] = ("gouraud", "phong")
 
 @dataclass
 class Figure:
-    """One figure: what part of the scene it shows and, once drawn, its image (M, N, 3), row 0 at the bottom.
-
-    terms: which of ambient, diffuse and specular light to show. lights: indices. mapped: whether to apply the texture.
-    """
+    """One figure: what part of the scene it shows and, once drawn, its image."""
 
     number: int
     shader: Shader
     what: str
-    terms: tuple[str, ...] = TERMS
-    lights: tuple[int, ...] = (0, 1, 2)
-    mapped: bool = False
-    image: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
-    milliseconds: float = 0.0
+    terms: tuple[str, ...] = TERMS  # of the light, that are shown
+    lights: tuple[int, ...] = (0, 1, 2)  # indices
+    mapped: bool = False  # whether the texture is applied
+    image: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))  # (M, N, 3), row 0 at the bottom
+    milliseconds: float = 0.0  # that drawing took
 
     @cached_property
     def linear(self) -> np.ndarray:

@@ -3,45 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import fields, replace
-from functools import partial
 from typing import Any
 
 from ..base.atomic_files import Path, shown, write_bytes
 from ..base.input_files import file_error, quoted, read_file
-from ..base.json_values import found_text, parse_text
+from ..base.json_values import found_text, parse_text, plain
 from ..base.spelling import hint
 from ..base.validation import arguments, items, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..scene.adjust_camera import posed
-from ..scene.camera import CONVENTIONS, Camera, Convention, checked_resolution, lens_of, placement_of
+from ..scene.camera import Camera, Convention, checked_resolution, lens_of, placement_of
 from .frames import MAX_FRAMES
 
 MAX_BYTES = 1 << 27
 _CAMERA_FIELDS = tuple(field.name for field in fields(Camera))
-
-
-def _are_numbers(value: Any) -> bool:
-    """Return whether `value` is a number or a flat list of numbers: JSON lists may nest nearly as deep as Python's
-    stack."""
-    return all(type(number) in (int, float) for number in (value if isinstance(value, list) else [value]))
-
-
-def _is_matrix(value: Any, rows: tuple[int, ...], columns: int) -> bool:
-    fits = isinstance(value, list) and len(value) in rows
-    return fits and all(isinstance(row, list) and len(row) == columns and _are_numbers(row) for row in value)
-
-
-# Fields of an object -> what the field holds, and whether a JSON value is that; `Camera` checks ranges.
-FIELDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
-    **dict.fromkeys((*_CAMERA_FIELDS, "fov", "K", "pose", "convention", "pixel_center"), ("numbers", _are_numbers)),
-    "orthographic": ("true or false", lambda value: isinstance(value, bool)),
-    "K": ("three rows of three numbers", partial(_is_matrix, rows=(3,), columns=3)),
-    "pose": ("four or three rows of four numbers", partial(_is_matrix, rows=(3, 4), columns=4)),
-    "convention": (" or ".join(CONVENTIONS), lambda value: isinstance(value, str)),
-}
+FIELDS = (*_CAMERA_FIELDS, "fov", "K", "pose", "convention", "pixel_center")
 _SYNONYMS = {
     **dict.fromkeys(("intrinsics", "intrinsic", "camera_matrix"), "K"),
     **dict.fromkeys(("extrinsics", "camera_to_world", "c2w", "transform_matrix"), "pose"),
@@ -57,11 +36,13 @@ _NEEDED = {"convention": "pose", "pixel_center": "K"}
 
 @arguments(path=checked_path, base=Camera)
 def read_cameras(path: Path, base: Camera, resolution: tuple[int, int] | None = None) -> tuple[Camera, ...]:
-    """Read cameras from a JSON file.
+    """Read cameras from a JSON file: a list of objects, or one object with lists of matrices.
 
-    The file holds a list of objects with any of Camera's fields, ``fov``, ``K``, ``pose``,
-    ``convention`` and ``pixel_center``; or one such object for all cameras, in which ``K``, ``pose``
-    or both are lists of matrices, one for each camera.
+    The fields of an object are those of Camera, ``fov`` (vertical, in degrees) in place of focal and
+    plane, and ``K``, ``pose``, ``convention`` and ``pixel_center`` of `Camera.from_matrix`: K in place
+    of focal, plane and principal, in the pixels of the object's resolution, and pose in place of eye,
+    lookat and up. If K, pose or both are lists of matrices, one object stands for as many cameras. A
+    resolution without a plane or K keeps the plane's height and makes pixels square.
 
     Parameters
     ----------
@@ -70,25 +51,12 @@ def read_cameras(path: Path, base: Camera, resolution: tuple[int, int] | None = 
     base : Camera
         Supplies the fields that an object leaves out.
     resolution : (int, int), optional
-        (N, M), columns and rows of all cameras. A camera with K has to have the same proportions: its
-        K is scaled.
-
-    Returns
-    -------
-    tuple of Camera
-        The cameras, in the file's order.
+        (N, M), columns and rows of all cameras. K is scaled, and must have the same proportions.
 
     Raises
     ------
     InputError
         If the file is refused; the error names the file, the camera (counted from 1) and the field.
-
-    Notes
-    -----
-    ``fov``, in degrees, is the vertical field of view, given in place of focal and plane. ``K`` takes
-    their place and that of principal, ``pose`` that of eye, lookat and up; both are those of
-    `Camera.from_matrix`, and so are ``convention`` and ``pixel_center``. The pixels of K are those of
-    ``resolution``. A resolution without a plane or K keeps the plane's height and makes pixels square.
     """
     owner = shown(path)
     resolution = None if resolution is None else checked_resolution("read_cameras", resolution)
@@ -139,47 +107,40 @@ def _read(values: Any, base: Camera, resolution: tuple[int, int] | None, owner: 
     if not isinstance(values, dict):
         raise file_error(owner, who, 'an object such as {"eye": [1, 2, 3]}', found_text(values))
     _check_names(values, owner, who)
-    for key, value in values.items():
-        form, fits = FIELDS[key]
-        if not fits(value):
-            raise file_error(owner, f"{who}: {key}", form, found_text(value))
     try:
-        return _made(values, base, resolution, f"{owner}: {who}")
+        camera = _made(values, base, resolution or base.resolution, f"{owner}: {who}")
+        return camera if resolution is None else _resized(camera, resolution, scaled="K" in values)
     except InputError as error:
         raise InputError(f"{owner}: {who}: {str(error).removeprefix('Camera: ')}") from None
 
 
-def _made(values: dict[str, Any], base: Camera, resolution: tuple[int, int] | None, owner: str) -> Camera:
-    """Return the camera of an object whose fields have the right types. Raises InputError, with Camera in front."""
-    size = values.get("resolution")
-    if "K" in values:
-        # K's pixels are those of the file's resolution; without one, those of the images.
-        base = base.with_resolution(
-            next(candidate for candidate in (size, resolution, base.resolution) if candidate is not None)
-        )
-    elif size is not None and "plane" not in values:
+def _made(values: dict[str, Any], base: Camera, resolution: tuple[int, int], owner: str) -> Camera:
+    """Return the camera of an object. resolution: of the pixels of a K without its own. Raises InputError, with Camera in
+    front."""
+    size = values.get("resolution", resolution if "K" in values else None)
+    if size is not None and ("K" in values or "plane" not in values):
         base = base.with_resolution(size)
     changes = {name: value for name, value in values.items() if name in _CAMERA_FIELDS}
     if "pose" in values:
-        eye, forward, up = placement_of("Camera", values["pose"], values.get("convention", "opencv"))
-        changes |= {"eye": eye, "lookat": eye + forward, "up": up}
+        changes |= placement_of("Camera", values["pose"], values.get("convention", "opencv"))
     if "K" in values:
-        center = values.get("pixel_center", 0.5)
-        plane, principal = lens_of("Camera", values["K"], base.resolution, center, "K")
-        changes |= {"focal": 1.0, "plane": plane, "principal": principal, "orthographic": False}
+        changes |= lens_of("Camera", values["K"], base.resolution, values.get("pixel_center", 0.5), "K")
     camera = posed(base, owner, **changes)
     if "fov" in values:
         upright = Camera.from_fov(camera.eye, camera.lookat, camera.up, values["fov"], camera.resolution)
         camera = replace(upright, principal=camera.principal)
-    if resolution is None:
-        return camera
-    if "K" not in values:
+    return camera
+
+
+def _resized(camera: Camera, resolution: tuple[int, int], *, scaled: bool) -> Camera:
+    """Return the camera at a resolution. scaled: its K is."""
+    if not scaled:
         return camera.with_resolution(resolution)
     (columns, rows), (k_columns, k_rows) = resolution, camera.resolution
     if columns * k_rows != rows * k_columns:
         expected = f"the proportions of {k_columns}x{k_rows}, whose pixels K is in"
         raise InputError(f"Camera: --resolution: expected {expected}, found {columns}x{rows}")
-    return replace(camera, resolution=(columns, rows))
+    return replace(camera, resolution=resolution)
 
 
 @arguments(path=checked_path, cameras=items)
@@ -191,18 +152,11 @@ def write_cameras(
     Parameters
     ----------
     path : str or path-like
-        The file.
+        The file; if it cannot be written, one that was there stays as it was.
     cameras : iterable of Camera
         The cameras.
     pixel_center, convention
         Of K and pose, see `Camera.from_matrix`.
-
-    Raises
-    ------
-    InputError
-        If an argument is refused.
-    OutputError
-        If the file cannot be written; one that was there stays as it was.
     """
     lines = [json.dumps(_described(camera, pixel_center, convention)) for camera in cameras]
     write_bytes(path, ("[\n" + ",\n".join(lines) + "\n]\n").encode())
@@ -212,13 +166,7 @@ def _described(camera: Camera, pixel_center: float, convention: Convention) -> d
     if not isinstance(camera, Camera):
         raise value_error("write_cameras", "cameras", "cameras", camera)
     if camera.orthographic:
-        values = {name: getattr(camera, name) for name in _CAMERA_FIELDS}
-        return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
+        return {name: plain(getattr(camera, name)) for name in _CAMERA_FIELDS}
     matrix, pose = camera.to_matrix(pixel_center=pixel_center, convention=convention)
-    return {
-        "K": matrix.tolist(),
-        "pose": pose.tolist(),
-        "resolution": camera.resolution,
-        "convention": convention,
-        "pixel_center": pixel_center,
-    }
+    lens = {"K": matrix.tolist(), "pose": pose.tolist(), "resolution": camera.resolution}
+    return {**lens, "convention": convention, "pixel_center": pixel_center}

@@ -1,356 +1,241 @@
-"""Frames on their way through a Dask cluster: a few per thread at a time, monitored, and reassigned."""
+"""Frames on their way: handed to workers of any kind, watched, and handed to others when a worker is lost."""
 
 from __future__ import annotations
 
-import contextlib
-import itertools
-import queue
-import warnings
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from distributed import CancelledError, Client, Future, KilledWorker
-from distributed import TimeoutError as NotInTime  # not Python's own before 3.11
-
-from ..errors import ClshadeError, WorkerError
+from ..errors import WorkerError
 from .job import DrawnFrame, Lost, Silent, Task
-from .waiting import ATTEMPTS, POLL, Clock, now
 
-TOPIC = "clshade"  # of the workers' events: one for all runs, since a scheduler keeps the latest of each topic forever
-AHEAD = 3  # frames per thread: one being drawn, others to continue with
-ASK = 1.0  # seconds between queries of the scheduler for its workers, and until one counts as unanswered
-HEARTBEAT = 5.0  # seconds within which a healthy worker is heard from several times, however long its frames take
-VISIBLE = 10.0  # seconds until a worker's file is visible here: network file systems delay it
-RESUME = "run it again to go on"
+POLL = 0.1  # seconds between checks for an interrupt
+SILENT = 10.0  # seconds without a sign until it is reported
+PREPARING = 120.0  # seconds that a worker may take beyond --frame-timeout to start and to compile the kernels
+AWAY = 3.0  # seconds between two readings of `now` that pass only if this process was stopped itself
+ATTEMPTS = 3  # workers that may be lost at a frame before the run ends: the frame may be what ends them
+
+_read = _away = 0.0  # when `now` was last read, and for how long in total it was not
 
 
-class Members(dict[str, int]):
-    """The workers of a cluster, threads by address, as its scheduler last listed them.
+def now() -> float:
+    """Return the time, in seconds, without that in which this process was stopped (Ctrl-Z): workers gave no sign then
+    because nobody could receive one. To be read at least every AWAY seconds."""
+    global _read, _away
+    before, _read = _read, time.monotonic()
+    if _read - before > AWAY:
+        _away += _read - before
+    return _read - _away
 
-    clocks: the time since the scheduler last heard from each.
-    """
 
-    def __init__(self, client: Client, scheduler: str) -> None:
-        super().__init__()
-        self.client, self.scheduler = client, scheduler
-        self.clocks: dict[str, Clock] = {}
-        self._heard: dict[str, float] = {}  # when that was, by the scheduler's clock
+class Clock:
+    """The time since the last sign of a worker, or of a frame that it has."""
 
-    def ask(self) -> bool:
-        """Query the scheduler for its workers; return False if it does not answer."""
-        try:
-            scheduler: Any = self.client.scheduler
-            workers: Any = self.client.sync(scheduler.identity, callback_timeout=ASK)["workers"]
-        except Exception:  # such as a connection error or a timeout
-            return False
-        self.clear()
-        self.update((address, worker["nthreads"]) for address, worker in workers.items())
-        heard = {address: worker["last_seen"] for address, worker in workers.items()}
-        self.clocks = {
-            address: self.clocks[address] if self._heard.get(address) == when else Clock()
-            for address, when in heard.items()
-        }
-        self._heard = heard
-        return True
+    def __init__(self) -> None:
+        self._since, self._reported = now(), 0.0
+
+    @property
+    def seconds(self) -> float:
+        return now() - self._since
+
+    def due(self, latest: float) -> float | None:
+        """Return the seconds of silence if they are to be reported now: after SILENT, or twice the duration of the
+        `latest` frame if that is longer, and each time that they have doubled."""
+        seconds = self.seconds
+        if seconds < max(SILENT, 2.0 * latest, 2.0 * self._reported):
+            return None
+        self._reported = seconds
+        return seconds
 
 
 @dataclass(eq=False)
-class _Flight:
-    """A frame that the cluster has. future: of the latest attempt. worker: which has it, "" if unknown.
+class Flight:
+    """A frame that was handed out. begun, ready: whether its worker has begun it, and has compiled the kernels.
 
-    allowed: the only workers that may draw it; None: any. begun, ready: whether the worker has begun, and has compiled the
-    kernels. late: workers that did not draw it in time. keys: of all attempts.
+    lost: workers that were lost at it. clock: since the latest sign of it. future: of its latest attempt, by Dask.
     """
 
     task: Task
-    future: Future[Any] | None = None
-    allowed: frozenset[str] | None = None
-    worker: str = ""
+    worker: Worker | None = None
     begun: bool = False
     ready: bool = False
-    late: list[str] = field(default_factory=list)
-    keys: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    clock: Clock = field(default_factory=Clock)
+    future: Any = None
+
+    def advance(self, *, begun: bool = False, ready: bool = False) -> None:
+        self.begun, self.ready, self.clock = begun, ready, Clock()
+
+    def leave(self) -> None:
+        """Leave the worker, if there is one."""
+        if self.worker is not None:
+            del self.worker.flights[self.task.number]
+        self.worker = None
+
+
+@dataclass(eq=False)
+class Worker:
+    """What draws frames. name: its process id, or its address. threads: frames that it draws at a time.
+
+    flights: its frames by number, those that it has not begun too. stuck: frames that it has had for too long.
+    clock: since it was last heard from.
+    """
+
+    name: str
+    threads: int = 1
+    flights: dict[int, Flight] = field(default_factory=dict)
+    stuck: set[int] = field(default_factory=set)
     clock: Clock = field(default_factory=Clock)
 
-    def place(self, worker: str, begun: bool = False, ready: bool = False) -> None:
-        self.worker, self.begun, self.ready = worker, begun, ready
-        self.clock.restart()
-
-    def has_key(self, key: str) -> bool:
-        """Return whether the key is that of the latest attempt."""
-        return self.future is not None and self.future.key == key
-
-    def release(self) -> None:
-        """Give up the latest attempt."""
-        if self.future is not None:
-            with contextlib.suppress(Exception):
-                self.future.release()
-        self.future = None
+    @property
+    def load(self) -> float:
+        return len(self.flights) / self.threads
 
 
-def _numbers(flights: Iterable[_Flight]) -> tuple[int, ...]:
-    return tuple(sorted(flight.task.number for flight in flights))
+AnyWorker = TypeVar("AnyWorker", bound=Worker)
 
 
-class Dispatcher:
-    """The frames of a run, seen from this machine. Workers log their progress on TOPIC: {"run": name, "key", "worker",
-    "sign": "begun", "ready", "drawn" or "failed"}, for "drawn" with the fields of DrawnFrame."""
+class Dispatcher(ABC, Generic[AnyWorker]):
+    """The frames of a run. Subclasses add workers, begin frames with them, and listen to them.
 
-    def __init__(
-        self,
-        members: Members,
-        draw: Callable[[str, Task], None],
-        name: str,
-        tasks: Iterable[Task],
-        timeout: float,
-        frame_timeout: float | None,
-    ) -> None:
-        self._members, self._draw, self._name, self._tasks = members, draw, name, iter(tasks)
-        self._client, self._timeout, self._frame_timeout = members.client, timeout, frame_timeout
-        self._events: queue.SimpleQueue[Future[Any] | Mapping[str, Any]] = queue.SimpleQueue()
-        self._flights: dict[int, _Flight] = {}
-        self._by_key: dict[str, _Flight] = {}  # of all attempts at frames not drawn yet
-        self._stuck: dict[str, str] = {}  # keys of frames that a worker has had for too long, and the worker
-        # Files of drawn frames that are not visible here yet, and since when.
-        self._unseen: dict[int, tuple[list[Path], float]] = {}
-        self._keys = (f"{name}-{number}" for number in itertools.count())
+    ahead: frames per thread of a worker: one that is drawn, others to continue with. frame_timeout: seconds after which a
+    worker that is ready counts as hanging if it has not drawn its frame; None: it is waited for.
+    """
+
+    def __init__(self, tasks: Iterable[Task], ahead: int, frame_timeout: float | None) -> None:
+        self._tasks, self._ahead, self._frame_timeout = iter(tasks), ahead, frame_timeout
+        self._workers: dict[str, AnyWorker] = {}
+        self._flights: dict[int, Flight] = {}  # by number, until they are drawn
         self._all_taken = False
         self._latest = 0.0  # duration of the latest frame, seconds
-        self._asked, self._healthy_at = float("-inf"), now()
-        for topic in ("all", TOPIC):
-            self._client.subscribe_topic(topic, self._hear)
+
+    @abstractmethod
+    def _begin(self, flight: Flight, worker: AnyWorker) -> None:
+        """Send a worker a frame."""
+
+    @abstractmethod
+    def _listen(self) -> Iterator[DrawnFrame | Lost]:
+        """Process what workers have said, and return within about POLL seconds."""
+
+    def _withdraw(self, flight: Flight) -> None:
+        """Tell the worker of a frame not to draw it, if it can still be told."""
+
+    def _replace(self, worker: AnyWorker) -> None:
+        """End a worker that hangs, and start another one in its place, if workers are ours."""
+
+    def _is_usable(self, worker: AnyWorker) -> bool:
+        """Return whether a worker can begin a frame now or later."""
+        return len(worker.stuck) < worker.threads
+
+    def _is_done(self) -> bool:
+        return self._all_taken and not self._flights
 
     def results(self) -> Iterator[DrawnFrame | Lost | Silent]:
         """Yield results, losses and silences until all frames are drawn."""
-        while True:
-            if now() >= self._asked + ASK:
-                self._asked = now()
-                yield from self._look()
-            self._refill()
-            self._await_files()
-            if self._all_taken and not self._flights and not self._unseen:
+        self._hand_out()
+        while not self._is_done():
+            for result in self._listen():
+                self._hand_out()  # before the result is used: no worker waits for that
+                yield result
+            yield from self._check()
+            self._hand_out()
+
+    # Frames to workers
+
+    def _hand_out(self) -> None:
+        """Give frames to the workers with the fewest: those that others have lost, then as many as there is room for."""
+        usable = [worker for worker in self._workers.values() if self._is_usable(worker)]
+        if not usable:
+            return
+        for flight in self._flights.values():
+            if flight.worker is None:
+                self._give(flight, [worker for worker in usable if worker.name not in flight.lost] or usable)
+        while min(worker.load for worker in usable) < self._ahead:
+            task = next(self._tasks, None)
+            if task is None:
+                self._all_taken = True
+                self._level(usable)
                 return
-            try:
-                event = self._events.get(timeout=POLL)
-            except queue.Empty:
-                continue
-            if isinstance(event, Future):
-                self._check_future(event)
-            elif event.get("action") == "remove-worker":
-                yield from self._forget(event)
-            elif event.get("run") == self._name and (frame := self._note(event)) is not None:
-                yield frame
+            self._flights[task.number] = Flight(task)
+            self._give(self._flights[task.number], usable)
 
-    def close(self) -> None:
-        """Cancel the frames that have not begun."""
-        for topic in ("all", TOPIC):
-            self._client.unsubscribe_topic(topic)
-        futures = [flight.future for flight in self._flights.values() if flight.future is not None]
-        self._client.cancel(futures, asynchronous=False)
+    def _give(self, flight: Flight, workers: Sequence[AnyWorker]) -> None:
+        worker = min(workers, key=lambda worker: worker.load)
+        flight.worker = worker
+        flight.advance()
+        worker.flights[flight.task.number] = flight
+        self._begin(flight, worker)
 
-    # Frames to the cluster
+    def _level(self, workers: Sequence[AnyWorker]) -> None:
+        """Let workers that are free draw frames that wait behind others."""
+        for idle in workers:
+            while len(idle.flights) < idle.threads:
+                busiest = max(workers, key=lambda worker: worker.load)
+                waiting = [flight for flight in busiest.flights.values() if not flight.begun]
+                if busiest.load <= 1.0 or not waiting:
+                    return
+                self._withdraw(waiting[-1])
+                waiting[-1].leave()
+                self._give(waiting[-1], [idle])
 
-    def _refill(self) -> None:
-        """Submit enough that no thread waits for the next frame, and no more: a run may have a million."""
-        threads = sum(self._members.values())
-        room = AHEAD * threads - len(self._flights)
-        if room < threads:  # one frame per thread at a time: each call of a scheduler takes long
-            return
-        flights = [_Flight(task) for task in itertools.islice(self._tasks, max(room, 0))]
-        self._all_taken |= len(flights) < room
-        self._flights.update((flight.task.number, flight) for flight in flights)
-        healthy = self._healthy()
-        some = self._frame_timeout is not None and healthy and len(healthy) < len(self._members)
-        self._submit(flights, frozenset(healthy) if some else None)
-
-    def _submit(self, flights: list[_Flight], allowed: frozenset[str] | None) -> None:
-        if not flights:
-            return
-        keys = list(itertools.islice(self._keys, len(flights)))
-        tasks = [flight.task for flight in flights]
-        workers = None if allowed is None else sorted(allowed)
-        try:
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", "Sending large graph", UserWarning)  # a pose goes to one worker, once
-                futures: list[Future[Any]] = self._client.map(
-                    self._draw, [self._name] * len(tasks), tasks, key=keys, pure=False, workers=workers
-                )
-        except Exception as error:
-            raise self._gone() from error
-        for key, flight, future in zip(keys, flights, futures, strict=True):
-            self._by_key[key] = flight
-            flight.keys.append(key)
-            flight.future, flight.allowed = future, allowed
-            flight.place("")
-            future.add_done_callback(self._events.put)
-
-    def _move(self, flight: _Flight) -> None:
-        """Give the frame to a healthy worker; if there is none, later."""
-        flight.release()
-        flight.place("")
-        healthy = self._healthy()
-        chosen = healthy - set(flight.late) or healthy
-        if chosen:
-            self._submit([flight], frozenset(chosen))
-
-    # Events
-
-    def _hear(self, event: tuple[float, Any]) -> None:
-        """Queue an event; called in the client's own thread."""
-        if isinstance(event[1], dict):
-            self._events.put(event[1])
-
-    def _note(self, event: Mapping[str, Any]) -> DrawnFrame | None:
-        """Process a worker's event, also for a frame that another one has drawn already."""
-        key, sign = event["key"], event["sign"]
-        flight = self._by_key.get(key)
-        if sign in ("drawn", "failed"):
-            self._stuck.pop(key, None)
+    def _finish(self, frame: DrawnFrame) -> DrawnFrame | None:
+        """Return a frame, None if another worker has drawn it before."""
+        flight = self._flights.pop(frame.number, None)
         if flight is None:
             return None
-        if sign == "drawn":
-            return self._finish(flight, DrawnFrame(**event["drawn"]))
-        if flight.has_key(key) and sign != "failed":
-            flight.place(event["worker"], begun=True, ready=sign == "ready")
-        return None
-
-    def _finish(self, flight: _Flight, frame: DrawnFrame) -> DrawnFrame:
-        del self._flights[frame.number]
-        for key in flight.keys:
-            del self._by_key[key]
-        flight.release()
+        self._withdraw(flight)
+        flight.leave()
         self._latest = (frame.render_ms + frame.save_ms) / 1e3
-        self._unseen[frame.number] = flight.task.paths, now()
         return frame
-
-    def _check_future(self, future: Future[Any]) -> None:
-        """Raise WorkerError, or what `FrameWriter.draw` raised, for a frame that failed; events report drawn ones."""
-        flight = self._by_key.get(str(future.key))
-        if flight is None or flight.future is not future or future.status in ("finished", "pending"):
-            return
-        number = flight.task.number
-        try:
-            future.result(timeout=ASK)
-        except ClshadeError:
-            raise
-        except NotInTime:
-            self._events.put(future)
-        except KilledWorker as error:
-            reason = f"{error.allowed_failures + 1} workers ended while they drew it"
-            raise WorkerError(f"frame {number}: {reason}, the last {error.last_worker.address}") from None
-        except CancelledError:
-            raise self._gone() from None
-        except Exception as error:
-            raise WorkerError(f"frame {number}: {in_a_line(error)}") from error
-
-    def _gone(self) -> WorkerError:
-        return WorkerError(f"{self._members.scheduler}: the scheduler is gone: {RESUME}")
-
-    def _forget(self, event: Mapping[str, Any]) -> Iterator[Lost]:
-        """Forget a worker that is gone: Dask gives its frames to others."""
-        worker = event.get("worker")
-        flights = [self._by_key[key] for key in event.get("processing-tasks", ()) if key in self._by_key]
-        for flight in flights:
-            flight.place("")
-        self._stuck = {key: stuck for key, stuck in self._stuck.items() if stuck != worker}
-        if flights:
-            yield Lost(_numbers(flights), f"{worker} is gone")
-
-    def _await_files(self) -> None:
-        """Raise WorkerError for a drawn frame whose files do not appear."""
-        self._unseen = {n: files for n, files in self._unseen.items() if not all(path.exists() for path in files[0])}
-        for number, (paths, since) in self._unseen.items():
-            if now() - since > VISIBLE:
-                expected = f"workers that write to this machine's {paths[0].parent}"
-                reason = f"frame {number} written elsewhere"
-                raise WorkerError(f"{self._members.scheduler}: expected {expected}, found {reason}")
 
     # Workers
 
-    def _look(self) -> Iterator[Lost | Silent]:
-        """Check the workers and their frames. Raises WorkerError if there have been no workers for some time."""
-        answered = self._members.ask()
-        if answered and any(not flight.begun for flight in self._flights.values()):
-            self._find()
-        if self._frame_timeout is not None:
-            yield from self._reassign(self._frame_timeout)
-        yield from self._silent()
-        if answered and self._healthy():
-            self._healthy_at = self._asked
-        elif self._asked - self._healthy_at > self._timeout:
-            reason = "no worker is left" if answered else "the scheduler gives no answer"
-            reason = "no worker gives a sign any more" if answered and self._members else reason
-            raise WorkerError(f"{self._members.scheduler}: {reason}, and there are frames left: {RESUME}")
+    def _lose(self, worker: AnyWorker, flights: Iterable[Flight], reason: str) -> list[Lost]:
+        """Take frames from a worker. Raises WorkerError for one at which ATTEMPTS workers were lost."""
+        flights = list(flights)
+        for flight in flights:
+            self._withdraw(flight)
+            flight.leave()
+            if flight.begun:
+                flight.lost.append(worker.name)
+            if len(flight.lost) == ATTEMPTS:
+                cause = f"{ATTEMPTS} workers were lost while they drew it: the last one {reason}"
+                raise WorkerError(f"frame {flight.task.number}: {cause}")
+        return [Lost(_numbers(flights), reason)] if flights else []
 
-    def _find(self) -> None:
-        """Find which worker has each frame that has not begun."""
-        try:
-            scheduler: Any = self._client.scheduler
-            processing: Any = self._client.sync(scheduler.processing, workers=None, callback_timeout=ASK)
-        except Exception:  # no answer
-            return
-        for worker, keys in processing.items():
-            for key in keys:
-                flight = self._by_key.get(key)
-                if flight is not None and flight.has_key(key) and not flight.begun and flight.worker != worker:
-                    flight.place(worker)
-
-    def _healthy(self) -> set[str]:
-        """Return the workers that can begin a frame now or later; all of them without a frame timeout."""
-        if self._frame_timeout is None:
-            return set(self._members)
-        stuck, clocks = Counter(self._stuck.values()), self._members.clocks
-        # Of many workers, each is heard from less often.
-        limit = max(self._frame_timeout, HEARTBEAT + len(clocks) / 50)
-        heard = [worker for worker, clock in clocks.items() if clock.seconds <= limit]
-        return {worker for worker in heard if stuck[worker] < self._members[worker]}
-
-    def _reassign(self, limit: float) -> Iterator[Lost]:
-        """Give frames of hanging workers to others. Raises WorkerError after ATTEMPTS at one."""
-        moved: dict[str, list[_Flight]] = defaultdict(list)
-        seconds: dict[str, float] = {}
-        for flight in self._flights.values():
-            if flight.begun and flight.clock.is_over(limit, flight.ready):
-                self._stuck[flight.keys[-1]] = flight.worker
-                flight.late.append(flight.worker)
-                seconds[flight.worker] = flight.clock.seconds
-                moved[flight.worker].append(flight)
-        healthy = self._healthy()
-        for flight in self._flights.values():
-            if not flight.begun and flight.worker in self._members and flight.worker not in healthy:
-                seconds.setdefault(flight.worker, self._members.clocks[flight.worker].seconds)
-                moved[flight.worker].append(flight)
-        for worker, flights in moved.items():
-            reason = f"{worker} gave no sign for {seconds[worker]:.3g} s"
-            for flight in flights:
-                if len(flight.late) == ATTEMPTS:
-                    tried = f"{ATTEMPTS} workers did not draw it in time; the last one, {reason}"
-                    raise WorkerError(f"frame {flight.task.number}: {tried}")
-                self._move(flight)
-            yield Lost(_numbers(flights), reason)
-        for flight in self._flights.values():
-            is_stranded = flight.allowed is not None and not flight.begun and not flight.allowed & healthy
-            if flight.future is None or is_stranded:
-                self._move(flight)
-
-    def _silent(self) -> Iterator[Silent]:
-        """Yield what is to be reported of frames that take long, and of workers that have some and do not begin."""
-        placed: dict[str, list[_Flight]] = defaultdict(list)
-        for flight in self._flights.values():
-            if flight.worker:
-                placed[flight.worker].append(flight)
-        for worker, flights in placed.items():
-            begun = [flight for flight in flights if flight.begun]
+    def _check(self) -> Iterator[Lost | Silent]:
+        """Take frames from workers that hang, and report those that are silent."""
+        for worker in list(self._workers.values()):
+            if self._frame_timeout is not None:
+                yield from self._take_late(worker, self._frame_timeout)
+            begun = [flight for flight in worker.flights.values() if flight.begun]
             silences = {flight: flight.clock.due(self._latest) for flight in begun}
-            if not begun and worker in self._members:
-                silences = dict.fromkeys(flights, self._members.clocks[worker].due(0.0))
+            if worker.flights and not begun:
+                silences = dict.fromkeys(worker.flights.values(), worker.clock.due(0.0))
             reported = {flight: seconds for flight, seconds in silences.items() if seconds is not None}
             if reported:
-                yield Silent(_numbers(reported), worker, max(reported.values()))
+                yield Silent(_numbers(reported), worker.name, max(reported.values()))
+
+    def _take_late(self, worker: AnyWorker, limit: float) -> Iterator[Lost]:
+        """Take the frames that a worker has had for too long, and all others if it can begin none."""
+        flights = list(worker.flights.values())
+        late = [
+            flight
+            for flight in flights
+            if flight.begun and flight.clock.seconds > limit + (0.0 if flight.ready else PREPARING)
+        ]
+        worker.stuck.update(_numbers(late))
+        clocks = [flight.clock for flight in late] or [worker.clock]
+        if not self._is_usable(worker):
+            late += [flight for flight in flights if not flight.begun]
+        if late:
+            seconds = max(clock.seconds for clock in clocks)
+            lost = self._lose(worker, late, f"{worker.name} gave no sign for {seconds:.3g} s")
+            self._replace(worker)
+            yield from lost
 
 
-def in_a_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0]
+def _numbers(flights: Iterable[Flight]) -> tuple[int, ...]:
+    return tuple(sorted(flight.task.number for flight in flights))

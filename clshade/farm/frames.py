@@ -46,19 +46,9 @@ def parse_frames(text: str, option: str = "--frames") -> Frames:
     ----------
     text : str
         ``"1..120"``, ``"5"``, ``"1..120..2"`` (every second) or a list such as ``"1..10,20"``; at
-        most 1,000,000 frames.
+        most 1,000,000 frames. Any other text is refused.
     option : str, default "--frames"
         Name to use in errors.
-
-    Returns
-    -------
-    Frames
-        The numbers, ascending, and the ends of their range.
-
-    Raises
-    ------
-    InputError
-        For any other text.
 
     Examples
     --------
@@ -130,7 +120,7 @@ def pattern_of_eye(text: str, eye: str) -> str:
 
 @arguments(camera=Camera, numbers=items, turn=Frames, degrees=number)
 def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float = 360.0) -> Mapping[int, Camera]:
-    """Return cameras on a circle about `up` through the point the camera looks at.
+    """Return cameras on a circle about `up` through the point the camera looks at, each made when it is looked up.
 
     Parameters
     ----------
@@ -144,11 +134,6 @@ def orbit(camera: Camera, numbers: Iterable[int], turn: Frames, degrees: float =
         loops without a standstill.
     degrees : float, default 360.0
         Angle of the turn; positive values move the camera to its right.
-
-    Returns
-    -------
-    mapping of int to Camera
-        Cameras by frame number, created when looked up: a million would take minutes.
     """
     if not all(isinstance(number, Integral) for number in numbers):
         raise value_error("orbit", "numbers", "whole numbers", numbers)
@@ -162,7 +147,7 @@ def _on_circle(camera: Camera, turn: Frames, degrees: float, number: int) -> Cam
 def stereo_cameras(
     cameras: Mapping[int, Camera], baseline: float, convergence: float | None = None
 ) -> tuple[Mapping[int, Camera], Mapping[int, Camera]]:
-    """Return the cameras of left and right eyes around cameras by frame number.
+    """Return the cameras of left and of right eyes by frame number, each made when it is looked up.
 
     Parameters
     ----------
@@ -170,11 +155,6 @@ def stereo_cameras(
         Camera between the eyes, by frame number.
     baseline, convergence
         See `Camera.stereo`.
-
-    Returns
-    -------
-    left, right : mapping of int to Camera
-        Cameras by frame number, created when looked up.
     """
     left, right = (PerFrame(cameras, partial(_eye, cameras, (baseline, convergence), side)) for side in (0, 1))
     return left, right

@@ -104,7 +104,7 @@ class FrameWriter:
 
     @contextlib.contextmanager
     def _renderer(self, task: Task, compiled: bool) -> Iterator[Renderer]:
-        """Return a renderer of the task's pose within the block. compiled: its kernels are compiled before."""
+        """Yield a renderer of the task's pose. compiled: its kernels are compiled before."""
         if task.pose is not None:
             with self._open(task, compiled) as renderer:
                 yield renderer
@@ -113,8 +113,7 @@ class FrameWriter:
         with self._lock:
             if kind not in self._renderers:
                 self._renderers[kind] = self._open(task, compiled)
-            renderer = self._renderers[kind]
-        yield renderer
+        yield self._renderers[kind]
 
     def _open(self, task: Task, compiled: bool) -> Renderer:
         job, kind = self._job, task.camera.orthographic

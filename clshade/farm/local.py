@@ -16,17 +16,16 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from types import FrameType
+from typing import Any
 
 from ..base import interrupts
-from ..errors import WorkerError
 from ..pipeline.opencl.environment import THREADS
+from .dispatch import POLL, Dispatcher, Flight, Worker
 from .job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
-from .waiting import ATTEMPTS, POLL, Clock
 
 MOST_WORKERS = 256
 PATIENCE = 0.6  # seconds that workers get to end on request; an interrupted process has GRACE and CLEARING itself
@@ -39,15 +38,18 @@ def draw_locally(
     free for it.
 
     frame_timeout: seconds after which a worker that is ready and has not drawn its frame is killed; None: wait for it.
-    Raises what `FrameWriter.draw` raised in a worker, and WorkerError for a frame whose workers ended ATTEMPTS times.
+    Raises what `FrameWriter.draw` raised in a worker, and WorkerError for a frame at which ATTEMPTS of them were lost.
     The workers are ended whenever the iteration ends early.
     """
-    waiting = iter(tasks)
-    first = list(itertools.islice(waiting, workers))
-    pool = _Pool(job, len(first), frame_timeout)
+    tasks = iter(tasks)
+    first = list(itertools.islice(tasks, workers))
+    pool = _Pool(job, itertools.chain(first, tasks), len(first), frame_timeout)
     _pools.add(pool)
     try:
-        yield from pool.draw(first, waiting)
+        for _ in first:  # all of them before the first is told anything
+            pool.start()
+        yield from pool.results()
+        pool.join()
     except KeyboardInterrupt:
         pool.interrupt()  # they end by themselves; `_end_all` waits for that, after all messages
         raise
@@ -87,36 +89,30 @@ def _interrupts_held_back() -> Iterator[None]:
         yield
 
 
-class _Worker:
-    """A process, this end of the pipe to it, and its current task."""
+class _Process(Worker):
+    """A process, and this end of the pipe to it."""
 
-    def __init__(self, threads: int, timed: bool) -> None:
+    def __init__(self, job: bytes, threads: int, timed: bool) -> None:
         # Not forked: a runtime's threads do not survive that.
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, threads, timed), daemon=True)
         self.process.start()
         theirs.close()  # else the pipe would outlive the process
-        self.task: Task | None = None
-        self.ready = False  # it has started and compiled the kernels
-        self.clock = Clock()
+        super().__init__(str(self.process.pid))
+        self._job: bytes | None = job  # until it is sent, before the first task
         self._sender: threading.Thread | None = None
 
-    def begin(self, task: Task, job: bytes | None = None) -> None:
-        """Give it a task; a new worker gets the job first."""
-        self.task = task
-        self.clock.restart()
-        if job is None:
-            self._send(task)
-        else:
-            # A scene may exceed the pipe's capacity, and a stopped process would never read it.
-            self._sender = threading.Thread(target=self._send, args=(task, job), daemon=True)
-            self._sender.start()
+    def send(self, task: Task) -> None:
+        # A scene may exceed the pipe's capacity, and a stopped process would never read it.
+        self._sender = threading.Thread(target=self._send, args=(task,), daemon=True)
+        self._sender.start()
 
-    def _send(self, task: Task, job: bytes | None = None) -> None:
+    def _send(self, task: Task) -> None:
         with contextlib.suppress(OSError):  # it ended; reading from the pipe will report it
-            if job is not None:
-                self.pipe.send_bytes(job)
+            if self._job is not None:
+                self.pipe.send_bytes(self._job)
+                self._job = None
             self.pipe.send(task)
 
     def reason(self) -> str:
@@ -134,85 +130,67 @@ class _Worker:
         if self._sender is not None:
             self._sender.join(PATIENCE)  # done, or failed if the process has ended
         self.pipe.close()
-        self.task = None
 
 
-class _Pool:
-    """The workers of one run."""
+class _Pool(Dispatcher[_Process]):
+    """The workers of one run, each of which draws a frame at a time."""
 
-    def __init__(self, job: Job, size: int, frame_timeout: float | None) -> None:
+    def __init__(self, job: Job, tasks: Iterable[Task], size: int, frame_timeout: float | None) -> None:
+        super().__init__(tasks, 1, frame_timeout)
         self._job = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
         processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self._threads = max(1, processors // max(1, size))
-        self._frame_timeout = frame_timeout
-        self._workers: list[_Worker] = []
-        self._attempts: Counter[int] = Counter()
-        self._latest = 0.0  # duration of the latest frame, seconds
+        self._started: list[_Process] = []
 
-    def draw(self, first: Sequence[Task], waiting: Iterator[Task]) -> Iterator[DrawnFrame | Lost | Silent]:
-        """Draw the tasks. first: what the workers begin with, one task each."""
-        started = [self._start() for _ in first]  # all of them before the first is told anything
-        for worker, task in zip(started, first, strict=True):
-            worker.begin(task, self._job)
-        while busy := {worker.pipe: worker for worker in self._workers if worker.task is not None}:
-            for pipe in wait(list(busy), POLL):
-                worker = busy[pipe]  # type: ignore[index]
-                try:
-                    answer = worker.pipe.recv()
-                except (EOFError, OSError):
-                    yield self._replace(worker, worker.reason())
-                    continue
-                if isinstance(answer, Exception):
-                    raise answer
-                if answer is None:
-                    worker.ready = True
-                    worker.clock.restart()
-                    continue
-                self._latest = (answer.render_ms + answer.save_ms) / 1e3
-                following = next(waiting, None)
-                if following is None:
-                    worker.dismiss()
-                else:
-                    worker.begin(following)
-                yield answer
-            for worker in busy.values():
-                yield from self._look_at(worker)
-        for worker in self._workers:
-            worker.process.join(PATIENCE)
-
-    def _look_at(self, worker: _Worker) -> Iterator[Lost | Silent]:
-        """Check whether a worker has been silent for too long."""
-        if worker.task is None:
-            return
-        if self._frame_timeout is not None and worker.clock.is_over(self._frame_timeout, worker.ready):
-            seconds = worker.clock.seconds
-            worker.process.kill()  # nothing else reaches one that hangs or is stopped
-            worker.process.join(PATIENCE)
-            yield self._replace(worker, f"{worker.process.pid} gave no sign for {seconds:.3g} s")
-        elif (silence := worker.clock.due(self._latest)) is not None:
-            yield Silent((worker.task.number,), str(worker.process.pid), silence)
-
-    def _replace(self, worker: _Worker, reason: str) -> Lost:
-        """Have a new worker draw what this one did not. Raises WorkerError after ATTEMPTS of them."""
-        task = worker.task
-        assert task is not None
-        worker.dismiss()
-        self._attempts[task.number] += 1
-        if self._attempts[task.number] == ATTEMPTS:
-            cause = f"{ATTEMPTS} workers ended while they drew it; the last one {reason}"
-            raise WorkerError(f"frame {task.number}: {cause}")
-        self._start().begin(task, self._job)
-        return Lost((task.number,), reason)
-
-    def _start(self) -> _Worker:
+    def start(self) -> None:
         with _interrupts_held_back(), _starting:
-            worker = _Worker(self._threads, self._frame_timeout is not None)
-            self._workers.append(worker)
-        return worker
+            worker = _Process(self._job, self._threads, self._frame_timeout is not None)
+            self._started.append(worker)
+        self._workers[worker.name] = worker
+
+    def _begin(self, flight: Flight, worker: _Process) -> None:
+        flight.advance(begun=True)
+        worker.send(flight.task)
+
+    def _listen(self) -> Iterator[DrawnFrame | Lost]:
+        for worker in [worker for worker in self._workers.values() if not worker.flights]:  # nothing is left for it
+            self._dismiss(worker)
+        workers: dict[Any, _Process] = {worker.pipe: worker for worker in self._workers.values()}
+        for pipe in wait(list(workers), POLL):
+            worker = workers[pipe]
+            try:
+                answer = worker.pipe.recv()
+            except (EOFError, OSError):
+                lost = self._lose(worker, worker.flights.values(), worker.reason())
+                self._replace(worker)
+                yield from lost
+                continue
+            if isinstance(answer, Exception):
+                raise answer
+            if answer is None:
+                for flight in worker.flights.values():
+                    flight.advance(begun=True, ready=True)
+            elif (frame := self._finish(answer)) is not None:
+                yield frame
+
+    def _replace(self, worker: _Process) -> None:
+        worker.process.kill()  # nothing else reaches one that hangs or is stopped
+        worker.process.join(PATIENCE)
+        self._dismiss(worker)
+        self.start()
+
+    def _dismiss(self, worker: _Process) -> None:
+        worker.dismiss()
+        del self._workers[worker.name]
+
+    def join(self) -> None:
+        """Wait for the workers that have nothing left to draw."""
+        for worker in self._started:
+            worker.process.join(PATIENCE)
 
     def interrupt(self) -> None:
         """Interrupt all processes, so that they remove what they were writing, and end."""
-        for worker in self._workers:
+        for worker in self._started:
             if worker.process.is_alive() and worker.process.pid is not None:
                 with contextlib.suppress(OSError):
                     os.kill(worker.process.pid, signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
@@ -221,7 +199,7 @@ class _Pool:
         """Interrupt all processes, and return when they have ended."""
         self.interrupt()
         until = time.monotonic() + PATIENCE
-        for worker in self._workers:
+        for worker in self._started:
             worker.process.join(max(0.0, until - time.monotonic()))
             if worker.process.is_alive():
                 worker.process.kill()

@@ -9,10 +9,10 @@ import statistics
 import sys
 import time
 from array import array
-from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import pairwise
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -26,16 +26,8 @@ from ..images.cryptomatte import MatteKind
 from ..images.figures import bar_width
 from ..images.image_file import resolution_of
 from ..pipeline.effective_settings import effective_settings
-from ..pipeline.frame_files import (
-    FILES,
-    SAVING,
-    FileKind,
-    SavingOptions,
-    check_layers,
-    check_output,
-    chosen_paths,
-)
-from ..pipeline.frame_results import FlowName
+from ..pipeline.frame_files import FILES, SAVING, FileKind, SavingOptions, check_layers, check_output, chosen_paths
+from ..pipeline.frame_results import FLOWS
 from ..pipeline.visible import check_mattes
 from ..scene.camera import Camera
 from ..scene.model import Scene
@@ -65,10 +57,9 @@ class Run:
 
     Attributes
     ----------
-    drawn, skipped : int
-        Numbers of frames drawn, and of frames that existed already.
-    lost : int
-        Workers that ended or hung before their frame was done.
+    drawn, skipped, lost : int
+        Numbers of frames drawn, of frames that existed already, and of workers that ended or hung
+        before their frame was done.
     seconds : float
         Time until the last frame was drawn, including starting workers and compiling kernels.
     draw_ms : float
@@ -152,18 +143,22 @@ def draw_frames(
 ) -> Run:
     """Draw frames of a scene and write each as EXR and PNG, or other files, the same whoever draws them.
 
+    Frames whose files exist are skipped, and refused if their resolution is another one. They are
+    complete, for files are replaced atomically (``clshade.base.atomic_files``).
+
+    With several workers a script needs the usual ``if __name__ == "__main__":``.
+
     Parameters
     ----------
     scene : Scene
         The scene to draw.
     cameras : mapping of int to Camera
-        Camera of each frame, by frame number.
+        Camera of each frame, by frame number; the frame has its resolution.
     output : str
         Name of the files, such as ``"out.####.exr"``, with one run of # for the number of the
         frame. The folder is created if missing, and removed again if nothing is drawn.
     poses : mapping of int to Pose, optional
         What each frame changes in the scene, by frame number, as from `clshade.load_animation`.
-        Default: nothing.
     workers : int, default 1
         Number of processes on this machine, 1 to 256; 1 means this process.
     scheduler : str, optional
@@ -171,49 +166,30 @@ def draw_frames(
     timeout : float, default 10.0
         Seconds to wait for the scheduler.
     frame_timeout : float, optional
-        Seconds after which a worker that is ready, its kernels compiled, counts as hanging if it
-        has not drawn its frame: others draw what it has. Default: wait for it, with a warning after
-        ten seconds.
+        Seconds after which a worker whose kernels are compiled counts as hanging if it has not drawn
+        its frame: others draw what it has. Default: wait for it, with a warning after ten seconds.
     overwrite : bool, default False
-        Draw frames whose files exist as well; otherwise they are skipped, and refused if their
-        resolution is another one. An existing file is complete, for files are replaced atomically
-        (``clshade.base.atomic_files``).
+        Draw frames whose files exist as well.
     progress : bool, default True
         Show a progress bar, or lines, on standard error.
-    device : str, optional
-        Name of the device, see `clshade.Renderer`.
     saving : dict, optional
         Keywords of `Frame.save`.
     flow : bool, default False
-        Write optical flow to the EXR of each frame, and the layer id: as ``flow`` to the frame with the
-        next number, as ``flow_back`` to the one before, with the masks of what these do not show, see
-        `clshade.flow`. The first frame has no ``flow_back``, the last no ``flow``.
+        Write optical flow (`clshade.flow`) and the layer id to the EXR of each frame: as ``flow`` to the
+        frame with the next number, as ``flow_back`` to the one before, with the masks of what these do
+        not show. The first frame has no ``flow_back``, the last no ``flow``.
     visible : {"csv", "json"}, optional
         Write the table of `clshade.visible` beside each frame: ``out.0001_visible.csv``.
     mattes : sequence of {"object", "material", "instance"}, optional
         Write Cryptomatte layers of these kinds to the EXR of each frame, see `clshade.cryptomatte`.
-    **settings
-        Keywords of `clshade.render`; the resolution of a frame is that of its camera.
-
-    Returns
-    -------
-    Run
-        Counts, times and file names.
+    device, **settings
+        See `clshade.render`.
 
     Raises
     ------
-    InputError
-        If an argument is refused.
-    DeviceError
-        If no OpenCL device works.
-    OutputError
-        If a file cannot be written.
-    WorkerError
-        If workers fail; frames already drawn stay.
-
-    Notes
-    -----
-    With several workers a script needs the usual ``if __name__ == "__main__":``.
+    InputError, DeviceError, OutputError, WorkerError
+        If an argument is refused, no OpenCL device works, a file cannot be written, or workers fail.
+        Frames already drawn stay.
 
     Examples
     --------
@@ -249,7 +225,7 @@ def draw_frames(
         if left:
             check_output(pattern.names(left[0])[0], settled, **options)
             job = Job(scene, settled, device, options, visible, mattes)
-            tasks = _tasks(cameras, poses, pattern, left, flow=flow, files=files)
+            tasks = _tasks(cameras, poses, pattern, left, files, flow=flow)
             results = _results(job, tasks, workers, scheduler, timeout, frame_timeout)
         bar.follow(results, limited=frame_timeout is not None)
     return Run(
@@ -288,16 +264,14 @@ def _camera(cameras: Mapping[int, Camera], number: int) -> Camera:
 def _left(pattern: Pattern, numbers: Iterable[int], files: Sequence[FileKind] = FILES) -> list[int]:
     """Return the frames that lack one of their files. The folder is listed once: a stat per file of a million
     frames takes a minute."""
-    folder = os.path.dirname(pattern.names(0)[0])
-    listed: set[str] | None
+    folder = os.path.dirname(pattern.names(0)[0]) or os.curdir
+    listed: set[str] | None = None  # a folder that may be entered but not read, or an invalid name
     try:
-        listed = {name.lower() for name in os.listdir(folder or os.curdir)}
+        listed = {name.lower() for name in os.listdir(folder)}
     except FileNotFoundError:
-        listed = set()
-    except (OSError, ValueError):  # a folder that may be entered but not read, or an invalid name
-        listed = None
-    if listed == set():
         return list(numbers)
+    except (OSError, ValueError):
+        pass
 
     def is_there(name: str) -> bool:
         # Some file systems ignore case, or Unicode normalization.
@@ -341,23 +315,20 @@ def _tasks(
     poses: Mapping[int, Pose] | None,
     pattern: Pattern,
     left: Iterable[int],
+    files: Sequence[FileKind],
     *,
     flow: bool,
-    files: Sequence[FileKind],
 ) -> Iterator[Task]:
-    numbers = sorted(cameras) if flow else []
+    after = dict(pairwise(sorted(cameras))) if flow else {}
+    before = {later: number for number, later in after.items()}
 
     def view(number: int) -> tuple[Camera, Pose | None]:
         return _camera(cameras, number), None if poses is None else poses[number]
 
     for frame in left:
+        targets = zip(FLOWS, (after.get(frame), before.get(frame)), strict=True)
+        flows = {name: view(target) for name, target in targets if target is not None}
         camera, pose = view(frame)
-        place = bisect_left(numbers, frame)
-        near: dict[FlowName, list[int]] = {
-            "flow": numbers[place + 1 : place + 2],
-            "flow_back": numbers[max(place - 1, 0) : place],
-        }
-        flows = {name: view(target) for name, others in near.items() for target in others}
         yield Task(frame, camera, Path(pattern.names(frame)[0]).absolute(), files, pose, flows)
 
 

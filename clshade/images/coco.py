@@ -79,8 +79,7 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
     categories: dict[str, int] = {}
     for image_id, file in enumerate(files, 1):
         channels, header = exr.read(file)
-        missing = [name for name in LAYERS if name not in channels]
-        if missing:
+        if missing := [name for name in LAYERS if name not in channels]:
             expected = f"the layers {' and '.join(LAYERS)} (`--layers {','.join(LAYERS)}`)"
             raise file_error(shown(file), "layers", expected, f"no {missing[0]}")
         instances, objects = (channels[name] for name in LAYERS)
@@ -98,17 +97,10 @@ def data_set(files: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[
         for instance, mask in masks(instances).items():
             object_name = object_names.get(object_of[instance], "")
             category = object_name or f"object {object_of[instance]}"
-            annotations.append(
-                {
-                    "id": len(annotations) + 1,
-                    "image_id": image_id,
-                    "category_id": categories.setdefault(category, len(categories) + 1),
-                    **mask,
-                    "iscrowd": 0,
-                    "instance_id": instance,
-                    "name": names.get(instance) or object_name,
-                }
-            )
+            category_id = categories.setdefault(category, len(categories) + 1)
+            ids = {"id": len(annotations) + 1, "image_id": image_id, "category_id": category_id}
+            name = names.get(instance) or object_name
+            annotations.append({**ids, **mask, "iscrowd": 0, "instance_id": instance, "name": name})
     if not images:
         raise InputError("coco: files: expected at least one image, found none")
     listed = [{"id": number, "name": name, "supercategory": ""} for name, number in categories.items()]

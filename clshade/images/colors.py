@@ -10,6 +10,7 @@ import numpy as np
 from ..base.arrays import Floats
 from ..base.spelling import hint
 from ..base.validation import sequence, value_error
+from .decode import srgb_to_linear
 
 Rgb = tuple[float, float, float]
 
@@ -28,11 +29,7 @@ def linear_rgb(owner: str, name: str, color: Any) -> Rgb:
     if not isinstance(color, str):
         return _numbers(owner, name, color, sequence(color) or ())
     rgb, encoded = _parsed(owner, name, color)
-    if not encoded:
-        return rgb
-    from .decode import srgb_to_linear
-
-    return _as_rgb(srgb_to_linear(np.array(rgb)))
+    return _as_rgb(srgb_to_linear(np.array(rgb))) if encoded else rgb
 
 
 def encoded_rgb(owner: str, name: str, color: Any) -> Rgb:

@@ -31,19 +31,15 @@ _SAMPLE = 1 << 20  # errors of which medians are taken
 
 
 class Cluster(NamedTuple):
-    """A region of pixels with a large error: its bounding box, column x and row y of the top left pixel.
-
-    pixels: how many have a large error. maximum: the largest of them, infinite for NaN or infinity in one image alone.
-    worst: its column and row.
-    """
+    """A region of pixels with a large error: its bounding box, column x and row y of the top left pixel."""
 
     x: int
     y: int
     width: int
     height: int
-    pixels: int
-    maximum: float
-    worst: tuple[int, int]
+    pixels: int  # that have a large error
+    maximum: float  # the largest error, infinite for NaN or infinity in one image alone
+    worst: tuple[int, int]  # column and row of the largest error
 
     def __str__(self) -> str:
         count = f"{self.pixels:,} pixel" + "s" * (self.pixels != 1)
@@ -61,52 +57,41 @@ class Worst(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The differences of one layer. A pixel's error is the largest |value - reference| of its channels.
+    """The differences of one layer. A pixel's error is the largest |value - reference| of its channels; NaN equals NaN,
+    infinity equals infinity of the same sign."""
 
-    exact: the layer holds integers, for which only equality counts.
-    different: pixels that are not equal. over: pixels with an error above the threshold (without one: above 0).
-    nonfinite: pixels with a value that is NaN or infinite and differs from the other; they are over any threshold.
-        NaN equals NaN, infinity equals infinity of the same sign.
-    maximum, mean, rmse, relmse: over the values that are finite in both, see `metrics.ImageError`; None if exact.
-    psnr, ssim, flip: of display colors; None for other layers, and without the packages that they need.
-    clusters: the regions of large error, largest first, see `find_clusters`.
-    """
-
-    exact: bool
+    exact: bool  # the layer holds integers, for which only equality counts
     pixels: int
-    different: int
-    over: int
-    nonfinite: int
-    maximum: float | None = None
+    different: int  # pixels that are not equal
+    over: int  # pixels with an error above the threshold (without one: above 0)
+    nonfinite: int  # pixels with a value that is NaN or infinite in one image; they are over any threshold
+    maximum: float | None = None  # to relmse: of values finite in both, see `metrics.ImageError`; None if exact
     mean: float | None = None
     rmse: float | None = None
     relmse: float | None = None
-    psnr: float | None = None
+    psnr: float | None = None  # to flip: of display colors; None for other layers, and without the packages needed
     ssim: float | None = None
     flip: float | None = None
     worst: Worst | None = None
-    clusters: tuple[Cluster, ...] = ()
+    clusters: tuple[Cluster, ...] = ()  # the regions of large error, largest first, see `find_clusters`
 
     def stats(self) -> dict[str, Any]:
         """Return the figures for JSON: null for the infinite PSNR of equal images, the text inf for an infinite error."""
-        places = {
-            "worst": None if self.worst is None else self.worst._asdict(),
-            "clusters": [cluster._asdict() for cluster in self.clusters],
-        }
-        return {**plain(vars(self)), **plain(places, words=True)}
+        worst = None if self.worst is None else self.worst._asdict()
+        clusters = [cluster._asdict() for cluster in self.clusters]
+        return {**plain(vars(self)), **plain({"worst": worst, "clusters": clusters}, words=True)}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of `compare_layers`. layers: by name. threshold: None if none was given.
-
-    only_image, only_reference: layers, or channels of layers, that only one image has and that were not compared.
-    """
+    """The result of `compare_layers`."""
 
     shape: tuple[int, int]
     threshold: float | None
     layers: dict[str, Difference]
-    only_image: tuple[str, ...] = ()
+    only_image: tuple[
+        str, ...
+    ] = ()  # layers, or channels of layers, that the reference lacks and that were not compared
     only_reference: tuple[str, ...] = ()
 
     @property
@@ -119,16 +104,11 @@ class Comparison:
         return not (self.lacking() or any(layer.different for layer in self.layers.values()))
 
     def stats(self) -> dict[str, Any]:
-        return {
-            "width": self.shape[1],
-            "height": self.shape[0],
-            "threshold": self.threshold,
-            "passed": self.passed,
-            "identical": self.identical,
-            "only_image": list(self.only_image),
-            "only_reference": list(self.only_reference),
-            "layers": {name: layer.stats() for name, layer in self.layers.items()},
-        }
+        height, width = self.shape
+        verdict = {"threshold": self.threshold, "passed": self.passed, "identical": self.identical}
+        alone = {"only_image": list(self.only_image), "only_reference": list(self.only_reference)}
+        layers = {name: layer.stats() for name, layer in self.layers.items()}
+        return {"width": width, "height": height, **verdict, **alone, "layers": layers}
 
     def lines(self) -> list[str]:
         """Return a table with a line per layer, its worst pixel, where it differs most, and the verdict."""
@@ -173,9 +153,8 @@ def chosen_layers(picture: Picture, reference: Picture, names: Sequence[str] = (
     reference's, and if nothing is left.
     """
     if picture.shape != reference.shape:
-        height, width = reference.shape
-        expected, found = f"{width} x {height}, the size of {reference.name}", "{1} x {0}".format(*picture.shape)
-        raise file_error(picture.name, "size", expected, found)
+        wanted, found = ("{1} x {0}".format(*image.shape) for image in (reference, picture))
+        raise file_error(picture.name, "size", f"{wanted}, the size of {reference.name}", found)
     if bool(picture.bits) != bool(reference.bits):
         wanted, found = ("a PNG" if image.bits else "an EXR" for image in (reference, picture))
         raise file_error(picture.name, "file", f"{wanted} as {reference.name} is", found)
@@ -226,10 +205,7 @@ def _strips(group: Group, reference: Group) -> Iterator[tuple[slice, Group, Grou
     step = max(1, _STRIP // columns)
     for start in range(0, count, step):
         rows = slice(start, start + step)
-        part, reference_part = (
-            layer._replace(planes=tuple(p[rows] for p in layer.planes)) for layer in (group, reference)
-        )
-        yield rows, part, reference_part
+        yield rows, group.part(rows), reference.part(rows)
 
 
 def errors_of(group: Group, reference: Group) -> Array:
@@ -268,11 +244,9 @@ def compare_layers(
         measures: dict[str, Any] = {} if exact else {**_measures(*pair), **_display_measures(picture, *pair)}
         if different:
             measures["clusters"] = find_clusters(errors, threshold)
-            y, x = (int(index) for index in np.unravel_index(np.argmax(errors), errors.shape))
-            pixels = (image.pixel(x, y) for image in (picture, reference))
-            measures["worst"] = Worst(
-                x, y, *({channel: pixel[channel] for channel in pair[0].names} for pixel in pixels)
-            )
+            y, x = map(int, np.unravel_index(np.argmax(errors), errors.shape))
+            values = ({name: plane[y, x] for name, plane in zip(*layer[1:], strict=True)} for layer in pair)
+            measures["worst"] = Worst(x, y, *values)
         layers[name] = Difference(exact, errors.size, different, over, nonfinite, **measures)
     lacking = () if names else (_alone(picture, reference), _alone(reference, picture))
     return Comparison(picture.shape, threshold, layers, *lacking)
@@ -285,14 +259,12 @@ def _measures(group: Group, reference: Group) -> dict[str, float | None]:
         for plane, wanted in zip(part.planes, reference_part.planes, strict=True):
             finite = np.isfinite(plane) & np.isfinite(wanted)
             value, expected = plane[finite].astype(np.float64), wanted[finite].astype(np.float64)
-            if not value.size:
-                continue
             error = np.abs(value - expected)
             count += value.size
-            maximum = max(maximum, float(error.max()))
+            maximum = max(maximum, float(error.max(initial=0.0)))
             total += float(error.sum())
             squared += float(np.square(error).sum())
-            relative += relmse(value, expected) * value.size
+            relative += relmse(value, expected) * value.size if value.size else 0.0
     count = max(count, 1)
     return {"maximum": maximum, "mean": total / count, "rmse": math.sqrt(squared / count), "relmse": relative / count}
 
@@ -307,10 +279,7 @@ def _display_measures(picture: Picture, group: Group, reference: Group) -> dict[
         return stacked if picture.bits else seen(stacked)
 
     strips = _strips(group, reference)
-    squared = sum(
-        float(np.square(shown(part).astype(np.float64) - shown(reference_part)).sum())
-        for _, part, reference_part in strips
-    )
+    squared = sum(float(np.square(shown(part).astype(np.float64) - shown(wanted)).sum()) for _, part, wanted in strips)
     psnr = decibels(squared / (3 * group.planes[0].size))
     if not (has_ssim() or has_flip()):
         return {"psnr": psnr}
@@ -370,16 +339,14 @@ def find_clusters(errors: Array, threshold: float | None = None) -> tuple[Cluste
         np.maximum.at(maxima, owner, error)
         first = np.flatnonzero((error == maxima[owner]) & (maxima[owner] > before[owner]))[::-1]
         places[:, owner[first]] = x[first], y[first]
-    chosen = np.lexsort((-maxima, -pixels))[:MAX_CLUSTERS].tolist()
-    worst = int(np.argmax(maxima))
-    if worst not in chosen:
+    chosen = np.lexsort((-maxima, -pixels))[:MAX_CLUSTERS]
+    if (worst := np.argmax(maxima)) not in chosen:
         chosen[-1] = worst
-    sizes = high - low + 1
-    clusters = []
-    for k in chosen:
-        left, top, width, height, column, row = (int(table[k]) for table in (*low, *sizes, *places))
-        clusters.append(Cluster(left, top, width, height, int(pixels[k]), float(maxima[k]), (column, row)))
-    return tuple(clusters)
+    numbers, maxima = np.vstack([low, high - low + 1, pixels, places])[:, chosen].T, maxima[chosen]
+    return tuple(
+        Cluster(x, y, width, height, count, maximum, (column, row))
+        for (x, y, width, height, count, column, row), maximum in zip(numbers.tolist(), maxima.tolist(), strict=True)
+    )
 
 
 def _over(errors: Array, limit: float, cell: int) -> Iterator[tuple[Array, Array, Array]]:
@@ -393,18 +360,11 @@ def _over(errors: Array, limit: float, cell: int) -> Iterator[tuple[Array, Array
 
 def _labels(grid: Array) -> Array:
     """Return (M, N) the number of the region of each set cell, from 0, or -1; of eight neighbors all are connected."""
-    numbers = np.arange(grid.size).reshape(grid.shape)
-    first, second = [], []
-    for near, far in (
-        (np.s_[:, :-1], np.s_[:, 1:]),
-        (np.s_[:-1], np.s_[1:]),
-        (np.s_[:-1, :-1], np.s_[1:, 1:]),
-        (np.s_[:-1, 1:], np.s_[1:, :-1]),
-    ):
-        both = grid[near] & grid[far]
-        first.append(numbers[near][both])
-        second.append(numbers[far][both])
-    roots = connected_components(grid.size, np.concatenate(first), np.concatenate(second)).reshape(grid.shape)
+    numbers = np.where(grid, np.arange(grid.size).reshape(grid.shape), -1)
+    right, below = (numbers[:, :-1], numbers[:, 1:]), (numbers[:-1], numbers[1:])
+    diagonals = (numbers[:-1, :-1], numbers[1:, 1:]), (numbers[:-1, 1:], numbers[1:, :-1])
+    neighbors = np.concatenate([np.reshape(pair, (2, -1)) for pair in (right, below, *diagonals)], axis=1)
+    roots = connected_components(grid.size, *neighbors[:, (neighbors >= 0).all(axis=0)]).reshape(grid.shape)
     labels = np.full(grid.shape, -1)
     labels[grid] = np.unique(roots[grid], return_inverse=True)[1].reshape(-1)
     return labels

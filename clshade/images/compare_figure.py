@@ -52,15 +52,12 @@ def draw(
         for number, (cluster, (x, y, columns, lines)) in enumerate(crops[name], 1):
             for axes in row:
                 _mark(axes, (x, y, columns, lines), shape, str(number))
-            cut = [
-                group._replace(planes=tuple(plane[y : y + lines, x : x + columns] for plane in group.planes))
-                for group in pair
-            ]
+            window = np.s_[y : y + lines, x : x + columns]
             place = f"{number}: {title} at {cluster.x},{cluster.y}, {cluster.width} x {cluster.height}"
             count = f"{cluster.pixels:,} pixel{'s' * (cluster.pixels != 1)} of large error"
             part = f"{number}: {figures.plain_text(titles[1])}\n{columns} x {lines} pixels from {x},{y}"
-            captions = [f"{place}\n{count}", part]
-            draw_row(figure, next(rows), (cut[0], cut[1]), encoded, captions, prefix=f"{number}: ")
+            cut, captions = (pair[0].part(window), pair[1].part(window)), [f"{place}\n{count}", part]
+            draw_row(figure, next(rows), cut, encoded, captions, prefix=f"{number}: ")
     return figure
 
 
@@ -86,9 +83,8 @@ def windows(
                 continue
             longer = max(cluster.width, cluster.height)
             side = min(max(longer + longer // 2, _WINDOW_SIDES[0]), _WINDOW_SIDES[1])
-            column, row = cluster.worst
-            if longer <= side:
-                column, row = cluster.x + cluster.width // 2, cluster.y + cluster.height // 2
+            middle = cluster.x + cluster.width // 2, cluster.y + cluster.height // 2
+            column, row = middle if longer <= side else cluster.worst
             width, height = min(side, columns), min(side, rows)
             x, y = min(max(column - width // 2, 0), columns - width), min(max(row - height // 2, 0), rows - height)
             chosen[name].append((cluster, (x, y, width, height)))
@@ -132,9 +128,8 @@ def _mark(axes: Any, window: Window, shape: tuple[int, ...], number: str) -> Non
     for color, line in (("black", 2.2), ("white", 1.0)):
         style: dict[str, Any] = {"fill": False, "edgecolor": color, "linewidth": line, "clip_on": False}
         axes.add_patch(Rectangle((left, top), width * across, tall, **style))
-    if y > _EDGE * shape[0]:
-        at, side = top, "bottom"
-    else:  # no room above it: below, or inside where there is none either
-        at, side = (top + tall, "top") if y + height < (1.0 - _EDGE) * shape[0] else (top, "top")
+    # Above it; below where there is no room; inside where there is none either.
+    has_room_above, has_room_below = y > _EDGE * shape[0], y + height < (1.0 - _EDGE) * shape[0]
+    at, side = top if has_room_above or not has_room_below else top + tall, "bottom" if has_room_above else "top"
     plate: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 0.6, "pad": 1.2}
     axes.text(left, at, number, fontsize=7, color="black", bbox=plate, ha="left", va=side)

@@ -90,15 +90,13 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
         integer("cryptomatte", "number of a name", number, 1, (1 << 32) - 1)
         text("cryptomatte", "names", name)
     present = [number for number in np.unique(numbers).tolist() if number]
-    missing = [number for number in present if number not in names]
-    if missing:
+    if missing := [number for number in present if number not in names]:
         raise file_error("cryptomatte", "names", f"a name for {missing[0]}", "none")
     once = dict.fromkeys(names.values())
     ids = dict(zip(once, hashes(once).tolist(), strict=True))
     by_id: dict[int, str] = {}
     for name in dict.fromkeys(names[number] for number in present):
-        first = by_id.setdefault(ids[name], name)
-        if first != name:
+        if (first := by_id.setdefault(ids[name], name)) != name:
             raise value_error("cryptomatte", "names", f"names whose hashes differ from that of {first!r}", name)
     # Things of one name are one thing, numbered in the order of the names.
     place = {name: k for k, name in enumerate(once, 1)}
@@ -113,10 +111,6 @@ def matte(label: str, numbers: Array, names: Mapping[int, str], ranks: int = RAN
     channels = {f"{label}{k // 4:02d}.{'RGBA'[k % 4]}": plane for k, plane in enumerate(planes)}
     key = f"cryptomatte/{hashes([label])[0]:08x}"[: len("cryptomatte/") + 7]
     manifest = {name: f"{hashed:08x}" for name, hashed in ids.items()}
-    metadata = {
-        f"{key}/name": label,
-        f"{key}/hash": "MurmurHash3_32",
-        f"{key}/conversion": "uint32_to_float32",
-        f"{key}/manifest": json.dumps(manifest, ensure_ascii=False, separators=(",", ":")),
-    }
-    return Matte(channels, metadata)
+    facts = {"name": label, "hash": "MurmurHash3_32", "conversion": "uint32_to_float32"}
+    facts["manifest"] = json.dumps(manifest, ensure_ascii=False, separators=(",", ":"))
+    return Matte(channels, {f"{key}/{name}": fact for name, fact in facts.items()})

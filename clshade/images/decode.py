@@ -47,7 +47,7 @@ _CONVERTED |= dict.fromkeys(("P", "RGBX", "CMYK", "YCbCr", "LAB", "HSV"), "RGB")
 _TIFF_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ORIENTATION = 256, 257, 258, 262, 274
 _SAMPLES, _PLANAR, _EXTRA, _FORMAT = 277, 284, 338, 339
-_NONE, _DEFLATE = (1,), (8, 32946)  # compressions
+_NONE, _DEFLATE = 1, (8, 32946)  # compressions
 _MAX_PART = 1 << 28  # values in a strip or tile: the largest image that is read may be a single one
 _ASSOCIATED = 1  # associated (premultiplied) alpha
 
@@ -194,13 +194,11 @@ def _codes(image: Any, data: bytes | memoryview, owner: str) -> tuple[Array, int
         codes = np.asarray(image).astype(np.uint16)[:, :, None]
         white = 4095 if raw == "I;12" else 65535
         return _keyed(white - codes if tags.get(_PHOTOMETRIC) == 0 else codes, image), white
-    if max(tags.get(_BITS, (1,))) > 8:
-        kind = f"a TIFF image with channels of {max(tags[_BITS])} bits and pixels of type {image.mode}"
-        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", kind)
     keyed = "transparency" in image.info and image.mode in ("P", "L", "RGB")
-    mode = "RGBA" if keyed else _CONVERTED.get(image.mode, image.mode)
-    if mode not in ("L", "LA", "RGB", "RGBA"):
-        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", f"pixels of type {mode}")
+    mode, bits = "RGBA" if keyed else _CONVERTED.get(image.mode, image.mode), max(tags.get(_BITS, (1,)))
+    if bits > 8 or mode not in ("L", "LA", "RGB", "RGBA"):
+        kind = (f"a TIFF image with channels of {bits} bits and " if bits > 8 else "") + f"pixels of type {image.mode}"
+        raise file_error(owner, "image", "8 or 16 bits a channel, whole numbers from 0", kind)
     codes = np.asarray(image if mode == image.mode else image.convert(mode))
     return (codes[:, :, None] if codes.ndim == 2 else codes), 255
 
@@ -235,7 +233,7 @@ def _keyed(codes: Array, image: Any) -> Array:
 
 
 class _Tiff(NamedTuple):
-    """The layout of the first image of a file. associated: whether colors are premultiplied by alpha."""
+    """The layout of the first image of a file."""
 
     width: int
     height: int
@@ -243,7 +241,7 @@ class _Tiff(NamedTuple):
     planar: bool
     orientation: int
     white_is_zero: bool
-    associated: bool
+    associated: bool  # whether colors are premultiplied by alpha
 
 
 def _foreign_tiff(data: bytes | memoryview) -> _Tiff | None:
@@ -268,6 +266,7 @@ def _foreign_tiff(data: bytes | memoryview) -> _Tiff | None:
         if not (gray or color) or set(tags.get(_BITS, (1,))) != {16} or set(tags.get(_FORMAT, (1,))) != {1}:
             return None
         width, height, orientation = int(tags[_WIDTH]), int(tags[_HEIGHT]), int(tags.get(_ORIENTATION, 1))
+        orientation = orientation if 1 <= orientation <= 8 else 1
         return _Tiff(width, height, samples, planar, orientation, photometric == 0, associated)
     except Exception:  # a damaged file raises exceptions of many types; Pillow then reports the fault
         return None
@@ -305,11 +304,9 @@ def _tiff_codes(data: bytes | memoryview, layout: _Tiff, owner: str) -> Array:
         straight = np.where(alpha == 0, 0, np.minimum(straight, 65535)).astype(np.uint16)
         pixels = np.concatenate([straight, pixels[:, :, -1:]], axis=2)
     # Row 0 becomes the top and column 0 the left, by the orientation of the TIFF standard.
-    if layout.orientation in (5, 6, 7, 8):
-        pixels = pixels.transpose(1, 0, 2)
-    return pixels[
-        :: -1 if layout.orientation in (3, 4, 7, 8) else 1, :: -1 if layout.orientation in (2, 3, 6, 7) else 1
-    ]
+    pixels = pixels.transpose(1, 0, 2) if layout.orientation > 4 else pixels
+    down, across = (-1 if layout.orientation in turned else 1 for turned in ((3, 4, 7, 8), (2, 3, 6, 7)))
+    return pixels[::down, ::across]
 
 
 def _check_tiff(page: Any, shape: tuple[int, ...], data: bytes | memoryview, owner: str) -> None:
@@ -328,14 +325,11 @@ def _check_tiff(page: Any, shape: tuple[int, ...], data: bytes | memoryview, own
     parts, listed, values = math.prod(page.chunked), len(page.dataoffsets), math.prod(page.chunks)
     require(parts == listed, f"{parts} strips or tiles", listed)
     require(values <= _MAX_PART, f"strips or tiles of at most {_MAX_PART} values", values)
-    compression = int(page.compression)
     supported = "no compression or deflate, for 16 bits in planes, with associated alpha, or gray with alpha"
-    require(compression in _NONE + _DEFLATE, supported, page.compression.name)
-    if compression in _DEFLATE:
-        size = values * 2
-        for start, count in zip(page.dataoffsets, page.databytecounts, strict=True):
-            part = zlib.decompressobj().decompress(data[start : start + count], size + 1)
-            require(len(part) <= size, f"at most {size} bytes in a strip or tile", "more")
+    require(page.compression in (_NONE, *_DEFLATE), supported, page.compression.name)
+    for start, count in zip(page.dataoffsets, page.databytecounts, strict=True) if page.compression != _NONE else ():
+        part = zlib.decompressobj().decompress(data[start : start + count], 2 * values + 1)
+        require(len(part) <= 2 * values, f"at most {2 * values} bytes in a strip or tile", "more")
 
 
 # Gray and RGB images of the PNM family, text and binary: Pillow keeps only 8 bits of color.
@@ -350,7 +344,7 @@ def _decoded_pnm(data: bytes, owner: str, admit: Callable[[int, int], None]) -> 
     match = _PNM_HEADER.match(data, 0, _MAX_PNM_HEADER)
     if match is None:
         raise file_error(owner, "image", "width, height and largest value of a PNM image", quoted(data[:32]))
-    form, width, height, white = (int(number) for number in match.groups())
+    form, width, height, white = map(int, match.groups())
     if not (width and height and 0 < white < 1 << 16):
         expected = "a PNM image with pixels and a largest value from 1 to 65535"
         raise file_error(owner, "image", expected, f"{width} x {height} with {white}")
@@ -375,8 +369,7 @@ def _numbers(data: bytes, start: int, owner: str) -> Iterator[int]:
     """Yield the whole numbers of a text, without its comments."""
     for match in _WORD.finditer(data, start):
         word = match[0]
-        if word.startswith(b"#"):
-            continue
-        if not (word.isdigit() and len(word) < 10):
+        if word.isdigit() and len(word) < 10:
+            yield int(word)
+        elif not word.startswith(b"#"):
             raise file_error(owner, "image", "whole numbers", quoted(word))
-        yield int(word)

@@ -14,16 +14,16 @@ from ..base.validation import number, value_error
 SCALE = 1e-3  # scene units of a step: millimeters where the unit is the meter
 MAX_CODE = (1 << 16) - 1  # the largest code
 _KEY = "depthScale"  # of the text chunk with the scale
+_ARGUMENT = ("Frame.save", "depth_scale")  # that errors name
 
 
-def codes(depth: Array, scale: float = SCALE, argument: tuple[str, str] = ("depth_png", "scale")) -> np.ndarray:
+def codes(depth: Array, scale: float = SCALE) -> np.ndarray:
     """Return the uint16 codes of depths of any shape: depth / scale, rounded; 0 where the depth is infinite.
 
     depth: reals, along the viewing direction, infinite in the background. scale: scene units of a step.
-    argument: function and argument that errors name.
     Raises InputError if a depth would have no code from 1 to 65535.
     """
-    scale = number(*argument, scale, above=0.0)
+    scale = number(*_ARGUMENT, scale, above=0.0)
     is_finite = np.isfinite(depth)
     steps = np.zeros(depth.shape)
     with np.errstate(over="ignore"):
@@ -33,18 +33,15 @@ def codes(depth: Array, scale: float = SCALE, argument: tuple[str, str] = ("dept
     if finite.size and finite.max() > MAX_CODE:
         farthest = float(depth[is_finite].max())
         minimum = float(f"{farthest / MAX_CODE * 1.05:.1e}")  # two digits, which round by 5 % at most
-        raise value_error(
-            *argument, f"{minimum:g} or more, as {MAX_CODE} steps have to reach depths of {farthest:.6g}", scale
-        )
+        expected = f"{minimum:g} or more, as {MAX_CODE} steps have to reach depths of {farthest:.6g}"
+        raise value_error(*_ARGUMENT, expected, scale)
     if finite.size and finite.min() < 1:
         nearest = float(depth[is_finite].min())
-        raise value_error(*argument, f"steps of which depths of {nearest:.6g} have one at least", scale)
+        raise value_error(*_ARGUMENT, f"steps of which depths of {nearest:.6g} have one at least", scale)
     return steps.astype(np.uint16)
 
 
-def encode(
-    file: BinaryIO, depth: Array, scale: float = SCALE, argument: tuple[str, str] = ("depth_png", "scale")
-) -> None:
+def encode(file: BinaryIO, depth: Array, scale: float = SCALE) -> None:
     """Encode depths (M, N) as a 16-bit gray PNG into an open file, its scale in a text chunk; see `codes`.
 
     The same depths give the same bytes.
@@ -52,7 +49,7 @@ def encode(
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
-    gray = codes(depth, scale, argument)
+    gray = codes(depth, scale)
     about = PngInfo()
     about.add_text(_KEY, repr(float(scale)))
     about.add_text("Description", f"depth along the viewing direction: code * {float(scale)!r}; 0 is the background")

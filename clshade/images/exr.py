@@ -116,8 +116,8 @@ def drawn_window(channels: Mapping[str, Array]) -> Window:
         rows, columns = rows | is_drawn.any(axis=1), columns | is_drawn.any(axis=0)
     if not rows.any():
         return 0, 0, 0, 0
-    ys, xs = np.flatnonzero(rows), np.flatnonzero(columns)
-    return int(xs[0]), int(ys[0]), int(xs[-1]), int(ys[-1])
+    ys, xs = np.flatnonzero(rows).tolist(), np.flatnonzero(columns).tolist()
+    return xs[0], ys[0], xs[-1], ys[-1]
 
 
 def _data_window(planes: dict[str, Array], window: Window | str | None) -> Window:
@@ -126,10 +126,9 @@ def _data_window(planes: dict[str, Array], window: Window | str | None) -> Windo
         if window not in ("drawn", "covered"):
             raise InputError(f"exr: window: expected (x0, y0, x1, y1), drawn, covered or None, found {window!r}")
         cropped = dict(planes)
-        for name in FAR if window == "covered" else ():
-            if name in planes:
-                far = np.isnan(planes[name]) if math.isnan(FAR[name]) else planes[name] == FAR[name]
-                cropped[name] = np.where(far, 0, planes[name])
+        for name in FAR.keys() & planes if window == "covered" else ():
+            far = np.isnan(planes[name]) if math.isnan(FAR[name]) else planes[name] == FAR[name]
+            cropped[name] = np.where(far, 0, planes[name])
         return drawn_window(cropped)
     x0, y0, x1, y1 = (0, 0, columns - 1, rows - 1) if window is None else (int(edge) for edge in window)
     if not (0 <= x0 <= x1 < columns and 0 <= y0 <= y1 < rows):
@@ -147,16 +146,15 @@ def _header(metadata: Mapping[str, Any], data: Window, display: Window) -> dict[
             raise InputError(f"exr: metadata: expected the name of an attribute of the caller's, found {name!r}")
         value = value.item() if isinstance(value, np.generic) else value
         if isinstance(value, str):
-            header[name] = value.encode("utf-8", "replace").decode("utf-8")
+            value = value.encode("utf-8", "replace").decode("utf-8")
         elif isinstance(value, np.ndarray) and value.shape == (4, 4) and value.dtype.kind in "fiu":
-            header[name] = np.ascontiguousarray(value, dtype=np.float32)
-        elif isinstance(value, float):
-            header[name] = value
+            value = np.ascontiguousarray(value, dtype=np.float32)
         elif isinstance(value, int) and -(2**31) <= value < 2**31:
-            header[name] = int(value)
-        else:
+            value = int(value)
+        elif not isinstance(value, float):
             expected = "text, a number, a whole number of 32 bits or a (4, 4) array"
             raise file_error("exr: metadata", name, expected, quoted(repr(value)))
+        header[name] = value
     aspect = header["pixelAspectRatio"]
     if not isinstance(aspect, float) or not 1e-6 <= aspect <= 1e6:
         raise InputError(f"exr: metadata: pixelAspectRatio: expected a float from 1e-6 to 1e6, found {aspect!r}")
@@ -226,7 +224,7 @@ def _compress(
         try:
             file_parts = []
             for name, compression, header, channels in parts:
-                method = getattr(OpenEXR, f"{'NO' if compression == 'none' else compression.upper()}_COMPRESSION")
+                method = getattr(OpenEXR, f"{compression.upper()}_COMPRESSION".replace("NONE", "NO"))
                 attributes = {**header, **form, "compression": method}
                 file_parts.append(OpenEXR.Part(attributes, channels, name if len(parts) > 1 else ""))
             with OpenEXR.File(file_parts) as exr:
@@ -376,12 +374,9 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
     import OpenEXR
 
     with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as exr:
-        headers = [
-            {name: _plain(name, value) for name, value in exr.header(part).items()} for part in range(len(exr.parts))
-        ]
+        all_attributes = [exr.header(part).items() for part in range(len(exr.parts))]
+        headers = [{name: _plain(name, value) for name, value in attributes} for attributes in all_attributes]
     exr_limits.check(headers, data, owner)
-    for header in headers:
-        del header["channels"]
     parts = []
     with OpenEXR.File(io.BytesIO(data), separate_channels=True) as exr:
         if len(exr.parts) != len(headers) or not headers:  # the only sign of unreadable pixels
@@ -389,6 +384,7 @@ def _decode(data: bytes, owner: str) -> list[tuple[dict[str, Array], dict[str, A
         for part, header in enumerate(headers):
             channels = {name: channel.pixels for name, channel in exr.channels(part).items()}
             x0, y0, x1, y1 = header["dataWindow"]
+            del header["channels"]
             for name, plane in channels.items():
                 if not isinstance(plane, np.ndarray) or plane.shape != (y1 - y0 + 1, x1 - x0 + 1):
                     raise file_error(owner, name, "a value for every pixel", "a subsampled channel")

@@ -171,21 +171,19 @@ def apply_color_map(values: Array, name: str) -> Array:
 
 def _codes(values: Array) -> Array:
     """Convert (M, N, 2|3) floats from 0 to 1 to (M, N, 3) uint8, a missing component to 0; gray where one is not finite."""
-    finite = np.asarray(np.isfinite(values).all(axis=-1))
     codes = np.zeros((*values.shape[:2], 3), np.uint8)
-    codes[..., : values.shape[2]] = np.rint(255.0 * np.clip(np.where(finite[..., None], values, 0.0), 0.0, 1.0))
-    codes[~finite] = NOTHING
+    codes[..., : values.shape[2]] = np.rint(255.0 * np.clip(np.nan_to_num(values), 0.0, 1.0))
+    codes[~np.isfinite(values).all(axis=-1)] = NOTHING
     return codes
 
 
 def _spread(plane: Array) -> tuple[Array, float, float]:
     """Return a plane, its finite values mapped from a percentile range to [0, 1], others NaN; and the range."""
-    plane = plane.astype(np.float64)
-    finite = np.isfinite(plane)
-    if not finite.any():
-        return np.full(plane.shape, np.nan), np.nan, np.nan
-    low, high = (float(v) for v in np.percentile(plane[finite], _RANGE, method="nearest"))
-    spread = (np.where(finite, plane, np.nan) - low) / (high - low) if high > low else np.where(finite, 0.5, np.nan)
+    plane = np.where(np.isfinite(plane), plane, np.nan).astype(np.float64)
+    if np.isnan(plane).all():
+        return plane, np.nan, np.nan
+    low, high = map(float, np.nanpercentile(plane, _RANGE, method="nearest"))
+    spread = (plane - low) / (high - low) if high > low else plane * 0.0 + 0.5
     return np.clip(spread, 0.0, 1.0), low, high
 
 

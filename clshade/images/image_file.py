@@ -23,16 +23,12 @@ FAMILIES = ("RGB", "XYZ", "UVW")  # components that belong together, by the last
 
 @dataclass(frozen=True)
 class Picture:
-    """An image. channels: name -> (M, N), row 0 at the top, as stored; for PNG code/255 or code/65535, float32.
+    """An image."""
 
-    header: attributes of the file. bits: per channel of a PNG, whose values are taken as sRGB-encoded; 0 for EXR and
-    arrays, whose values are linear. name: for messages.
-    """
-
-    channels: dict[str, Array]
-    header: dict[str, Any] = field(default_factory=dict)
-    bits: int = 0
-    name: str = "image"
+    channels: dict[str, Array]  # (M, N), row 0 at the top, as stored; for PNG code/255 or code/65535, float32
+    header: dict[str, Any] = field(default_factory=dict)  # attributes of the file
+    bits: int = 0  # per channel of a PNG, whose values are taken as sRGB-encoded; 0 for linear values
+    name: str = "image"  # for messages
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -41,13 +37,11 @@ class Picture:
 
     def color(self) -> tuple[str, Array] | None:
         """Return the layer that is the image, and its (M, N, 3) linear floats, read-only if gray; None without one."""
-        group = color_group(self.channels)
-        if group is None:
+        if (group := color_group(self.channels)) is None:
             return None
         name, planes = group
         if planes[0] is planes[1] is planes[2]:  # gray
-            gray = self._linear(planes[0])[..., None]
-            return name, np.broadcast_to(gray, (*self.shape, 3))
+            return name, np.broadcast_to(self._linear(planes[0])[..., None], (*self.shape, 3))
         return name, self._linear(np.stack(planes, axis=-1))
 
     def pixel(self, x: int, y: int) -> dict[str, Any]:
@@ -101,23 +95,23 @@ def resolution_of(path: Path) -> tuple[int, int] | None:
                 return columns, rows
             if signature.startswith(b"PK"):
                 with np.load(path, allow_pickle=False) as arrays:
-                    columns, rows = arrays["resolution"].tolist()
-                    return int(columns), int(rows)
+                    columns, rows = map(int, arrays["resolution"].tolist())
+                    return columns, rows
     except Exception:  # damaged files raise exceptions of many types
         pass
     return None
 
 
 class Group(NamedTuple):
-    """A layer: one plane (M, N), or two or three of a family of components.
+    """A layer: one plane (M, N), or two or three of a family of components, in the family's order."""
 
-    family: `RGB`, `XYZ` or `UVW`; "" for a single channel.
-    names, planes: of its channels, in the family's order.
-    """
-
-    family: str
+    family: str  # `RGB`, `XYZ` or `UVW`; "" for a single channel
     names: tuple[str, ...]
     planes: tuple[Array, ...]
+
+    def part(self, place: Any) -> Group:
+        """Return the part of the layer at a place, an index of an array (M, N)."""
+        return self._replace(planes=tuple(plane[place] for plane in self.planes))
 
 
 def group_channels(channels: Mapping[str, Array]) -> dict[str, Group]:
@@ -134,22 +128,19 @@ def group_channels(channels: Mapping[str, Array]) -> dict[str, Group]:
         family = next((family for family in FAMILIES if letter in family and len(letter) == 1), "")
         members = families.setdefault((prefix, family) if family else (name, ""), {})
         members.setdefault(letter if family and letter not in members else name, name)
-    groups: dict[str, Group] = {}
-
-    def add(title: str, family: str, names: tuple[str, ...]) -> None:
-        while title in groups:  # names in a file may collide in any way
-            title += "'"
-        groups[title] = Group(family, names, tuple(channels[name] for name in names))
-
+    layers: list[tuple[str, str, tuple[str, ...]]] = []  # title, family and names of channels
     for (prefix, family), members in families.items():
         letters = "".join(letter for letter in family if letter in members)
         together = tuple(members[letter] for letter in letters) if len(letters) > 1 else ()
         if together:
             title = prefix or letters
-            add(title if title not in channels else f"{title}.{letters}", family, together)
-        for name in members.values():
-            if name not in together:
-                add(name, "", (name,))
+            layers.append((title if title not in channels else f"{title}.{letters}", family, together))
+        layers += [(name, "", (name,)) for name in members.values() if name not in together]
+    groups: dict[str, Group] = {}
+    for title, family, names in layers:
+        while title in groups:  # names in a file may collide in any way
+            title += "'"
+        groups[title] = Group(family, names, tuple(channels[name] for name in names))
     return groups
 
 
@@ -161,6 +152,5 @@ def color_group(channels: Mapping[str, Array]) -> tuple[str, list[Array]] | None
     groups = group_channels(channels)
     colors = {n: list(group.planes) for n, group in groups.items() if group.family == "RGB" and len(group.planes) == 3}
     grays = {n: list(groups[n].planes * 3) for n in ("Y", "L") if n in groups and len(groups[n].planes) == 1}
-    if "RGB" in colors:
-        return "RGB", colors["RGB"]
-    return next(iter((grays | colors).items()), None)
+    name = next((name for name in ("RGB", *grays, *colors) if name in grays | colors), None)
+    return None if name is None else (name, (grays | colors)[name])

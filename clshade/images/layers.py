@@ -22,28 +22,20 @@ Layer: TypeAlias = Literal[NumberLayer, PointLayer, RealLayer]
 
 @dataclass(frozen=True)
 class LayerRow:
-    """A layer of frames.
+    """A layer of frames."""
 
-    what: what it holds.
-    kind: `real` is that of the image, `float64` is completed by the host; uint32 counts what the triangle belongs to.
-    components: the last parts of its channels' names; none for a single number.
-    background: where there is no surface; of a number that kernels/surface_layers.cl writes 0, another finite one, or NaN.
-    setting: without which there is no such layer.
-    reads: tables that it needs whatever the image does, see `pipeline.layers.layer_tables`.
-    keeps_digits: whether files hold it as float even where other layers are half.
-    names: the attribute of an EXR's header with the names of what it counts.
-    words: what else people call it, in lower case.
-    """
-
-    what: str
+    what: str  # it holds
+    # That of the image; completed in float64 by the host; or a number of what the triangle belongs to.
     kind: Literal["uint32", "real", "float64"] = "real"
-    components: str = ""
+    components: str = ""  # the last parts of its channels' names; none for a single number
+    # Where there is no surface: of a number that kernels/surface_layers.cl writes 0, another finite one, or NaN.
     background: float = 0.0
-    setting: Literal["scalars", "ambient_occlusion"] | None = None
+    setting: Literal["scalars", "ambient_occlusion"] | None = None  # without which there is no such layer
+    # Tables that it needs whatever the image does, see `pipeline.layers.layer_tables`.
     reads: tuple[Literal["normals", "uvs", "mirrored", "scalars", "casters"], ...] = ()
-    keeps_digits: bool = False
-    names: str = ""
-    words: tuple[str, ...] = ()
+    keeps_digits: bool = False  # whether files hold it as float even where other layers are half
+    names: str = ""  # the attribute of an EXR's header with the names of what it counts
+    words: tuple[str, ...] = ()  # what else people call it, in lower case
 
     def described(self) -> str:
         """Return what it holds, and what it needs."""

@@ -219,10 +219,9 @@ def mark_crops(picture: Array, crops: Sequence[Crop]) -> Bytes:
 
     canvas = Image.fromarray(np.array(picture))
     for crop, color in zip(crops, cycle(COLORS)):
-        for distance, line in ((2, (0, 0, 0)), (1, color)):
-            left, top = crop.x - distance, crop.y - distance
-            right, bottom = crop.x + crop.width - 1 + distance, crop.y + crop.height - 1 + distance
-            ImageDraw.Draw(canvas).rectangle((left, top, right, bottom), outline=line)
+        left, top, right, bottom = crop.x - 1, crop.y - 1, crop.x + crop.width, crop.y + crop.height
+        ImageDraw.Draw(canvas).rectangle((left - 1, top - 1, right + 1, bottom + 1), outline=(0, 0, 0))
+        ImageDraw.Draw(canvas).rectangle((left, top, right, bottom), outline=color)
     result: Bytes = np.array(canvas)
     size, height = 8.0, 15  # of a number in points, of its plate in pixels
     for number, (crop, color) in enumerate(zip(crops, cycle(COLORS)), 1) if len(crops) > 1 else ():
@@ -237,19 +236,16 @@ def mark_crops(picture: Array, crops: Sequence[Crop]) -> Bytes:
 
 @dataclass(frozen=True)
 class Layout:
-    """Sizes of a sheet. across: panels per row. panel: width of a panel. gap, title, caption, head: the space around it.
+    """Sizes of a sheet, in pixels but for texts."""
 
-    All in pixels but title_size and text_size, the text sizes of titles and captions in points.
-    """
-
-    across: int = 4
-    panel: int = PANEL
-    gap: int = 12
+    across: int = 4  # panels per row
+    panel: int = PANEL  # width of a panel
+    gap: int = 12  # with title, caption and head the space around panels
     title: int = 22
     caption: int = 54
     head: int = 26
-    title_size: float = 8
-    text_size: float = 6.5
+    title_size: float = 8  # of titles, in points
+    text_size: float = 6.5  # of captions
 
     def corner(self, number: int, height: int) -> tuple[int, int]:
         """Return column and row of the top left pixel of the panel of this number, from 0; `height`: of all panels."""
@@ -260,10 +256,7 @@ class Layout:
 
 @dataclass
 class Panel:
-    """One image, (height, width, 3) uint8 or, shown in false colors, (height, width); row 0 at the top.
-
-    title: above it. text: the lines below.
-    """
+    """An image, (height, width, 3) uint8 or, shown in false colors, (height, width), with a title above and text below."""
 
     picture: Array
     title: str

@@ -20,23 +20,16 @@ SSIM_WINDOW = 11  # pixels
 
 @dataclass(frozen=True)
 class ImageError:
-    """The result of `image_error`.
+    """The result of `image_error`."""
 
-    rmse: root mean squared error over pixels and channels, in units of radiance (display white is 1).
-    relmse: mean of squared error / (squared reference + 1e-4).
-    psnr: decibels, of the display images: clamped to [0, 1] and sRGB-encoded. Infinite for equal ones.
-    flip: mean of FLIP over the image, 0 to 1, of the same encoded images; None if `flip-evaluator` is not installed.
-    """
-
-    rmse: float
-    relmse: float
-    psnr: float
-    flip: float | None
+    rmse: float  # root mean squared error over pixels and channels, in units of radiance (display white is 1)
+    relmse: float  # mean of squared error / (squared reference + 1e-4)
+    psnr: float  # decibels, of the display images: clamped to [0, 1] and sRGB-encoded; infinite for equal ones
+    flip: float | None  # mean of FLIP of these images, 0 to 1; None if `flip-evaluator` is not installed
 
     def stats(self) -> dict[str, float | None]:
         """Return the figures for JSON: null for the infinite PSNR of equal images."""
-        figures: dict[str, float | None] = plain(vars(self))
-        return figures
+        return {**plain(vars(self))}
 
 
 def image_error(image: Array, reference: Array) -> ImageError:

@@ -29,9 +29,8 @@ def write(path: Path, rgb8: np.ndarray) -> None:
     """
     rgb8 = np.asarray(rgb8)
     if rgb8.ndim != 3 or rgb8.shape[2] not in (3, 4) or 0 in rgb8.shape or rgb8.dtype != np.uint8:
-        raise InputError(
-            f"png: rgb8: expected uint8 of shape (M, N, 3) or (M, N, 4), found {rgb8.dtype} of shape {rgb8.shape}"
-        )
+        found = f"{rgb8.dtype} of shape {rgb8.shape}"
+        raise InputError(f"png: rgb8: expected uint8 of shape (M, N, 3) or (M, N, 4), found {found}")
     with atomic_files.replacing(path) as file:
         encode(file, rgb8)
 
@@ -64,10 +63,11 @@ def encode_bands(file: BinaryIO, columns: int, rows: int, bands: Iterable[np.nda
             # Of the filters Sub and Up the one whose differences are smaller, as the PNG specification recommends.
             sub = row.copy()
             sub[1:] -= row[:-1]
-            choices = {b"\1": sub, b"\2": row - above}  # by filter type
-            sums = {k: int(np.abs(v.view(np.int8), dtype=np.int16).sum(dtype=np.int64)) for k, v in choices.items()}
-            best = min(sums, key=sums.__getitem__)
-            if data := packed.compress(best + choices[best].tobytes()):
+            choices = (b"\1", sub), (b"\2", row - above)  # with the filter's type
+            kind, filtered = min(
+                choices, key=lambda pair: np.abs(pair[1].view(np.int8), dtype=np.int16).sum(dtype=np.int64)
+            )
+            if data := packed.compress(kind + filtered.tobytes()):
                 chunk(b"IDAT", data)
             above = row
         above, left = above.copy(), left - len(band)  # not a view, which would keep the band

@@ -42,36 +42,27 @@ _MIDDLE = (0.1, 99.9)  # percentiles of the lit pixels that false colors span
 
 @dataclass(frozen=True)
 class ChannelStatistics:
-    """Statistics of one channel. minimum, maximum, mean and percentiles: of its finite values, NaN if there are none.
+    """Statistics of one channel. minimum, maximum, mean and percentiles: of its finite values, NaN if there are none."""
 
-    type: half, float or uint, as EXR calls them; for PNG 8-bit or 16-bit, with values code / largest code.
-    percentiles: by PERCENTILES, values of pixels (nearest rank).
-    nan, inf, negative: numbers of pixels; inf counts both signs, negative counts finite values below 0.
-    """
-
-    type: str
+    type: str  # half, float or uint, as EXR calls them; for PNG 8-bit or 16-bit, with values code / largest code
     minimum: float
     maximum: float
     mean: float
-    percentiles: tuple[float, ...]
-    nan: int
-    inf: int
-    negative: int
+    percentiles: tuple[float, ...]  # by PERCENTILES, values of pixels (nearest rank)
+    nan: int  # pixels
+    inf: int  # pixels, of both signs
+    negative: int  # pixels, finite
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of an image. shape: (M, N). channels: by name, in the file's order with R, G, B, A first.
+    """Statistics of an image."""
 
-    color: the layer whose luminance is used: `RGB`, else `Y`, else the first color layer; None if there is none.
-    stops: dynamic range, log2(highest / lowest luminance) over the pixels of finite luminance above 0. None without
-        color or without such a pixel.
-    robust_stops: dynamic range between the 0.1 and 99.9 percent of those pixels, robust against single pixels.
-    """
-
-    shape: tuple[int, int]
-    channels: dict[str, ChannelStatistics]
-    color: str | None
+    shape: tuple[int, int]  # (M, N)
+    channels: dict[str, ChannelStatistics]  # in the file's order with R, G, B, A first
+    color: str | None  # the layer whose luminance is used: `RGB`, else `Y`, else the first color layer, if there is one
+    # Dynamic range, log2(highest / lowest luminance) over the pixels of finite luminance above 0, if there are any; and
+    # between the 0.1 and 99.9 percent of those pixels, robust against single ones.
     stops: float | None
     robust_stops: float | None
 
@@ -82,9 +73,8 @@ class Statistics:
             for name, c in self.channels.items()
         }
         ranges = {"layer": self.color, "all": self.stops, "without_0.1_percent": self.robust_stops}
-        values = {"width": self.shape[1], "height": self.shape[0], "channels": channels, "dynamic_range_stops": ranges}
-        result: dict[str, Any] = plain(values)
-        return result
+        height, width = self.shape
+        return {"width": width, "height": height, "channels": plain(channels), "dynamic_range_stops": plain(ranges)}
 
 
 def _channel_statistics(plane: Array, kind: str) -> ChannelStatistics:
@@ -130,15 +120,14 @@ def image_statistics(source: Path | Mapping[str, Array] | Array | Picture) -> St
         (M, N, 3|4). For EXR the display window counts, with 0 where the data window has no pixels.
     Raises InputError for a file that cannot be read or for arrays of other shapes.
     """
-    if isinstance(source, Picture):
-        picture = source
-    else:
-        picture = read_picture(source) if isinstance(source, (str, os.PathLike)) else Picture(exr.flatten(source))
+    if isinstance(source, (str, os.PathLike)):
+        source = read_picture(source)
+    picture = source if isinstance(source, Picture) else Picture(exr.flatten(source))
     color = picture.color()
     stops = np.zeros(0) if color is None else stops_of(color[1])
     ranges: tuple[float | None, float | None] = (None, None)
     if stops.size:
-        dynamic_range = float(stops.max() - stops.min())
+        dynamic_range = float(np.ptp(stops))
         low, high = np.percentile(stops, (0.1, 99.9), method="nearest", overwrite_input=True)  # saves a copy
         ranges = dynamic_range, float(high - low)
     del stops
@@ -237,7 +226,7 @@ def _draw_luminance(figure: Any, color: Array) -> None:
     if not stops.size:
         return
     width = 0.125
-    while (stops.max() - stops.min()) / width > _BINS:
+    while np.ptp(stops) / width > _BINS:
         width *= 2.0
     first = math.floor(stops.min() / width)
     counts = np.bincount((np.floor(stops / width) - first).astype(np.int64))

@@ -128,7 +128,7 @@ def _hable(x: Array) -> Array:
 
 _CURVES: dict[str, Callable[[Array], Array]] = {  # of those without one, the identity
     "reinhard": lambda x: x / (1.0 + x),
-    "hable": lambda x: _hable(2.0 * x) / _hable(np.float64(11.2)),
+    "hable": lambda x: _hable(2.0 * x) / _hable(np.array(11.2)),
     "aces": lambda x: (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14),
     "agx": lambda x: np.minimum(x, 1.0) ** 2.2,
 }

@@ -1,8 +1,8 @@
 """Clipping in camera space: near plane and guard band. Triangles that need neither pass through unchanged.
 
 A crossing is computed from the edge's end points in a canonical order (nearer the plane, then smaller (x, y, z),
-first), so that the triangles on both sides of an edge share it. Attributes at clip points are interpolated by their
-barycentric coordinates in the original triangle.
+first), so that the triangles on both sides of an edge share it, and an end 1e38 away costs no digits. Attributes at clip
+points are interpolated by their barycentric coordinates in the original triangle.
 """
 
 from __future__ import annotations
@@ -20,16 +20,12 @@ GUARD = (-8191.0, 24575.0)  # pixels: differences of snapped coordinates then st
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Triangles ready for rasterization, in the order of their faces.
+    """Triangles ready for rasterization, in the order of their faces."""
 
-    face: (K,) the face that a piece belongs to. xy: (K, 3, 2) snapped corners, int64. z: (K, 3) corner depths, all > 0.
-    weights: (K, 3, 3): row i holds corner i's weights with respect to the face's original corners; they sum to 1.
-    """
-
-    face: Integers
-    xy: Integers
-    z: Floats
-    weights: Floats
+    face: Integers  # (K,) that they belong to
+    xy: Integers  # (K, 3, 2) snapped corners, int64
+    z: Floats  # (K, 3) corner depths, all > 0
+    weights: Floats  # (K, 3, 3), rows are corners: weights of the face's original corners, whose sum is 1
 
 
 def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Floats, Floats, Bools]:
@@ -44,8 +40,6 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
         if distance[i] >= 0.0:
             inside.append((points[i], weights[i], False))
         if (distance[i] >= 0.0) != (distance[j] >= 0.0):
-            # From the end nearer the plane, in whichever direction the edge is traversed: faces that share it share the
-            # point, and an end 1e38 away costs no digits.
             first = (abs(distance[i]), points[i].tolist()) <= (abs(distance[j]), points[j].tolist())
             a, b = (i, j) if first else (j, i)
             t = distance[a] / (distance[a] - distance[b])
@@ -57,7 +51,7 @@ def clip_polygon(points: Floats, weights: Floats, distance: Floats) -> tuple[Flo
 
 
 def clip_near(points: Floats, weights: Floats, near: float) -> tuple[Floats, Floats]:
-    """Return the part with z >= near; crossings lie at z = near exactly."""
+    """Return the part with z >= near."""
     points, weights, crossing = clip_polygon(points, weights, points[:, 2] - near)
     points[crossing, 2] = near
     return points, weights

@@ -22,31 +22,28 @@ MAX_UV = 2.0**40  # beyond 2^24 float32 no longer distinguishes texels
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Attributes at the corners of each of F faces.
-
-    world: (F, 3, 3) positions. normals: (F, 3, 3), unit or 0, world space. normal_error: (F,) how much rounding in float64
-    may change the worst of them. colors: (F, 3, 3) vertex colors, white if the mesh has none. scalars: (F, 3), NaN if the
-    mesh has none. alphas: (F, 3) of the vertices. bends: (F, 3), see `placed_bends`. tangents: (F, 3, 4) of faces with a
-    normal map, in world space: unit or 0, and the side of the bitangent; 0 for others. mesh: (F,) index into scene.meshes.
-    uvs: (F, 3, 2), `usable_uvs`, 0 if the mesh has none; more_uvs: further sets of texture coordinates.
-    """
+    """Attributes at the corners of each of F faces."""
 
     scene: Scene
-    world: Floats
-    normals: Floats
-    normal_error: Floats
-    colors: Floats
-    scalars: Floats
-    alphas: Floats
-    bends: Floats
-    tangents: Floats
-    mesh: Integers
-    uvs: Floats
-    more_uvs: tuple[Floats, ...]
+    world: Floats  # (F, 3, 3) positions
+    normals: Floats  # (F, 3, 3), unit or 0, world space
+    normal_error: Floats  # (F,) how much rounding in float64 may change the worst of them
+    colors: Floats  # (F, 3, 3) of the vertices, white if the mesh has none
+    scalars: Floats  # (F, 3), NaN if the mesh has none
+    alphas: Floats  # (F, 3) of the vertices
+    bends: Floats  # (F, 3), see `placed_bends`
+    tangents: Floats  # (F, 3, 4), world space: unit or 0, and the side of the bitangent; 0 without a normal map
+    mesh: Integers  # (F,) index into scene.meshes
+    uv_sets: Floats  # (F, 3, sets, 2), `usable_uvs`, 0 if the mesh has none
+
+    @property
+    def uvs(self) -> Floats:
+        """The first set of texture coordinates, (F, 3, 2)."""
+        return self.uv_sets[:, :, 0]
 
     def uvs_for(self, texture: Texture) -> Floats:
         """Return the texture coordinates (F, 3, 2) at which a texture is looked up."""
-        return (self.uvs, *self.more_uvs)[texture.coordinates]
+        return self.uv_sets[:, :, texture.coordinates]
 
     def of_meshes(self, holds: Callable[[Mesh], bool]) -> Bools:
         """Return (F,) bool: the faces of meshes for which something holds."""
@@ -141,13 +138,13 @@ def _of_copies(rows: Array, mirrored: Bools) -> Array:
 
 
 def _placed(mesh: Mesh, computed: bool, scalars: str | None, bent: bool, sets: int) -> Iterator[dict[str, Array]]:
-    """Yield the fields of `Corners` but `mesh`, (F, ...), of copies of a mesh; as `uvs` as many sets, (F, 3, sets, 2)."""
+    """Yield the fields of `Corners` but `mesh` of copies of a mesh, with so many sets of texture coordinates."""
     count, placements = len(mesh.faces), np.asarray(mesh.instances)
     shared = {
         "colors": np.ones((count, 3, 3)) if mesh.colors is None else mesh.colors[mesh.faces].astype(np.float64),
         "scalars": at_corners(mesh, scalars) if scalars in mesh.scalars else np.full((count, 3), np.nan),
         "alphas": np.ones((count, 3)) if mesh.alphas is None else mesh.alphas[mesh.faces].astype(np.float64),
-        "uvs": _uv_sets(mesh, sets),
+        "uv_sets": _uv_sets(mesh, sets),
     }
     tangents = mesh_tangents(mesh)
     normals, errors, index = _mesh_normals(mesh, computed)
@@ -168,17 +165,13 @@ def _placed(mesh: Mesh, computed: bool, scalars: str | None, bent: bool, sets: i
 def gather(scene: Scene, scalars: str | None = None, *, bent: bool = False) -> Corners:
     """Return all faces of a scene, instances placed. Scenes of the preset `course` always have their normals computed.
     scalars: the name of those to gather. bent: whether bends are needed; else they are 0."""
-    sets = max((1 + len(mesh.more_uvs) for mesh in scene.meshes), default=1)
-    vectors, numbers = ("world", "normals", "colors"), ("scalars", "alphas", "bends")
-    shapes = dict.fromkeys(vectors, (3, 3)) | dict.fromkeys(numbers, (3,)) | {"tangents": (3, 4), "uvs": (3, sets, 2)}
-    parts: list[dict[str, Array]] = [{name: np.zeros((0, *shape)) for name, shape in shapes.items()}]
-    parts[0] |= {"mesh": np.zeros(0, np.int64), "normal_error": np.zeros(0)}
-    for number, mesh in enumerate(scene.meshes):
-        for part in _placed(mesh, scene.preset == "course", scalars, bent, sets):
+    meshes = *scene.meshes, Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))  # there may be no others
+    sets, computed = max(1 + len(mesh.more_uvs) for mesh in meshes), scene.preset == "course"
+    parts = []
+    for number, mesh in enumerate(meshes):
+        for part in _placed(mesh, computed, scalars, bent, sets):
             parts.append({"mesh": np.full(len(part["world"]), number), **part})
-    fields = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    uvs, *more_uvs = np.moveaxis(fields.pop("uvs"), 2, 0).copy()
-    return Corners(scene, **fields, uvs=uvs, more_uvs=tuple(more_uvs))
+    return Corners(scene, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
 def from_first(weights: Floats, values: Floats) -> Floats:

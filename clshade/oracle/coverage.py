@@ -20,17 +20,13 @@ GOLDEN_RATIO = (1.0 + 5.0**0.5) / 2.0
 
 
 class Setup(NamedTuple):
-    """Triangles before rasterization.
+    """Triangles before rasterization."""
 
-    area: (...) twice the signed area, in 1/65536^2 square pixels, positive when counterclockwise.
-    box: (..., 4) columns and rows whose centers the bounding box holds, within the image: first column, first row,
-        last column, last row, both ends included; a last below its first means none.
-    culled: (...) True where nothing can be drawn: no area, no pixel center in the box, or a culled back face.
-    """
-
-    area: Integers
+    area: Integers  # (...) twice the signed area, in 1/65536^2 square pixels, positive when counterclockwise
+    # (..., 4) first column, first row, last column, last row of the image whose centers the bounding box holds; a last below
+    # its first means none
     box: Integers
-    culled: Bools
+    culled: Bools  # (...) where nothing can be drawn: no area, no pixel center in the box, or a culled back face
 
 
 def signed_area(xy: Integers) -> Integers:
@@ -44,11 +40,8 @@ def setup(xy: Integers, columns: int, rows: int, cull: Bools | bool = False) -> 
     back faces."""
     xy = np.asarray(xy, dtype=np.int64)
     area = signed_area(xy)
-    a, b, c = xy[..., 0, :], xy[..., 1, :], xy[..., 2, :]
-    first = -((HALF - np.minimum(np.minimum(a, b), c)) // SUBPIXELS)  # the ceiling of (x - HALF) / SUBPIXELS
-    last = (np.maximum(np.maximum(a, b), c) - HALF) // SUBPIXELS
-    first = np.maximum(first, 0)
-    last = np.minimum(last, [columns - 1, rows - 1])
+    first = np.maximum(-((HALF - xy.min(axis=-2)) // SUBPIXELS), 0)  # the ceiling of (x - HALF) / SUBPIXELS
+    last = np.minimum((xy.max(axis=-2) - HALF) // SUBPIXELS, [columns - 1, rows - 1])
     culled = (area == 0) | (last < first).any(axis=-1) | (cull & (area < 0))
     return Setup(area, np.concatenate([first, last], axis=-1), culled)
 
@@ -60,9 +53,7 @@ def edge_functions(xy: Integers, column: Integers, row: Integers) -> Integers:
     corner i; it is twice the area of the triangle that the pixel center makes with that edge, so the three sum to
     the absolute value of `signed_area`. All are 0 for a triangle without area.
     """
-    xy = np.asarray(xy, dtype=np.int64)
-    px = np.asarray(column, dtype=np.int64)[..., None] * SUBPIXELS + HALF
-    py = np.asarray(row, dtype=np.int64)[..., None] * SUBPIXELS + HALF
+    px, py = (np.asarray(place, np.int64)[..., None] * SUBPIXELS + HALF for place in (column, row))
     start, (dx, dy) = np.roll(xy, -1, axis=-2), _edges(xy)
     return np.asarray(dx * (py - start[..., 1]) - dy * (px - start[..., 0]))
 

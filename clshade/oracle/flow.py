@@ -20,17 +20,12 @@ ROUNDING = 2.0**-48  # of places and depths, relative to the lengths that they c
 
 @dataclass(frozen=True, eq=False)
 class OracleFlow:
-    """The flow at K pixels.
+    """The flow at K pixels."""
 
-    vectors: (K, 2) pixels to the right and down, NaN where the point is not in front of the other near plane. occluded:
-    (K,) where the other image does not show it. off: (K,) pixels, how far rounding may move a vector. unsure: (K,) where
-    rounding may change `occluded`.
-    """
-
-    vectors: Floats
-    occluded: Bools
-    off: Floats
-    unsure: Bools
+    vectors: Floats  # (K, 2) pixels to the right and down, NaN where the point is not in front of the other near plane
+    occluded: Bools  # (K,) where the other image does not show it
+    off: Floats  # (K,) pixels, how far rounding may move a vector
+    unsure: Bools  # (K,) where rounding may change `occluded`
 
 
 def flow(
@@ -94,10 +89,8 @@ def _areas(corners: Floats, point: Floats) -> Floats:
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
-        second, third = (
-            np.nan_to_num(dot(cross(*sides), normal) / dot(normal, normal))
-            for sides in ((point - a, c - a), (b - a, point - a))
-        )
+        volumes = dot(cross(point - a, c - a), normal), dot(cross(b - a, point - a), normal)
+        second, third = (np.nan_to_num(volume / dot(normal, normal)) for volume in volumes)
     return np.stack([1.0 - second - third, second, third], axis=1)
 
 

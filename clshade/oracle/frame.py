@@ -28,28 +28,18 @@ _Drawn = TypeVar("_Drawn")
 
 @dataclass(frozen=True, eq=False)
 class OracleFrame(Shaded):
-    """The image and the measures of its error. Leading axes (M, N), row 0 at the TOP; float64 unless stated.
+    """The image and the measures of its error: (M, N) and the components, row 0 at the TOP.
 
-    rgb: (M, N, 3) linear, over the background. alpha: (M, N) fraction of the samples covered.
-    id: (M, N) uint32, 0 = background, k+1 = face k. Z: (M, N) depth, +inf = background.
-    budget: (M, N, 3) the light budget B that errors are relative to; without light max(color, 1), of the background
-        its own absolute value.
-    conditions: (M, N, 4) the terms of kappa, see `shade.conditions`; 1 where nothing is lit.
-    kappa: (M, N) condition number of the light's geometry: how far it amplifies rounding errors.
-    jump: (M, N, 3) how much highlights that rounding may open or close (see `shade.jumps`), and colors of a color map that
-        it may exchange, can change the color.
-    exponent: (M, N) the material's n; 1 without light.
-    alpha_error: (M, N) how much rounding can change alpha, in the units of colors; 0 where alpha is exact.
-    unsure: (M, N) bool, where rounding may change the order of transparent surfaces, or which of them layers show.
-    For gouraud and nolight the measures are those of the worst corner of the triangle. Of several samples id and Z are
-    those of the sample nearest the center, kappa, its terms and the exponent the worst of all, budget and jump the mean.
+    rgb is over the background. For gouraud and nolight the measures are those of the worst corner of the triangle. Of
+    several samples id and Z are those of the sample nearest the center, kappa, its terms and the exponent the worst of all,
+    budget and jump the mean.
     """
 
-    alpha: Floats
-    id: UInt32s
-    Z: Floats
-    alpha_error: Floats
-    unsure: Bools
+    alpha: Floats  # fraction of the samples covered
+    id: UInt32s  # 0 = background, k+1 = face k
+    Z: Floats  # depth, +inf = background
+    alpha_error: Floats  # how much rounding can change alpha, in the units of colors; 0 where alpha is exact
+    unsure: Bools  # where rounding may change the order of transparent surfaces, or which of them layers show
 
     @property
     def gate(self) -> Bools:
@@ -169,7 +159,7 @@ class Pixels:
             return np.zeros_like(self.owner)
         return samples_with_lines(self.shot, self.column, self.row)
 
-    @property
+    @cached_property
     def blends(self) -> bool:
         return any(mesh.blends for mesh in self.shot.scene.meshes)
 
@@ -198,6 +188,11 @@ class Pixels:
             part = slice(start, start + size)
             at = self.column[some[part]], self.row[some[part]], place[part]
             yield part, Hits.at(self.shot, piece[part], *at)
+
+    def central_hits(self, some: Integers, piece: Integers) -> Hits:
+        """Return where some pixels (L,) meet their pieces, of those (K,) of all, at the sample nearest the center."""
+        place = np.broadcast_to(self.shot.samples[0].place, (len(some), 2))
+        return Hits.at(self.shot, piece[some], self.column[some], self.row[some], place)
 
     def light(self, frames: list[OracleFrame], owner: Integers) -> None:
         """Light the owners (S, K), -1 for none, in frames of the samples: each once in a pixel, at the mean of its samples
@@ -233,13 +228,9 @@ class Pixels:
             if self.lines_alone:
                 frame = frames[s] = self.background(self.shot.samples[s].place)
             self.put_lines(frame, self.lines[s])
-        number, depth, covered = (
-            np.zeros(len(owner), np.uint32),
-            np.full(len(owner), np.inf),
-            np.flatnonzero(owner >= 0),
-        )
-        place = np.broadcast_to(self.shot.samples[0].place, (len(covered), 2))
-        hits = Hits.at(self.shot, owner[covered], self.column[covered], self.row[covered], place)
+        number, depth = np.zeros(len(owner), np.uint32), np.full(len(owner), np.inf)
+        covered = np.flatnonzero(owner >= 0)
+        hits = self.central_hits(covered, owner)
         number[covered], depth[covered] = hits.face + 1, hits.depth
         return replace(mean(self.shot, frames), id=number, Z=depth, unsure=unsure)
 
@@ -298,9 +289,8 @@ def mean(shot: Shot, samples: list[OracleFrame]) -> OracleFrame:
     weight = [weights(sample.rgb, resolve) / count for sample in samples]
     alpha, alpha_error = (np.mean([getattr(s, name) for s in samples], axis=0) for name in ("alpha", "alpha_error"))
     total: Floats = np.sum(weight, axis=0)
-    if (
-        resolve == "weighted" and shot.scene.background is None
-    ):  # uncovered samples do not count, and the mean is premultiplied
+    # Without a background uncovered samples do not count, and the mean is premultiplied.
+    if resolve == "weighted" and shot.scene.background is None:
         seen = np.sum([part * sample.alpha for part, sample in zip(weight, samples, strict=True)], axis=0)
         total = np.where(alpha > 0.0, seen / np.where(alpha > 0.0, alpha, 1.0), 1.0)
     share = [(part / total)[:, None] for part in weight]
@@ -323,7 +313,7 @@ def mean(shot: Shot, samples: list[OracleFrame]) -> OracleFrame:
         budget=budget,
         jump=jump,
         conditions=np.array([sample.conditions for sample in samples])[worst, np.arange(len(worst))],
-        exponent=np.max([sample.exponent for sample in samples], axis=0),
+        exponent=np.stack([sample.exponent for sample in samples]).max(axis=0),
         # The sum over samples rounds to its own size, also where a few of them are transparent.
         alpha_error=np.where(alpha_error > 0.0, np.maximum(alpha_error, alpha), 0.0),
     )

@@ -22,47 +22,27 @@ BACKGROUND = {"scalar": np.nan, "normal_length": 1.0, "weight_condition": 1.0, "
 
 @dataclass(frozen=True, eq=False)
 class OracleLayers:
-    """The layers and the measures of their errors. Leading axes (M, N), row 0 at the TOP; float64 unless stated; 0 for the
-    background.
+    """The layers and the measures of their errors: (M, N) and the components, row 0 at the TOP; 0 for the background."""
 
-    N: (M, N, 3) unit normal in world space, or 0, turned by a normal map with shader pbr; flipped on the back of a
-        two-sided material.
-    P: (M, N, 3) visible position in world space, interpolated in perspective, as Z is, whatever the setting.
-    albedo: (M, N, 3) the factor of the light: vertex color times material color times texel.
-    uv: (M, N, 2) the mesh's texture coordinates, not wrapped.
-    object_id, material_id: (M, N) uint32, the number of the object, from 1, and of its material: equal materials have one
-        number, counted from 1 in the order of the meshes.
-    instance_id: (M, N) uint32, the number of the placement, from 1, mesh by mesh.
-    barycentrics: (M, N, 3) barycentric coordinates, in the order of the face's corners in the mesh.
-    scalar: (M, N) the scalar that the settings name, NaN where there is none.
-    AO: (M, N) the share of the rays of ambient occlusion that meet nothing; 0 without.
-
-    Measures of errors: normal_length (M, N) before normalizing, 1 where the corners' normals are all 0;
-    normal_error (M, N) of the corners' normals, see `corners.Corners`; reach (M, N) the largest coordinate of the face's
-    corners relative to the eye; most_uv, most_scalar (M, N) of its corners'; budget, jump (M, N, 3) of albedo, see
-    frame.OracleFrame;
-    weight_condition (M, N), see `Hits.condition`; open_spread (M, N), open_rounding (M, N), see `AmbientVisibility`.
-    """
-
-    N: Floats
-    P: Floats
-    albedo: Floats
-    uv: Floats
-    object_id: UInt32s
-    material_id: UInt32s
-    barycentrics: Floats
-    scalar: Floats
-    AO: Floats
-    instance_id: UInt32s
-    normal_length: Floats
-    normal_error: Floats
-    reach: Floats
-    most_uv: Floats
+    N: Floats  # 3, unit or 0, world space, as a normal map turns it; flipped on the back of a two-sided material
+    P: Floats  # 3, world space, interpolated in perspective, as Z is, whatever the setting
+    albedo: Floats  # 3, the factor of the light: vertex color times material color times texel
+    uv: Floats  # 2, of the mesh, not wrapped
+    object_id: UInt32s  # from 1
+    material_id: UInt32s  # from 1 in the order of the meshes; equal materials have one number
+    barycentrics: Floats  # 3, in the order of the face's corners in the mesh
+    scalar: Floats  # that the settings name, NaN where there is none
+    AO: Floats  # the share of the rays of ambient occlusion that meet nothing; 0 without
+    instance_id: UInt32s  # from 1, mesh by mesh
+    normal_length: Floats  # before normalizing, 1 where the corners' normals are all 0
+    normal_error: Floats  # of the corners' normals, see `Corners`
+    reach: Floats  # the largest coordinate of the face's corners relative to the eye
+    most_uv: Floats  # of its corners
     most_scalar: Floats
-    budget: Floats
+    budget: Floats  # 3, of albedo, as jump, see `OracleFrame`
     jump: Floats
-    weight_condition: Floats
-    open_spread: Floats
+    weight_condition: Floats  # see `Hits.condition`
+    open_spread: Floats  # see `AmbientVisibility`, as open_rounding
     open_rounding: Floats
 
 
@@ -79,14 +59,9 @@ def equal(a: Material, b: Material) -> bool:
 def material_numbers(scene: Scene) -> UInt32s:
     """Return (meshes,) uint32: 1 for the first mesh's material, and the next number for each that equals none before
     it."""
-    different: list[Material] = []
-    numbers = []
-    for mesh in scene.meshes:
-        number = next((k for k, material in enumerate(different) if equal(mesh.material, material)), len(different))
-        if number == len(different):
-            different.append(mesh.material)
-        numbers.append(number + 1)
-    return np.array(numbers, np.uint32)
+    materials = [mesh.material for mesh in scene.meshes]
+    first = [next(k for k, other in enumerate(materials) if equal(material, other)) for material in materials]
+    return np.asarray(np.unique(first, return_inverse=True)[1] + 1, np.uint32)
 
 
 def objects(scene: Scene) -> UInt32s:
@@ -98,16 +73,15 @@ def objects(scene: Scene) -> UInt32s:
     first = 1
     for number, members in enumerate(parts.values(), 1):
         numbers[members] = number, first
-        first += max(len(np.asarray(scene.meshes[member].instances)) for member in members)
+        first += max(len(scene.meshes[member].instances) for member in members)
     return numbers
 
 
 def instance_numbers(scene: Scene) -> UInt32s:
     """Return (F,) uint32: the number of the face's placement, from 1."""
     numbers = [np.zeros(0, np.uint32)]
-    for first, mesh in zip(objects(scene)[:, 1].tolist(), scene.meshes, strict=True):
-        of_mesh = np.arange(first, first + len(np.asarray(mesh.instances)), dtype=np.uint32)
-        numbers.append(np.repeat(of_mesh, len(mesh.faces)))
+    for (_, first), mesh in zip(objects(scene), scene.meshes, strict=True):
+        numbers.append(np.repeat(first + np.arange(len(mesh.instances), dtype=np.uint32), len(mesh.faces)))
     return np.concatenate(numbers)
 
 
@@ -123,10 +97,7 @@ def render_layers(
     covered = np.flatnonzero(owner >= 0)
     batches = []
     for start in range(0, max(len(covered), 1), BATCH):  # at least one batch, of no pixels in an empty image
-        some = covered[start : start + BATCH]
-        place = np.broadcast_to(pixels.shot.samples[0].place, (len(some), 2))
-        hits = Hits.at(pixels.shot, owner[some], pixels.column[some], pixels.row[some], place)
-        batches.append(vars(_layers_of(hits, scene)))
+        batches.append(vars(_layers_of(pixels.central_hits(covered[start : start + BATCH], owner), scene)))
     layers = {}
     for name, value in batches[0].items():
         layers[name] = np.full((len(owner), *value.shape[1:]), BACKGROUND.get(name, 0), value.dtype)

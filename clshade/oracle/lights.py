@@ -102,25 +102,19 @@ class Directions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """How a light differs from a point light without attenuation.
+    """How a light differs from a point light without attenuation."""
 
-    parallel: whether its position is a constant unit vector toward it. axis: (3,) unit, of its cone, away from the light;
-    None without. inner, outer: cosines of the cone's angles. attenuates: with the square of the distance, and ends at
-    `range`. points: sample points of an area light, 0 for others. radius: of a sphere. sides: (2, 3) half the sides of a
-    rectangle. front: (3,) unit normal of the side of a rectangle that shines. shift: (..., 2) of the points, see `shifts`.
-    """
-
-    parallel: bool = False
-    axis: Floats | None = None
-    inner: float = 1.0
+    parallel: bool = False  # whether its position is a constant unit vector toward it
+    axis: Floats | None = None  # (3,) unit, of its cone, away from the light
+    inner: float = 1.0  # cosines of the cone's angles
     outer: float = 0.0
-    attenuates: bool = False
-    range: float = math.inf
-    points: int = 0
-    radius: float = 0.0
-    sides: Floats | None = None
-    front: Floats | None = None
-    shift: Integers | int = 0
+    attenuates: bool = False  # with the square of the distance
+    range: float = math.inf  # at which that ends
+    points: int = 0  # sample points of an area light
+    radius: float = 0.0  # of a sphere
+    sides: Floats | None = None  # (2, 3) half the sides of a rectangle
+    front: Floats | None = None  # (3,) unit normal of the side of a rectangle that shines
+    shift: Integers | int = 0  # (..., 2) of the points, see `shifts`
 
 
 POINT = Shape()
@@ -176,20 +170,17 @@ NO_LIGHTS = Lights(np.zeros((0, 3)), np.zeros((0, 3)))
 
 @dataclass(frozen=True, eq=False)
 class Interaction:
-    """Surface points (..., 3) with normals (..., 3) of any length, the lights and the eye, and what their errors depend on.
+    """Surface points, the lights and the eye, and what their errors depend on."""
 
-    extent: (...) the largest coordinate that a point is interpolated from, relative to the eye. normal_length: (...) before
-    normalizing. parallel: whether the direction to the eye is constant, hence exact; coordinates are then relative to the
-    origin.
-    """
-
-    point: Floats
-    normal: Floats
+    point: Floats  # (..., 3)
+    normal: Floats  # (..., 3) of any length
     eye: Floats
     lights: Lights = NO_LIGHTS
-    extent: Array | float = 0.0
-    normal_length: Array | float = 1.0
-    parallel: bool = False
+    extent: Array | float = 0.0  # (...) the largest coordinate that a point is interpolated from, relative to the eye
+    normal_length: Array | float = 1.0  # (...) before normalizing
+    parallel: bool = (
+        False  # whether the direction to the eye is constant, hence exact; the origin then serves as the eye
+    )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -242,17 +233,15 @@ class Interaction:
 
 @dataclass(frozen=True, eq=False)
 class LightSample:
-    """A light, or a sample point of an area light, as it lights the points `at`. number, of_light: index and intensity of
-    the light. offset: (..., 3) from its position; None without a size. blur: (...) how far rounding may move it, in units
-    of which one is an error 2^-24."""
+    """A light, or a sample point of an area light, as it lights the points `at`."""
 
     at: Interaction
-    number: int
+    number: int  # of the light
     position: Floats
-    of_light: Floats
+    of_light: Floats  # intensity of the light
     shape: Shape
-    offset: Floats | None = None
-    blur: Floats | float = 0.0
+    offset: Floats | None = None  # (..., 3) from the light's position; None without a size
+    blur: Floats | float = 0.0  # (...) how far rounding may move it, in units of which one is an error 2^-24
 
     @property
     def intensity(self) -> Floats:

@@ -30,34 +30,31 @@ NONE, LINE, MARKED = 0, 1, 2  # kinds of lines at samples; marked: an edge of mo
 
 @dataclass(frozen=True, eq=False)
 class MeshEdges:
-    """ends: (E, 2, 3) positions. face, edge, forward: (K,) which face contains which edge, and whether it runs along it
-    from its first end to its second."""
+    """E edges, and the K places where a face contains one."""
 
-    ends: Floats
-    face: Integers
-    edge: Integers
-    forward: Bools
+    ends: Floats  # (E, 2, 3) positions
+    face: Integers  # (K,)
+    edge: Integers  # (K,)
+    forward: Bools  # (K,), whether the face runs along the edge from its first end to its second
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """xy: (L, 2, 2) snapped ends, 1/256 px. w: (L, 2) 1/depth, orthographic -depth; in painter's order minus the rank of
-    the first face. edge: (L,)."""
+    """L edges in the image."""
 
-    xy: Integers
-    w: Floats
-    edge: Integers
+    xy: Integers  # (L, 2, 2) snapped ends, 1/256 px
+    w: Floats  # (L, 2) 1/depth, orthographic -depth; in painter's order minus the rank of the first face
+    edge: Integers  # (L,)
 
 
 @dataclass(frozen=True, eq=False)
 class Occluders:
-    """Triangles that may hide lines: xy (T, 3, 2) snapped corners, 1/256 px, w (T, 3), see `Lines`, and face (T,).
-    containing: pairs of edge and face that contains it, edge * faces + face each."""
+    """Triangles that may hide lines."""
 
-    xy: Integers
-    w: Floats
-    face: Integers
-    containing: Integers
+    xy: Integers  # (T, 3, 2) snapped corners, 1/256 px
+    w: Floats  # (T, 3), see `Lines`
+    face: Integers  # (T,)
+    containing: Integers  # pairs of an edge and a face that contains it: edge * faces + face
 
     def __getitem__(self, index: slice | Integers) -> Occluders:
         return replace(self, xy=self.xy[index], w=self.w[index], face=self.face[index])
@@ -260,7 +257,7 @@ def _hidden(q: Floats, depth: Floats, occluders: Occluders, edge: Integers, pain
         ahead = slope_x = slope_y = np.zeros(())
         covers = np.ones((len(q), len(area[some])), bool)
         for k in range(3):
-            i, j = xy[some, (k + 1) % 3], xy[some, (k + 2) % 3]
+            i, j = xy[some, k - 2], xy[some, k - 1]
             a, b = ((i[:, 1] - j[:, 1]) * turn[some]).astype(float), ((j[:, 0] - i[:, 0]) * turn[some]).astype(float)
             e = a * (q[:, None, 0] - i[:, 0]) + b * (q[:, None, 1] - i[:, 1])
             covers &= ~(e < -((np.abs(a) + np.abs(b)) * SLACK))

@@ -26,31 +26,33 @@ REACH = {"float32": 32.0 * 2.0**-24, "float64": 1e-12}
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Parameters of some surfaces. diffuse: (..., 3) factor of the color. f0: (..., 3) and f90 (...): the dielectric's
-    reflectance at normal and grazing incidence. metallic, roughness: (...). emission: (..., 3)."""
+    """Parameters of some surfaces."""
 
-    diffuse: Floats
-    f0: Floats
-    f90: Floats
+    diffuse: Floats  # (..., 3) factor of the color
+    f0: Floats  # (..., 3), the dielectric's reflectance at normal incidence
+    f90: Floats  # (...), at grazing incidence
     metallic: Floats
     roughness: Floats
-    emission: Floats
+    emission: Floats  # (..., 3)
 
     def __getitem__(self, index: object) -> Facets:
         return Facets(*(getattr(self, field.name)[index] for field in fields(Facets)))
 
+    @property
+    def of_dielectric(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """GGX's alpha, the dielectric's part of the surface, and its f0 and f90 times that."""
+        part = 1.0 - self.metallic
+        return alpha_of(self.roughness), part, part[..., None] * self.f0, part * self.f90
+
 
 def facets_of(materials: Sequence[Material]) -> Facets:
-    """Return the parameters of materials, (U,)."""
-    facets = [material.microfacets for material in materials]
-    return Facets(
-        np.array([material.diffuse for material in materials], np.float64).reshape(-1, 3),
-        np.array([facet.dielectric_f0 for facet in facets], np.float64).reshape(-1, 3),
-        np.array([facet.specular for facet in facets], np.float64),
-        np.array([facet.metallic for facet in facets], np.float64),
-        np.array([facet.roughness for facet in facets], np.float64),
-        np.array([facet.emission for facet in facets], np.float64).reshape(-1, 3),
-    )
+    """Return the parameters of materials, (U,); of none, those of one."""
+    rows = []
+    for material in materials or [Material()]:
+        facet = material.microfacets
+        parameters = facet.dielectric_f0, facet.specular, facet.metallic, facet.roughness, facet.emission
+        rows.append((material.diffuse, *parameters))
+    return Facets(*(np.array(column, np.float64) for column in zip(*rows, strict=True)))
 
 
 def alpha_of(roughness: Floats) -> Floats:
@@ -82,14 +84,13 @@ def schlick(f0: Floats, f90: Floats, v_h: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Angles:
-    """Cosines at points, (...): N.L, N.V, V.H; beside: |N x H|, 1 where N.H < 0; mirrors: whether there is a direction to
-    the eye."""
+    """Cosines at points, (...)."""
 
-    n_l: Floats
-    n_v: Floats
-    v_h: Floats
-    beside: Floats
-    mirrors: Floats
+    n_l: Floats  # N.L
+    n_v: Floats  # N.V
+    v_h: Floats  # V.H
+    beside: Floats  # |N x H|, 1 where N.H < 0
+    mirrors: Floats  # whether there is a direction to the eye
 
 
 def angles(directions: Directions) -> Angles:
@@ -102,23 +103,17 @@ def angles(directions: Directions) -> Angles:
     beside = np.where(n_h > 0.0, length(half - n * n_h[..., None]), 1.0)
     mirrors = (view != 0.0).any(axis=-1) & (size > 0.0)
     v_h = np.where((view != 0.0).any(axis=-1), 0.5 * size, 1.0)
-    return Angles(
-        np.maximum(dot(n, towards_light), 0.0),
-        np.maximum(dot(n, view), 0.0),
-        np.minimum(v_h, 1.0),
-        np.minimum(beside, 1.0),
-        mirrors,
-    )
+    n_l, n_v = np.maximum(dot(n, towards_light), 0.0), np.maximum(dot(n, view), 0.0)
+    return Angles(n_l, n_v, np.minimum(v_h, 1.0), np.minimum(beside, 1.0), mirrors)
 
 
 @dataclass(frozen=True, eq=False)
 class Reflected:
-    """Light of white light sources summed over them, (..., 3): tinted by the color, and not. spread: (..., 3) how much
-    light there is to be rounded, in units of which errors are counted; see `budget`."""
+    """Light of white light sources summed over them, (..., 3)."""
 
-    tinted: Floats
+    tinted: Floats  # by the color
     plain: Floats
-    spread: Floats
+    spread: Floats  # how much light there is to be rounded, in units of which errors are counted
 
 
 def reflected(
@@ -156,8 +151,7 @@ def reflected(
 def _reflected_of(arriving: Floats, at: Angles, facets: Facets) -> tuple[Floats, Floats, Floats]:
     """Return the light that surfaces reflect, (..., 3) each: diffuse, in the metal's lobe, both tinted by the color, and in
     the dielectric's."""
-    alpha, dielectric = alpha_of(facets.roughness), 1.0 - facets.metallic
-    f0, f90 = dielectric[..., None] * facets.f0, dielectric * facets.f90
+    alpha, dielectric, f0, f90 = facets.of_dielectric
     lobe = np.where(at.mirrors, distribution(at.beside, alpha) * passing(at.n_l, at.n_v, alpha), 0.0)
     below = 1.0 - schlick(facets.f0.max(axis=-1, keepdims=True), facets.f90, at.v_h)
     grazing = (1.0 - at.v_h) ** 5
@@ -171,8 +165,7 @@ def _reflected_of(arriving: Floats, at: Angles, facets: Facets) -> tuple[Floats,
 
 def _spread_of(sample: LightSample, facets: Facets, max_color: Floats, reach: float, wear: Floats) -> Floats:
     """Return the contribution of a light of intensity 1 to `Reflected.spread`."""
-    alpha, dielectric = alpha_of(facets.roughness), 1.0 - facets.metallic
-    f0, f90 = dielectric[..., None] * facets.f0, dielectric * facets.f90
+    alpha, dielectric, f0, f90 = facets.of_dielectric
     at, color = angles(sample.directions), np.maximum(np.abs(max_color), 1.0)
     r = reach * np.maximum(np.nan_to_num(sample.kappa, nan=1e300, posinf=1e300), 1.0)
     low, high = _lobe_range(at, alpha, f0 + facets.metallic[..., None] * color, f90 + facets.metallic, r)
@@ -188,32 +181,13 @@ def _lobe_range(at: Angles, alpha: Floats, f0: Floats, f90: Floats, r: Floats) -
     """Return the minimum and maximum of the reflected light, (..., 3) each, with cosines within r (...). The half vector,
     which is divided by |L + V| = 2 V.H, moves by r/V.H."""
     turned = r / np.maximum(at.v_h, 1e-300)
-    peak = (
-        distribution(np.maximum(at.beside - turned, 0.0), alpha),
-        distribution(np.minimum(at.beside + turned, 1.0), alpha),
-    )
-    share = (
-        passing(np.minimum(at.n_l + r, 1.0), np.maximum(at.n_v - r, 0.0), alpha),
-        passing(np.maximum(at.n_l - r, 0.0), np.minimum(at.n_v + r, 1.0), alpha),
-    )
-    high_h, low_h = np.minimum(at.v_h + r, 1.0), np.maximum(at.v_h - r, 0.0)
-    far, near = ((1.0 - low_h) ** 5)[..., None], ((1.0 - high_h) ** 5)[..., None]
-    high = (peak[0] * share[0])[..., None] * (f0 * (1.0 - near) + f90[..., None] * far)
-    low = (peak[1] * share[1])[..., None] * (f0 * (1.0 - far) + f90[..., None] * near)
-    return low, high
-
-
-def budget(ka_Ia: Floats, max_color: Floats, emission: Floats, spread: Floats, tinted: bool) -> Floats:
-    """Return the budget B (..., 3) that errors are relative to: ambient and emitted light, and `Reflected.spread`."""
-    brightest = np.maximum(np.abs(max_color), 1.0) if tinted else 1.0
-    return np.asarray(np.abs(ka_Ia) * brightest + emission + spread)
-
-
-def light(reflection: Reflected, color: Floats, ka_Ia: Floats, facets: Facets, tinted: bool) -> Floats:
-    """Return the light that points send, (..., 3): reflected, ambient (times the color if `tinted`) and emitted."""
-    factor = reflection.tinted + ka_Ia if tinted else reflection.tinted
-    total: Floats = color * factor + reflection.plain + facets.emission
-    return total if tinted else total + ka_Ia
+    less_l, less_v, less_h = (np.maximum(cosine - r, 0.0) for cosine in (at.n_l, at.n_v, at.v_h))
+    more_l, more_v, more_h = (np.minimum(cosine + r, 1.0) for cosine in (at.n_l, at.n_v, at.v_h))
+    far, near = ((1.0 - less_h) ** 5)[..., None], ((1.0 - more_h) ** 5)[..., None]
+    low = distribution(np.minimum(at.beside + turned, 1.0), alpha) * passing(less_l, more_v, alpha)
+    high = distribution(np.maximum(at.beside - turned, 0.0), alpha) * passing(more_l, less_v, alpha)
+    low = low[..., None] * (f0 * (1.0 - far) + f90[..., None] * near)
+    return low, high[..., None] * (f0 * (1.0 - near) + f90[..., None] * far)
 
 
 # Maps
@@ -221,24 +195,19 @@ def light(reflection: Reflected, color: Floats, ka_Ia: Floats, facets: Facets, t
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """What the maps give at K pixels.
+    """What the maps give at K pixels."""
 
-    normal: texels (K, 3) of normal maps, scale: (K,) factor of their first two components, turned: (K,) bool where there is
-    one. open: (K,) the part of the ambient light that arrives. open_spread: (K,) how much rounding may change it. facets:
-    (K,) parameters. emission: (K, 3) that the budget counts. wear: (K,) how far roughness and metallic part may be off,
-    relative to them and in `REACH`: a texel is right to 8 roundings, a quarter of that, and its place to `slack` texels.
-    jump: (K, 3) by how much the light changes if rounding exchanges nearest texels.
-    """
-
-    normal: Texels
-    scale: Floats
-    turned: Bools
-    open: Floats
-    open_spread: Floats
-    facets: Facets
-    emission: Floats
+    normal: Texels  # (K, 3) of normal maps
+    scale: Floats  # (K,) factor of their first two components
+    turned: Bools  # (K,) where there is one
+    open: Floats  # (K,) the part of the ambient light that arrives
+    open_spread: Floats  # (K,) how much rounding may change it
+    facets: Facets  # (K,)
+    emission: Floats  # (K, 3) that the budget counts
+    # (K,) how far roughness and metallic part may be off, relative to them and in `REACH`: a texel is right to 8 roundings,
+    # a quarter of that, and its place to `slack` texels
     wear: Floats
-    jump: Floats
+    jump: Floats  # (K, 3) by how much the light changes if rounding exchanges nearest texels
 
 
 def maps(hits: Hits) -> Maps:

@@ -21,17 +21,20 @@ from .transform import camera_frame, length, unit
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """Colors and measures per pixel: rgb, budget and jump (K, 3); conditions (K, 4); exponent (K,). See
-    frame.OracleFrame."""
+    """Colors of K pixels, and the measures of their errors."""
 
-    rgb: Floats
-    budget: Floats
-    conditions: Floats
+    rgb: Floats  # (K, 3), linear
+    budget: (
+        Floats  # (K, 3), B, which errors are relative to; without light max(color, 1), of the background its magnitude
+    )
+    conditions: Floats  # (K, 4), the terms of kappa, see `shade.conditions`; 1 where nothing is lit
+    # (K, 3), by how much highlights that rounding may open or close, and colors of a map that it may exchange, change rgb
     jump: Floats
-    exponent: Floats
+    exponent: Floats  # (K,), the material's n; 1 without light
 
     @property
     def kappa(self) -> Floats:
+        """(K,), the condition number of the light's geometry: how far it amplifies rounding errors."""
         return shade.condition_number(self.conditions)
 
 
@@ -123,10 +126,10 @@ class _Lit(_Unlit):
         """Return how much of the ambient light arrives at pixels or corners."""
         if not self.settings.ambient_occlusion:
             return visibility.AmbientVisibility(np.ones(()), np.zeros(()), 1.0)
-        at, place = (
-            (self.receivers, None) if at_corners else (visibility.pixel_receivers(self.hits), self.hits.position)
-        )
-        return visibility.ambient_visibility(at, self.settings, self.reach, place)
+        if at_corners:
+            return visibility.ambient_visibility(self.receivers, self.settings, self.reach, None)
+        at = visibility.pixel_receivers(self.hits)
+        return visibility.ambient_visibility(at, self.settings, self.reach, self.hits.position)
 
     def shaded(self) -> Shaded:
         """Light the points, then bound the effects of rounding, on the visibility of lights too."""
@@ -254,9 +257,11 @@ class _Pbr(_Phong):
             tinted, plain = (light * open_[..., None] for light in (around.tinted, around.plain))
             lit = Reflected(lit.tinted + tinted, lit.plain + plain, lit.spread + around.spread)
             hideable = hideable + (np.abs(around.tinted * self.color) + around.plain)
-        rgb = microfacet.light(lit, self.color, ambient, self.maps.facets, self.tinted)
         per_color = lit.tinted + ambient if self.tinted else lit.tinted
-        budget = microfacet.budget(ka_Ia, self.max_color, self.maps.emission, lit.spread, self.tinted)
+        rgb = self.color * per_color + lit.plain + self.maps.facets.emission
+        rgb = rgb if self.tinted else rgb + ambient
+        brightest = np.maximum(np.abs(self.max_color), 1.0) if self.tinted else 1.0
+        budget = np.abs(ka_Ia) * brightest + self.maps.emission + lit.spread
         jump = self.flips(self.vertex_color * per_color) + hideable * open_spread[:, None]
         return rgb, budget + hideable * (part.rounding - 1.0), jump + self.maps.jump
 

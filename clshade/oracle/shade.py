@@ -55,12 +55,11 @@ def depth(edges: Array, z: Floats, orthographic: bool = False) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Materials at points: exponent (...), ka*Ia (..., 3), and the coefficients of TERMS by name, (..., 3); others are
-    0."""
+    """Materials at points."""
 
-    n: Floats
-    ka_Ia: Floats = field(default_factory=lambda: np.zeros(3))
-    k: dict[str, Floats] = field(default_factory=dict)
+    n: Floats  # (...), the exponent
+    ka_Ia: Floats = field(default_factory=lambda: np.zeros(3))  # (..., 3), ka*Ia
+    k: dict[str, Floats] = field(default_factory=dict)  # (..., 3), coefficients of TERMS; others are 0
 
     @classmethod
     def of(cls, materials: Sequence[Material], ambient: Floats) -> Surface:
@@ -91,15 +90,12 @@ def _not_steep(at: Directions, n: Floats) -> Floats:
 
 
 class Term(NamedTuple):
-    """A term of the model.
+    """A term of the model, from directions and exponent, (...)."""
 
-    value: at most 1, from directions and exponent, (...). jump: by how much rounding may change it where it decides whether
-    there is anything at all, if cosines are right to `reach` (...). steepness: how much it amplifies an error of
-    directions, at least 1, beyond what the exponent's square root stands for.
-    """
-
-    value: Callable[[Directions, Floats], Floats]
+    value: Callable[[Directions, Floats], Floats]  # at most 1
+    # By how much rounding may change it where it decides whether there is anything at all, if cosines are right to `reach`.
     jump: Callable[[Directions, Floats, Floats], Floats] = _no_jump
+    # How much it amplifies an error of directions, at least 1, beyond what the exponent's square root stands for.
     steepness: Callable[[Directions, Floats], Floats] = _not_steep
 
 

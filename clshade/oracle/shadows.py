@@ -33,13 +33,12 @@ PAIRS = 1 << 20  # of points and triangles, tried at a time
 
 @dataclass(frozen=True, eq=False)
 class Casters:
-    """The triangles of a scene. Lengths are relative to `origin`, over `scale`, a power of two. may_transmit: (F,) those
-    that may let light pass."""
+    """The triangles of a scene."""
 
     faces: Corners
-    origin: Floats
-    scale: float
-    may_transmit: Bools
+    origin: Floats  # to which lengths are relative
+    scale: float  # which they are divided by, a power of two
+    may_transmit: Bools  # (F,) those that may let light pass
 
     @classmethod
     def of(cls, faces: Corners, may_transmit: Bools | None = None) -> Casters:
@@ -87,14 +86,13 @@ class Casters:
 
 @dataclass(frozen=True, eq=False)
 class Receivers:
-    """Points (K, 3) of faces (K,), relative to the casters' origin. off: (K,) how far from there the device may see them.
-    behind: (K,) where the face is seen from behind."""
+    """Points of faces, relative to the casters' origin."""
 
     casters: Casters
-    point: Floats
-    face: Integers
-    off: Floats
-    behind: Bools | bool = False
+    point: Floats  # (K, 3)
+    face: Integers  # (K,)
+    off: Floats  # (K,) how far from there the device may see them
+    behind: Bools | bool = False  # (K,) where the face is seen from behind
 
     def __getitem__(self, index: slice | Integers) -> Receivers:
         return Receivers(self.casters, self.point[index], self.face[index], self.off[index])
@@ -152,12 +150,11 @@ def at_corners(casters: Casters, face: Integers) -> Receivers:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays from receivers to ends (K, 3), or in directions if they are `parallel`. off: (K,) how far the ends may be
-    off."""
+    """Rays from receivers."""
 
     at: Receivers
-    end: Floats
-    off: Floats
+    end: Floats  # (K, 3), or direction if they are `parallel`
+    off: Floats  # (K,) how far the ends may be off
     parallel: bool = False
 
     @classmethod
@@ -306,8 +303,7 @@ class Tests:
             near = np.flatnonzero(np.abs(rise) <= margin)
             exact = self.rays.at.casters.sides_of(self.rays.at.face[near], self.triangle[near], corner)
             possible[near] |= exact * side[near] > 0.0
-            possible |= rise > margin
-        return certain & (np.abs(height) > off), possible
+        return certain & (np.abs(height) > off), possible | certain
 
     def _between(self) -> tuple[Bools, Bools]:
         """Whether receivers and light lie on opposite sides of the triangles' planes."""

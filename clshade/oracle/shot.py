@@ -16,18 +16,14 @@ from .corners import Corners, gather
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A scene as one sample of each pixel sees it.
-
-    corners: of all faces. z: (F, 3) their depths. pieces: to draw. place: (2,) of the sample, 1/256 px from the pixel's
-    lower left corner; pieces are moved the other way, so that it is at the center.
-    """
+    """A scene as one sample of each pixel sees it."""
 
     scene: Scene
     settings: Settings
-    corners: Corners
-    z: Floats
-    pieces: Pieces
-    place: Integers
+    corners: Corners  # of all faces
+    z: Floats  # (F, 3) their depths
+    pieces: Pieces  # to draw, moved so that the sample is at the pixel's center
+    place: Integers  # (2,) of the sample, 1/256 px from the pixel's lower left corner
 
     @cached_property
     def backs_culled(self) -> Bools:
@@ -75,15 +71,14 @@ def moved(xy: Integers, place: Integers) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Where K pixels meet pieces. column, row: from the BOTTOM. place: (K, 2) in the pixel, 1/256 px. edges: (K, 3) edge
-    functions there. shot: as the pixels' centers see it."""
+    """Where K pixels meet pieces."""
 
-    shot: Shot
+    shot: Shot  # as the pixels' centers see it
     piece: Integers
     column: Integers
-    row: Integers
-    place: Integers
-    edges: Integers
+    row: Integers  # from the BOTTOM
+    place: Integers  # (K, 2) in the pixel, 1/256 px
+    edges: Integers  # (K, 3) edge functions there
 
     @classmethod
     def at(cls, shot: Shot, piece: Integers, column: Integers, row: Integers, place: Integers) -> Hits:

@@ -79,10 +79,8 @@ def spread(uv: Floats, image: Reals, wrap: tuple[str, str], slack: Floats) -> Fl
     (K, 2)."""
     here = bilerp(uv, image, "nearest", wrap)
     change = np.zeros_like(here)
-    for across in (-1.0, 0.0, 1.0):
-        for down in (-1.0, 0.0, 1.0):
-            other = bilerp(uv + slack * [across, down], image, "nearest", wrap)
-            change = np.maximum(change, np.abs(other - here))
+    for step in np.array([*np.ndindex(3, 3)]) - 1.0:
+        change = np.maximum(change, np.abs(bilerp(uv + slack * step, image, "nearest", wrap) - here))
     return change
 
 
@@ -190,21 +188,19 @@ def corner_colors(settings: Settings, corners: Corners, face: Integers) -> Float
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """Colors of pixels, (K, 3) each: the color, 1 where none is looked up; magnitude, the largest among those that it is a
-    mean of, or that rounding may give; and by how much rounding may change it where it exchanges one for another."""
+    """Colors of pixels, (K, 3) each."""
 
-    color: Floats
-    magnitude: Floats
-    spread: Floats
+    color: Floats  # 1 where none is looked up
+    magnitude: Floats  # the largest among those that it is a mean of, or that rounding may give
+    spread: Floats  # by how much rounding may change it where it exchanges one for another
 
 
 @dataclass(frozen=True, eq=False)
 class Texels(Looked):
-    """Texels of pixels. looked_up: (K,) where a texture is looked up. slack: (K,) how many texels the place may be off
-    by."""
+    """Texels of pixels."""
 
-    looked_up: Bools
-    slack: Floats
+    looked_up: Bools  # (K,) where a texture is looked up
+    slack: Floats  # (K,) how many texels the place may be off by
 
 
 _mipmaps: WeakKeyDictionary[Texture, list[Reals]] = WeakKeyDictionary()  # without alpha

@@ -23,13 +23,12 @@ ROUNDINGS = 1.0 / 32.0
 
 @dataclass(frozen=True, eq=False)
 class Fragments:
-    """Transparent pieces that show at pixels, by pixel and nearest first. pixel, piece, rank: (N,), rank: from 0 in each
-    pixel. unsure: (K,) bool, pixels where rounding may change the order."""
+    """Transparent pieces that show at pixels, by pixel and nearest first."""
 
-    pixel: Integers
+    pixel: Integers  # (N,)
     piece: Integers
-    rank: Integers
-    unsure: Bools
+    rank: Integers  # from 0 in each pixel
+    unsure: Bools  # (K,) pixels where rounding may change the order
 
 
 def alphas(corners: Corners, face: Integers, weights: Floats) -> tuple[Floats, Floats, Bools]:
@@ -52,13 +51,12 @@ def alphas(corners: Corners, face: Integers, weights: Floats) -> tuple[Floats, F
 
 
 class Transmittance(NamedTuple):
-    """The share of light that transparent occluders let pass, (...), and its bounds within rounding. jumps: bool, where
-    rounding decides whether one is crossed, or its alpha test passed."""
+    """The share of light that transparent occluders let pass, (...), and its bounds within rounding."""
 
     share: Floats
     low: Floats
     high: Floats
-    jumps: Bools
+    jumps: Bools  # where rounding decides whether one is crossed, or its alpha test passed
 
 
 def face_transmittance(corners: Corners, face: Integers, weights: Floats, off: Floats) -> Transmittance:

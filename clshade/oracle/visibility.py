@@ -78,13 +78,11 @@ def light_visibility(
 
 @dataclass(frozen=True, eq=False)
 class AmbientVisibility:
-    """The share of the ambient light that arrives, (...), from 0 to 1. spread: (...) by how much rounding may change it
-    where it decides whether rays meet triangles. rounding: how many times more sums of shares are rounded than a single
-    one."""
+    """The share of the ambient light that arrives, (...), from 0 to 1."""
 
     share: Floats
-    spread: Floats
-    rounding: float
+    spread: Floats  # by how much rounding may change it where it decides whether rays meet triangles
+    rounding: float  # how many times more sums of shares are rounded than a single one
 
 
 def ambient_visibility(at: Receivers, settings: Settings, reach: float, place: Integers | None) -> AmbientVisibility:
@@ -123,13 +121,12 @@ def ambient_visibility(at: Receivers, settings: Settings, reach: float, place: I
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """Unit normals at points (..., 3): turned by a map, interpolated, and of the visible side of the face. bend: (...) sine
-    of the angle between the interpolated normal and those of neighboring faces."""
+    """Unit normals at points (..., 3)."""
 
-    turned: Floats
-    smooth: Floats
-    facing: Floats
-    bend: Floats
+    turned: Floats  # by a map
+    smooth: Floats  # interpolated
+    facing: Floats  # of the visible side of the face
+    bend: Floats  # (...) sine of the angle between the interpolated normal and those of neighboring faces
 
 
 def softened(normals: Normals, to_light: Floats, reach: Floats) -> tuple[Floats, Floats, Floats]:

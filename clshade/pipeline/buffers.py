@@ -34,7 +34,7 @@ def _coherent(context: cl.Context, queue: cl.CommandQueue) -> bool:
     array = aligned((4 + 1024,), np.dtype(np.uint32))[4:]
     array[:] = 0
     memory = cl.Buffer(context, _FLAGS.READ_WRITE | _FLAGS.USE_HOST_PTR, hostbuf=array)
-    cl.enqueue_fill_buffer(queue, memory, np.uint32(7), 0, array.nbytes)
+    cl.enqueue_fill_buffer(queue, memory, np.array(7, np.uint32), 0, array.nbytes)
     queue.finish()
     written = bool((array == 7).all())
     array[:] = 9

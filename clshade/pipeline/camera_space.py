@@ -13,9 +13,8 @@ import numpy as np
 
 from ..base.arrays import Array, Floats, Integers
 from ..errors import InputError
-from ..scene.camera import Camera
+from ..scene.camera import Camera, Raster, raster_of
 from ..scene.geometry import bounding_box, camera_axes
-from ..scene.image_part import Raster, raster_of
 from ..scene.model import Scene
 from .shading_tables import scale_for
 from .struct_layout import GUARD_HIGH, GUARD_LOW, MOST_DEPTH, MOST_LENGTH, SAMPLE_BITS, SNAP_LIMIT, SUBPIXEL_BITS

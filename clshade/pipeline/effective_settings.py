@@ -80,9 +80,8 @@ def _shown(scene: Scene, settings: Settings) -> Scene:
 def numbers_alone(settings: Settings, layers: tuple[Layer, ...]) -> Settings:
     """Return settings with which each sample shows the same triangle, unlit, and these layers of numbers."""
     plain: dict[str, Any] = {"shader": "nolight", "sample_shading": False, "shadows": False, "ambient_occlusion": 0}
-    return replace(
-        settings, **plain, layers=layers, texture_filter="bilinear", scalars=None, edges=None, background=None
-    )
+    plain |= {"texture_filter": "bilinear", "scalars": None, "edges": None, "background": None}
+    return replace(settings, **plain, layers=layers)
 
 
 SAMPLES = 4
@@ -110,9 +109,8 @@ def picture_fields(scene: Scene, preset: Preset | None = None, **given: Any) -> 
     if given.get("shadows") and not lights_shine:
         usual["ambient_occlusion"] = OCCLUSION_RAYS
     varies = (all_fields["shadows"] and lights_shine) or {**usual, **given}.get("ambient_occlusion")
-    if all_fields["samples"] > 1 and (
-        varies or any(textures_of(mesh, maps=is_pbr) for mesh in objects_of(scene).meshes)
-    ):
+    varies = varies or any(textures_of(mesh, maps=is_pbr) for mesh in objects_of(scene).meshes)
+    if all_fields["samples"] > 1 and varies:
         usual["sample_shading"] = True
     return {**usual, **given}
 

@@ -132,11 +132,10 @@ class _Target:
             inside = ((place >= 0.0) & (place < self._camera.resolution)).all(axis=1)
         traced = ahead & inside & self._shown[face]
         points = offsets(self._verts, self._origin)
-        is_flat = self._camera.orthographic
-        eye = (
-            -camera_axes(self._camera)[2] if is_flat else self._camera.eye - self._origin
-        )  # or the direction toward it
-        hidden = self._hierarchy.shadowed(points, np.where(traced, face, -1), np.append(eye, 0.0 if is_flat else 1.0))
+        eye = np.append(self._camera.eye - self._origin, 1.0)
+        if self._camera.orthographic:  # the direction toward it
+            eye = np.append(-camera_axes(self._camera)[2], 0.0)
+        hidden = self._hierarchy.shadowed(points, np.where(traced, face, -1), eye)
         return np.where(ahead[:, None], vectors, np.nan), hidden | ~traced
 
 
@@ -144,9 +143,7 @@ def _not_shown(scene: Scene, settings: Settings, verts: Floats, faces: Faces) ->
     """Return the faces whose back the camera sees, where backs are not drawn, (F,), and those through which layers look."""
     culled, clear = np.zeros((2, len(faces)), bool)
     end = 0
-    for mesh, matrix in [
-        (drawn_mesh, matrix) for drawn_mesh in scene.meshes for matrix in np.asarray(drawn_mesh.instances)
-    ]:
+    for mesh, matrix in ((part, matrix) for part in scene.meshes for matrix in np.asarray(part.instances)):
         start, end = end, end + len(mesh.faces)
         clear[start:end] = mesh.blends and mesh.material.opacity < settings.layer_alpha
         if mesh.material.sides == "both" and not settings.cull:

@@ -16,8 +16,7 @@ from ..base.json_values import plain
 from ..base.spelling import hint
 from ..base.validation import choice, flag, value_error
 from ..images.layers import LAYER_REMARKS, LAYER_WORDS, LAYERS, lists_layers
-from ..scene.camera import Camera
-from ..scene.image_part import PartCamera
+from ..scene.camera import Camera, PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
 from . import frame_files
 from .frame_files import FileKind, SavingOptions
@@ -331,9 +330,7 @@ class Frame(Picture):
             "exr": lambda file: self._encode_exr(file, saving),
             "png": lambda file: png.encode(file, image()),
             "npz": lambda file: frame_files.encode_npz(file, self.arrays(deterministic=deterministic)),
-            "depth": lambda file: depth_png.encode(
-                file, self["Z"], saving["depth_scale"], ("Frame.save", "depth_scale")
-            ),
+            "depth": lambda file: depth_png.encode(file, self["Z"], saving["depth_scale"]),
         }
         lines = frame_files.write_files(paths, encoders)
         line = why_unseen(self.rgba, self.scene, self.settings, self.stats)

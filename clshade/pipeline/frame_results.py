@@ -19,11 +19,10 @@ from ..base.validation import path as checked_path
 from ..base.validation import value_error
 from ..base.version import VERSION
 from ..images import exr, exr_limits
-from ..scene.camera import MAX_RESOLUTION
+from ..scene.camera import MAX_RESOLUTION, PartCamera
 from ..scene.description import digest_of, part_digests
 from ..scene.geometry import in_image
 from ..scene.ground import objects_of
-from ..scene.image_part import PartCamera
 from ..scene.model import Scene, Settings, default_tonemap
 from ..scene.settings import Edges, Scalars
 from .frame_files import SavingOptions
@@ -38,43 +37,34 @@ class Check:
     A bound is sqrt(max(n, 1)) * 2^-24 * kappa * B, or 1e-12 * kappa * B for float64: n is the specular exponent, B the most
     light that the point can send, kappa, a condition number, how far the geometry amplifies rounding errors.
 
-    pixels, of: number of pixels checked, and of all. bounds, allowed: largest error of a color in bounds, and the largest
-    one allowed, 32 for float32, 1 for float64, see `oracle_bounds.allowed`. error, rms: largest |value - oracle| / B, and
-    the root mean square, of the whole image only if all pixels were checked. kappa, worst: kappa, and row (from the top) and
-    column, of the pixel of `bounds`. strata: by stratum, the number of pixels checked and their largest error in bounds.
-
-    wrong: pixels whose owner, instance or coverage differs from the oracle's, or whose values are not finite. ties: pixels
-    with another owner at a depth within 2^-38 of the oracle's, where either is correct: not wrong. With several samples also
-    pixels of the same id, if any, whose color is off and one of whose samples has two nearest faces as close as that; these
-    do not count in `bounds` either. gates: pixels whose error exceeds what is allowed by no more than a highlight, or a step
-    of a color map, that may fall on either side of its threshold; not counted in `bounds`.
-
-    depth, depth_allowed: largest relative error of Z, in 2^-24, or in 2^-53 for float64, None without the layer Z; and the
-    largest one allowed, 10, or 22 for float64. ids: whether owners were compared; without the layer id only coverage is.
-    precision: of the frame. seconds: duration of the check. image: (M, N), the error of each pixel in bounds, infinity where
-    it is wrong, 0 for ties; None unless all pixels were checked. flow: largest error of the frame's flows, in what is
-    allowed; infinite where a mask is wrong, None without any.
+    Ties are pixels with another owner at a depth within 2^-38 of the oracle's, where either is correct. With several samples
+    also pixels of the same id, if any, whose color is off and one of whose samples has two nearest faces as close as that;
+    these do not count in `bounds` either. Nor do gates, pixels whose error exceeds what is allowed by no more than a
+    highlight, or a step of a color map, that may fall on either side of its threshold.
     """
 
-    pixels: int
-    of: int
-    bounds: float
-    allowed: float
-    error: float
-    rms: float
-    kappa: float
-    worst: tuple[int, int]
-    strata: dict[str, tuple[int, float]]
-    wrong: int
-    ties: int
-    gates: int
-    depth: float | None
-    depth_allowed: int
-    ids: bool
-    precision: str
-    seconds: float
+    pixels: int  # checked
+    of: int  # all
+    bounds: float  # largest error of a color, in bounds
+    allowed: float  # the largest one allowed, 32 for float32, 1 for float64, see `oracle_bounds.allowed`
+    error: float  # largest |value - oracle| / B
+    rms: float  # its root mean square, of the whole image only if all pixels were checked
+    kappa: float  # of the pixel of `bounds`
+    worst: tuple[int, int]  # row (from the top) and column of that pixel
+    strata: dict[str, tuple[int, float]]  # pixels checked, and their largest error in bounds
+    wrong: int  # pixels whose owner, instance or coverage differs from the oracle's, or whose values are not finite
+    ties: int  # pixels
+    gates: int  # pixels
+    depth: float | None  # largest relative error of Z, in 2^-24, or in 2^-53 for float64; None without that layer
+    depth_allowed: int  # the largest one allowed, 10, or 22 for float64
+    ids: bool  # whether owners were compared; without the layer id only coverage is
+    precision: str  # of the frame
+    seconds: float  # that the check took
+    # (M, N), error in bounds, infinity where a pixel is wrong, 0 for ties; None unless all pixels were checked
     image: Floats32 | None = field(repr=False)
-    flow: float | None = None
+    flow: float | None = (
+        None  # largest error of the flows, in what is allowed; infinite for a wrong mask, None without any
+    )
 
     @property
     def passed(self) -> bool:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from copy import copy
-from itertools import groupby
+from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
@@ -236,9 +236,8 @@ class Gatherer:
         self.scene = scene = without_colors(scene, settings.scalars)
         self._materials = materials_of(scene)
         meshes = [(number, mesh) for number, mesh in enumerate(scene.meshes) if len(mesh.faces)]
-        self.textures = list(
-            {id(texture): texture for _, mesh in meshes for texture in textures_of(mesh, maps=maps)}.values()
-        )
+        looked_up = chain.from_iterable(textures_of(mesh, maps=maps) for _, mesh in meshes)
+        self.textures = list({id(texture): texture for texture in looked_up}.values())
         self._white = len(self.textures)
         if "TEXTURED" in forced or "ALPHA_TEST" in forced:
             self.textures.append(WHITE)
@@ -288,10 +287,8 @@ class Gatherer:
             if self._prefix:
                 rows[:, 3] = is_unit
             elif bends:
-                own_faces = copies.indices(faces, len(normals))
-                rows[:, 3] = _bends(
-                    directions, own_faces, copies.points(), copies.indices(copies.faces, len(copies.verts))
-                )
+                corners = copies.indices(copies.faces, len(copies.verts))
+                rows[:, 3] = _bends(directions, copies.indices(faces, len(normals)), copies.points(), corners)
             parts.append(rows)
         tables = {f"{self._prefix}normals": joined(parts)}
         return {**tables, "normal_faces": self._indices(index)} if indexed else tables
@@ -387,9 +384,8 @@ class Gatherer:
     def per_face(self, values: Sequence[int], kind: type[np.integer[Any]] = np.int32) -> Array:
         """Return for each face the value of its mesh, of `values` for all of the scene's: (F,)."""
         table = np.array(values, kind)
-        return joined(
-            [np.repeat(table[list(copies.numbers)], copies.sizes[1] * copies.count) for copies in self.copies], kind
-        )
+        parts = (np.repeat(table[list(one.numbers)], one.sizes[1] * one.count) for one in self.copies)
+        return joined(list(parts), kind)
 
     def per_copy(self, first: Sequence[int]) -> Array:
         """Return for each face the number of its copy, counted from that of its mesh's first one: (F,) uint32."""
@@ -404,8 +400,9 @@ class Gatherer:
     def face_textures(self) -> Array:
         """Return each face's row of the texture table, -1 for none, (F,) int32."""
         numbers = {id(texture): i for i, texture in enumerate(self.textures)}
+        meshes = self.scene.meshes
         return self.per_face(
-            [numbers[id(m.material.texture)] if len(m.faces) and texture_applies(m) else -1 for m in self.scene.meshes]
+            [numbers[id(m.material.texture)] if len(m.faces) and texture_applies(m) else -1 for m in meshes]
         )
 
     def light_unit(self, radius: float) -> float:

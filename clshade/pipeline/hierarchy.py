@@ -32,13 +32,11 @@ _LEAST = 2.0**-60  # shorter rays end where they begin
 
 @dataclass(frozen=True)
 class CasterFrame:
-    """The frame of reference of shadows: (position - origin) * unit, at most SHADOW_REACH in each coordinate.
+    """The frame of reference of shadows: (position - origin) * unit, at most SHADOW_REACH in each coordinate. It depends on
+    the mesh alone."""
 
-    origin: (3,) float64, the center of the casters' box. unit: a power of two. Both depend on the mesh alone.
-    """
-
-    origin: Floats
-    unit: float
+    origin: Floats  # (3,) float64, the center of the casters' box
+    unit: float  # a power of two
 
     @classmethod
     def around(cls, vertices: Floats) -> CasterFrame:

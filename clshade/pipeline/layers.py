@@ -10,8 +10,8 @@ import numpy as np
 
 from ..base.arrays import Array
 from ..images.layers import LAYER_TABLE, Layer
+from ..scene.contents import first_instances, instance_names, object_names, object_numbers
 from ..scene.model import Material, Scene, Settings, Texture
-from ..scene.objects import first_instances, instance_names, object_names, object_numbers
 from .buffers import Buffer, Pool
 from .camera_space import CameraSpace
 from .features import Features, uses_normal_indices
@@ -25,14 +25,13 @@ _BAND = 1 << 13  # pixels
 class LayerTables(NamedTuple):
     """What only layers read.
 
-    requested: bits of LAYER_BITS and MIRRORED, 0 without any. arrays: those of object_id, material_id and
-    instance_id, (F,) uint32; and by the names of the kernel's parameters, normals and uvs with their indices as in
-    scene_tables.Packed, unless those of the lighting serve; mirrored, (F,) int32, whether a face's placement mirrors;
+    arrays: those of object_id, material_id and instance_id, (F,) uint32; and by the names of the kernel's parameters,
+    normals and uvs with their indices as in scene_tables.Packed, unless those of the lighting serve; mirrored, (F,) int32;
     scalars, (3F,) reals, at the corners of faces, times 2^-scalar_exponent; NAN_POSITION for none. Where instances are drawn
     from one copy of their mesh, object_normals are in place of normals, and there is no instance_id by face.
     """
 
-    requested: int
+    requested: int  # bits of LAYER_BITS and MIRRORED, 0 without any
     arrays: Mapping[str, Array]
     scalar_exponent: int = 0
 
@@ -158,16 +157,11 @@ class Layers:
                 of_instances = name == "instance_id" and values["instances"] is not None
                 arguments = {"shown": buffer, "numbers": self._own.get(name), "count": owners.array.size}
                 arguments |= {"in_table": name != "id" and not of_instances, "of_instances": of_instances}
-                frame.events[f"layer_{name}"] = stages.run(
-                    "layer_number", items(owners.array.size), values, **arguments
-                )
+                size = items(owners.array.size)
+                frame.events[f"layer_{name}"] = stages.run("layer_number", size, values, **arguments)
         if any(name in LAYER_BITS for name in layers):
-            values = {**values, **self._surface}
-            values |= {
-                "mirrored": self._own.get("mirrored"),
-                "scalars": self._own.get("scalars"),
-                "requested": self._requested,
-            }
+            values = {**values, **self._surface, "requested": self._requested}
+            values |= {name: self._own.get(name) for name in ("mirrored", "scalars")}
             values |= {f"to_{name}": layers.get(name) for name in LAYER_BITS}
             size = stages.tiles("surface_layers", frame.tiles)
             frame.events["surface_layers"] = stages.run("surface_layers", size, values)

@@ -99,9 +99,7 @@ def facing(positions: Array, faces: Array, normals: Floats, eye: Floats, axis: F
     """Return (F,): 1 for faces seen from the front, -1 for others, 0 for faces without area. axis: (3,) the viewing
     direction of an orthographic camera, else None."""
     with np.errstate(over="ignore", invalid="ignore"):
-        toward = (
-            eye - positions[faces[:, 0]].astype(np.float64) if axis is None else np.broadcast_to(-axis, normals.shape)
-        )
+        toward = eye - positions[faces[:, 0]].astype(np.float64) if axis is None else -axis[None]
         side = _dot(normals, toward)
     return np.asarray(np.where((normals == 0.0).all(axis=1), 0, np.where(side > 0.0, 1, -1)))
 

@@ -34,8 +34,9 @@ def mirroring(matrices: Floats) -> Bools:
     mirrored: Bools = determinants < 0.0
     # Each product has a relative error of at most 2^-52, unless it underflows; so does each of the five sums.
     for k in np.flatnonzero(np.abs(determinants) <= 2.0**-49 * sizes + 1e-300):
-        a, b, c, d, e, f, g, h, i = map(Fraction, rows[k].ravel().tolist())
-        mirrored[k] = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
+        x, y, z = (list(map(Fraction, row)) for row in rows[k].tolist())
+        cross = y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]
+        mirrored[k] = x[0] * cross[0] + x[1] * cross[1] + x[2] * cross[2] < 0
     return mirrored
 
 

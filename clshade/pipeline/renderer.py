@@ -49,7 +49,7 @@ _LEAST_ALIGNMENT = 16  # bytes, of memory to which kernels write four float32 at
 def event_ms(event: Any) -> float:
     """Return the time of a kernel, from its event, or of several launches from a list."""
     events = event if isinstance(event, list) else [event]
-    return float(sum(each.profile.end - each.profile.start for each in events)) / 1e6
+    return float(sum(launch.profile.end - launch.profile.start for launch in events)) / 1e6
 
 
 def _is_aligned(array: Array, alignment: int) -> bool:

@@ -246,7 +246,7 @@ class ResidentScene:
         key = resolution, first, room, streamed, self.places.tobytes()
         with frame.values["image"].writing(waits=False) as table:
             image = table[0]
-            image["unscale"] = to_real(np.float64(1.0) / frame.space.scale, real)
+            image["unscale"] = to_real(1.0 / frame.space.scale, real)
             image["to_eye"] = -frame.space.axes[2]
             around = self._scene.environment if self._features["BACKDROP"] else None
             if around is not None:
@@ -273,7 +273,7 @@ class ResidentScene:
             image["transparent"] = background is None
             if background is not None:
                 image["background"] = to_real(background, real)
-            image["layer_alpha"] = to_real(np.float64(settings.layer_alpha), real)
+            image["layer_alpha"] = to_real(settings.layer_alpha, real)
         self._written[frame.values["image"]] = key
 
     def write_lights(self, frame: FrameInFlight) -> None:

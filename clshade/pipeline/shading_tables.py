@@ -17,6 +17,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats
 from ..base.atomic_files import write_bytes
@@ -33,7 +34,7 @@ Real = type[np.floating]
 _MOST_KEPT = 8  # files of tables: those that were not used for longest go
 
 
-def to_real(values: Array, real: Real = np.float32) -> Array:
+def to_real(values: ArrayLike, real: Real = np.float32) -> Array:
     """Round to a real; saturate at the largest finite value, flush values below the normal range to 0."""
     info = np.finfo(real)
     values = np.clip(np.asarray(values, np.float64), float(info.min), float(info.max))
@@ -99,9 +100,8 @@ def texture_tables(textures: list[Texture], *, mipmaps: bool = False, uv_rows: i
     """Return rows of `struct_layout.SINGLE.Texture` and all textures' texels, concatenated, (X, 4) float32; with `mipmaps`
     each texture is followed by its smaller levels, which are opaque. uv_rows: of a set of texture coordinates."""
     table = np.zeros(len(textures), SINGLE.Texture)
-    mipmap = [
-        [each.texels, *(levels_below(each) if mipmaps and each.lookup == "standard" else [])] for each in textures
-    ]
+    below = (levels_below(each) if mipmaps and each.lookup == "standard" else [] for each in textures)
+    mipmap = [[each.texels, *levels] for each, levels in zip(textures, below, strict=True)]
     starts = np.cumsum([0, *(level.shape[0] * level.shape[1] for levels in mipmap for level in levels)])
     texels, offsets = np.empty((starts[-1], 4), np.float32), iter(starts)
     with ThreadPoolExecutor(_THREADS) as threads:
@@ -253,9 +253,8 @@ def usable(mesh: Mesh) -> Material:
     changes["alpha_cutoff"] = material.alpha_cutoff if mesh.tests_alpha else None
     if facets is not None:
         maps: dict[str, Any] = {name: map_of(mesh, name) for name in MAPS}
-        changes["pbr"] = (
-            facets if all(getattr(facets, name) is maps[name] for name in maps) else replace(facets, **maps)
-        )
+        is_whole = all(getattr(facets, name) is texture for name, texture in maps.items())
+        changes["pbr"] = facets if is_whole else replace(facets, **maps)
     unchanged = all(getattr(material, name) is value for name, value in changes.items())
     return material if unchanged else replace(material, **changes)
 
@@ -321,7 +320,6 @@ def backdrop_table(environment: Environment, structs: Structs) -> Array:
     height, width, _ = environment.image.shape
     factor = environment.intensity / backdrop_unit(environment)
     table = np.zeros((height + 3, width + 2, 4), structs.real)
-
     for row in range(height):
         table[1 + row, 1:-1, :3] = to_real(environment.image[row].astype(np.float64) * factor, structs.real)
     for place, row in ((0, 0), (height + 1, -1), (height + 2, -1)):

@@ -174,8 +174,8 @@ def draw_triangle(
     pieces["y"] -= rows.start * _SUBPIXELS
     normals = unit(normals) if shader == "gouraud" else np.ldexp(normals, -np.frexp(np.abs(normals).max())[1])
     arrays = {**_lit(around, colors), "normals": _four(normals), "colors": _four(colors)}
-    shines, bright = (bool(some.any()) for some in (around.intensities, np.abs(colors) > 1.0))
-    features = derive_alone(shader, around.material, shines, bright)
+    bright = bool((np.abs(colors) > 1.0).any())
+    features = derive_alone(shader, around.material, bool(around.intensities.any()), bright)
     rgba = _draw(device, features, pieces, arrays, target.shape[:2])
     if rgba is not None:
         upward = rgba[::-1]

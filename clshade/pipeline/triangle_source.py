@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.arrays import Array, Bools, Floats, Integers
+from ..scene.contents import first_instances
 from ..scene.model import MAX_FACES, Scene, Settings
-from ..scene.objects import first_instances
 from .buffers import Buffer, TriangleBuffers, VertexBuffers, wait
 from .camera_space import CameraSpace, project_on_host
 from .gather import Copies, Gatherer
@@ -259,12 +259,9 @@ class Instances(TriangleSource):
         self.sizes = {"triangles": face_count, "vertices": vertex_count}
         count = len(tables.rows)
         # listed: L numbers of those to draw. *_starts: L + 1, the number of vertices or faces of all listed before.
-        self._placing = {
-            "instances": Buffer(device, tables.rows),
-            "listed": Buffer(device, np.zeros(count, np.uint32)),
-            "vertex_starts": Buffer(device, np.zeros(count + 1, np.int64)),
-            "face_starts": Buffer(device, np.zeros(count + 1, np.int64)),
-        }
+        arrays = {"instances": tables.rows, "listed": np.zeros(count, np.uint32)}
+        arrays |= {name: np.zeros(count + 1, np.int64) for name in ("vertex_starts", "face_starts")}
+        self._placing = {name: Buffer(device, array) for name, array in arrays.items()}
         self._listed = np.zeros(0, np.uint32)
         block = _BLOCK if device.is_cpu else _BLOCK_OF_GPU
         self._block = max(int(tables.vertices.max(initial=0)), min(block, vertex_count))

@@ -21,9 +21,9 @@ from ..base.validation import arguments, choice, flag, integer, sequence, value_
 from ..base.validation import path as checked_path
 from ..images.cryptomatte import MATTES, MAX_RANKS, RANKS, Matte, MatteKind, hashes, matte
 from ..scene.camera import Camera
+from ..scene.contents import first_instances, instance_names, object_numbers
 from ..scene.geometry import in_image
 from ..scene.model import Material, Mesh, Scene, Settings
-from ..scene.objects import first_instances, instance_names, object_numbers
 from ..scene.settings import Layer, Preset, RenderOptions
 from .camera_space import near_plane, sample_positions
 from .effective_settings import effective_settings, numbers_alone

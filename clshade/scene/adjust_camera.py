@@ -1,4 +1,5 @@
-"""Adjust a camera by angles around its target, a view angle or a position, or so that it shows all of a scene."""
+"""Other cameras of a scene: adjusted by angles around their target, a view angle or a position; fitted to all of it; named
+views, as in a technical drawing: parallel projections along its axes, all of one scale."""
 
 from __future__ import annotations
 
@@ -11,10 +12,9 @@ import numpy as np
 
 from ..base import console
 from ..base.arrays import Array, Floats
-from ..base.validation import number, vector
-from .camera import Camera, height_seen
-from .fitting import fitted
-from .framing import UPS, default_camera, up_of
+from ..base.validation import choice, number, vector
+from .camera import Camera, checked_resolution, height_seen
+from .framing import FILL, UPS, bounding_sphere, default_camera, extent, fitted, up_of
 from .geometry import camera_axes
 from .ground import objects_of
 from .model import Mesh, Scene
@@ -22,6 +22,19 @@ from .model import Mesh, Scene
 # Where the eye is straight above or below, by the cosine of its elevation, `up` is tilted so much towards the image's:
 # it stays the axis of the scene that is up, about which turntables turn.
 _POLE, _TILT = 1e-9, 1e-6
+CAMERA = "camera"  # the scene's own view
+_DISTANCE = 2.0  # of the eye from the center, bounding radii: in a parallel projection any outside will do
+# The direction from the center to the eye, and what points up in the image: each as right, up and backward.
+_VIEWS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+    "front": ((0, 0, 1), (0, 1, 0)),
+    "back": ((0, 0, -1), (0, 1, 0)),
+    "left": ((-1, 0, 0), (0, 1, 0)),
+    "right": ((1, 0, 0), (0, 1, 0)),
+    "top": ((0, 1, 0), (0, 0, -1)),
+    "bottom": ((0, -1, 0), (0, 0, 1)),
+    "iso": ((1, 1, 1), (0, 1, 0)),
+}
+VIEWS = (*_VIEWS, CAMERA)
 
 
 def _rotated(offset: Array, axis: Array, degrees: float) -> Floats:
@@ -50,7 +63,7 @@ def adjusted(
     azimuth, elevation: degrees by which the eye rotates around the focal point: to its right about `up`, and upwards, also
         over the pole, beyond which the image is upside down.
     view_angle: vertical field of view, degrees from 1e-6 to less than 180; pixels become square.
-    fit: meshes that the eye is then moved to show, in the same direction: see `fitting.fitted`, also for turning.
+    fit: meshes that the eye is then moved to show, in the same direction: see `framing.fitted`, also for turning.
     orthographic: parallel projection of what the perspective camera sees at the focal point's distance.
     Raises InputError for values out of range.
     """
@@ -102,7 +115,7 @@ def camera_of(scene: Scene, changes: Mapping[str, Any], *, fit: bool = False, tu
     A camera that was chosen to show all of the scene (`Scene.fitted`) is chosen again for another direction or
     projection, unless the changes place it: by a position, a focal point or a view angle.
     fit: choose it so in any case but if position and focal point are both given.
-    turning: it will go round the scene, see `fitting.fitted`.
+    turning: it will go round the scene, see `framing.fitted`.
     """
     changed = {name for name, value in changes.items() if value not in (None, False, 0.0)}
     placed = changed & {"position", "focal_point", "view_angle"}
@@ -118,3 +131,71 @@ def refitted(scene: Scene, resolution: tuple[int, int] | None = None) -> Scene:
     meshes, resolution = objects_of(scene).meshes, resolution or scene.camera.resolution
     camera = default_camera(meshes, up_of(scene.camera), resolution)
     return replace(scene, camera=camera, fitted=True)
+
+
+def named_cameras(scene: Scene, names: Sequence[str], resolution: tuple[int, int] | None = None) -> dict[str, Camera]:
+    """Return a camera for each name, in this order.
+
+    names: of VIEWS. `camera` is the scene's own; all others are parallel projections that show all vertices, but not
+    all of a ground, and all of one scale: the largest at which each fits into framing.FILL of the image. The axis nearest
+    to the camera's up points up; `front` is seen from +z where that is y, from -y where it is z (`framing.UPS`).
+    resolution: (N, M); default: the scene's camera's.
+    Raises InputError for another name, and where a position overflows.
+    """
+    for name in names:
+        choice("named_cameras", "names", name, VIEWS)
+    resolution = scene.camera.resolution if resolution is None else checked_resolution("named_cameras", resolution)
+    (columns, rows), meshes = resolution, objects_of(scene).meshes
+    center, radius = sphere = bounding_sphere(meshes)
+    axes = np.array(UPS[up_of(scene.camera)], np.float64)
+    cameras, height = {}, 0.0
+    for name in dict.fromkeys(names):
+        if name == CAMERA:
+            same = scene.camera.resolution == resolution
+            cameras[name] = scene.camera if same else scene.camera.with_resolution(resolution)
+            continue
+        towards, up = (np.array(direction, np.float64) @ axes for direction in _VIEWS[name])
+        with np.errstate(over="ignore"):
+            eye = center + towards * (_DISTANCE * radius / math.hypot(*towards))
+        flat = Camera(eye, center, up, 1.0, (1.0, 1.0), resolution, orthographic=True)
+        aside, half = extent(flat, meshes, sphere)
+        cameras[name] = replace(flat, eye=eye + aside, lookat=center + aside)
+        height = max(height, 2.0 * half[1], 2.0 * half[0] * rows / columns)
+    height = height / FILL or 2.0 * radius
+    return {
+        name: camera if name == CAMERA else replace(camera, plane=(height, height * columns / rows))
+        for name, camera in cameras.items()
+    }
+
+
+def seen_by(scene: Scene, camera: Camera, *, fixed_lights: bool = False) -> Scene:
+    """Return the scene with this camera and with lights that stand to it as they stand to the scene's own camera.
+
+    They are turned about the center of the bounding box, so that every view is lit as the scene's own is.
+    fixed_lights: they stay where they are in the scene.
+    """
+    if camera is scene.camera or fixed_lights or not scene.lights:
+        return replace(scene, camera=camera)
+    center, _ = bounding_sphere(objects_of(scene).meshes)
+    turn: Array = camera_axes(camera).T @ camera_axes(scene.camera)
+    if np.array_equal(camera.eye, scene.camera.eye) and np.allclose(turn, np.eye(3), rtol=0.0, atol=1e-15):
+        return replace(scene, camera=camera)  # another resolution
+    lights = tuple(light.turned(center, turn) for light in scene.lights)
+    return replace(scene, camera=camera, lights=lights)
+
+
+def units_per_pixel(camera: Camera) -> float:
+    """Return the length that one pixel is wide, scene units: everywhere in a parallel projection, else at the distance of
+    the focal point."""
+    width = camera.plane[1] / camera.resolution[0]
+    if camera.orthographic:
+        return width
+    return width * math.dist(camera.lookat, camera.eye) / camera.focal
+
+
+def towards_eye(camera: Camera) -> str:
+    """Return the signs and axes that the eye lies at as seen from what it looks at, such as "+z" or "+x +y +z"."""
+    backward = -camera_axes(camera)[2]
+    return " ".join(
+        f"{'+' if value > 0 else '-'}{axis}" for axis, value in zip("xyz", backward, strict=True) if abs(value) > 1e-9
+    )

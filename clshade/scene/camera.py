@@ -2,24 +2,29 @@
 
 K is that of Hartley and Zisserman, Multiple View Geometry, section 6.1: a point (X, Y, Z) in the camera's frame, x to the
 right, y down, z forward, is seen at column fx X/Z + cx and row fy Y/Z + cy.
+
+A camera of a part of an image shows that part with the bits of the whole. Its lens alone would not do: positions computed
+from it are rounded otherwise, now and then to another 1/65536 px.
 """
 
 from __future__ import annotations
 
+import copy
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Floats
-from ..base.declare import check_fields, checked
+from ..base.arrays import Floats, Vector
+from ..base.declare import check_fields, checked, record, required
 from ..base.validation import choice, flag, floats, integer, items, number, value_error, vector
 from ..errors import InputError
 
 MAX_RESOLUTION = 16384  # pixels a side; kernels/edge.clh derives the integer ranges from it
+MAX_WHOLE = 1 << 17  # pixels a side of an image drawn in parts: float32 holds positions from its center in 1/256 px
 Convention: TypeAlias = Literal["opencv", "opengl"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 _K_FORM = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
@@ -53,7 +58,7 @@ def height_seen(who: str, name: str, degrees: Any) -> float:
     return 2.0 * math.tan(math.radians(angle) / 2.0)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Camera:
     """A pinhole camera: a pose, a lens and a resolution.
 
@@ -89,28 +94,14 @@ class Camera:
     (1920, 1080)
     """
 
-    eye: Floats = field(metadata={"check": vector})
-    lookat: Floats = field(metadata={"check": vector})
-    up: Floats = field(metadata={"check": vector})
-    focal: float = field(metadata={"check": partial(number, above=0.0)})
-    plane: tuple[float, float] = field(metadata={"check": _plane})
+    eye: Vector = required(check=vector)
+    lookat: Vector = required(check=vector)
+    up: Vector = required(check=vector)
+    focal: float = required(check=partial(number, above=0.0))
+    plane: tuple[float, float] = required(check=_plane)
     resolution: tuple[int, int] = checked((800, 600), lambda owner, _name, value: checked_resolution(owner, value))
     principal: tuple[float, float] = checked((0.5, 0.5), _principal)
     orthographic: bool = checked(False, flag)
-
-    if TYPE_CHECKING:  # the accepted types; the fields above have those that are kept
-
-        def __init__(
-            self,
-            eye: ArrayLike,
-            lookat: ArrayLike,
-            up: ArrayLike,
-            focal: float,
-            plane: tuple[float, float],
-            resolution: tuple[int, int] = (800, 600),
-            principal: tuple[float, float] = (0.5, 0.5),
-            orthographic: bool = False,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         check_fields(self, "Camera")
@@ -176,9 +167,7 @@ class Camera:
         """
         who = "Camera.from_matrix"
         size = checked_resolution(who, resolution)
-        plane, principal = lens_of(who, matrix, size, pixel_center)
-        eye, forward, up = placement_of(who, pose, convention)
-        return cls(eye, eye + forward, up, 1.0, plane, size, principal)
+        return cls(resolution=size, **lens_of(who, matrix, size, pixel_center), **placement_of(who, pose, convention))
 
     @classmethod
     def from_matrices(
@@ -213,11 +202,9 @@ class Camera:
             expected = f"one, or {len(placements)} for as many poses"
             raise InputError(f"{who}: matrices: expected {expected}, found {len(lenses)}")
         cameras = []
-        for k, (lens, pose) in enumerate(zip(lenses, placements, strict=True)):
-            name = "matrices" if one_for_all else f"matrices[{k}]"
-            plane, principal = lens_of(who, lens, size, pixel_center, name)
-            eye, forward, up = placement_of(who, pose, convention, f"poses[{k}]")
-            cameras.append(cls(eye, eye + forward, up, 1.0, plane, size, principal))
+        for k, (matrix, pose) in enumerate(zip(lenses, placements, strict=True)):
+            lens = lens_of(who, matrix, size, pixel_center, "matrices" if one_for_all else f"matrices[{k}]")
+            cameras.append(cls(resolution=size, **lens, **placement_of(who, pose, convention, f"poses[{k}]")))
         return tuple(cameras)
 
     def to_matrix(self, *, pixel_center: float = 0.5, convention: Convention = "opencv") -> tuple[Floats, Floats]:
@@ -254,8 +241,8 @@ class Camera:
 
         Parameters
         ----------
-        convention : {"opencv", "opengl"}
-            Axes of the camera, see `from_matrix`.
+        convention
+            See `from_matrix`.
         """
         choice("Camera.pose", "convention", convention, CONVENTIONS)
         pose = np.eye(4)
@@ -310,6 +297,27 @@ class Camera:
         return replace(self, plane=(self.plane[0], self.plane[0] * columns / rows), resolution=(columns, rows))
 
 
+@dataclass(frozen=True, eq=False)
+class PartCamera(Camera):
+    """The camera of a part of an image, made by `part_of`. Its lens is that of the part; whole: the camera of all of it;
+    left, top: column and row of the part's first pixel, from the top left of the whole."""
+
+    whole: Camera | None = None
+    left: int = 0
+    top: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        lens = self.plane, self.principal
+        if self.whole is None or lens != _lens(self.whole, self.left, self.top, self.resolution):
+            raise value_error("PartCamera", "plane, principal", "those of `part_of`", lens)
+
+    def with_resolution(self, resolution: tuple[int, int]) -> Camera:
+        """Return the view of the whole image at another resolution."""
+        assert self.whole is not None
+        return self.whole.with_resolution(resolution)
+
+
 def _checked_center(who: str, value: Any) -> float:
     """Return the coordinate of the first pixel's center, 0.5 or 0."""
     if not np.isscalar(value) or value not in (0, 0.5):
@@ -319,11 +327,8 @@ def _checked_center(who: str, value: Any) -> float:
 
 def lens_of(
     who: str, matrix: Any, resolution: tuple[int, int], pixel_center: float, name: str = "matrix"
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return `plane`, for focal 1, and `principal` of the camera with this K, see `Camera.from_matrix`.
-
-    who, name: for errors. Raises InputError for another form of matrix.
-    """
+) -> dict[str, Any]:
+    """Return the fields of a camera that K determines. who, name: for errors. Raises InputError for another form of K."""
     k = floats(who, name, matrix, _K_FORM).astype(np.float64)
     if k.shape != (3, 3) or not np.isfinite(k).all():
         raise value_error(who, name, _K_FORM, k.tolist() if k.size <= 9 else k)
@@ -335,14 +340,13 @@ def lens_of(
         raise value_error(who, name, "fx and fy above 0", k.tolist())
     (columns, rows), shift = resolution, 0.5 - _checked_center(who, pixel_center)
     (fx, _, cx), (_, fy, cy), _ = k.tolist()
-    return (rows / fy, columns / fx), ((cx + shift) / columns, 1.0 - (cy + shift) / rows)
+    principal = (cx + shift) / columns, 1.0 - (cy + shift) / rows
+    return {"focal": 1.0, "plane": (rows / fy, columns / fx), "principal": principal, "orthographic": False}
 
 
-def placement_of(who: str, pose: Any, convention: str, name: str = "pose") -> tuple[Array, Array, Array]:
-    """Return the eye, the viewing direction and the direction up, (3,) float64 each, of a pose, see `Camera.from_matrix`.
-
-    who, name: for errors. Raises InputError for a matrix that is no rotation with a translation.
-    """
+def placement_of(who: str, pose: Any, convention: str, name: str = "pose") -> dict[str, Any]:
+    """Return eye, lookat and up of a camera in a pose. who, name: for errors. Raises InputError for a matrix that is no
+    rotation with a translation."""
     matrix = floats(who, name, pose, _POSE_FORM).astype(np.float64)
     if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
         raise value_error(who, name, _POSE_FORM, matrix.tolist() if matrix.size <= 16 else matrix)
@@ -353,27 +357,18 @@ def placement_of(who: str, pose: Any, convention: str, name: str = "pose") -> tu
     with np.errstate(over="ignore", invalid="ignore"):
         rigid = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _RIGID
     if not rigid or np.linalg.det(rotation) < 0.0:
-        expected = "a rotation without scale or reflection"
-        raise InputError(f"{who}: {name}: expected {expected}, found {_described(rotation, rigid)}")
-    right_down_forward = rotation * _SIGNS[convention]
-    return eye, right_down_forward[:, 2], -right_down_forward[:, 1]
-
-
-def _described(rotation: Array, rigid: bool) -> str:
-    """Return what a matrix that is no rotation is instead."""
-    if rigid:
-        return "a reflection"
-    rows = "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rotation)
-    scale = np.abs(rotation).max()
-    singular = scale == 0.0 or np.linalg.matrix_rank(rotation / scale) < 3
-    return f"{'a singular matrix' if singular else 'the matrix'} [{rows}]"
+        scale = np.abs(rotation).max() or 1.0
+        kind = "a singular matrix" if np.linalg.matrix_rank(rotation / scale) < 3 else "the matrix"
+        rows = "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rotation)
+        shown = "a reflection" if rigid else f"{kind} [{rows}]"
+        raise InputError(f"{who}: {name}: expected a rotation without scale or reflection, found {shown}")
+    _, down, forward = (rotation * _SIGNS[convention]).T
+    return {"eye": eye, "lookat": eye + forward, "up": -down}
 
 
 def axes_of(camera: Camera) -> tuple[tuple[float, float, float], ...]:
-    """Return right, up and the viewing direction, the rows of `geometry.camera_axes`, which says more. Raises InputError.
-
-    In plain floats: for one camera NumPy's overhead would make it ten times as slow.
-    """
+    """Return the rows of `geometry.camera_axes`, in plain floats: for one camera NumPy's overhead would make it ten times as
+    slow."""
     eye, lookat, up = camera.eye.tolist(), camera.lookat.tolist(), camera.up.tolist()
     z = _unit(*(0.5 * b - 0.5 * a for a, b in zip(eye, lookat, strict=True)))
     if not any(z):
@@ -395,3 +390,67 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     x, y, z = (math.ldexp(value, -exponent) for value in (x, y, z))
     length = math.sqrt(x * x + y * y + z * z) or 1.0
     return x / length, y / length, z / length
+
+
+class Raster(NamedTuple):
+    """The pixels of the whole image that a camera shows all or a part of. Rows count from its bottom.
+
+    corner: column and row of the lower left corner of the region that contains the part: corners of triangles far outside
+    of it are clipped. first: column and row of the part's lower left pixel.
+    """
+
+    plane: tuple[float, float]
+    principal: tuple[float, float]
+    resolution: tuple[int, int]
+    corner: tuple[int, int]
+    first: tuple[int, int]
+
+
+def whole_camera(camera: Camera, resolution: tuple[int, int]) -> Camera:
+    """Return the camera at a resolution (N, M) of up to MAX_WHOLE pixels a side, more than can be drawn at once. Raises
+    InputError."""
+    columns, rows = checked_resolution("whole_camera", resolution, MAX_WHOLE)
+    if isinstance(camera, PartCamera):
+        raise value_error("whole_camera", "camera", "one of a whole image", camera)
+    if (columns, rows) == camera.resolution:
+        return camera
+    uncropped = copy.copy(camera)
+    height = camera.plane[0]
+    vars(uncropped).update(plane=(height, height * columns / rows), resolution=(columns, rows))
+    return uncropped
+
+
+def part_of(whole: Camera, left: int, top: int, columns: int, rows: int) -> PartCamera:
+    """Return the camera of a part of an image of `columns` x `rows` pixels, whose first is at `left` and `top`, from the top
+    left of the whole. It may not cross a multiple of MAX_RESOLUTION. Raises InputError."""
+    for name, start, count, size in zip(("left", "top"), (left, top), (columns, rows), whole.resolution, strict=True):
+        region_end = min((start // MAX_RESOLUTION + 1) * MAX_RESOLUTION, size)
+        if start < 0 or count < 1 or start + count > region_end:
+            expected = f"a part that ends within {region_end} of {size} pixels"
+            raise value_error("part_of", name, expected, f"{count} from {start} on")
+    if isinstance(whole, PartCamera):
+        raise value_error("part_of", "whole", "the camera of a whole image", whole)
+    plane, principal = _lens(whole, left, top, (columns, rows))
+    fields = {**vars(whole), "plane": plane, "resolution": (columns, rows), "principal": principal}
+    return PartCamera(**fields, whole=whole, left=left, top=top)
+
+
+def _lens(whole: Camera, left: int, top: int, resolution: tuple[int, int]) -> tuple[tuple[float, float], ...]:
+    """Return plane and principal point of a part."""
+    (height, width), (all_columns, all_rows), (u, v) = whole.plane, whole.resolution, whole.principal
+    columns, rows = resolution
+    bottom = all_rows - top - rows
+    plane = height * rows / all_rows, width * columns / all_columns
+    return plane, ((u * all_columns - left) / columns, (v * all_rows - bottom) / rows)
+
+
+def raster_of(camera: Camera) -> Raster:
+    if not isinstance(camera, PartCamera):
+        return Raster(camera.plane, camera.principal, camera.resolution, (0, 0), (0, 0))
+    uncropped = camera.whole
+    assert uncropped is not None
+    rows = uncropped.resolution[1]
+    region_end = min(camera.top - camera.top % MAX_RESOLUTION + MAX_RESOLUTION, rows)
+    corner = camera.left - camera.left % MAX_RESOLUTION, rows - region_end
+    first = camera.left, rows - camera.top - camera.resolution[1]
+    return Raster(uncropped.plane, uncropped.principal, uncropped.resolution, corner, first)

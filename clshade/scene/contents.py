@@ -1,4 +1,8 @@
-"""What a scene holds, as tables: meshes, materials, textures, scalars, camera, lights, animations; counts of its surface."""
+"""What a scene holds: its objects and their instances; tables of meshes, materials, textures, scalars, camera, lights and
+animations; counts of its surface.
+
+An object is a mesh, or several meshes of one material each that are parts of one thing (`Mesh.part_of`).
+"""
 
 from __future__ import annotations
 
@@ -11,16 +15,55 @@ import numpy as np
 
 from ..base.arrays import Array, connected_components
 from ..base.text_tables import as_lines
+from ..base.validation import value_error
 from .camera import Camera
 from .geometry import _cross, _edge_exponent, _edges, bounding_box, row_blocks, welded
 from .lights import described
 from .material import MAPS
 from .model import Material, Mesh, Scene, Texture
-from .objects import first_instances, object_numbers
 from .scalar_colors import at_vertices
 
 _MODEL = ("ka", "kd", "ks", "n", "metallic", "roughness")  # what tells of a material's reflection
 MAX_COUNTED_FACES = 1 << 22  # of which shapes and edges are counted: seconds, and some hundred MB
+
+
+def object_numbers(scene: Scene) -> list[int]:
+    """Return the number of each mesh's object, from 1, in the order in which objects begin."""
+    numbers: dict[str | int, int] = {}
+    keys = (mesh.part_of or number for number, mesh in enumerate(scene.meshes))
+    return [numbers.setdefault(key, len(numbers) + 1) for key in keys]
+
+
+def object_names(scene: Scene) -> list[str]:
+    """Return the name of each object: that of the first of its meshes."""
+    numbers = object_numbers(scene)
+    names = dict(zip(reversed(numbers), (mesh.name for mesh in reversed(scene.meshes)), strict=True))
+    return [names[number] for number in sorted(names)]
+
+
+def first_instances(scene: Scene) -> list[int]:
+    """Return the number of each mesh's first instance. Instances are counted from 1, object by object: an object has as
+    many as the part with the most.
+
+    Raises InputError for more than a uint32 counts.
+    """
+    objects = object_numbers(scene)
+    counts = np.zeros(max(objects, default=0) + 1, np.int64)
+    np.maximum.at(counts, objects, [len(mesh.instances) for mesh in scene.meshes])
+    first = 1 + np.cumsum(counts)
+    if first[-1] > 1 << 32:
+        limit = f"at most {(1 << 32) - 1} instances with the layer instance_id"
+        raise value_error("render", "scene", limit, int(first[-1]) - 1)
+    return (first - counts)[objects].tolist()  # type: ignore[no-any-return]
+
+
+def instance_names(scene: Scene) -> list[str]:
+    """Return the name of each instance, the first that a part of its object gives it, "" for none."""
+    names: dict[int, str] = {}
+    for first, mesh in zip(first_instances(scene), scene.meshes, strict=True):
+        for number, name in enumerate(mesh.instance_names or len(mesh.instances) * ("",), first):
+            names[number] = names.get(number) or name
+    return [names[number] for number in sorted(names)]
 
 
 def scene_contents(scene: Scene, seconds: Sequence[float | None] = (), cameras: int | None = None) -> dict[str, Any]:
@@ -247,7 +290,7 @@ def surface_facts(scene: Scene) -> SurfaceFacts:
 def _placed(mesh: Mesh) -> Iterator[tuple[Array, Array]]:
     """Yield the vertices (K, 3) float64 in world space and the faces (F, 3) of some instances after the other; none for a
     mesh without faces."""
-    placements = np.asarray(mesh.instances) if len(mesh.faces) else np.zeros((0, 4, 4))
+    placements = mesh.instances if len(mesh.faces) else np.zeros((0, 4, 4))
     verts, faces = mesh.verts.astype(np.float64), mesh.faces.astype(np.int64)
     many = max(1, (1 << 14) // len(verts))
     for first in range(0, len(placements), many):

@@ -52,8 +52,7 @@ def describe_images(scene: Scene) -> None:
 
 
 def digest_of(value: Any) -> str:
-    """Return the SHA-256 of plain values, arrays and dataclasses of these, nested in any way, in hexadecimal. Raises
-    TypeError for others."""
+    """Return the SHA-256, in hexadecimal, of plain values, arrays and dataclasses, nested in any way. Raises TypeError."""
     return hashlib.sha256(_described(value, {})).hexdigest()
 
 

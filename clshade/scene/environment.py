@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arrays import Array, Floats, Floats32, Vector
-from ..base.declare import check_fields, checked
+from ..base.arrays import Array, Converted, Floats, Floats32, Vector
+from ..base.declare import checked, record, required
 from ..base.validation import floats, number, read_only, text, value_error, vector
 
 MAX_SIDE = 32768  # pixels
@@ -39,7 +38,7 @@ def _up(owner: str, name: str, value: Any) -> Floats:
     return read_only(up / math.sqrt(float(up @ up)))
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Environment:
     """Light that comes from infinitely far away, from every direction: an image-based light.
 
@@ -66,20 +65,11 @@ class Environment:
     infinite or negative pixels are refused; `scene.formats.environment` replaces those of files.
     """
 
-    image: Floats32 = field(metadata={"check": _image})
+    image: Converted[ArrayLike, Floats32] = required(check=_image)
     rotation: float = checked(0.0, number)
     intensity: float = checked(1.0, partial(number, least=0.0, most=MAX_RADIANCE, expected="a number from 0 to 1e30"))
     up: Vector = checked((0.0, 1.0, 0.0), _up)
     name: str = checked("", text)
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self, image: ArrayLike, rotation: float = 0.0, intensity: float = 1.0, up: ArrayLike = ..., name: str = ""
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def axes(self) -> Floats:

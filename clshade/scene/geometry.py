@@ -29,7 +29,7 @@ def _exponent(values: Array) -> int:
     return int(np.frexp(max(values.max(initial=0.0), -values.min(initial=0.0)))[1])
 
 
-def _normalized(vectors: Floats) -> Floats:
+def normalized(vectors: Floats) -> Floats:
     """Normalize (K, 3) float64 vectors of any finite length; the zero vector is kept."""
     x, y, z = vectors.T
     exponent = np.frexp(np.maximum(np.maximum(np.abs(x), np.abs(y)), np.abs(z)))[1]
@@ -40,14 +40,11 @@ def _normalized(vectors: Floats) -> Floats:
 
 
 def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
-    """Return unit normals at the vertices of a mesh: the sum of the faces' cross products, normalized.
+    """Return unit normals (V, 3) at vertices (V, 3) of faces (F, 3): the sums of the faces' cross products (b-a) x (c-a),
+    which weight them by area, normalized.
 
-    verts: (V, 3) finite positions. faces: (F, 3) indices into verts; counter-clockwise seen from outside.
-    Returns (V, 3) float64; 0 at a vertex without faces, or whose faces cancel (to 2^-40 of their sizes: the remainder
-    is rounding error).
-
-    The cross product of a face is (b-a) x (c-a), so faces are weighted by area. Any scale from 1e-150 to 1e150 (within
-    a mesh, faces 1e-150 times smaller in area than the largest fade to 0) and any offset.
+    0 at a vertex without faces, or whose faces cancel to 2^-40 of their sizes: the rest is rounding error. Any scale from
+    1e-150 to 1e150 (within a mesh, faces 1e-150 times smaller in area than the largest fade to 0) and any offset.
     """
     verts, faces = np.asarray(verts), np.asarray(faces)
     if not len(faces):
@@ -75,7 +72,7 @@ def vertex_normals(verts: ArrayLike, faces: ArrayLike) -> Floats:
         together = np.bincount(near.reshape(-1), np.repeat(sizes, 3), len(verts))
         normals[suspects & (largest <= _CANCELED * together)] = 0.0
     for block in row_blocks(len(normals)):
-        normals[block] = _normalized(normals[block])
+        normals[block] = normalized(normals[block])
     return normals
 
 
@@ -100,42 +97,33 @@ def _edges(verts: Array, faces: Array, exponent: int = 0) -> Floats:
 
 
 def crease_normals(verts: ArrayLike, faces: ArrayLike, degrees: float) -> tuple[Floats, Faces]:
-    """Return unit normals for the corners of a mesh whose edges with more than `degrees` between their faces are sharp.
+    """Return unit normals (K, 3), and their indices (F, 3) for the corners of a mesh whose edges with more than `degrees`
+    between their faces are sharp. At 0 every face is flat.
 
-    verts: (V, 3) finite positions; vertices at the same position count as one. faces: (F, 3) indices into verts.
-    degrees: 0 to 180; at 0 every face is flat.
-    Returns normals (K, 3) float64 and normal_faces (F, 3) int32 indices into them. Corners at a vertex that are
-    connected by smooth edges share a normal: the sum of their faces' cross products, normalized; 0 where the faces
-    have no area.
-
-    Raises InputError unless degrees is a number from 0 to 180.
+    Vertices at one position count as one. Corners there that smooth edges connect share a normal: the sum of their faces'
+    cross products, normalized; 0 where these have no area. Raises InputError unless degrees is a number from 0 to 180.
     """
     degrees = crease_angle("crease_normals", "degrees", degrees)
     verts, faces = np.asarray(verts, np.float64), np.asarray(faces, np.int32)
     cross, count = _face_crosses(verts, faces), len(faces)
     if degrees == 0.0 or not count:
-        return _normalized(cross), np.repeat(np.arange(count, dtype=np.int32), 3).reshape(-1, 3)
-    first, second = _smooth_pairs(welded(verts)[1][faces], _normalized(cross), degrees)
+        return normalized(cross), np.repeat(np.arange(count, dtype=np.int32), 3).reshape(-1, 3)
+    first, second = _smooth_pairs(welded(verts)[1][faces], normalized(cross), degrees)
     labels = connected_components(3 * count, first, second)
     numbers = np.cumsum(labels == np.arange(3 * count, dtype=np.int32), dtype=np.int32)
     corners = (numbers - 1)[labels]
     sums: Array = np.stack([np.bincount(corners, np.repeat(column, 3), numbers[-1]) for column in cross.T], axis=1)
-    return _normalized(sums), corners.reshape(-1, 3)
+    return normalized(sums), corners.reshape(-1, 3)
 
 
 def seamless_normals(verts: ArrayLike, faces: ArrayLike, degrees: float = _SEAM) -> Floats | None:
-    """Return unit normals (V, 3) of a mesh whose vertices at one position are joined where there is only a seam.
-
-    A seam is an edge of two faces with at most `degrees` between them whose ends are different vertices at the same places.
-    All faces at a vertex share its normal, as in `vertex_normals`. Returns None if no vertices are joined.
-
-    verts: (V, 3) finite. faces: (F, 3) indices into verts.
-    """
+    """Return `vertex_normals` of a mesh whose vertices at one position are joined where there is only a seam: an edge of two
+    faces with at most `degrees` between them. None if no vertices are joined."""
     verts, faces = np.asarray(verts), np.asarray(faces, np.int32)
     points, which = welded(verts)
     if len(points) == len(verts):
         return None
-    pairs = _smooth_pairs(which[faces], _normalized(_face_crosses(verts, faces)), degrees)
+    pairs = _smooth_pairs(which[faces], normalized(_face_crosses(verts, faces)), degrees)
     one, two = (faces.reshape(-1)[corners] for corners in pairs)
     apart = one != two
     if not apart.any():
@@ -151,7 +139,7 @@ def crease_angle(owner: str, name: str, value: Any) -> float:
 
 def flat_normals(one: Array, other: Array) -> Floats:
     """Return unit normals (F, 3) of faces with these edges, (3, F) each; 0 for one without area."""
-    return _normalized(_crosses(np.stack([one, other])))
+    return normalized(_crosses(np.stack([one, other])))
 
 
 def _face_crosses(verts: Array, faces: Array) -> Array:
@@ -165,11 +153,8 @@ def _crosses(edges: Array) -> Array:
 
 
 def _smooth_pairs(faces: Array, normals: Array, degrees: float) -> tuple[Array, Array]:
-    """Return pairs of corners (numbered 3 * face + corner) that share a normal, at both ends of each smooth edge.
-
-    An edge is smooth if there are at most `degrees` between the unit `normals` (F, 3) of its two faces. If more faces
-    share an edge, consecutive ones are paired.
-    """
+    """Return pairs of corners (numbered 3 * face + corner) that share a normal, at both ends of each edge with at most
+    `degrees` between the unit normals (F, 3) of its faces. If more than two share an edge, consecutive ones are paired."""
     start = faces.reshape(-1)
     end = np.roll(faces, -1, axis=1).reshape(-1)
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -179,8 +164,7 @@ def _smooth_pairs(faces: Array, normals: Array, degrees: float) -> tuple[Array, 
     one, two = order[same], order[same + 1]
     cosine = np.einsum("ij,ij->i", normals[one // 3], normals[two // 3])
     smooth = (cosine >= math.cos(math.radians(degrees)) - 1e-12) & (low[one] != high[one])
-    # The corner at the vertex of each edge with the lower index, and the one at the other.
-    ends = []
+    ends = []  # the corner at the vertex of each edge with the lower index, and the one at the other
     for edge in (one[smooth], two[smooth]):
         forward, after = start[edge] < end[edge], next_corners(edge)
         ends.append(np.concatenate([np.where(forward, edge, after), np.where(forward, after, edge)]))
@@ -193,11 +177,8 @@ def next_corners(corners: Array) -> Array:
 
 
 def welded(verts: Array) -> tuple[Array, Array]:
-    """Merge vertices at equal positions (-0.0 equals 0.0).
-
-    verts: (V, 3) finite. Returns kept (W,), ascending indices of the first vertex at each position, and which (V,)
-    int32, the row among these for every vertex.
-    """
+    """Return the indices (W,), ascending, of the first vertex at each position, where -0.0 equals 0.0, and for every vertex
+    the row among these (V,). verts: (V, 3) finite."""
     bits = (np.ascontiguousarray(verts) + 0.0).view(np.uint32 if verts.dtype == np.float32 else np.uint64)
     hashed = np.zeros(len(verts), np.uint64)
     for column in bits.T:
@@ -218,12 +199,8 @@ def welded(verts: Array) -> tuple[Array, Array]:
 
 
 def against_normals(verts: Array, faces: Array, normals: Array, normal_faces: Array) -> Array:
-    """Return (F,) bool: the faces that are clockwise as seen along their normals.
-
-    verts: (V, 3), faces: (F, 3) indices into them. normals, normal_faces: likewise. The cross product of a face is
-    compared with the sum of the finite normals at its corners; a face without area, or perpendicular to that sum, is not
-    against it.
-    """
+    """Return (F,) whether faces are clockwise as seen along their normals: whether the cross product of a face points away
+    from the sum of the finite normals at its corners."""
     against = np.empty(len(faces), bool)
     if not np.isfinite(normals).all():
         normals = np.where(np.isfinite(normals), normals, normals.dtype.type(0.0))
@@ -241,21 +218,19 @@ def row_blocks(count: int, size: int = 1 << 14) -> Iterator[slice]:
 
 
 def camera_axes(camera: Camera) -> Floats:
-    """Return the axes of a camera in world space, as the rows of an orthonormal (3, 3) float64 matrix.
+    """Return the axes of a camera in world space, as the rows of an orthonormal matrix (3, 3): right, up, viewing direction.
 
-    The rows are x (right), y (up) and z (viewing direction): z = lookat - eye, y = up minus its part along z, x = z cross
-    y, of unit length. A point p has the camera coordinates camera_axes(camera) @ (p - eye).
-
-    Raises InputError when lookat is at the eye, or up is zero or parallel to the viewing direction.
+    z = lookat - eye, y = up minus its part along z, x = z cross y, of unit length. A point p has the camera coordinates
+    camera_axes(camera) @ (p - eye). Raises InputError when up is parallel to the viewing direction, to rounding.
     """
     return np.array(axes_of(camera))
 
 
 def camera_matrices(camera: Camera) -> tuple[Floats, Floats]:
-    """Return (worldToCamera, worldToNDC) of a camera, float64 (4, 4), for row vectors: [x y z 1] @ matrix.
+    """Return worldToCamera and worldToNDC, (4, 4), for row vectors: [x y z 1] @ matrix, as OpenEXR's ImfStandardAttributes.h
+    defines them.
 
-    As defined in OpenEXR's ImfStandardAttributes.h: camera space is left-handed, the eye at the origin, +x right,
-    +y up, +z the viewing direction, in scene units: the camera frame of this renderer. NDC, after division by w, has
+    Camera space is left-handed: +x right, +y up, +z the viewing direction, in scene units. NDC, after division by w, has
     (0, 0) at the upper left and (1, 1) at the lower right corner of the display window, y DOWN: the pixel in column c
     and row r from the top has its center at ((c+0.5)/N, (r+0.5)/M). OpenEXR leaves z open; here it is 1 - focal/depth:
     0 on the image plane, 1 at infinity; the depth itself in a parallel projection, whose w is 1.
@@ -285,12 +260,13 @@ def camera_metadata(camera: Camera) -> dict[str, Any]:
     return {**matrices, "pixelAspectRatio": min(max(aspect, 1e-6), 1e6)}  # OpenEXR refuses anything beyond
 
 
-def bounding_box(scene: Scene) -> tuple[Floats, Floats]:
+def bounding_box(shown: Scene | Sequence[Mesh]) -> tuple[Floats, Floats]:
     """Return the lowest and highest corner, (3,) float64 each, of all vertices that faces refer to, in world space.
 
-    Every instance counts. Both are 0 for a scene without faces. Raises InputError where a position overflows.
+    Every instance counts. Both are 0 without faces. Raises InputError where a position overflows.
     """
-    blocks = map(np.ascontiguousarray, placed_blocks(scene.meshes))  # whose rows NumPy searches far faster
+    meshes = shown.meshes if isinstance(shown, Scene) else shown
+    blocks = map(np.ascontiguousarray, placed_blocks(meshes))  # whose rows NumPy searches far faster
     ends = [(block.min(axis=1, initial=np.inf), block.max(axis=1, initial=-np.inf)) for block in blocks]
     if not ends:
         return np.zeros(3), np.zeros(3)
@@ -310,7 +286,7 @@ def placed_blocks(meshes: Sequence[Mesh]) -> Iterator[Floats]:
         used = np.zeros(len(mesh.verts), bool)
         used[mesh.faces.reshape(-1)] = True
         points = mesh.verts if used.all() else mesh.verts[used]
-        placements = np.asarray(mesh.instances)
+        placements = mesh.instances
         many = max(1, _POOL // max(len(points), 1))  # placements at once
         for first in range(0, len(placements), many):
             some = placements[first : first + many]
@@ -329,7 +305,7 @@ def _pools(meshes: Iterable[Mesh]) -> Iterator[list[Mesh]]:
     for mesh in meshes:
         if not len(mesh.faces):
             continue
-        count = len(mesh.verts) * max(len(np.asarray(mesh.instances)), 1)
+        count = len(mesh.verts) * max(len(mesh.instances), 1)
         if pool and size + count > _POOL:
             yield pool
             pool, size = [], 0
@@ -341,7 +317,7 @@ def _pools(meshes: Iterable[Mesh]) -> Iterator[list[Mesh]]:
 
 def _placed_pool(meshes: Sequence[Mesh]) -> Floats:
     """Return the vertices of small meshes that faces refer to, in world space, as one (3, K) block."""
-    counts, copies = np.array([(len(mesh.verts), len(np.asarray(mesh.instances))) for mesh in meshes]).T
+    counts, copies = np.array([(len(mesh.verts), len(mesh.instances)) for mesh in meshes]).T
     starts = np.cumsum(counts) - counts
     faces = np.concatenate([mesh.faces for mesh in meshes])
     used = np.zeros(counts.sum(), bool)
@@ -351,7 +327,7 @@ def _placed_pool(meshes: Sequence[Mesh]) -> Floats:
     begin = np.cumsum(size) - size
     points = np.concatenate([mesh.verts for mesh in meshes], dtype=np.float64)[used]
     placed = points[np.repeat(first - begin, size) + np.arange(size.sum())]
-    matrices = np.concatenate([np.asarray(mesh.instances) for mesh in meshes])
+    matrices = np.concatenate([mesh.instances for mesh in meshes])
     moved = (matrices != np.eye(4)).any(axis=(1, 2))
     for length in sorted({*size[moved].tolist()}):
         some = np.flatnonzero(moved & (size == length))
@@ -378,11 +354,9 @@ def half_diagonal(low: Floats, high: Floats) -> float:
 def triangles(scene: Scene) -> tuple[Floats, Faces]:
     """Return the vertices (V, 3) of all meshes and instances in world space, and the faces (F, 3) in the order in which
     the layer `id` counts them."""
-    verts: list[Floats] = [np.zeros((0, 3))]
-    faces: list[Faces] = [np.zeros((0, 3), np.int32)]
-    count = 0
+    verts, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int32)], 0
     for mesh in scene.meshes:
-        for placement in np.asarray(mesh.instances):
+        for placement in mesh.instances:
             placed = mesh.verts.astype(np.float64)
             if (placement != np.eye(4)).any():
                 placed = placed @ placement[:3, :3].T + placement[:3, 3]
@@ -395,10 +369,8 @@ def triangles(scene: Scene) -> tuple[Floats, Faces]:
 def pixel_rays(
     camera: Camera, place: tuple[float, float] = (0.5, 0.5), rows: slice = slice(None)
 ) -> tuple[Floats, Floats]:
-    """Return directions and origins, (M, N, 3) each, of rays through pixels, row 0 at the top.
-
-    place: where in the pixel, from its lower left corner. rows: of the image; default: all.
-    """
+    """Return directions and origins, (M, N, 3) each, of rays through the pixels of some rows, row 0 at the top. place: where
+    in the pixel, from its lower left corner."""
     (height, width), (columns, count) = camera.plane, camera.resolution
     upward = count - 1 - np.arange(count)[rows]
     x = ((np.arange(columns) + place[0]) / columns - camera.principal[0]) * width
@@ -414,8 +386,7 @@ def pixel_rays(
 
 
 def face_weights(origins: Floats, rays: Floats, corners: Floats) -> Floats:
-    """Return the weights (K, 3) of triangles' corners (K, 3, 3) where rays (K, 3) meet their planes, clamped to the
-    triangles."""
+    """Return the weights (K, 3) of triangles (K, 3, 3) where rays (K, 3) meet their planes, clamped to them."""
     first = corners[:, 0]
     one, other = corners[:, 1] - first, corners[:, 2] - first
     moment = np.cross(origins - first, rays)

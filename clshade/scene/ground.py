@@ -9,8 +9,7 @@ import numpy as np
 from ..base.arrays import Array, Floats
 from ..base.validation import choice, value_error
 from .builtin.studio import studio, without_stand_ins
-from .fitting import sphere_of_box
-from .framing import UPS, Up, up_of
+from .framing import UPS, Up, sphere_of_box, up_of
 from .geometry import bounding_box
 from .image_light import irradiance_at, irradiance_coefficients
 from .lights import DirectionalLight, Light
@@ -50,7 +49,8 @@ def with_ground(
     axes = np.array(UPS[up], np.float64)
     if settings.shader == "pbr" and not scene.own_lights and scene.environment is None:
         scene = replace(scene, environment=studio(tuple(axes[1].tolist())))
-    low, high = bounding_box(objects_of(scene))
+    meshes = objects_of(scene).meshes
+    low, high = bounding_box(meshes)
     center, radius = sphere_of_box(low, high)
     foot = float(np.abs(axes[1]) @ (high / 2 - low / 2))
     with np.errstate(over="ignore", invalid="ignore"):  # Mesh refuses an overflow
@@ -60,7 +60,6 @@ def with_ground(
         across = np.stack([np.cos(turns), -np.sin(turns)], axis=1) @ axes[[0, 2]]
         verts = np.vstack([[middle], (middle + radius * rings[:, None, None] * across).reshape(-1, 3)])
     share = np.repeat(np.r_[0.0, _fading(rings)], [1, *[_SECTORS] * _RINGS])
-    meshes = objects_of(scene).meshes
     with np.errstate(over="ignore"):
         # In float64 it would make the kernels keep all positions so, which only those far from the origin need.
         if np.spacing(np.float32(np.abs(verts).max())) < 0.1 * _BELOW * radius:

@@ -14,9 +14,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..base.arrays import Array, Floats, Vector
+from ..base.declare import record
 from ..base.validation import choice, number, value_error, vector
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def _unit(direction: Floats) -> Floats:
     return np.asarray(scaled / math.sqrt(float(scaled @ scaled)))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@record
 class AnyLight:
     """What all kinds of light have, besides an intensity."""
 
@@ -205,7 +205,7 @@ class PlacedLight(AnyLight):
         return np.asarray(np.clip((cosine - outer) / max(inner - outer, MIN_CONE_EDGE), 0.0, 1.0) ** 2)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@record
 class PointLight(PlacedLight):
     """A light that shines from a point, or a sphere, in all directions.
 
@@ -232,7 +232,7 @@ class PointLight(PlacedLight):
     At a distance of 0 a light contributes nothing.
     """
 
-    position: Floats
+    position: Vector
     intensity: Vector = _WHITE
     attenuation: Attenuation = "none"
     range: float | None = None
@@ -240,19 +240,8 @@ class PointLight(PlacedLight):
 
     gltf, size_loss = "point", "radii of lights (points)"
 
-    if TYPE_CHECKING:  # here and below: the accepted types; the fields have those that are kept
 
-        def __init__(
-            self,
-            position: ArrayLike,
-            intensity: ArrayLike = (1.0, 1.0, 1.0),
-            attenuation: Attenuation = "none",
-            range: float | None = None,
-            radius: float = 0.0,
-        ) -> None: ...
-
-
-@dataclass(frozen=True, eq=False, repr=False)
+@record
 class DirectionalLight(AnyLight):
     """A light from infinitely far away, such as the sun: it arrives everywhere from the same direction.
 
@@ -265,14 +254,10 @@ class DirectionalLight(AnyLight):
         light (lux).
     """
 
-    direction: Floats
+    direction: Vector
     intensity: Vector = _WHITE
 
     gltf = "directional"
-
-    if TYPE_CHECKING:
-
-        def __init__(self, direction: ArrayLike, intensity: ArrayLike = (1.0, 1.0, 1.0)) -> None: ...
 
     @property
     def axis(self) -> Floats:
@@ -280,7 +265,7 @@ class DirectionalLight(AnyLight):
         return _unit(self.direction)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@record
 class SpotLight(PlacedLight):
     """A light that shines from a point into a cone.
 
@@ -305,8 +290,8 @@ class SpotLight(PlacedLight):
     then below 0.001.
     """
 
-    position: Floats
-    direction: Floats
+    position: Vector
+    direction: Vector
     intensity: Vector = _WHITE
     inner_cone: float = 0.0
     outer_cone: float = 45.0
@@ -314,19 +299,6 @@ class SpotLight(PlacedLight):
     range: float | None = None
 
     gltf = "spot"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            position: ArrayLike,
-            direction: ArrayLike,
-            intensity: ArrayLike = (1.0, 1.0, 1.0),
-            inner_cone: float = 0.0,
-            outer_cone: float = 45.0,
-            attenuation: Attenuation = "none",
-            range: float | None = None,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -345,7 +317,7 @@ class SpotLight(PlacedLight):
         return self.inner_cone, self.outer_cone
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@record
 class RectangleLight(PlacedLight):
     """A light that shines from the front of a rectangle, as a perfectly diffuse emitter does.
 
@@ -366,26 +338,14 @@ class RectangleLight(PlacedLight):
         (`Settings.light_samples`).
     """
 
-    position: Floats
-    right: Floats
-    up: Floats
+    position: Vector
+    right: Vector
+    up: Vector
     intensity: Vector = _WHITE
     attenuation: Attenuation = "none"
     range: float | None = None
 
     gltf, size_loss = "spot", "rectangle lights (spots of 90 degrees)"
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            position: ArrayLike,
-            right: ArrayLike,
-            up: ArrayLike,
-            intensity: ArrayLike = (1.0, 1.0, 1.0),
-            attenuation: Attenuation = "none",
-            range: float | None = None,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         super().__post_init__()

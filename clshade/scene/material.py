@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from ..base.arrays import Floats, Vector
-from ..base.declare import check_fields, checked, facts_of
+from ..base.declare import checked, facts_of, record
 from ..base.validation import choice, coefficient, flag, fraction, instance, number, text, value_error
 from .texture import Texture
 
@@ -64,7 +64,7 @@ def _color(owner: str, name: str, value: Any) -> Floats:
     return color
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class MetallicRoughness:
     """Parameters of shader `pbr`; the base color is the material's color times its texture.
 
@@ -119,9 +119,6 @@ class MetallicRoughness:
         None, partial(_map, limit=np.inf), map=Map("EMISSION", "emission map", ("EMISSION",))
     )
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     @property
     def dielectric_f0(self) -> Floats:
         """Reflectance of the dielectric at normal incidence, (3,), which includes the strength `specular`."""
@@ -166,7 +163,7 @@ def _texture(owner: str, name: str, value: Any) -> Texture:
     return texture
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Material:
     """Coefficients of the reflection models, and how a surface is drawn.
 
@@ -214,9 +211,6 @@ class Material:
     pbr: MetallicRoughness | None = checked(None, partial(instance, kind=MetallicRoughness))
     blend: bool = checked(False, flag)
     opacity: float = checked(1.0, fraction)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
     @property
     def microfacets(self) -> MetallicRoughness:

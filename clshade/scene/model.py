@@ -1,4 +1,4 @@
-"""The scene model: frozen dataclasses, checked on construction, independent of the renderer.
+"""The scene model: records that are checked when they are made, independent of the renderer.
 
 Arrays are copied only when their type or layout has to change, and are read-only afterwards. Every refused value raises
 `clshade.errors.InputError` naming the class, the field, what was expected and what was found.
@@ -7,7 +7,7 @@ Arrays are copied only when their type or layout has to change, and are read-onl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache, partial, wraps
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args, overload
 
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..base import exchange
 from ..base.arrays import Array, Converted, Faces, Floats, Reals, Vector
 from ..base.atomic_files import Path
-from ..base.declare import check_fields, checked
+from ..base.declare import check_fields, checked, record, required
 from ..base.validation import (
     choice,
     coefficient,
@@ -164,11 +164,8 @@ def _scalars(who: str, value: Any, vertices: int, faces: int) -> dict[str, Reals
 
 
 def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
-    """Return finite vertices, faces, and the number of faces that used another vertex.
-
-    Those faces shrink to a point at a vertex that other faces use, so that they affect neither normals nor the bounding
-    box.
-    """
+    """Return finite vertices, faces, and how many faces used another vertex: these shrink to a point at a vertex that others
+    use, so that they affect neither normals nor the bounding box."""
     bad: Array = np.asarray(~np.isfinite(verts).all(axis=1))
     if not bad.any():
         return verts, faces, 0
@@ -182,20 +179,19 @@ def _without_nonfinite(verts: Reals, faces: Faces) -> tuple[Reals, Faces, int]:
 
 
 @_taking_vertices
-@dataclass(frozen=True, eq=False)
+@record
 class Mesh:
     """Triangles with one material, placed any number of times.
 
     Attributes
     ----------
     verts : array_like, (V, 3)
-        Positions, object space, float32 or float64 (kept as given). `vertices` is another name of it.
+        Positions, object space; float32 and float64 are kept. `vertices` is another name of it.
     faces : array_like, (F, 3)
         Indices into verts.
     colors : array_like, (V, 3) or (V, 4), or None, default None
-        Linear RGB per vertex; None: white. Unsigned integers are divided by their type's maximum,
-        as those of a Texture; other numbers are used as they are. Kept as (V, 3); a fourth column
-        becomes `alphas`.
+        Linear RGB per vertex; None: white. Unsigned integers are divided by their type's maximum.
+        Kept as (V, 3); a fourth column becomes `alphas`.
     normals : array_like, (K, 3) or None, default None
         Directions of any length; None: computed from the faces (`geometry.vertex_normals`).
     normal_faces, uv_faces, tangent_faces : array_like, (F, 3) or None, default None
@@ -211,22 +207,20 @@ class Mesh:
         Name of the mesh.
     nonfinite : {"refuse", "drop"}
         With vertices that are NaN or infinite, refuse the mesh, or drop the triangles that use
-        them. A dropped face keeps its number and draws nothing; its neighbors are as they would be
-        without it.
+        them: they keep their numbers and draw nothing, and normals are as they would be without.
     dropped : int, default 0
         Number of faces dropped; counted here, and kept in copies of the mesh.
     scalars : mapping of str to array_like or None, default None
         Data by name, any numbers: (V,) per vertex, (F,) per face, or (F, 3) per corner of each
-        face; with as many vertices as faces (V,) is per vertex. NaN: no data; infinity counts as
-        NaN. Kept as a dict of float32 or float64. `Settings.scalars` shows them by a color map.
+        face; with as many vertices as faces (V,) is per vertex. NaN and infinity: no data. Kept as a
+        dict of float32 or float64. `Settings.scalars` shows them by a color map.
     tangents : array_like, (K, 4) or None, default None
         Directions of any length along which u grows in normal maps, and the sign w of the bitangent
         w * cross(normal, tangent), along which v falls; None: computed as MikkTSpace does.
     more_uvs : iterable of array_like, each of the shape of uvs, default ()
         Further texture coordinates, which a Texture names by `coordinates`. Kept as a tuple.
     alphas : array_like, (V,) or None, default None
-        Alpha per vertex; None: 1. Unsigned integers are divided by their type's maximum; numbers
-        beyond [0, 1] are clamped.
+        Alpha per vertex, clamped to [0, 1]; None: 1. Unsigned integers as for `colors`.
     instance_names : iterable of str, default ()
         Name of each instance, "" for one without; (): none has one. Kept as a tuple.
     part_of : str, default ""
@@ -276,10 +270,11 @@ class Mesh:
         colors, alphas = _vertex_colors(who, self.colors, self.alphas, len(verts))
         values.update(verts=verts, faces=faces, colors=colors, alphas=alphas)
         for further in self.more_uvs:
-            if self.uvs is None:
-                raise value_error(who, "more_uvs", "no array without uvs", further)
-            if further.shape != self.uvs.shape:
-                raise value_error(who, "more_uvs", f"arrays of the shape of uvs {self.uvs.shape}", further)
+            if self.uvs is None or further.shape != self.uvs.shape:
+                expected = (
+                    "no array without uvs" if self.uvs is None else f"arrays of the shape of uvs {self.uvs.shape}"
+                )
+                raise value_error(who, "more_uvs", expected, further)
         for name in ("normal", "uv", "tangent"):
             attribute, corners = values[f"{name}s"], values[f"{name}_faces"]
             if corners is None:
@@ -343,7 +338,7 @@ def _background(owner: str, name: str, value: Any) -> Floats | None:
     return None if value is None else coefficient(owner, name, value)
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Scene:
     """Meshes, lit by lights and seen by a camera.
 
@@ -381,7 +376,7 @@ class Scene:
         Names of the animations of the scene's file, "" for one without a name; see `clshade.load`.
     """
 
-    meshes: tuple[Mesh, ...] = field(metadata={"check": partial(_parts, kinds=(Mesh,))})
+    meshes: Converted[Mesh | Iterable[Mesh], tuple[Mesh, ...]] = required(check=partial(_parts, kinds=(Mesh,)))
     camera: Converted[Camera | None, Camera] = checked(None, partial(instance, kind=Camera))
     lights: Converted[Light | Iterable[Light], tuple[Light, ...]] = checked((), partial(_parts, kinds=LIGHTS))
     ambient: Vector = checked(1.0, coefficient)
@@ -394,25 +389,6 @@ class Scene:
     fitted: bool = checked(False, flag)
     light_scale: float = checked(1.0, partial(number, above=0.0))
     animations: tuple[str, ...] = checked((), _texts)
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            meshes: Mesh | Iterable[Mesh],
-            camera: Camera | None = None,
-            lights: Light | Iterable[Light] = (),
-            ambient: ArrayLike = 1.0,
-            background: ArrayLike | None = 0.0,
-            preset: Preset = "standard",
-            name: str = "",
-            ignored: tuple[str, ...] = (),
-            environment: Environment | None = None,
-            own_lights: bool = True,
-            fitted: bool = False,
-            light_scale: float = 1.0,
-            animations: tuple[str, ...] = (),
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -443,9 +419,9 @@ class Scene:
         """Create a scene from a mesh or a scene of trimesh, or a mesh of Open3D or PyVista.
 
         It has a camera that shows all of it and lights around it, as `clshade.load` gives a mesh; its
-        preset is `pbr` if a material is a PBRMaterial, else `standard`. Both sides are lit. A source
-        of another kind, without triangles, with other polygons, or with several materials on one mesh
-        is refused; a warning tells of curves and points of a trimesh.Scene, which are not rendered.
+        preset is `pbr` if a material is a PBRMaterial, else `standard`. Both sides are lit. Refused
+        are sources without triangles, with other polygons, or with several materials on one mesh; a
+        warning tells of curves and points of a trimesh.Scene, which are not rendered.
 
         Parameters
         ----------
@@ -482,10 +458,6 @@ class Scene:
     def to_glb(self, path: Path) -> None:
         """Write the scene as a binary glTF 2.0 file, which other programs read.
 
-        Meshes keep their triangles, normals, texture coordinates, vertex colors and placements;
-        scalars become attributes `_NAME`. Positions that float32 cannot hold are stored relative to
-        the middle of the mesh; then its node places them.
-
         Parameters
         ----------
         path : str or path-like
@@ -494,12 +466,11 @@ class Scene:
         Notes
         -----
         The same scene gives the same bytes. A file of 4 GiB or more, and numbers or an angle of view
-        that glTF cannot hold, are refused. What glTF cannot say is converted, see the table in
-        clshade/scene/README.md. Lights that only stand in for missing ones are left out.
-
-        A warning tells of an environment, a principal point off the middle, rectangle lights (which
-        become spots), radii of lights, negative light, clamped colors, alpha tests of materials that
-        blend, and NaN in scalars. The exact values of materials, camera and lights are in `extras`.
+        that glTF cannot hold, are refused. The table in clshade/scene/README.md says what becomes of
+        each part of a scene; the exact values of materials, camera and lights are in `extras`. Lights
+        that only stand in for missing ones are left out. A warning tells of an environment, a
+        principal point off the middle, rectangle lights, radii of lights, negative light, clamped
+        colors, alpha tests of materials that blend, and NaN in scalars.
         """
         exchange.get("to_glb")(self, path)
 
@@ -509,16 +480,14 @@ class Scene:
         Parameters
         ----------
         path : str or path-like
-            File, with a name that ends in .json; an existing one is replaced. Large arrays, of
-            vertices, faces and texels, go to a second file beside it, which it names; that of the
-            earlier one is removed.
+            File, with a name that ends in .json; an existing one is replaced. Large arrays go to a
+            second file beside it, which it names; that of the earlier one is removed.
 
         Notes
         -----
-        The loaded scene has the same values in every field, bit for bit, and renders the same bits.
-        Materials and textures that meshes share are shared again. Settings are no part of a scene.
-        The same scene gives the same bytes. A scene beyond the limits of the format is refused; where
-        a file cannot be written, both are as they were.
+        The loaded scene has the same values in every field, bit for bit. Materials and textures that
+        meshes share are shared again. The same scene gives the same bytes. A scene beyond the limits
+        of the format is refused; where a file cannot be written, both are as they were.
 
         Examples
         --------

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arrays import Converted, Floats, Floats32
-from ..base.declare import check_fields, checked
+from ..base.declare import check_fields, checked, record, required
 from ..base.validation import choice, floats, integer, items, read_only, text, value_error
 from ..images.decode import BAND, CodedImage
 
@@ -44,7 +43,7 @@ def _wraps(owner: str, name: str, value: Any) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Texture:
     """An image for texture mapping.
 
@@ -69,24 +68,12 @@ class Texture:
         without them does without the texture. A material's own texture has 0.
     """
 
-    image: Floats32 = field(metadata={"check": _image})
+    image: Converted[ArrayLike, Floats32] = required(check=_image)
     wrap: Converted[Wrap | Iterable[Wrap], tuple[Wrap, Wrap]] = checked("repeat", _wraps)
     lookup: Lookup = checked("standard", partial(choice, allowed=get_args(Lookup)))
     name: str = checked("", text)
     filter: Filter = checked("linear", partial(choice, allowed=get_args(Filter)))
     coordinates: int = checked(0, partial(integer, least=0, most=MAX_COORDINATES))
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            image: ArrayLike,
-            wrap: Wrap | Iterable[Wrap] = "repeat",
-            lookup: Lookup = "standard",
-            name: str = "",
-            filter: Filter = "linear",
-            coordinates: int = 0,
-        ) -> None: ...
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -70,8 +70,7 @@ class Cuts:
 def triangulated(verts: Array, corners: Array, counts: Array) -> Cuts:
     """Cut polygons into triangles with the same winding; each polygon of n corners gives n - 2.
 
-    verts: (V, 3) finite positions. corners: (C,) indices into verts, one polygon after the other. counts: (P,) corners
-    of each, at least 3.
+    corners: (C,) indices into verts (V, 3), one polygon after the other. counts: (P,) corners of each, at least 3.
 
     A polygon becomes a fan around its first corner unless a triangle of the fan would be inverted as seen along the
     polygon's own normal (Newell's); convex polygons, collinear corners and zero-area polygons are therefore fans. A
@@ -104,10 +103,8 @@ def _blocks(counts: Array, polygons: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def _may_turn(columns: Floats, polygons: Array) -> Bools:
-    """Return (P,) whether the fans of polygons (P, n) may invert a triangle. columns: (3, V) float64 positions of unit size.
-
-    A conservative test: the fan of a polygon that is very small, has no area, or almost collinear corners may be right.
-    """
+    """Return whether the fans of polygons (P, n) may invert a triangle; those of tiny, flat or nearly collinear ones may
+    be right even so; (P,). columns: (3, V) positions of unit size."""
     index = polygons.T.astype(np.intp, order="C")
     parts = _fan_areas(*(column.take(index) for column in columns))[0]
     return np.asarray((parts.min(axis=0) < 0.0) | (parts.sum(axis=0) < _TINY))

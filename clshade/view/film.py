@@ -17,7 +17,7 @@ import numpy as np
 from ..base import console
 from ..base.arrays import Array
 from ..base.atomic_files import check, replacing, shown
-from ..base.validation import arguments, flag, integer, keywords
+from ..base.validation import arguments, flag, integer, keywords, value_error
 from ..base.validation import path as checked_path
 from ..errors import InputError
 from ..farm.frames import parse_pattern
@@ -28,10 +28,11 @@ from ..images.tonemap import BLACK, Operator, display_values, over
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, FileKind, SavingOptions
 from ..scene.camera import Camera
+from ..scene.description import digest_of, part_digests
 from ..scene.model import Scene, default_tonemap
 from ..scene.pose import Pose
 from . import video
-from .frame_folder import FarmOptions, FrameFolder, digest_of, split_options
+from .frame_folder import FarmOptions, FrameFolder, split_options
 from .video import FilmFormat, checked_rate, format_of
 
 if TYPE_CHECKING:
@@ -47,16 +48,14 @@ class Film:
 
     Attributes
     ----------
-    path : str
-        The film's file.
+    path, codec, pixels : str
+        The film's file, how it is encoded, and what its pixels hold.
     run : Run
         How its frames were drawn.
     count, fps : int, Fraction
         Number of frames in all, and per second.
     resolution : tuple of int
-        Columns and rows of the film; even in MP4 and WebM.
-    codec, pixels : str
-        How the film is encoded, and what its pixels hold.
+        Columns and rows; even in MP4 and WebM.
     size, encode_seconds : int, float
         Bytes of the file, and the time to encode it, after the frames were drawn.
     frames : str or None
@@ -81,19 +80,18 @@ class Film:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as a dict for JSON."""
-        film = {name: value for name, value in vars(self).items() if name != "run"}
-        film |= {"fps": float(self.fps), "seconds": self.seconds}
+        film = {**vars(self), "fps": float(self.fps), "seconds": self.seconds}
+        del film["run"]
         removed = () if self.frames else ("first", "last")  # names of files
         return {**{name: value for name, value in self.run.stats().items() if name not in removed}, "film": film}
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
-        lines = self.run.lines()
-        shape = "{}x{}".format(*self.resolution)
+        lines, (columns, rows) = self.run.lines(), self.resolution
         rate = f"{self.count} frames, {float(self.fps):.6g} a second, {self.seconds:.6g} s"
         return [
             *(lines if self.frames else lines[:-1]),
-            f"film    {shown(self.path)}, {shape}, {rate}",
+            f"film    {shown(self.path)}, {columns}x{rows}, {rate}",
             f"        {self.codec} ({self.pixels}), {self.size / 1e6:.2f} MB, encoded in {self.encode_seconds:.1f} s",
         ]
 
@@ -131,23 +129,20 @@ def draw_film(
     path : str or path-like
         The film's file, which ends in .mp4, .webm, .gif, .apng or .webp.
     poses : mapping of int to Pose, optional
-        See `clshade.farm.draw_frames`. An attribute `source` of the mapping, which that of
-        `load_animation` has, is compared in place of the poses to tell whether frames of an earlier
-        run belong to this film.
+        See `clshade.farm.draw_frames`. An attribute `source`, plain values or arrays as from
+        `load_animation`, is compared in place of the poses to tell whether frames of an earlier run
+        belong to this film.
     fps : number or str, default 30
         Frames per second, also as a fraction such as ``"30000/1001"``; at most 50 in a GIF, 90 in
         APNG and WebP.
     bits : {8, 10}, default 8
-        Bits per channel; 10 in MP4 alone. They are rounded from the frames' floats.
+        Bits per channel, rounded from the frames' floats; 10 in MP4 alone.
     keep_frames : bool, default False
-        Keep the frames, EXR and PNG, in the folder ``<path>.frames``. Otherwise it holds only what
-        the film needs, and is removed when the film is complete. Frames that were kept once stay
-        beside their film.
+        Keep the frames, EXR and PNG, in the folder ``<path>.frames``, which is otherwise removed when
+        the film is complete. Frames that were kept once stay beside their film.
     saving : dict, optional
         Keywords of `Frame.save`: tone map and exposure apply to the film, the others to kept frames.
-    overwrite : bool, default False
-        Also draw frames that an earlier run left.
-    workers, scheduler, timeout, frame_timeout, progress, device
+    overwrite, workers, scheduler, timeout, frame_timeout, progress, device
         See `clshade.farm.draw_frames`.
     **options
         Keywords of `clshade.render`.
@@ -169,8 +164,10 @@ def draw_film(
         saved["files"] = (file_kind,)
         settings["layers"] = ()
     scene_drawn, settings_drawn = effective_settings(scene, **settings)
-    views: Any = cameras if poses is None else (list(cameras.items()), _source(poses, cameras))
-    with folder.of(digest_of(scene_drawn, settings_drawn, views, {**saved, "files": None}), keep_frames):
+    views = [(number, digest_of(cameras[number])) for number in cameras], poses and _source(poses, cameras)
+    look = saved.get("tonemap") or default_tonemap(scene_drawn), saved.get("exposure", 0.0)
+    content = part_digests(scene_drawn), settings_drawn, views, look, repr({**saved, "files": None})
+    with folder.of(content, keep_frames):
         check(name)
         run = draw_frames(scene, cameras, folder.pattern, poses=poses, saving=saved, **farming, **settings)
         start = time.perf_counter()
@@ -179,26 +176,18 @@ def draw_film(
             console.progress(f"{shown(name)}: encoding {len(cameras)} frames")
         names = parse_pattern(folder.pattern, len(cameras))
         files = [names.names(number, (file_kind,))[0] for number in sorted(cameras)]
-        look = saved.get("tonemap") or default_tonemap(scene_drawn), saved.get("exposure", 0.0)
         images = [partial(_display_image, file, kind.alpha, *look) for file in files]
         with replacing(name) as file:
             if kind.encoder:
                 video.encode_video(file, _loaded(images, name if progress else ""), len(images), rate, kind)
+                columns, rows, pixels = columns + columns % 2, rows + rows % 2, f"{kind.pixels}, BT.709"
             else:
                 video.encode_animation(file, images, rate, kind)
+                pixels = kind.pixels
         seconds = time.perf_counter() - start
-    return Film(
-        path=name,
-        run=run,
-        count=len(images),
-        fps=rate,
-        resolution=(columns + columns % 2, rows + rows % 2) if kind.encoder else (columns, rows),
-        codec=kind.codec,
-        pixels=f"{kind.pixels}, BT.709" if kind.encoder else kind.pixels,
-        size=os.path.getsize(name),
-        encode_seconds=seconds,
-        frames=folder.path if keep_frames else None,
-    )
+    kept = folder.path if keep_frames else None
+    size = os.path.getsize(name)
+    return Film(name, run, len(images), rate, (columns, rows), kind.codec, pixels, size, seconds, kept)
 
 
 def _source(poses: Mapping[int, Pose], cameras: Mapping[int, Camera]) -> Any:
@@ -210,22 +199,20 @@ def _source(poses: Mapping[int, Pose], cameras: Mapping[int, Camera]) -> Any:
 
 def _resolution(cameras: Mapping[int, Camera], kind: FilmFormat, *, colorbar: bool) -> tuple[int, int]:
     """Return the resolution of the film, with the color bar of its frames. Raises InputError if the cameras' resolutions
-    differ, or if the format cannot have it.
-
-    Anything but cameras is left to `draw_frames`, which refuses it.
-    """
+    differ, or if the format cannot have it."""
     first: tuple[int, int] | None = None
     for number, camera in cameras.items():
-        resolution = getattr(camera, "resolution", (0, 0))
-        first = first or resolution
-        if resolution != first:
-            sizes = "{}x{}, found {}x{}".format(*first, *resolution)
+        if not isinstance(camera, Camera):
+            raise value_error("draw_film", f"cameras: frame {number}", "a Camera", camera)
+        first = first or camera.resolution
+        if camera.resolution != first:
+            sizes = "{}x{}, found {}x{}".format(*first, *camera.resolution)
             raise InputError(
                 f"film: frame {number}: expected all frames of one size, {sizes}: --resolution gives them one"
             )
-    columns, rows = first or (0, 0)
-    columns += bar_width(rows) if first and colorbar else 0
-    if first and not kind.min_side <= min(columns, rows) <= max(columns, rows) <= kind.max_side:
+    assert first is not None
+    columns, rows = first[0] + (bar_width(first[1]) if colorbar else 0), first[1]
+    if not kind.min_side <= min(columns, rows) <= max(columns, rows) <= kind.max_side:
         expected = f"{kind.min_side} to {kind.max_side} pixels a side for this format"
         raise InputError(f"film: resolution: expected {expected}, found {columns}x{rows}")
     return columns, rows

@@ -4,20 +4,16 @@ goes on from there."""
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
-import pickle
 import re
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
-
-import numpy as np
 
 from ..base import console, interrupts
 from ..base.atomic_files import folder_made, lock_file, naming, shown, write_bytes, write_error
 from ..errors import InputError
+from ..scene.description import digest_of
 from ..scene.settings import FrameOptions
 
 _LOCK = "lock"
@@ -44,32 +40,6 @@ def split_options(options: FarmOptions) -> tuple[dict[str, Any], FrameOptions]:
     return {name: settings.pop(name) for name in names & settings.keys()}, settings
 
 
-def digest_of(*values: Any) -> str:
-    """Return a digest of what frames depend on. Equal values have equal digests in every process, whichever of them are one
-    object; two that differ for another reason only cost a second drawing."""
-    digest = hashlib.sha256()
-    file: Any = SimpleNamespace(write=digest.update)
-    pickler = _Pickler(file, protocol=5)
-    pickler.fast = True  # no references to what came before
-    pickler.dump(values)
-    return digest.hexdigest()
-
-
-class _Pickler(pickle.Pickler):
-    """Writes a digest in place of an array, of each array once."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._digests: dict[int, tuple[Any, bytes]] = {}  # by identity, with the array, which keeps it
-
-    def persistent_id(self, value: Any) -> Any:
-        if not isinstance(value, np.ndarray) or value.dtype.hasobject:
-            return None
-        if id(value) not in self._digests:
-            self._digests[id(value)] = value, hashlib.sha256(np.ascontiguousarray(value).data).digest()
-        return value.dtype.str, value.shape, self._digests[id(value)][1]
-
-
 class FrameFolder:
     """The folder beside a film or a poster, named after it. One process at a time uses it.
 
@@ -89,13 +59,14 @@ class FrameFolder:
         return (self._read() or {}).get("kept") is True
 
     @contextlib.contextmanager
-    def of(self, digest: str, kept: bool) -> Iterator[None]:
-        """Make the folder for the frames with this digest; frames with another one are removed.
+    def of(self, content: Any, kept: bool) -> Iterator[None]:
+        """Make the folder for frames that depend on `content`, see `digest_of`; frames of another content are removed.
 
         When the block ends without an error, the frames are removed unless they are `kept`; a folder without frames is
         always removed. Raises InputError if the folder has other files, OutputError if it cannot be written or another
         process draws the same file.
         """
+        record = {"digest": digest_of(content), "kept": kept}
         if os.path.exists(self.path) and not os.path.isdir(self.path):
             raise write_error(self.path, "it is not a folder")
         with folder_made(self.path):
@@ -108,7 +79,7 @@ class FrameFolder:
                     raise write_error(self.path, f"another process draws this {self._result}")
             try:
                 with naming(self.path):
-                    self._prepare({"digest": digest, "kept": kept})
+                    self._prepare(record)
                 _in_use.add(self)
                 yield
                 if not kept:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,46 +27,44 @@ POLE = 89.5  # degrees: the eye stays that far from straight above, where `up` w
 NEAREST, FARTHEST = 1e-6, 1e6  # distance from the point looked at, relative to that of the first camera
 
 
-class Field(NamedTuple):
-    """A field of a message. check: returns the value that is used. default: where the field is missing."""
-
-    check: Check
-    default: Any = None
-
-
 def _factors(owner: str, name: str, value: Any) -> tuple[float, ...]:
     return tuple(number(owner, name, factor, least=0.0) for factor in items(owner, name, value))
 
 
-_MOVE = Field(number, 0.0)
-_SIDE = Field(partial(integer, least=1, most=MAX_RESOLUTION))  # pixels of the window
-_LATER = Field(lambda _owner, _name, value: value)  # checked by what uses it: `Settings`, scene, tone map or picture
+_side = partial(integer, least=1, most=MAX_RESOLUTION)  # pixels of the window
 
-# type -> fields; those of `set` may be missing
-MESSAGES: dict[str, dict[str, Field]] = {
-    "orbit": {"right": _MOVE, "up": _MOVE},  # degrees
-    "pan": {"right": _MOVE, "up": _MOVE},  # heights of the image
-    "dolly": {"factor": Field(partial(number, above=0.0))},  # of the distance
-    "fly": {"right": _MOVE, "up": _MOVE, "forward": _MOVE},  # distances
+
+def _later(_owner: str, _name: str, value: Any) -> Any:
+    """Leave the check to what uses the value: `Settings`, scene, tone map or picture."""
+    return value
+
+
+# type -> fields and their checks. Those of `set` may be missing, and directions, which are then 0.
+MESSAGES: dict[str, dict[str, Check]] = {
+    "orbit": {"right": number, "up": number},  # degrees
+    "pan": {"right": number, "up": number},  # heights of the image
+    "dolly": {"factor": partial(number, above=0.0)},  # of the distance
+    "fly": {"right": number, "up": number, "forward": number},  # distances
     "reset": {},
-    "size": {"columns": _SIDE, "rows": _SIDE},
+    "size": {"columns": _side, "rows": _side},
     "set": {
-        **dict.fromkeys((name for name in Settings.__dataclass_fields__ if name not in REPEATED), _LATER),
-        "lights": Field(_factors),
-        "ground": Field(flag),
-        "environment": _LATER,
-        "environment_intensity": Field(partial(number, least=0.0)),
-        "tonemap": _LATER,
-        "exposure": _LATER,
-        "as_floats": Field(lambda _owner, _name, value: value is True),
+        **{name: _later for name in Settings.__dataclass_fields__ if name not in REPEATED},
+        "lights": _factors,
+        "ground": flag,
+        "environment": _later,
+        "environment_intensity": partial(number, least=0.0),
+        "tonemap": _later,
+        "exposure": _later,
+        "as_floats": lambda _owner, _name, value: value is True,
     },
-    "probe": {"column": _LATER, "row": _LATER},
+    "probe": {"column": _later, "row": _later},
     "snapshot": {},
     "command": {},
     "reload": {},
     "shown": {},
 }
 ANSWERED = ("probe", "snapshot", "command")
+_DIRECTIONS = {"right": 0.0, "up": 0.0, "forward": 0.0}
 
 
 def checked(message: Any) -> tuple[str, dict[str, Any]]:
@@ -76,16 +74,13 @@ def checked(message: Any) -> tuple[str, dict[str, Any]]:
     kind = message.get("type")
     if not isinstance(kind, str) or kind not in MESSAGES:
         raise value_error("view", "type", f"one of {', '.join(MESSAGES)}", kind)
-    fields = MESSAGES[kind]
+    checks = MESSAGES[kind]
     if kind == "set":
         names = [name for name in message if name != "type"]
-        known("view", names, fields)
-        fields = {name: field for name, field in fields.items() if name in names}
-    return kind, {name: field.check(kind, name, message.get(name, field.default)) for name, field in fields.items()}
-
-
-def _distance(camera: Camera) -> float:
-    return math.dist(camera.eye, camera.lookat)
+        known("view", names, checks)
+        checks = {name: check for name, check in checks.items() if name in names}
+    values = {**_DIRECTIONS, **message}
+    return kind, {name: check(kind, name, values.get(name)) for name, check in checks.items()}
 
 
 def elevation(camera: Camera) -> float:
@@ -104,24 +99,24 @@ def orbit(camera: Camera, right: float, up: float) -> Camera:
 
 def pan(camera: Camera, right: float, up: float) -> Camera:
     """Move eye and target in the image plane, by fractions of the image's height at the target's distance."""
-    height = camera.plane[0] if camera.orthographic else camera.plane[0] / camera.focal * _distance(camera)
-    return _moved(camera, right * height, up * height, 0.0)
+    height = camera.plane[0]
+    if not camera.orthographic:
+        height = height / camera.focal * math.dist(camera.eye, camera.lookat)
+    return _moved(camera, height, right, up, 0.0)
 
 
 def dolly(camera: Camera, factor: float, first: Camera) -> Camera:
     """Multiply the distance to the point looked at, within NEAREST and FARTHEST times that of the `first` camera."""
-    offset = camera.eye - camera.lookat
-    distance, reference = _distance(camera), _distance(first)
+    distance, reference = (math.dist(view.eye, view.lookat) for view in (camera, first))
     factor = max(NEAREST * reference, min(FARTHEST * reference, distance * factor)) / distance
-    return replace(camera, eye=camera.lookat + offset * factor)
+    return replace(camera, eye=camera.lookat + (camera.eye - camera.lookat) * factor)
 
 
 def fly(camera: Camera, right: float, up: float, forward: float) -> Camera:
     """Move eye and target along the camera's axes, by multiples of their distance."""
-    distance = _distance(camera)
-    return _moved(camera, right * distance, up * distance, forward * distance)
+    return _moved(camera, math.dist(camera.eye, camera.lookat), right, up, forward)
 
 
-def _moved(camera: Camera, right: float, up: float, forward: float) -> Camera:
-    shift = np.array([right, up, forward]) @ camera_axes(camera)
+def _moved(camera: Camera, unit: float, *steps: float) -> Camera:
+    shift = np.array(steps) * unit @ camera_axes(camera)
     return replace(camera, eye=camera.eye + shift, lookat=camera.lookat + shift)

@@ -31,35 +31,28 @@ REPEATED = ("scalars", "edges")  # fields of Settings that no client changes: th
 
 @dataclass(frozen=True)
 class Source:
-    """Where a scene comes from, and the options of `render` that say so.
+    """Where a scene comes from, and the options of `render` that say so; `lights` to `environment_intensity` are the first
+    ones of the view."""
 
-    name: as the user gave it. load: reads it. files: watched for changes.
-    arrange: gives it the chosen lights and the environment of a name, its own for None; returns it with its look but
-    without a ground, and this look. finish: applies what follows the ground.
-    camera, fit: of the first camera, see `camera_of`. settings: preset, resolution and fields of Settings.
-    lights: the first factors of the lights' intensities, one for all or one for each light.
-    ground, environment, environment_intensity: the first ones; ground None: as the look has it.
-    up: the axis that points up in the file, None: the one nearest to its camera's.
-    options: of `render`, repeated in every command. saving: of snapshots. output: of snapshots, without a number.
-    """
-
-    name: str
+    name: str  # as the user gave it
     load: Callable[[], Scene]
+    # Gives it the chosen lights and the environment of a name, its own for None; returns it with its look but without a
+    # ground, and this look.
     arrange: Callable[[Scene, str | None], tuple[Scene, Look]]
-    finish: Callable[[Scene], Scene]
-    files: tuple[str, ...] = ()
-    camera: Mapping[str, Any] = field(default_factory=dict)
+    finish: Callable[[Scene], Scene]  # applies what follows the ground
+    files: tuple[str, ...] = ()  # watched for changes
+    camera: Mapping[str, Any] = field(default_factory=dict)  # with `fit` of the first camera, see `camera_of`
     fit: bool = False
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    lights: tuple[float, ...] = (1.0,)
-    ground: bool | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)  # preset, resolution and fields of Settings
+    lights: tuple[float, ...] = (1.0,)  # factors of intensities, one for all or one for each light
+    ground: bool | None = None  # None: as the look has it
     environment: str | None = None
     environment_intensity: float | None = None
-    up: Up | None = None
+    up: Up | None = None  # the axis that points up in the file; None: the one nearest to its camera's
     device: str | None = None
-    options: tuple[str, ...] = ()
-    saving: SavingOptions = field(default_factory=SavingOptions)
-    output: str = "view"
+    options: tuple[str, ...] = ()  # of `render`, repeated in every command
+    saving: SavingOptions = field(default_factory=SavingOptions)  # of snapshots
+    output: str = "view"  # of snapshots, without a number
 
     def stamps(self) -> tuple[Any, ...]:
         """Return the `stamp` of each watched file, None for a missing one."""
@@ -68,20 +61,15 @@ class Source:
 
 @dataclass(frozen=True)
 class View:
-    """What a picture depends on, besides the scene.
+    """What a picture depends on, besides the scene."""
 
-    camera: with lens and resolution. lights: a factor for each light's intensity.
-    environment: its name, see `Source.arrange`. environment_intensity: None: the source's.
-    view_angle: the camera's, degrees; None: that of the scene or the source.
-    """
-
-    camera: Camera
+    camera: Camera  # with lens and resolution
     settings: Settings
-    lights: tuple[float, ...]
+    lights: tuple[float, ...]  # a factor for each light's intensity
     ground: bool
-    environment: str | None
-    environment_intensity: float | None = None
-    view_angle: float | None = None
+    environment: str | None  # its name, see `Source.arrange`
+    environment_intensity: float | None = None  # None: the source's
+    view_angle: float | None = None  # the camera's, degrees; None: that of the scene or the source
 
 
 _Key: TypeAlias = tuple[Any, ...]  # of a view, without its camera
@@ -111,10 +99,10 @@ class LiveScene:
         loaded = source.load()
         lit = source.arrange(loaded, source.environment)
         scene, _ = lit
-        chosen = {name: value for name, value in source.settings.items() if name not in ("resolution", "preset")}
-        preset = source.settings.get("preset")
+        chosen = {"preset": None, "resolution": None, **source.settings}
+        preset, resolution = chosen.pop("preset"), chosen.pop("resolution")
         _, settings = effective_settings(scene, preset, **picture_fields(scene, preset, **chosen))
-        camera, resolution = camera_of(scene, source.camera, fit=source.fit), source.settings.get("resolution")
+        camera = camera_of(scene, source.camera, fit=source.fit)
         camera = camera if resolution is None else camera.with_resolution(resolution)
         scaled_lights(scene, source.lights, "--light-intensity")  # refuses what the view could not use
         self.close()
@@ -186,14 +174,13 @@ class LiveScene:
             scene = replace(scene, environment=self.surroundings(view))
         if view.lights != (1.0,) * len(view.lights):
             scene = scaled_lights(scene, view.lights)
-        if view.ground:
-            up, settings = self.source.up or up_of(self._loaded.camera), view.settings
-            if look == "studio":
-                shadow = False if settings.ambient_occlusion else self._contact_shadow or True
-                scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=settings)
-                self._contact_shadow = scene.meshes[-1].material.texture or self._contact_shadow
-            else:
-                scene = with_ground(scene, up, settings)
+        up, settings = self.source.up or up_of(self._loaded.camera), view.settings
+        if view.ground and look == "studio":
+            shadow = False if settings.ambient_occlusion else self._contact_shadow or True
+            scene = with_look(scene, look, contact_shadow=shadow, up=up, settings=settings)
+            self._contact_shadow = scene.meshes[-1].material.texture or self._contact_shadow
+        elif view.ground:
+            scene = with_ground(scene, up, settings)
         return self.source.finish(scene)
 
     def render(self, view: View, user: object = None) -> Frame:

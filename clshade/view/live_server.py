@@ -120,8 +120,7 @@ class LiveServer:
     async def serve(self, ready: Callable[[], None] | None = None) -> None:
         """Serve until Ctrl-C, or until cancelled. ready: called once clients can connect. Raises what loading raises."""
         app = web.Application(middlewares=[self._guard], client_max_size=1)
-        app.router.add_get("/{token}/", self._serve_page)
-        app.router.add_get("/{token}/live", self._serve_client)
+        app.add_routes([web.get("/{token}/", self._serve_page), web.get("/{token}/live", self._serve_client)])
         runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=CLOSE_SECONDS)
         await runner.setup()
         loop, stopped = asyncio.get_running_loop(), asyncio.Event()
@@ -177,8 +176,7 @@ class LiveServer:
         # Compression would take longer than the loopback interface.
         ws = web.WebSocketResponse(compress=False, max_msg_size=MAX_MESSAGE, heartbeat=30.0)
         await ws.prepare(request)
-        size = {name: int(value) for name, value in request.query.items() if value.isdecimal() and len(value) < 6}
-        client = _Client(self, ws, request.transport, {**size, "type": "size"})
+        client = _Client(self, ws, request)
         self.clients.add(client)
         try:
             await client.run()
@@ -212,10 +210,9 @@ class LiveServer:
             raise
         while True:
             await asyncio.sleep(WATCH_SECONDS)
-            outdated = self.scene.source.stamps() != self.scene.stamps
-            if outdated != self.is_outdated:
-                self.is_outdated = outdated
-                await self.tell_all({"type": "changed", "changed": outdated})
+            was_outdated, self.is_outdated = self.is_outdated, self.scene.source.stamps() != self.scene.stamps
+            if self.is_outdated != was_outdated:
+                await self.tell_all({"type": "changed", "changed": self.is_outdated})
 
     async def _tell_state(self) -> None:
         """Tell clients when they wait for something else."""
@@ -252,22 +249,15 @@ class LiveServer:
 
 
 class _Client:
-    """A connected page: its session, None until the scene is loaded, and the pictures on their way to it.
+    """A connected page. request: its query may have the size of the window, columns and rows."""
 
-    size: a message with the size of its window; without columns and rows: the pictures' own.
-    """
-
-    def __init__(
-        self,
-        server: LiveServer,
-        ws: web.WebSocketResponse,
-        transport: asyncio.BaseTransport | None,
-        size: dict[str, Any],
-    ) -> None:
-        self.server, self.socket, self._transport, self._size = server, ws, transport, size
-        self.session: Session | None = None
+    def __init__(self, server: LiveServer, socket: web.WebSocketResponse, request: web.Request) -> None:
+        self.server, self.socket, self._transport = server, socket, request.transport
+        size = {name: int(value) for name, value in request.query.items() if value.isdecimal() and len(value) < 6}
+        self._size: dict[str, Any] = {**size, "type": "size"}  # the latest message of this type
+        self.session: Session | None = None  # until the scene is loaded
         self.changed = asyncio.Event()  # something may be due
-        self._in_flight = 0  # pictures
+        self._in_flight = 0  # pictures on their way
         self._moved_at: float | None = None  # when the latest picture was drawn, if it was in motion
 
     async def tell(self, message: dict[str, Any]) -> None:
@@ -328,8 +318,8 @@ class _Client:
         else:
             if kind == "set" and "environment" in message:
                 await self.server.in_drawing(session.checked_environment, message["environment"])
-            in_drawing = kind in ANSWERED
-            reply = await self.server.in_drawing(session.handle, message) if in_drawing else session.handle(message)
+            takes_time = kind in ANSWERED
+            reply = await self.server.in_drawing(session.handle, message) if takes_time else session.handle(message)
             if reply is not None:
                 await self.tell(reply)
 
@@ -355,18 +345,17 @@ class _Client:
 
     async def _drawn(self, session: Session, task: Task) -> Drawing | None:
         """Draw a picture; if that fails, tell the client and go on."""
-        loop = asyncio.get_running_loop()
-        start = loop.time()
-        drawing: Drawing | None = None
+        start = time.monotonic()
         try:
-            drawing = await self.server.in_drawing(session.draw, task)
+            drawing: Drawing = await self.server.in_drawing(session.draw, task)
         except Exception as error:
             await self.tell({"type": "error", "text": _line(error)})
-        session.drawn(task, drawing.ms if drawing else (loop.time() - start) * 1e3)
-        if drawing is not None:
-            now, before = loop.time(), self._moved_at
-            self.server.stats.add(drawing, now - before if task.is_first and before is not None else None)
-            self._moved_at = now if task.is_first else None
+            session.drawn(task, (time.monotonic() - start) * 1e3)
+            return None
+        session.drawn(task, drawing.ms)
+        now, before = time.monotonic(), self._moved_at
+        self.server.stats.add(drawing, now - before if task.is_first and before is not None else None)
+        self._moved_at = now if task.is_first else None
         return drawing
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..base.arrays import Array, Bytes
 from ..base.declare import as_argument
+from ..base.json_values import plain
 from ..base.validation import integer, value_error
 from ..images import exr
 from ..images.tonemap import JOINT, Operator, mapped
@@ -30,7 +31,7 @@ from ..pipeline.frame_files import KINDS, chosen_paths
 from ..scene.camera import Camera
 from ..scene.model import default_tonemap
 from ..scene.settings import SHADERS, Settings
-from .live_input import checked, dolly, fly, orbit, pan
+from .live_input import ANSWERED, checked, dolly, fly, orbit, pan
 from .live_scene import LiveScene, View, in_motion
 
 SAMPLES = (1, 4, 16, 64)
@@ -38,15 +39,16 @@ SCALES = (1, 2, 4)  # pixels of a full picture per pixel of a coarse one, across
 FRAME_MS = 33.0  # of a picture while the view moves: 30 frames/s
 LARGE = 1_000_000  # triangles: larger scenes get no renderers for the steps in between
 _ALIGNMENT = 8  # bytes: typed arrays of a browser begin at multiples of their elements' size
+_POSE = ("eye", "lookat", "up")
 
 
 @dataclass(frozen=True)
 class Step:
-    """A picture: its samples per pixel, and how much coarser it is in both directions. last: nothing follows it."""
+    """A kind of picture."""
 
-    samples: int
-    scale: int = 1
-    last: bool = False
+    samples: int  # per pixel
+    scale: int = 1  # how much coarser it is in both directions
+    last: bool = False  # nothing follows it
 
 
 @dataclass(frozen=True)
@@ -60,26 +62,23 @@ class Display:
 
 @dataclass(frozen=True)
 class Task:
-    """A picture to draw: everything it depends on, so that it may be drawn while the session goes on.
-
-    is_first: the first of its version, drawn while the view moves.
-    """
+    """A picture to draw: everything it depends on, so that it may be drawn while the session goes on."""
 
     step: Step
     view: View
     display: Display
     version: int
-    is_first: bool
+    is_first: bool  # of its version, drawn while the view moves
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drawn picture. message: for the client. times_ms: stages of the frame, then `frame`, `convert` and `total`."""
+    """A drawn picture."""
 
     task: Task
     frame: Frame
-    message: bytes
-    times_ms: dict[str, float]
+    message: bytes  # for the client
+    times_ms: dict[str, float]  # stages of the frame, then `frame`, `convert` and `total`
 
     @property
     def ms(self) -> float:
@@ -114,12 +113,12 @@ class Session:
         Raises InputError, and OutputError from a snapshot; nothing changes then.
         """
         kind, fields = checked(message)
-        answers: dict[str, Callable[..., dict[str, Any]]] = {"probe": self.probe, "snapshot": self.snapshot}
-        answers["command"] = lambda: {"command": self.command()}
-        if kind in answers:
-            return {"type": kind, **answers[kind](**fields)}
         moves: dict[str, Callable[..., Camera]] = {"orbit": orbit, "pan": pan, "fly": fly}
         moves["dolly"] = partial(dolly, first=self._first.camera)
+        if kind == "command":
+            return {"type": kind, "command": self.command()}
+        if kind in ANSWERED:
+            return {"type": kind, **getattr(self, kind)(**fields)}
         if kind in moves:
             camera = self._scene.placed(moves[kind](self.view.camera, **fields), self.view.view_angle)
             self._change(replace(self.view, camera=camera))
@@ -140,26 +139,25 @@ class Session:
 
     def _placed(self, view: View) -> View:
         """Return a view with the resolution and the lens of the first one."""
-        angle, camera = self._first.view_angle, self._first.camera
-        camera = replace(camera, eye=view.camera.eye, lookat=view.camera.lookat, up=view.camera.up)
-        return replace(view, camera=self._scene.placed(camera, angle), view_angle=angle)
+        angle, pose = self._first.view_angle, {name: getattr(view.camera, name) for name in _POSE}
+        return replace(view, camera=self._scene.placed(replace(self._first.camera, **pose), angle), view_angle=angle)
 
     def _set(self, fields: Mapping[str, Any]) -> None:
         """Change settings (fields of Settings), lights, surroundings, and what the display shows."""
 
-        def fields_of(kind: type[Display | View | Settings]) -> dict[str, Any]:
-            return {name: value for name, value in fields.items() if name in kind.__dataclass_fields__}
+        def changed(instance: Any) -> Any:
+            return replace(instance, **{name: value for name, value in fields.items() if hasattr(instance, name)})
 
-        display = replace(self.display, **fields_of(Display))
+        display: Display = changed(self.display)
         stops = checked_exposure("srgb" if display.tonemap is None else display.tonemap, display.exposure)
-        view = replace(self.view, **fields_of(View))
+        view: View = changed(self.view)
         if len(view.lights) != len(self.view.lights):
             raise value_error("set", "lights", f"{len(self.view.lights)} factors", view.lights)
         if fields.get("ground") and view.settings.edges is not None:
             raise value_error("set", "ground", "none with edges, which would draw its edges too", True)
         if "environment" in fields:
             self.checked_environment(view.environment)
-        view = replace(view, settings=replace(view.settings, **fields_of(Settings)))
+        view = replace(view, settings=changed(view.settings))
         if view.settings.background == "environment" and self._scene.surroundings(view) is None:
             if "background" in fields:
                 raise value_error("set", "background", "another one, or an environment", "environment, and none")
@@ -191,11 +189,9 @@ class Session:
 
     def reloaded(self) -> None:
         """Take over the scene that was read again: the camera stays, lights do if there are as many."""
-        scene = self._scene
-        self._first = first = scene.first_view(self._window)
+        self._first = first = self._scene.first_view(self._window)
         lights = self.view.lights if len(self.view.lights) == len(first.lights) else first.lights
-        self._final = None
-        self._scene_version = scene.version
+        self._final, self._scene_version = None, self._scene.version
         self._change(replace(self._placed(self.view), lights=lights))
 
     # Drawing
@@ -216,29 +212,23 @@ class Session:
             settings = in_motion(settings, layers=settings.layers if floats else (), samples=step.samples)
         columns, rows = full = view.camera.resolution
         coarse = (max(columns // step.scale, 1), max(rows // step.scale, 1))
-        frame = self._scene.render(
-            replace(view, camera=replace(view.camera, resolution=coarse), settings=settings), self
-        )
+        small = replace(view, camera=replace(view.camera, resolution=coarse), settings=settings)
+        frame = self._scene.render(small, self)
         end = time.perf_counter()
         if floats:
-            size, arrays = full, {name: enlarge(plane, (rows, columns)) for name, plane in planes(frame).items()}
+            arrays = {name: enlarge(plane, (rows, columns)) for name, plane in planes(frame.channels()).items()}
         else:
-            size, arrays = coarse, {"rgba": rgba8(frame, self._tonemap(view, task.display), task.display.exposure)}
+            arrays = {"rgba": rgba8(frame, self._tonemap(view, task.display), task.display.exposure)}
         stages = {name: ms for name, ms in frame.stats["times_ms"].items() if name not in ("pack", "open", "upload")}
         now = time.perf_counter()
         times = {**stages, "convert": (now - end) * 1e3, "total": (now - start) * 1e3}
         if step.last:
             self._final = view, self._scene_version, frame
+        width, height = full if floats else coarse
         header = {
             "type": "image" if floats else "picture",
-            "width": size[0],
-            "height": size[1],
-            "full": full,
-            "drawn": coarse,
-            "samples": step.samples,
-            "last": step.last,
-            "moving": task.is_first,
-            "version": task.version,
+            **{"width": width, "height": height, "full": full, "drawn": coarse},
+            **{"samples": step.samples, "last": step.last, "moving": task.is_first, "version": task.version},
             "times_ms": {name: round(ms, 3) for name, ms in times.items()},
             "camera": _pose(view.camera),
         }
@@ -266,14 +256,9 @@ class Session:
         if probed is None or probed[:2] != (view, self._scene_version):
             frame = self._scene.render(replace(view, settings=_with_all_layers(view.settings)), self)
             self._probed = probed = view, self._scene_version, frame
-        values: dict[str, int | float | str] = {}
-        for name, plane in exr.flatten(probed[2].channels()).items():
-            if plane.dtype.kind in "iu":
-                values[name] = int(plane[row, column])
-                continue
-            with np.errstate(over="ignore", invalid="ignore"):
-                value = float(np.float32(plane[row, column]))
-            values[name] = value if np.isfinite(value) else str(value)
+        pixel = np.s_[row : row + 1, column : column + 1]
+        layers = {name: layer[pixel] for name, layer in probed[2].channels().items()}
+        values = {name: plain(plane.item(), words=True) for name, plane in planes(layers).items()}
         return {"version": version, "column": column, "row": row, "values": values}
 
     def snapshot(self) -> dict[str, Any]:
@@ -353,7 +338,7 @@ def _with_all_layers(settings: Settings) -> Settings:
 
 
 def _pose(camera: Camera) -> dict[str, list[float]]:
-    return {name: getattr(camera, name).tolist() for name in ("eye", "lookat", "up")}
+    return {name: getattr(camera, name).tolist() for name in _POSE}
 
 
 # Pictures as messages
@@ -368,12 +353,12 @@ def rgba8(frame: Frame, operator: Operator, exposure: float) -> Bytes:
     return codes
 
 
-def planes(frame: Frame) -> dict[str, Array]:
-    """Return the channels by their names in an EXR, (M, N) each: float32, numbers uint32."""
+def planes(layers: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the channels of layers by their names in an EXR, (M, N) each: float32, numbers uint32."""
     with np.errstate(over="ignore", invalid="ignore"):
         return {
             name: np.ascontiguousarray(plane, np.uint32 if plane.dtype.kind in "iu" else np.float32)
-            for name, plane in exr.flatten(frame.channels()).items()
+            for name, plane in exr.flatten(layers).items()
         }
 
 
@@ -382,24 +367,21 @@ def enlarge(plane: Array, shape: tuple[int, int]) -> Array:
     if plane.shape == shape:
         return plane
     rows, columns = (np.arange(full) * coarse // full for full, coarse in zip(shape, plane.shape, strict=True))
-    repeated: Array = plane[rows[:, None], columns]
+    repeated: Array = plane[np.ix_(rows, columns)]
     return repeated
 
 
 def pack_picture(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     """Return a picture's message. Its header lists the arrays: name, type, and offset behind the header."""
     listed, end = [], 0
+    pieces: list[Any] = []  # the arrays and what pads them
     for name, array in arrays.items():
         listed.append({"name": name, "type": array.dtype.name, "offset": end})
-        end += -(-array.nbytes // _ALIGNMENT) * _ALIGNMENT
+        pieces += [array.reshape(-1).view(np.uint8).data, bytes(-array.nbytes % _ALIGNMENT)]
+        end += sum(map(len, pieces[-2:]))
     text = json.dumps({**header, "arrays": listed}).encode()
     text += b" " * (-len(text) % _ALIGNMENT)
-    start = _ALIGNMENT + len(text)
-    message = bytearray(start + end)
-    message[:start] = len(text).to_bytes(_ALIGNMENT, "little") + text
-    for row, array in zip(listed, arrays.values(), strict=True):
-        np.frombuffer(message, array.dtype, array.size, start + row["offset"])[:] = array.reshape(-1)
-    return bytes(message)
+    return b"".join([len(text).to_bytes(_ALIGNMENT, "little"), text, *pieces])
 
 
 # Which picture to draw next
@@ -430,15 +412,13 @@ class Refinement:
         if not self._steps:
             return None
         step = self._steps[0]
-        if self.is_first:
-            return step
-        wait = self._changed + self._expected_ms(step) / 1e3 - now
+        wait = 0.0 if self.is_first else self._changed + self._expected_ms(step) / 1e3 - now
         return step if wait <= 0.0 else wait
 
     def drawn(self, step: Step, ms: float, *, current: bool) -> None:
         """Note a step's time. current: whether it shows this view, not an earlier one."""
         key = step.samples, step.scale
-        self._ms[key] = ms if key not in self._ms else 0.5 * (self._ms[key] + ms)
+        self._ms[key] = 0.5 * (self._ms.get(key, ms) + ms)
         if current and self._steps and self._steps[0] == step:
             del self._steps[0]
             self.is_first = False
@@ -458,7 +438,7 @@ class Refinement:
             by_pixels = 4.0 * expected[2 * scale] if expected[2 * scale] else math.inf
             expected[scale] = min(self._ms.get((1, scale), math.inf), by_pixels)
         expected = {scale: ms for scale, ms in expected.items() if 0.0 < ms < math.inf}
-        fast = [scale for scale in SCALES if expected.get(scale, math.inf) <= FRAME_MS]
+        fast = [scale for scale, ms in expected.items() if ms <= FRAME_MS]
         if fast or not expected:
             return min(fast, default=1)
         coarser = SCALES[min(SCALES.index(max(expected)) + 1, len(SCALES) - 1)]  # the first without a time

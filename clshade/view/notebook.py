@@ -14,7 +14,7 @@ from ..base.validation import path as checked_path
 from ..errors import OutputError
 from ..images import exr, png
 from ..images.image_file import Picture
-from ..images.tonemap import Operator
+from ..images.tonemap import Operator, over_checkers
 from ..pipeline.frame import Frame
 from ..scene.model import Scene, default_tonemap
 from .page import Page, view
@@ -38,9 +38,8 @@ def scene_bundle(scene: Scene) -> dict[str, Any]:
     """Return MIME type -> content: a line of text, and a small render of the scene if there is a device. Never raises."""
     from ..pipeline.renderer import render
 
-    text = repr(scene)
-    longer = max(scene.camera.resolution)
-    columns, rows = (max(1, side * SCENE_SIDE // max(longer, SCENE_SIDE)) for side in scene.camera.resolution)
+    text, longer = repr(scene), max(*scene.camera.resolution, SCENE_SIDE)
+    columns, rows = (max(1, side * SCENE_SIDE // longer) for side in scene.camera.resolution)
     try:
         small = replace(scene, camera=replace(scene.camera, resolution=(columns, rows)))
         picture = encoded(render(small, samples=1).to_png8())
@@ -82,7 +81,6 @@ def view_frame(frame: Frame, path: Path | None, tonemap: Operator | None, exposu
 def plot_layers(frame: Frame) -> Any:
     """Return a matplotlib figure of a frame's image, coverage and layers."""
     from ..images.figures import Thumbnail, plot_thumbnails, thin, thumbnails
-    from ..images.tonemap import over_checkers
 
     pictures = thumbnails(exr.flatten(frame.channels()))
     pictures["RGB"] = Thumbnail(over_checkers(thin(frame.to_png8())), f"tone map {default_tonemap(frame.scene)}")

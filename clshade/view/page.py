@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import html as markup
 import json
@@ -79,8 +80,7 @@ def html(
     connect: where scripts may connect to, a source list of the Content Security Policy's `connect-src`.
     """
     settings = checked_settings(tonemap, exposure)
-    scripts = [_part(name) for name in SCRIPTS] + list(extra_scripts)
-    style = "\n".join([_part("style.css"), *extra_styles])
+    scripts, style = [*map(_part, SCRIPTS), *extra_scripts], "\n".join([_part("style.css"), *extra_styles])
     texts: list[Future[str]] = []
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # deflate releases the GIL
         try:
@@ -155,8 +155,7 @@ def _described(name: str, picture: Picture, threads: ThreadPoolExecutor, texts: 
     channels = []
     for channel, plane in picture.channels.items():
         kind, bits = stored_bits(plane, picture.bits)
-        start = len(texts)
-        values = bits.reshape(-1)
+        start, values = len(texts), bits.reshape(-1)
         texts += [threads.submit(_encoded, values[k : k + _CHUNK]) for k in range(0, values.size, _CHUNK)]
         channels.append({"name": channel, "type": kind, "chunks": list(range(start, len(texts)))})
     return {"name": name, "width": columns, "height": rows, "channels": channels, "info": info(picture)}
@@ -181,12 +180,8 @@ def info(picture: Picture) -> dict[str, Any]:
     header = {in_line(name): in_line(value) for name, value in picture.header.items()}
     names = {}
     for layer, row in LAYER_TABLE.items():
-        try:
-            named = json.loads(picture.header[row.names]) if row.names else None
-        except (KeyError, TypeError, ValueError, RecursionError):
-            continue
-        if isinstance(named, dict):
-            names[layer] = {number: str(name) for number, name in named.items()}
+        with contextlib.suppress(KeyError, TypeError, ValueError, RecursionError, AttributeError):
+            names[layer] = {number: str(name) for number, name in json.loads(picture.header[row.names]).items()}
     return {"encoded": bool(picture.bits), "header": header, "names": names}
 
 
@@ -197,16 +192,15 @@ def stored_bits(plane: Array, bits: int = 0) -> tuple[str, Array]:
     Types: half, float, uint; u8 and u16 for codes. float64 is rounded to float, as in an EXR.
     """
     if bits:
-        code = np.uint8 if bits == 8 else np.uint16
-        return f"u{bits}", np.rint(plane.astype(np.float64) * np.iinfo(code).max).astype(code)
+        return f"u{bits}", np.rint(plane.astype(np.float64) * (2**bits - 1)).astype(f"u{bits // 8}")
     if plane.dtype.kind in "iub":
         return "uint", np.ascontiguousarray(plane, dtype=np.uint32)
     if plane.dtype.kind != "f":
         raise InputError(f"view: channels: expected floats or whole numbers, found type {plane.dtype}")
+    if plane.dtype == np.float16:
+        return "half", np.ascontiguousarray(plane).view(np.uint16)
     with np.errstate(over="ignore", invalid="ignore"):
-        half = plane.dtype == np.float16
-        floats = np.ascontiguousarray(plane, dtype=np.float16 if half else np.float32)
-    return ("half", floats.view(np.uint16)) if half else ("float", floats.view(np.uint32))
+        return "float", np.ascontiguousarray(plane, dtype=np.float32).view(np.uint32)
 
 
 def _encoded(values: Array) -> str:

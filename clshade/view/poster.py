@@ -30,10 +30,11 @@ from ..pipeline import frame_files
 from ..pipeline.effective_settings import effective_settings
 from ..pipeline.frame_files import SAVING, SavingOptions
 from ..pipeline.frame_results import record_of, sealed
-from ..scene.image_part import PartCamera, part_of, whole_camera
-from ..scene.model import Scene
+from ..scene.camera import PartCamera, part_of, whole_camera
+from ..scene.description import part_digests
+from ..scene.model import Scene, default_tonemap
 from ..scene.pose import PerFrame
-from .frame_folder import FarmOptions, FrameFolder, digest_of, split_options
+from .frame_folder import FarmOptions, FrameFolder, split_options
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -53,12 +54,10 @@ class Poster:
 
     Attributes
     ----------
-    paths : tuple of str
-        Its files.
+    paths, resolution : tuple of str, of int
+        Its files; columns and rows.
     run : Run
         How its tiles were drawn.
-    resolution : tuple of int
-        Columns and rows.
     tile : int
         Pixels a side of a tile; those at the right and at the lower end may be smaller.
     size, join_seconds : int, float
@@ -77,9 +76,8 @@ class Poster:
 
     def stats(self) -> dict[str, Any]:
         """Return the figures as a dict for JSON."""
-        poster = {name: getattr(self, name) for name in Poster.__dataclass_fields__ if name != "run"}
         run = {name: value for name, value in self.run.stats().items() if name not in ("first", "last", "files")}
-        return {**run, "poster": poster}
+        return {**run, "poster": {name: value for name, value in vars(self).items() if name != "run"}}
 
     def lines(self) -> list[str]:
         """Return the result as lines for the terminal."""
@@ -123,13 +121,11 @@ def draw_poster(
     tile : int, default 2048
         Pixels a side of a tile, a power of two from 16 to 8192.
     keep_tiles : bool, default False
-        Keep the tiles, EXR and PNG, in the folder ``<path>.tiles``. Otherwise it is removed when the
+        Keep the tiles, EXR and PNG, in the folder ``<path>.tiles``, which is otherwise removed when the
         poster is complete, unless an earlier run kept it.
     saving : dict, optional
         Keywords of `Frame.save`; `files` may be ``("exr",)`` or ``("png",)`` alone.
-    overwrite : bool, default False
-        Also draw tiles that an earlier run left.
-    workers, scheduler, timeout, frame_timeout, progress, device
+    overwrite, workers, scheduler, timeout, frame_timeout, progress, device
         See `clshade.farm.draw_frames`. Workers elsewhere need access to the folder of the tiles.
     **options
         Keywords of `clshade.render`; ``resolution=(N, M)``, columns and rows, may be up to 131072 each.
@@ -154,8 +150,7 @@ def draw_poster(
     saved: SavingOptions = {**saving} if saving else {}
     paths = frame_files.chosen_paths(name, saved.get("files"))
     files = tuple(paths)
-    refused = ",".join(kind for kind in files if kind not in ("exr", "png"))
-    if refused:
+    if refused := ",".join(kind for kind in files if kind not in ("exr", "png")):
         raise value_error("draw_poster", "files", "exr, png or both", refused)
     for option in ("crop", "colorbar"):
         if saved.get(option):
@@ -186,7 +181,8 @@ def draw_poster(
         raise value_error("draw_poster", "tile", "tiles of less than 2^31 bytes: smaller ones, or fewer layers", tile)
     folder = FrameFolder(os.fspath(next(iter(paths.values())).with_suffix("")), "poster", "tiles")
     keep_tiles = keep_tiles or folder.kept
-    with folder.of(digest_of(whole_scene, settled, tile, {**saved, "files": files}), keep_tiles):
+    content = part_digests(whole_scene), settled, tile, default_tonemap(whole_scene), repr({**saved, "files": files})
+    with folder.of(content, keep_tiles):
         first = replace(scene, camera=tiles[0])
         run = draw_frames(first, tiles, folder.pattern, saving={**saved, "files": files}, **farming, **settings)
         start = time.perf_counter()
@@ -205,23 +201,15 @@ def draw_poster(
                     else:
                         png.encode_bands(file, columns, rows, _bands(names, across, columns))
         seconds = time.perf_counter() - start
-    return Poster(
-        paths=tuple(map(os.fspath, paths.values())),
-        run=run,
-        resolution=camera.resolution,
-        tile=tile,
-        size=sum(map(os.path.getsize, paths.values())),
-        join_seconds=seconds,
-        tiles=folder.path if keep_tiles else None,
-    )
+    kept, size = folder.path if keep_tiles else None, sum(map(os.path.getsize, paths.values()))
+    return Poster(tuple(map(os.fspath, paths.values())), run, camera.resolution, tile, size, seconds, kept)
 
 
 def _bands(names: Sequence[str], across: int, columns: int) -> Iterator[Bytes]:
     """Yield the rows of tiles, `across` PNGs each, as images with this many columns."""
     for start in range(0, len(names), across):
         left = 0
-        for name in names[start : start + across]:
-            picture = png.read(name, alpha=True)
+        for picture in (png.read(name, alpha=True) for name in names[start : start + across]):
             if not left:
                 band = np.empty((len(picture), columns, picture.shape[2]), np.uint8)
             band[:, left : left + picture.shape[1]] = picture
@@ -274,10 +262,9 @@ def tiled_header(tile_name: str, resolution: tuple[int, int], tile: int, metadat
     for name, value in ((b"dataWindow", window), (b"displayWindow", window), (b"tiles", size)):
         attributes[name] = attributes[name][0], value
     start = exr_limits.MAGIC + (version | tile_version).to_bytes(4, "little")  # a bit of it tells of long names
-    stored = (
-        b"\0".join([name, kind, len(value).to_bytes(4, "little") + value]) for name, (kind, value) in attributes.items()
-    )
-    return start + b"".join(stored) + b"\0"
+    for name, (kind, value) in attributes.items():
+        start += b"\0".join([name, kind, len(value).to_bytes(4, "little") + value])
+    return start + b"\0"
 
 
 def join_tiles(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, down: int) -> None:
@@ -289,9 +276,9 @@ def join_tiles(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, 
     _, shared = _read_header(io.BytesIO(start), "")
     file.write(start)
     file.write(bytes(8 * across * down))
-    offsets = np.zeros(across * down, np.uint64)
+    offsets = []
     for number, name in enumerate(tiles):
-        offsets[number] = file.tell()
+        offsets.append(file.tell())
         with _opened(name) as tile:
             _, tile_header = _read_header(tile, name)
             for key in _SHARED:
@@ -299,15 +286,11 @@ def join_tiles(file: BinaryIO, start: bytes, tiles: Iterable[str], across: int, 
                     raise _not_a_tile(name, f"one with other {key.decode()}")
             offset = int.from_bytes(tile.read(8), "little")  # of its only chunk, with which it ends
             size = tile.seek(0, io.SEEK_END) - offset - _CHUNK.size
-            chunk = b""
-            if offset and size >= 0:
-                tile.seek(offset)
-                chunk = tile.read(_CHUNK.size)
-            if not chunk or _CHUNK.unpack(chunk)[4] != size:
+            tile.seek(offset if size >= 0 else 0)
+            if not offset or size < 0 or _CHUNK.unpack(tile.read(_CHUNK.size))[4] != size:
                 raise _not_a_tile(name, "one that does not end with its pixels")
             file.write(_CHUNK.pack(number % across, number // across, 0, 0, size))
             shutil.copyfileobj(tile, file, 1 << 20)
-    end = file.tell()
     file.seek(len(start))
-    file.write(offsets.tobytes())
-    file.seek(end)
+    file.write(struct.pack(f"<{len(offsets)}Q", *offsets))
+    file.seek(0, io.SEEK_END)

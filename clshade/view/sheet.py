@@ -15,26 +15,23 @@ from ..base import atomic_files
 from ..base.arrays import Bytes
 from ..base.json_values import plain
 from ..base.validation import arguments, flag, sequence, value_error
-from ..images import marks, png
+from ..images import exr, marks, png
 from ..images.statistics import image_statistics
-from ..images.tonemap import WHITE, over
+from ..images.tonemap import WHITE, Operator, over
+from ..pipeline.frame import Frame
 from ..pipeline.frame_files import output_paths
+from ..pipeline.opencl.device import Device
 from ..pipeline.renderer import render
 from ..scene import geometry
-from ..scene.contents import surface_facts
+from ..scene.adjust_camera import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
+from ..scene.camera import Camera
+from ..scene.contents import instance_names, object_numbers, surface_facts
 from ..scene.ground import objects_of
 from ..scene.model import Scene
-from ..scene.objects import instance_names, object_numbers
 from ..scene.settings import FrameOptions
-from ..scene.views import CAMERA, named_cameras, seen_by, towards_eye, units_per_pixel
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-    from ..images.tonemap import Operator
-    from ..pipeline.frame import Frame
-    from ..pipeline.opencl.device import Device
-    from ..scene.camera import Camera
 
 DEFAULT_VIEWS = ("front", "right", "top", "iso")
 MAX_PIXELS = 1 << 28  # of a sheet, as of a PNG that is read
@@ -104,8 +101,8 @@ def draw_sheet(
     scene : Scene
         What to draw.
     views : sequence of str
-        Names of `clshade.scene.views.VIEWS`; each is drawn once. All but ``"camera"`` are parallel projections of one
-        scale.
+        Names of `clshade.scene.adjust_camera.VIEWS`; each is drawn once. All but ``"camera"`` are parallel projections
+        of one scale.
     device : Device or str, optional
         See `clshade.render`.
     fixed_lights : bool, default False
@@ -119,23 +116,20 @@ def draw_sheet(
     names = () if isinstance(views, str) else sequence(views)
     if not names:
         raise value_error("draw_sheet", "views", "a sequence of names", views)
-    options = {**options}
     cameras = named_cameras(scene, names, options.pop("resolution", None))
     layers = options.pop("layers", ())
     options["layers"] = (*((layers,) if isinstance(layers, str) else layers), "id")
-    layout, strip = _layout(next(iter(cameras.values())).resolution, len(cameras))
+    columns, rows = next(iter(cameras.values())).resolution
+    layout, strip = _layout(columns, rows, len(cameras))
     facts = scene_facts(objects_of(scene))
     heading = _heading(facts, layout)
     layout = replace(layout, head=round((1.2 + marks.LINE * len(heading)) * layout.title_size))
     panels, views_facts = [], []
     for number, (name, camera) in enumerate(cameras.items()):
         frame = render(seen_by(scene, camera, fixed_lights=fixed_lights), device=device, **options)
-        pixels = over(frame.to_png8(tonemap, exposure), WHITE)
-        seen = view_facts(name, frame)
-        panels.append(_panel(pixels, seen, camera, layout, strip))
-        x, y = layout.corner(number, pixels.shape[0] + strip)
-        rows, columns = pixels.shape[:2]
-        seen["panel"] = [x + (layout.panel - columns) // 2, y, columns, rows]
+        x, y = layout.corner(number, rows + strip)
+        seen = {**view_facts(name, frame), "panel": [x + (layout.panel - columns) // 2, y, columns, rows]}
+        panels.append(_panel(over(frame.to_png8(tonemap, exposure), WHITE), seen, camera, layout, strip))
         views_facts.append(seen)
     picture = marks.compose_sheet(panels, "\n".join(heading), layout)
     return Sheet(picture, {**facts, "views": views_facts, "size": [picture.shape[1], picture.shape[0]]})
@@ -169,15 +163,11 @@ def scene_facts(scene: Scene) -> dict[str, Any]:
 
 def view_facts(name: str, frame: Frame) -> dict[str, Any]:
     """Return what a view shows, for JSON. The frame has the layer id."""
-    camera, ids = frame.scene.camera, frame["id"]
-    face_count = objects_of(frame.scene).face_count
+    camera, ids, face_count = frame.scene.camera, frame["id"], objects_of(frame.scene).face_count
     visible = np.zeros(frame.scene.face_count + 1, bool)
     visible[ids] = True
     alpha = np.where(ids > face_count, 0.0, frame.alpha)  # a ground is the last mesh
-    rows, columns = (np.flatnonzero((alpha > 0.0).any(axis=axis)) for axis in (1, 0))
-    box = None
-    if len(rows):
-        box = [int(v) for v in (columns[0], rows[0], columns[-1] - columns[0] + 1, rows[-1] - rows[0] + 1)]
+    x0, y0, x1, y1 = exr.drawn_window({"A": np.maximum(alpha, 0.0)})
     if name != CAMERA:
         title = f"{name}, seen from {towards_eye(camera)}"
     elif camera.orthographic:
@@ -197,7 +187,7 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
             "scale_holds": "everywhere" if camera.orthographic else "at the distance of the focal point",
             "scale_bar": {"length": length, "pixels": length / scale},
             "coverage": float(alpha.mean(dtype=np.float64)),
-            "covered_box": box,
+            "covered_box": [x0, y0, x1 - x0 + 1, y1 - y0 + 1] if alpha.any() else None,
             "visible_faces": int(np.count_nonzero(visible[1 : face_count + 1])),
             "triangles_in_view": frame.stats["visible"],
             "statistics": image_statistics(frame.rgb).stats(),
@@ -206,10 +196,9 @@ def view_facts(name: str, frame: Frame) -> dict[str, Any]:
     return facts
 
 
-def _layout(resolution: tuple[int, int], count: int) -> tuple[marks.Layout, int]:
+def _layout(columns: int, rows: int, count: int) -> tuple[marks.Layout, int]:
     """Return the layout of a sheet, about 4:3, without room for its heading, and the height of the strip below each
     image. Raises InputError for a sheet of more than MAX_PIXELS."""
-    columns, rows = resolution
     width = max(columns, _MIN_WIDTH)
     strip = min(max(round(0.13 * width), 44), 100)
 

@@ -3,6 +3,7 @@ tagged so; animated images by Pillow."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
 import os
@@ -53,26 +54,21 @@ _SCALES, _OFFSETS = (219.0, 224.0, 224.0), (16.0, 128.0, 128.0)  # of 8-bit code
 
 @dataclass(frozen=True)
 class FilmFormat:
-    """A format of film files with a depth of color.
+    """A format of film files with a depth of color."""
 
-    ending: of file names. bits: per channel. codec: its name, for people. pixels: FFmpeg's pixel format, or for people
-    what an animated image holds. options: those of the encoder. encoder: FFmpeg's; "" for Pillow's. min_side, max_side:
-    pixels. max_rate: frames per second: GIF's delays are centiseconds, those of APNG and WebP milliseconds, and browsers
-    show a frame of 10 ms or less for 100 ms. ticks: units of a frame's duration in a second; 0: any duration. alpha:
-    whether it keeps that of frames over nothing.
-    """
-
-    ending: str
-    bits: int
-    codec: str
-    pixels: str
-    options: dict[str, Any]
-    encoder: str = ""
-    min_side: int = 1
+    ending: str  # of file names
+    bits: int  # per channel
+    codec: str  # its name, for people
+    pixels: str  # FFmpeg's pixel format, or for people what an animated image holds
+    options: dict[str, Any]  # of the encoder
+    encoder: str = ""  # FFmpeg's; "" for Pillow's
+    min_side: int = 1  # pixels
     max_side: int = 16384
+    # Frames per second: GIF's delays are centiseconds, those of APNG and WebP milliseconds, and browsers show a frame of
+    # 10 ms or less for 100 ms.
     max_rate: int = 240
-    ticks: int = 0
-    alpha: bool = False
+    ticks: int = 0  # units of a frame's duration in a second; 0: any duration
+    alpha: bool = False  # whether it keeps that of frames over nothing
 
 
 # Constant quality: FFmpeg's guide to H.264 calls 17 or 18 visually lossless.
@@ -106,18 +102,16 @@ _SUBSTITUTES = {  # endings of formats that are not written -> one that is
 def is_film(name: str) -> bool:
     """Return whether an output is a film; False for frames. Raises InputError for a film in a format that is not
     written, or whose name has a number."""
-    stem, ending = os.path.splitext(os.path.basename(name))
-    ending = ending.lower()
-    if "#" in stem:
-        if ending in ENDINGS:
+    stem, ending = os.path.splitext(os.path.basename(name.lower()))
+    if ending in ENDINGS:
+        if "#" in stem:
             raise InputError(f"--output: expected a film's name without #, found {quoted(name)}")
-        return False
-    of_frames = ending in ("", ".exr", ".png") or "#" in ending
-    near = "" if of_frames or ending in ENDINGS else hint(ending, ENDINGS, _SUBSTITUTES)
-    if near:
+        return True
+    of_frames = ending in ("", ".exr", ".png") or "#" in stem + ending
+    if not of_frames and (near := hint(ending, ENDINGS, _SUBSTITUTES)):
         expected = f"a film, {', '.join(ENDINGS)}, or frames such as out.####.exr"
         raise InputError(f"--output: expected {expected}, found {quoted(name)}{near}")
-    return ending in ENDINGS
+    return False
 
 
 def format_of(path: Path, bits: int) -> FilmFormat:
@@ -127,15 +121,16 @@ def format_of(path: Path, bits: int) -> FilmFormat:
     if ending not in ENDINGS:
         near = hint(ending, ENDINGS, _SUBSTITUTES) if ending else ""
         raise InputError(f"film: path: expected a name that ends in {', '.join(ENDINGS)}, found {shown(path)}{near}")
-    if (ending, bits) not in FORMATS:
-        expected = " or ".join(str(row.bits) for row in FORMATS.values() if row.ending == ending)
-        endings = [row.ending for row in FORMATS.values() if row.bits == bits]
+    kind = FORMATS.get((ending, bits))
+    if kind is None:
+        expected = " or ".join(str(depth) for end, depth in FORMATS if end == ending)
+        endings = [end for end, depth in FORMATS if depth == bits]
         near = f": {' and '.join(endings)} can have {bits}" if endings else ""
         raise InputError(f"--bit-depth: expected {expected} for {ending}, found {bits}{near}")
-    if FORMATS[ending, bits].encoder and importlib.util.find_spec("av") is None:
-        alternatives = "; .gif, .apng and .webp need nothing more"
-        raise InputError(f"{shown(path)}: needs PyAV: `{how_to_install('film')}`{alternatives}")
-    return FORMATS[ending, bits]
+    if kind.encoder and importlib.util.find_spec("av") is None:
+        needs = f"needs PyAV: `{how_to_install('film')}`; .gif, .apng and .webp need nothing more"
+        raise InputError(f"{shown(path)}: {needs}")
+    return kind
 
 
 def checked_rate(kind: FilmFormat, fps: Any) -> Fraction:
@@ -144,14 +139,11 @@ def checked_rate(kind: FilmFormat, fps: Any) -> Fraction:
     if isinstance(fps, str | Real) and not isinstance(fps, bool):
         # As a float, from which `limit_denominator` recovers the fraction: that of the text 1e999999999 would take all
         # memory.
-        try:
+        with contextlib.suppress(ValueError, ZeroDivisionError, OverflowError):
             rate = float(Fraction(fps) if isinstance(fps, str) and "/" in fps else fps)
-        except (ValueError, ZeroDivisionError, OverflowError):
-            rate = math.nan
     if not float(MIN_RATE) <= rate <= kind.max_rate:
-        expected = (
-            f"frames per second, {float(MIN_RATE):g} to {kind.max_rate} for {kind.ending}, such as 24 or 30000/1001"
-        )
+        limits = f"{float(MIN_RATE):g} to {kind.max_rate} for {kind.ending}"
+        expected = f"frames per second, {limits}, such as 24 or 30000/1001"
         raise InputError(f"--fps: expected {expected}, found {quoted(str(fps))}")
     return Fraction(rate).limit_denominator(1001)
 
@@ -257,8 +249,7 @@ def _palette(images: Sequence[Callable[[], Bytes]]) -> Image.Image:
 
     chosen = images[:: -(-len(images) // _SAMPLED_FRAMES)]
     pixels = []
-    for load in chosen:
-        image = load()
+    for image in (load() for load in chosen):
         step = max(1, round((image.shape[0] * image.shape[1] / (_SAMPLED_PIXELS // len(chosen))) ** 0.5))
         pixels.append(image[::step, ::step].reshape(-1, 3))
     colors = Image.fromarray(np.concatenate(pixels)[None])
@@ -266,9 +257,8 @@ def _palette(images: Sequence[Callable[[], Bytes]]) -> Image.Image:
 
 
 def even(image: Array) -> Array:
-    """Return the image (M, N, ...) with its last row or column repeated where their number is odd."""
-    rows = np.concatenate([image, image[-1:]]) if image.shape[0] % 2 else image
-    return np.concatenate([rows, rows[:, -1:]], axis=1) if image.shape[1] % 2 else rows
+    """Return the image (M, N, K) with its last row or column repeated where their number is odd."""
+    return np.pad(image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), "edge")
 
 
 def planes_420(rgb: Array, bits: int = 8) -> tuple[Array, Array, Array]:

@@ -102,7 +102,7 @@ def test_an_unwritable_folder(tmp_path):
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_file_removed_between_two_looks_at_it(tmp_path, monkeypatch, replaced):
     """Another process that writes the same files removes or replaces it: nothing is in the way of writing."""
-    path, other = tmp_path / "a.bin", tmp_path / "other"
+    path, substitute = tmp_path / "a.bin", tmp_path / "other"
     path.write_bytes(b"earlier")
     access, looks = os.access, []
 
@@ -110,8 +110,8 @@ def test_a_file_removed_between_two_looks_at_it(tmp_path, monkeypatch, replaced)
         looks.append(target)
         if len(looks) > 1:
             return access(target, mode)
-        other.write_bytes(b"other")
-        os.replace(other, path)
+        substitute.write_bytes(b"other")
+        os.replace(substitute, path)
         if not replaced:
             os.unlink(path)
         return False
@@ -181,15 +181,15 @@ def test_a_full_disk(kept):
 
 
 def test_leftovers_of_killed_processes_are_swept_up(tmp_path, monkeypatch):
-    old, new, other = (tmp_path / f".clshade-{digit * 16}.tmp" for digit in "0af")
+    old, new, link = (tmp_path / f".clshade-{digit * 16}.tmp" for digit in "0af")
     names = tmp_path / ".clshade-notes.tmp", tmp_path / "x.tmp"
     for file in (old, new, *names):
         file.write_bytes(b"half")
-    other.symlink_to(old)
+    link.symlink_to(old)
     for file in (old, *names):
         os.utime(file, (1, 1))
     atomic_files.write_bytes(tmp_path / "a.bin", b"x")
-    left = {".clshade-notes.tmp", "x.tmp", new.name, other.name, "a.bin"}
+    left = {".clshade-notes.tmp", "x.tmp", new.name, link.name, "a.bin"}
     assert set(os.listdir(tmp_path)) == left
     monkeypatch.setattr(os, "scandir", lambda _: pytest.fail("a folder is looked through once in a process"))
     atomic_files.write_bytes(tmp_path / "a.bin", b"y")

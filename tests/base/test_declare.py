@@ -37,7 +37,7 @@ def test_what_checks_return_is_kept():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({"tip": "rund"}, "Pen: tip: expected one of flat, round, found 'rund': did you mean 'round'?"),
         ({"wet": 1}, "Pen: wet: expected True or False, found 1"),
@@ -48,9 +48,9 @@ def test_what_checks_return_is_kept():
         ({"gray": 1.5}, "Pen: gray: expected a number from 0 to 1, found 1.5"),
     ],
 )
-def test_refusals(given, message):
+def test_refusals(arguments, message):
     with pytest.raises(InputError) as caught:
-        Pen(**given)
+        Pen(**arguments)
     assert str(caught.value) == message
 
 
@@ -93,10 +93,10 @@ class Paper:
 def test_a_field_without_a_default_is_checked_and_a_default_of_none_stays():
     assert Paper([1, 2.5]) == Paper(size=(1, 2.5), marks=None)
     assert Paper((1, 2), iter("ab")).marks == ("a", "b")
-    for value, found in (((1,), "(1,)"), ("12", "'12'"), ((1, "2"), "'2'"), (5, "5")):
+    for value, text in (((1,), "(1,)"), ("12", "'12'"), ((1, "2"), "'2'"), (5, "5")):
         with pytest.raises(InputError) as caught:
             Paper(value)
-        assert str(caught.value) == f"Sheet: size: expected two numbers, found {found}"
+        assert str(caught.value) == f"Sheet: size: expected two numbers, found {text}"
     with pytest.raises(InputError, match=r"^Sheet: marks: expected a sequence, found 5$"):
         Paper((1, 2), 5)
     with pytest.raises(TypeError):

@@ -29,8 +29,8 @@ def test_in_a_clone(monkeypatch, tmp_path):
 )
 def test_installed_from_somewhere(monkeypatch, tmp_path, origin, source):
     monkeypatch.setattr(extras, "_ROOT", tmp_path)
-    found = SimpleNamespace(read_text=lambda name: origin and json.dumps(origin))
-    monkeypatch.setattr(metadata, "distribution", lambda name: found)
+    distribution = SimpleNamespace(read_text=lambda name: origin and json.dumps(origin))
+    monkeypatch.setattr(metadata, "distribution", lambda name: distribution)
     assert extras.how_to_install("view") == f"pip install '{source}[view]'"
 
 

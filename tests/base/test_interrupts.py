@@ -230,6 +230,6 @@ def test_stopped_at_any_moment(undisturbed, folder, tmp_path, number, share):
         assert left in ([EARLIER] * len(OUTPUTS), expected)
     else:
         assert (code, err) == (-number, "")
-        assert all(found in (EARLIER, new) for found, new in zip(left, expected, strict=True))
+        assert all(content in (EARLIER, new) for content, new in zip(left, expected, strict=True))
     assert finish(start(folder, tmp_path / "cache")) == (0, "")
     assert contents(folder) == expected

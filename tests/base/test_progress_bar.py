@@ -102,6 +102,6 @@ def test_the_line_on_an_interrupt_does_not_continue_that_of_a_bar(clocks, monkey
 
 
 def test_all_bars_are_of_this_class():
-    own = Path(progress_bar.__file__)
+    source = Path(progress_bar.__file__)
     users = [path for path in (ROOT / "clshade").rglob("*.py") if "import tqdm" in path.read_text("utf-8")]
-    assert users == [own]
+    assert users == [source]

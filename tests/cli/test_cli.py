@@ -79,9 +79,12 @@ def test_options_reach_the_scene():
 def test_exposure_and_tone_map_change_the_png_alone(tmp_path, capsys):
     run(capsys, *SMALL, "-o", tmp_path / "a", "--deterministic")
     run(capsys, *SMALL, "-o", tmp_path / "b", "--deterministic", "--exposure", "-2", "--tonemap", "aces")
-    (planes, header), (others, other) = (exr.read(tmp_path / f"{name}.exr") for name in "ab")
-    assert all(planes[name].tobytes() == others[name].tobytes() for name in planes)
-    assert {name for name in header if str(header[name]) != str(other[name])} == {RECORD, SEAL}  # how the PNG is made
+    (planes, header), (planes_b, header_b) = (exr.read(tmp_path / f"{name}.exr") for name in "ab")
+    assert all(planes[name].tobytes() == planes_b[name].tobytes() for name in planes)
+    assert {name for name in header if str(header[name]) != str(header_b[name])} == {
+        RECORD,
+        SEAL,
+    }  # how the PNG is made
     assert png.read(tmp_path / "a.png").mean() > png.read(tmp_path / "b.png").mean() + 5
 
 
@@ -282,10 +285,10 @@ def test_a_bad_scene_does_not_stop_the_others(folder, capsys, scenes):
     assert len(err) == 2
     assert str(scenes[1]) in err[0]
     assert str(missing) in err[1]
-    found = json.loads(out)
-    assert [each["scene"] for each in found] == [str(path) for path in (*scenes, missing)]
-    assert ["error" in each for each in found] == [False, True, False, True]
-    assert found[2]["resolution"] == [32, 24]
+    records = json.loads(out)
+    assert [record["scene"] for record in records] == [str(path) for path in (*scenes, missing)]
+    assert ["error" in record for record in records] == [False, True, False, True]
+    assert records[2]["resolution"] == [32, 24]
 
 
 @needs_device
@@ -296,11 +299,11 @@ def test_an_option_that_one_scene_refuses_names_it(tmp_path, capsys, scenes):
     assert listing(tmp_path / "new") == ["a.exr", "a.png"]
 
 
-@pytest.mark.parametrize("others", [("sub/a.obj",), ("b.obj", "A.glb"), ("in/a.obj",), ("a.exr.ply",)])
-def test_scenes_of_one_name_are_refused_before_any_is_loaded(tmp_path, capsys, monkeypatch, others):
+@pytest.mark.parametrize("paths", [("sub/a.obj",), ("b.obj", "A.glb"), ("in/a.obj",), ("a.exr.ply",)])
+def test_scenes_of_one_name_are_refused_before_any_is_loaded(tmp_path, capsys, monkeypatch, paths):
     monkeypatch.setattr(render, "load_scene", lambda *arguments: pytest.fail("a scene was loaded"))
     monkeypatch.chdir(tmp_path)
-    assert_refused(run(capsys, "render", "in/a.obj", *others, "-o", "new"), "in/a.obj", others[-1], ".exr", "new")
+    assert_refused(run(capsys, "render", "in/a.obj", *paths, "-o", "new"), "in/a.obj", paths[-1], ".exr", "new")
     assert listing(tmp_path) == []
 
 
@@ -323,11 +326,11 @@ def test_one_scene_into_a_folder(tmp_path, capsys):
 @needs_device
 def test_quiet_prints_errors_alone(tmp_path, capsys):
     mesh = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "f 1 2 3\n")
-    given = ("render", mesh, *SIZE, "--look", "plain", "-o", tmp_path / "out")
-    assert run(capsys, *given)[2] != []  # a warning that the library is missing
-    assert run(capsys, *given, "--quiet") == (0, "", [])
-    assert run(capsys, "--quiet", *given) == (0, "", [])
-    code, out, err = run(capsys, *given, "-q", "--json")
+    command = ("render", mesh, *SIZE, "--look", "plain", "-o", tmp_path / "out")
+    assert run(capsys, *command)[2] != []  # a warning that the library is missing
+    assert run(capsys, *command, "--quiet") == (0, "", [])
+    assert run(capsys, "--quiet", *command) == (0, "", [])
+    code, out, err = run(capsys, *command, "-q", "--json")
     assert (code, err) == (0, [])
     assert json.loads(out)["triangles"] == 1
     assert_refused(run(capsys, "-q", "render", tmp_path / "none.obj"), "none.obj")

@@ -32,9 +32,9 @@ SEAM = "v 0 0 0\nv 0 1 0\nv -1 0 0\nv 0 0 0\nv 0 1 0\nv 0.9 0 -0.3\nf 1 2 3\nf 5
 
 
 def test_seams_are_joined(tmp_path):
-    path, whole = write(tmp_path / "seam.obj", SEAM), write(tmp_path / "whole.obj", ROOF)
+    path, roof = write(tmp_path / "seam.obj", SEAM), write(tmp_path / "whole.obj", ROOF)
     joined, apart = (scene_of(path, *options).meshes[0].normals for options in ((), ("--no-weld",)))
-    (together, _) = scene_of(whole).meshes  # the last is the ground
+    (together, _) = scene_of(roof).meshes  # the last is the ground
     np.testing.assert_allclose(joined[[0, 1, 2, 5]], vertex_normals(together.verts, together.faces), atol=1e-15)
     assert (joined[3:5] == joined[:2]).all()
     assert apart is None
@@ -63,14 +63,14 @@ def test_the_likely_up(low, high, up, likely):
 def test_another_up_is_told_of(tmp_path, capsys):
     path = write(tmp_path / "tall.obj", "v 0 -1 0\nv 1 1 0\nv -1 1 3\nf 1 2 3\n")
     line = "tall.obj: y is up, but its extents suggest z: --up z shows it so"
-    for options, told in (
+    for options, warned in (
         ((), True),
         (("--up", "z"), False),
         (("--up", "y"), False),
         (("--camera-view-up", "1,0,0"), False),
     ):
         scene_of(path, *options)
-        assert (line in capsys.readouterr().err) is told
+        assert (line in capsys.readouterr().err) is warned
 
 
 @pytest.mark.parametrize("up", framing.UPS)
@@ -138,7 +138,7 @@ def test_what_is_not_rendered_is_one_line(tmp_path, capsys):
 
 def test_warnings_are_lines_without_pythons_own(tmp_path, capsys, monkeypatch):
     path = write(tmp_path / "a.obj", "mtllib none.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n")
-    monkeypatch.setattr(render, "run_render", lambda given: load_scene(given, given.scenes[0]) and DONE)
+    monkeypatch.setattr(render, "run_render", lambda options: load_scene(options, options.scenes[0]) and DONE)
     code, _, err = run(capsys, "render", path)
     assert code == 0
     assert err == [

@@ -10,7 +10,7 @@ from scene_files import course_dict, save_npy, write
 import clshade
 from clshade.errors import InputError
 from clshade.images import exr
-from clshade.scene.fitting import FILL
+from clshade.scene.framing import FILL
 from clshade.scene.geometry import camera_axes
 
 SQUARE = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n"
@@ -22,7 +22,7 @@ def square(tmp_path):
 
 
 @pytest.fixture
-def own(tmp_path):
+def camera_file(tmp_path):
     """A glTF file with a camera."""
     document = triangle()
     document.add("nodes", {"mesh": 0})
@@ -63,13 +63,13 @@ def test_a_placed_camera_stays(square):
     assert placed.eye.tolist() == [0, 0, 9]
 
 
-def test_a_files_own_camera_is_used_where_it_is_asked_for(own, square, capsys):
-    assert scene_of(own, "--camera", "file").camera.eye.tolist() == [0, 0, 9]
-    assert clshade.load(own).camera.eye.tolist() == [0, 0, 9]
+def test_a_files_own_camera_is_used_where_it_is_asked_for(camera_file, square, capsys):
+    assert scene_of(camera_file, "--camera", "file").camera.eye.tolist() == [0, 0, 9]
+    assert clshade.load(camera_file).camera.eye.tolist() == [0, 0, 9]
     for arguments in (
-        (own,),
-        (own, "--fit"),
-        (own, "--camera-position", "1,2,3"),
+        (camera_file,),
+        (camera_file, "--fit"),
+        (camera_file, "--camera-position", "1,2,3"),
         (square,),
         ("course",),
         ("icosphere",),
@@ -77,17 +77,17 @@ def test_a_files_own_camera_is_used_where_it_is_asked_for(own, square, capsys):
         scene_of(*arguments)
         assert capsys.readouterr().err == ""
     for options in ((), ("--fit",), ("--camera", "fit"), ("--camera-azimuth-angle", "100")):
-        assert extent(scene_of(own, *options)) == pytest.approx(FILL, rel=1e-6)
-    for scene, found in (
+        assert extent(scene_of(camera_file, *options)) == pytest.approx(FILL, rel=1e-6)
+    for scene, message in (
         (square, "expected a .*file that has one, found none in "),
         ("icosphere", "file needs a scene file"),
     ):
-        with pytest.raises(InputError, match=f"--camera: {found}"):
+        with pytest.raises(InputError, match=f"--camera: {message}"):
             scene_of(scene, "--camera", "file")
 
 
-def test_the_camera_of_a_saved_scene_stays_and_is_named(own, tmp_path, capsys):
-    clshade.load(own).to_json(tmp_path / "own.json")
+def test_the_camera_of_a_saved_scene_stays_and_is_named(camera_file, tmp_path, capsys):
+    clshade.load(camera_file).to_json(tmp_path / "own.json")
     assert scene_of(tmp_path / "own.json").camera.eye.tolist() == [0, 0, 9]
     line = "own.json: the camera is the file's own: --fit chooses one that shows all of the scene"
     assert capsys.readouterr().err.rstrip().endswith(line)
@@ -97,14 +97,14 @@ def test_the_camera_of_a_saved_scene_stays_and_is_named(own, tmp_path, capsys):
     assert extent(scene_of("icosphere", "--fit")) == pytest.approx(FILL, rel=1e-6)
 
 
-def test_the_ground_lies_below_what_up_says(own):
+def test_the_ground_lies_below_what_up_says(camera_file):
     for options, normal in (((), [0, 1, 0]), (("--up", "-x"), [-1, 0, 0])):
-        assert scene_of(own, "--ground", *options).meshes[-1].normals.tolist() == [normal]
+        assert scene_of(camera_file, "--ground", *options).meshes[-1].normals.tolist() == [normal]
 
 
 @needs_device
-def test_a_mesh_without_lights_is_shown_in_the_studio(square, own, tmp_path):
-    for path in (square, own):
+def test_a_mesh_without_lights_is_shown_in_the_studio(square, camera_file, tmp_path):
+    for path in (square, camera_file):
         scene = scene_of(path)
         assert (scene.preset, scene.environment.name) == ("pbr", "studio")
         assert scene.meshes[-1].material.texture.name == "contact shadow"
@@ -139,11 +139,11 @@ def test_a_mesh_without_lights_is_shown_in_the_studio(square, own, tmp_path):
             scene_of(square, "--look", "studio", *options)
 
 
-def test_factors_of_lights_that_the_environment_replaces_are_refused(own):
+def test_factors_of_lights_that_the_environment_replaces_are_refused(camera_file):
     for options in (("--preset", "standard"), ("--shader", "phong"), ("--environment", "none"), ("--lights", "0,1,2")):
-        assert len(scene_of(own, "--light-intensity", "1,2,0", *options).lights) == 3
+        assert len(scene_of(camera_file, "--light-intensity", "1,2,0", *options).lights) == 3
     with pytest.raises(InputError, match="--light-intensity: expected lights to multiply, found none: the environment"):
-        scene_of(own, "--light-intensity", "2")
+        scene_of(camera_file, "--light-intensity", "2")
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ from scene_files import TRIANGLE, course_dict, refusal, save_npy, write
 
 from clshade.base import console
 from clshade.base.input_files import reason_of
-from clshade.cli.main import main
+from clshade.cli.main import _Stdout, main
 from clshade.images import exr, png
 
 NAMES = [b"caf\xe9", "café".encode(), b"esc\x1b[31m\r\t\x07", b"new\nline"]
@@ -29,11 +29,11 @@ SIZE = ("--resolution", "16,12")
 def name(request, tmp_path, monkeypatch):
     """Return a name without its extension, in the current folder."""
     monkeypatch.chdir(tmp_path)
-    found = os.fsdecode(request.param)
+    file_name = os.fsdecode(request.param)
     try:
-        os.stat(found)
+        os.stat(file_name)
     except FileNotFoundError:
-        return found
+        return file_name
     except (OSError, ValueError):
         pytest.skip("a name that this file system does not take")
 
@@ -194,7 +194,7 @@ def test_refusals_of_such_names(capsys, name, arguments):
 def test_what_is_printed(text, encoding, expected):
     assert console.printable(text, encoding) == expected
     terminal = Terminal(encoding)
-    stream = console.Printable(terminal)
+    stream = _Stdout(terminal)
     assert stream.write(text) == len(text)
     stream.flush()
     assert terminal.shown() == expected
@@ -258,7 +258,7 @@ def test_cameras_nested_deeply(tmp_path, capsys, field, depth):
         ('[{"\\udce9": 1}]', "camera 1"),
         ('[{"' + "a" * 1_000_000 + '": 1}]', "camera 1"),
         ('[{"eye": [' + "1," * 500_000 + "1]}]", "three finite numbers"),
-        ('[{"eye": null}]', "expected numbers, found none"),
+        ('[{"eye": null}]', "eye: expected three finite numbers, found None"),
     ],
 )
 def test_strange_numbers_and_names_in_cameras(tmp_path, capsys, text, part):

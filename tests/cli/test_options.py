@@ -48,8 +48,8 @@ def test_options_have_the_names_forms_and_defaults_of_their_text():
 def test_options_that_are_set_are_keyword_arguments():
     assert parsed().keywords(Fields) == {"names": []}
     assert parsed("-o", "out", "--size", "3", "a").keywords(Fields) == {"names": ["a"]}
-    found = parsed("--full-size", "--no-lit", "--kind", "exact", "-o", "x").keywords(Fields)
-    assert found == {"path": "x", "full": True, "lit": False, "kind": "exact", "names": []}
+    keywords = parsed("--full-size", "--no-lit", "--kind", "exact", "-o", "x").keywords(Fields)
+    assert keywords == {"path": "x", "full": True, "lit": False, "kind": "exact", "names": []}
 
 
 def test_of_options_that_exclude_each_other_one_is_given(capsys):
@@ -67,9 +67,9 @@ def options_of(command: str) -> dict[str, argparse.Action]:
 
 @pytest.mark.parametrize("command", ["render", "turntable", "animate", "stability", "poster"])
 def test_each_setting_has_an_option(command):
-    found = options_of(command)
+    options = options_of(command)
     for field in fields(Settings):
-        declared, option = field.metadata["declared"], found[field.name]
+        declared, option = field.metadata["declared"], options[field.name]
         if field.name == "edges":  # whose option is that of Edges.kinds
             declared = Edges.__dataclass_fields__["kinds"].metadata["declared"]
         assert option.help.startswith(declared.help)
@@ -79,18 +79,20 @@ def test_each_setting_has_an_option(command):
 
 
 def test_what_options_say_of_defaults():
-    found = {name: option.help.partition(" (default: ")[2].rstrip(")") for name, option in options_of("render").items()}
-    assert found["light_samples"] == "16"
-    assert found["resolve"] == "mean"
-    assert found["ambient_occlusion"] == "0, or 16 with --shadows where an environment is the light"
-    assert found["shader"] == found["cull"] == found["scalars"] == ""  # the preset's, off, none
+    defaults = {
+        name: option.help.partition(" (default: ")[2].rstrip(")") for name, option in options_of("render").items()
+    }
+    assert defaults["light_samples"] == "16"
+    assert defaults["resolve"] == "mean"
+    assert defaults["ambient_occlusion"] == "0, or 16 with --shadows where an environment is the light"
+    assert defaults["shader"] == defaults["cull"] == defaults["scalars"] == ""  # the preset's, off, none
 
 
 def test_flags_that_a_preset_or_pictures_set_can_be_taken_back():
-    found = options_of("render")
+    options = options_of("render")
     by_presets = {name for changed in PRESET_FIELDS.values() for name in changed}
     flags = {field.name for field in fields(Settings) if isinstance(field.default, bool)}
-    assert {name for name in flags if len(found[name].option_strings) == 2} == {"shadows", "sample_shading"}
+    assert {name for name in flags if len(options[name].option_strings) == 2} == {"shadows", "sample_shading"}
     assert flags & by_presets == {"shadows"}
 
 

@@ -25,14 +25,14 @@ def test_formats_of_render(tmp_path, capsys):
     assert all(name in out for name in listing(tmp_path))
     assert "out.exr" not in out
     with np.load("out.npz", allow_pickle=False) as arrays:
-        found = dict(arrays)
+        saved_arrays = dict(arrays)
     depth, scale = depth_png.read("out.depth.png")
-    seen = found["id"] > 0
+    seen = saved_arrays["id"] > 0
     assert scale == 0.0005
     assert np.array_equal(np.isfinite(depth), seen)
-    assert np.abs(depth[seen] - found["Z"][seen]).max() <= scale / 2 * (1 + 1e-9)
+    assert np.abs(depth[seen] - saved_arrays["Z"][seen]).max() <= scale / 2 * (1 + 1e-9)
     camera = builtin("quads", resolution=(32, 24)).camera
-    np.testing.assert_allclose(found["K"], camera.to_matrix()[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(saved_arrays["K"], camera.to_matrix()[0], rtol=0, atol=1e-12)
     before = {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)}
     assert run(capsys, *SMALL, "--formats", "depth,npz,png", "--depth-scale", "0.0005", "--deterministic")[0] == 0
     assert {name: (tmp_path / name).read_bytes() for name in listing(tmp_path)} == before
@@ -59,8 +59,8 @@ def test_a_turn_of_two_eyes_with_its_cameras(tmp_path, capsys):
     kinds = ("depth.png", "npz")
     names = [f"a/f.{eye}.{k:02d}.{kind}" for eye in eyes for k in (1, 2) for kind in kinds]
     assert (code, listing(tmp_path)) == (0, sorted(["a", *(f"a/c.{eye}.json" for eye in eyes), *names]))
-    found = json.loads(out)
-    assert [(found[eye]["drawn"], found[eye]["files"]) for eye in eyes] == [(2, ["npz", "depth"])] * 2
+    summary = json.loads(out)
+    assert [(summary[eye]["drawn"], summary[eye]["files"]) for eye in eyes] == [(2, ["npz", "depth"])] * 2
     _, out, _ = run(capsys, *command)
     assert out.count("2 there already") == 2
     assert f"a{os.sep}f.right.01.npz ... a{os.sep}f.right.02.npz, a depth PNG beside each" in out
@@ -85,8 +85,8 @@ def test_frames_of_another_size(tmp_path, capsys, kind):
     assert run(capsys, *first)[0] == 0
     (name,) = listing(tmp_path)
     before = (tmp_path / name).read_bytes()
-    found = run(capsys, *command, "--resolution", "16,12")
-    assert_refused(found, f"{name}: expected 16x12 of the frames to draw, found 32x24 of an earlier run: --overwrite")
+    outcome = run(capsys, *command, "--resolution", "16,12")
+    assert_refused(outcome, f"{name}: expected 16x12 of the frames to draw, found 32x24 of an earlier run: --overwrite")
     assert listing(tmp_path) == [name]
     assert (tmp_path / name).read_bytes() == before
 

@@ -32,21 +32,21 @@ def test_an_image_is_found_again_by_its_header(folder, capsys):
     code, out, err = run(capsys, "verify", "out.exr", "--all")
     assert (code, err) == (0, [])
     assert "0 of 3,072 pixels are wrong: every one was looked at" in out
-    other = folder / "other"
-    other.mkdir()
+    new_folder = folder / "other"
+    new_folder.mkdir()
     for name in ("out.exr", "out.png", "solid.obj"):
-        shutil.move(folder / name, other / name)
+        shutil.move(folder / name, new_folder / name)
     code, out, _ = run(capsys, "verify", "other/out.exr", "--json", "--seed", "7", "--pixels", "100")
-    found = json.loads(out)
-    assert (code, found["passed"], found["pixels"], found["seed"]) == (0, True, 100, 7)
-    (other / "solid.obj").write_text(CUBE.replace("v 1 0 0", "v 1.0000001 0 0"))
+    verdict = json.loads(out)
+    assert (code, verdict["passed"], verdict["pixels"], verdict["seed"]) == (0, True, 100, 7)
+    (new_folder / "solid.obj").write_text(CUBE.replace("v 1 0 0", "v 1.0000001 0 0"))
     code, out, _ = run(capsys, "verify", "other/out.exr")
     assert code == 1
     assert "the scene is not the one that was drawn: its meshes" in out
     (folder / "given").mkdir()
     (folder / "given" / "solid.obj").write_text(CUBE)
     assert run(capsys, "verify", "other/out.exr", "given/solid.obj", "--all")[0] == 0
-    (other / "solid.obj").unlink()
+    (new_folder / "solid.obj").unlink()
     assert_refused(run(capsys, "verify", "other/out.exr"), "solid.obj", "no such file")
 
 

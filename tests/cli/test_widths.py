@@ -99,8 +99,8 @@ def test_compare():
         name: np.where(np.isfinite(plane), plane / 2, plane).astype(plane.dtype)
         for name, plane in long_layers().items()
     }
-    found = compare.compare_layers(Picture(changed, name="a"), Picture(long_layers(), name="b"), (), 1.2345678e-30)
-    table = [line for line in found.lines() if not any(LONG in word for word in line.split())]
+    comparison = compare.compare_layers(Picture(changed, name="a"), Picture(long_layers(), name="b"), (), 1.2345678e-30)
+    table = [line for line in comparison.lines() if not any(LONG in word for word in line.split())]
     assert len(table) > 10
     assert_fits(table)
 
@@ -117,8 +117,8 @@ def test_bench():
     slow = {"triangles": 16_777_216, "resolution": (16384, 16384), "ms": Spread(12345.6, 123456.7, 234567.8)}
     wide = {f"a-stage-{k}": 12345.678 for k in range(20)}
     error = ClshadeError("some words about what was wrong " * 5)
-    found = results_of(timed(LONG, **slow, stages=wide), timed(), errors={"w": error})
-    assert_fits([line for line in found.lines() if LONG not in line])
+    timings = results_of(timed(LONG, **slow, stages=wide), timed(), errors={"w": error})
+    assert_fits([line for line in timings.lines() if LONG not in line])
 
 
 def test_report_lists():
@@ -129,16 +129,16 @@ def test_devices(monkeypatch, capsys):
     name = "Some Processor " * 9
     infos = [devices.DeviceInfo("0:0", "A Platform", name, driver="1.2.3 " * 20, works=True, problem="")]
     infos += [devices.DeviceInfo("1:0", "Another", name, problem="it does not build a program, " * 9)]
-    for found in (infos, infos[1:], []):
-        monkeypatch.setattr(devices, "list_devices", lambda found=found: found)
+    for listed in (infos, infos[1:], []):
+        monkeypatch.setattr(devices, "list_devices", lambda listed=listed: listed)
         assert_fits(run(capsys, "devices", "--verbose")[1])
 
 
 @pytest.mark.long
 @needs_device
 def test_render(folder, capsys):
-    given = ("render", "quads", "--resolution", "32,24", "-o", "out", "--layers", "Z,id", "--check", "all")
-    code, out, _ = run(capsys, *given, "--explain")
+    command = ("render", "quads", "--resolution", "32,24", "-o", "out", "--layers", "Z,id", "--check", "all")
+    code, out, _ = run(capsys, *command, "--explain")
     assert code == 0
     assert_fits(out)
     for word in ("scene", "device", "frame", "wrote", "check", "explain", "left out: ", "saved: "):

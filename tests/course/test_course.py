@@ -46,7 +46,7 @@ def drawn(scene: Scene = SCENE, **changes) -> np.ndarray:
 # Against the oracle
 
 
-def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray, least: float = 0.1) -> None:
+def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray, minimum: float = 0.1) -> None:
     """Assert that the image is the renderer's frame, with the oracle's ids and colors within the bound."""
     chosen = Settings.from_preset("course", shader=shader, layers=("Z", "id"))
     frame = rendered(scene, device=device, settings=chosen)
@@ -55,7 +55,7 @@ def assert_like_the_oracle(device, scene: Scene, shader: str, image: np.ndarray,
     assert image.dtype == np.float64
     assert image.flags.c_contiguous
     assert (image == frame.rgb[::-1]).all()
-    assert (frame["id"] > 0).mean() > least
+    assert (frame["id"] > 0).mean() > minimum
 
 
 @pytest.mark.sampled
@@ -84,7 +84,7 @@ def test_cat(device, data_folder, n):
         textured = render is course.render_object_map
         for shader in SHADERS:
             image = render(shader, **course.arguments(one, textured))
-            assert_like_the_oracle(device, one, shader, image, least=0.05)
+            assert_like_the_oracle(device, one, shader, image, minimum=0.05)
 
 
 # Closed forms
@@ -158,8 +158,8 @@ def test_the_order_of_lights_is_only_rounding(order, shader):
         np.array([getattr(light, name) for light in LIGHTS]) for name in ("position", "intensity")
     )
     one = drawn(shader=shader, n=20, l_pos=positions, l_int=intensities)
-    other = drawn(shader=shader, n=20, l_pos=positions[order], l_int=intensities[order])
-    assert np.allclose(one, other, rtol=16 * ULP, atol=1e-12)
+    reordered = drawn(shader=shader, n=20, l_pos=positions[order], l_int=intensities[order])
+    assert np.allclose(one, reordered, rtol=16 * ULP, atol=1e-12)
     as_lists = drawn(shader=shader, n=20, l_pos=[list(p) for p in positions], l_int=list(intensities[:, :, None]))
     assert (as_lists == one).all()
 
@@ -231,9 +231,9 @@ def test_arguments_of_a_scene():
     texels = SCENE.meshes[0].material.texture.image
     assert_same_arguments(course.arguments(SCENE, textured=True), reference.map_arguments(SCENE, texels))
     bare = replace(scene, meshes=(replace(scene.meshes[0], colors=None, uv_faces=None),), lights=())
-    given = course.arguments(bare)
-    assert (given["verts_colors"] == 1.0).all()
-    assert given["l_pos"].shape == given["l_int"].shape == (0, 3)
+    arguments = course.arguments(bare)
+    assert (arguments["verts_colors"] == 1.0).all()
+    assert arguments["l_pos"].shape == arguments["l_int"].shape == (0, 3)
     for refused in (replace(scene, preset="standard"), replace(scene, meshes=()), replace(scene, background=None)):
         with pytest.raises(ValueError, match=r"arguments: .*: expected"):
             course.arguments(refused)
@@ -241,11 +241,11 @@ def test_arguments_of_a_scene():
         course.arguments(scene, textured=True)
 
 
-def assert_same_arguments(found: dict, expected: dict) -> None:
+def assert_same_arguments(arguments: dict, expected: dict) -> None:
     expected = {name: value for name, value in expected.items() if name != "shader"}
-    assert found.keys() == expected.keys()
+    assert arguments.keys() == expected.keys()
     for name, value in expected.items():
-        assert np.array_equal(found[name], value), name
+        assert np.array_equal(arguments[name], value), name
 
 
 # Layout

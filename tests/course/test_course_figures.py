@@ -22,28 +22,28 @@ STEMS = [
 
 
 def scene(lights=3, **changes):
-    found = builtin("course", level=2, resolution=(8, 6))
+    course = builtin("course", level=2, resolution=(8, 6))
     light = PointLight(np.zeros(3), np.ones(3))
-    return replace(found, lights=(*found.lights, light, light)[:lights], **changes)
+    return replace(course, lights=(*course.lights, light, light)[:lights], **changes)
 
 
-def numbers(found):
-    return [each.number for each in found]
+def numbers(selection):
+    return [figure.number for figure in selection]
 
 
 def test_the_files_of_the_demos_keep_their_names():
-    assert [each.stem for each in figures.lit() + figures.mapped()] == STEMS
+    assert [figure.stem for figure in figures.lit() + figures.mapped()] == STEMS
 
 
 def test_what_each_figure_shows():
     every = (0, 1, 2)
     for first, shader in ((0, "gouraud"), (8, "phong")):
-        for k, each in enumerate(figures.lit()[first : first + 8]):
-            assert each.shader == shader
-            assert each.terms == ((figures.TERMS[k],) if k < 3 else figures.TERMS)
-            assert each.lights == ((k - 4,) if 4 <= k < 7 else every)
-            assert not each.mapped
-    assert all(each.mapped and each.lights == every for each in figures.mapped())
+        for k, figure in enumerate(figures.lit()[first : first + 8]):
+            assert figure.shader == shader
+            assert figure.terms == ((figures.TERMS[k],) if k < 3 else figures.TERMS)
+            assert figure.lights == ((k - 4,) if 4 <= k < 7 else every)
+            assert not figure.mapped
+    assert all(figure.mapped and figure.lights == every for figure in figures.mapped())
 
 
 def test_the_pairs_of_the_contact_sheets():
@@ -74,7 +74,7 @@ def test_figures_that_lack_a_light_are_named(lights, left_out, why):
 def test_figures_of_all_lights_show_more_than_three():
     drawn, missing = figures.possible(scene(5))
     assert missing == {}
-    assert [each.lights for each in drawn if each.number in (4, 5, 8, 18)] == [
+    assert [figure.lights for figure in drawn if figure.number in (4, 5, 8, 18)] == [
         tuple(range(5)),
         (0,),
         *2 * [tuple(range(5))],
@@ -83,9 +83,9 @@ def test_figures_of_all_lights_show_more_than_three():
 
 @pytest.mark.parametrize("lacks", ["texture", "texture coordinates"])
 def test_figures_that_lack_a_texture_are_named(lacks):
-    given = scene()
-    mesh = given.meshes[0]
+    full_scene = scene()
+    mesh = full_scene.meshes[0]
     bare = replace(mesh, material=Material()) if lacks == "texture" else replace(mesh, uvs=None, uv_faces=None)
-    drawn, missing = figures.possible(replace(given, meshes=(bare,)))
+    drawn, missing = figures.possible(replace(full_scene, meshes=(bare,)))
     assert missing == {f"the scene has no {lacks}": (17, 18, 19)}
     assert numbers(drawn) == list(range(1, 17))

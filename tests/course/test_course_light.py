@@ -22,10 +22,10 @@ vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 
 
 def assert_light(arguments, n=None) -> None:
-    found, expected = course.light(*arguments), reference.light(*arguments)
-    assert found.shape == (3,)
-    assert found.dtype == np.float64
-    assert (np.abs(found - expected) <= reference.bound(*arguments)).all(), (found, expected)
+    color, expected = course.light(*arguments), reference.light(*arguments)
+    assert color.shape == (3,)
+    assert color.dtype == np.float64
+    assert (np.abs(color - expected) <= reference.bound(*arguments)).all(), (color, expected)
 
 
 @pytest.mark.sampled
@@ -48,8 +48,8 @@ def test_light_anywhere(point, normal, color, eye, position):
 def test_light_facing_everything():
     """Eye, light and normal in one direction: N.L = R.V = 1, so ka + Ip*color*(kd + ks) for any n."""
     for n in (0, 1, 50, 1e9):
-        found = course.light([1, 1, 1], [0, 0, 3], COLOR, [1, 1, 9], 0.25, 0.5, 0.125, n, [[1, 1, 4]], [[2, 1, 0.5]])
-        assert np.allclose(found, 0.25 + np.array([2, 1, 0.5]) * COLOR * 0.625, rtol=1e-6, atol=0.0)
+        color = course.light([1, 1, 1], [0, 0, 3], COLOR, [1, 1, 9], 0.25, 0.5, 0.125, n, [[1, 1, 4]], [[2, 1, 0.5]])
+        assert np.allclose(color, 0.25 + np.array([2, 1, 0.5]) * COLOR * 0.625, rtol=1e-6, atol=0.0)
 
 
 @pytest.mark.sampled
@@ -90,9 +90,9 @@ def test_three_lights_are_rows_not_columns():
 def test_shapes_of_vectors_do_not_matter():
     arguments = [[0.3, 0.2, 0.1], [0.2, 0.5, 1.0], COLOR, [1, 2, 8]]
     rest = (0.1, [0.8, 0.4, 0.2], 0.5, 3, POSITIONS, INTENSITIES)
-    found = [course.light(*(np.reshape(v, shape) for v in arguments), *rest) for shape in ((3,), (1, 3), (3, 1))]
-    assert (found[0] == found[1]).all()
-    assert (found[0] == found[2]).all()
+    colors = [course.light(*(np.reshape(v, shape) for v in arguments), *rest) for shape in ((3,), (1, 3), (3, 1))]
+    assert (colors[0] == colors[1]).all()
+    assert (colors[0] == colors[2]).all()
 
 
 @few
@@ -127,13 +127,13 @@ def test_bilerp_is_the_formula(u, v, size, kind):
     image = rng.random((*size, 3))
     if np.issubdtype(kind, np.integer):
         image = rng.integers(0, np.iinfo(kind).max, (*size, 3), endpoint=True)
-    found = course.bilerp((u, v), image.astype(kind))
+    color = course.bilerp((u, v), image.astype(kind))
     linear = image / np.iinfo(kind).max if np.issubdtype(kind, np.integer) else image.astype(np.float32)
     expected = texture.bilerp(np.array([u, v]), linear, "course")
-    assert found.shape == (3,)
-    assert found.dtype == np.float64
+    assert color.shape == (3,)
+    assert color.dtype == np.float64
     # Texels of at most 1: one rounding each, one of the fraction, and three means of two roundings.
-    assert np.abs(found - expected).max() <= 8 * reference.HALF_ULP
+    assert np.abs(color - expected).max() <= 8 * reference.HALF_ULP
 
 
 def test_bilerp_at_texels_and_between():
@@ -199,6 +199,6 @@ def test_normals_are_sums_of_cross_products(seed):
         cross = np.cross(verts.T[b] - verts.T[a], verts.T[c] - verts.T[a])
         for corner in (a, b, c):
             total[corner] += cross
-    found = course.calculate_normals(verts, faces).T
+    normals = course.calculate_normals(verts, faces).T
     long = np.linalg.norm(total, axis=1) > 1e-6
-    assert np.allclose(found[long], reference.unit(total[long]), atol=1e-9)
+    assert np.allclose(normals[long], reference.unit(total[long]), atol=1e-9)

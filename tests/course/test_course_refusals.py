@@ -191,11 +191,11 @@ class Sun:
         self.pos, self.intensity = np.ones(3), np.ones(3)
 
 
-def given(*names):
+def foreign_arguments(*names):
     """Return the arguments of another year's `render_object`: objects for the material and lights in place of
     numbers."""
-    others = {"mat": Mat(), "lights": [Sun(), Sun()]}
-    return [{**VALID["render_object"], **SHADE, **others, "shader": "phong", "point": np.zeros(3)}[n] for n in names]
+    objects = {"mat": Mat(), "lights": [Sun(), Sun()]}
+    return [{**VALID["render_object"], **SHADE, **objects, "shader": "phong", "point": np.zeros(3)}[n] for n in names]
 
 
 VIEWED = ("shader", "focal", "eye", "lookat", "up", "bg_color", "M", "N", "H", "W", "verts", "verts_colors", "faces")
@@ -217,7 +217,7 @@ def test_materials_and_lights_as_objects(name):
     names, parts = CALLS[name]
     expected = ", ".join(VALID[name])
     with pytest.raises(TypeError) as caught:
-        getattr(course, name)(*given(*names))
+        getattr(course, name)(*foreign_arguments(*names))
     assert isinstance(caught.value, InputError)
     text = str(caught.value)
     assert text.startswith(f"{name}: arguments: expected ")
@@ -266,10 +266,10 @@ def test_one_light_is_one_vector(device, monkeypatch):
     expected = course.light(**LIGHT)
     place, power = np.array(LIGHT["l_pos"][0]), np.array(LIGHT["l_int"][0])
     for shape in ((3,), (1, 3), (3, 1)):
-        found = course.light(**{**LIGHT, "l_pos": place.reshape(shape), "l_int": power.reshape(shape)})
-        assert (found == expected).all()
-        found = course.light(
+        color = course.light(**{**LIGHT, "l_pos": place.reshape(shape), "l_int": power.reshape(shape)})
+        assert (color == expected).all()
+        color = course.light(
             **{**LIGHT, "l_pos": place.reshape(shape).tolist(), "l_int": power.reshape(shape).tolist()}
         )
-        assert (found == expected).all()
+        assert (color == expected).all()
     assert (course.light(**{**LIGHT, "l_pos": tuple(place), "l_int": [power.tolist()]}) == expected).all()

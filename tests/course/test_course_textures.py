@@ -34,8 +34,8 @@ def test_a_texture_replaces_the_color_and_lies_as_it_should():
     """Gouraud under a far light: ka*Ia + Ip*kd*texel at the corners, whose texels are those of the image."""
     texture_map = np.zeros((5, 7, 3))
     texture_map[0, 0] = [1, 0, 0]
-    found = textured_quad(texture_map)
-    square = found[5:13, 5:13]
+    image = textured_quad(texture_map)
+    square = image[5:13, 5:13]
     brightest = np.unravel_index(square[:, :, 0].argmax(), (8, 8))
     assert brightest == (7, 0)
     assert square[:, :, 1:].max() == 0.0

@@ -30,9 +30,9 @@ SHADERS = {"nolight": course.gouraud_shading, "gouraud": course.shade_gouraud, "
 def draw(shader, verts_p=INSIDE, verts_c=COLORS, verts_n=NORMALS, count=4, image=X, **changes):
     if shader == "nolight":
         return course.gouraud_shading(verts_p, verts_c, image)
-    given = {"bcoords": POINT, "cam_pos": EYE, "k_a": K_A, "k_d": K_D, "k_s": K_S, "n": N}
-    given |= {"l_pos": POSITIONS[:count], "l_int": INTENSITIES[:count], "l_amb": L_AMB, **changes}
-    return SHADERS[shader](verts_p, verts_n, verts_c, X=image, **given)
+    arguments = {"bcoords": POINT, "cam_pos": EYE, "k_a": K_A, "k_d": K_D, "k_s": K_S, "n": N}
+    arguments |= {"l_pos": POSITIONS[:count], "l_int": INTENSITIES[:count], "l_amb": L_AMB, **changes}
+    return SHADERS[shader](verts_p, verts_n, verts_c, X=image, **arguments)
 
 
 def expect(shader, verts_p=INSIDE, verts_c=COLORS, verts_n=NORMALS, count=4, n=N, k_s=K_S):
@@ -40,12 +40,12 @@ def expect(shader, verts_p=INSIDE, verts_c=COLORS, verts_n=NORMALS, count=4, n=N
     return reference.triangle(shader, verts_p, verts_n, verts_c, around, X)
 
 
-def assert_drawn(found, expected) -> None:
+def assert_drawn(picture, expected) -> None:
     image, off, drawn = expected
-    assert found.shape == X.shape
-    assert found.dtype == np.float64
-    assert (found[~drawn] == X[~drawn]).all()
-    error = np.abs(found - image)
+    assert picture.shape == X.shape
+    assert picture.dtype == np.float64
+    assert (picture[~drawn] == X[~drawn]).all()
+    error = np.abs(picture - image)
     assert (error <= off).all(), (error / np.where(off > 0.0, off, 1.0)).max()
 
 
@@ -131,8 +131,8 @@ def test_corners_far_away(shader, far):
     inside, outside = (weights > margin).all(axis=2), (weights < -margin).any(axis=2)
     assert inside.sum() > 100
     assert outside.sum() > 100
-    found = draw(shader, verts_p)
-    assert (found[outside] == X[outside]).all()
+    image = draw(shader, verts_p)
+    assert (image[outside] == X[outside]).all()
     around = (POINT, EYE, K_A * L_AMB, K_D, K_S, N, POSITIONS, INTENSITIES)
     if shader == "phong":
         expected = reference.light(POINT, weights @ NORMALS.T, weights @ COLORS.T, *around[1:])
@@ -140,15 +140,15 @@ def test_corners_far_away(shader, far):
         expected = weights @ reference.light(POINT, NORMALS.T, COLORS.T, *around[1:])
     else:
         expected = weights @ COLORS.T
-    assert np.allclose(found[inside], expected[inside], rtol=1e-4, atol=1e-4 + 30.0 / far)
+    assert np.allclose(image[inside], expected[inside], rtol=1e-4, atol=1e-4 + 30.0 / far)
 
 
 @pytest.mark.parametrize("shader", SHADERS)
 @pytest.mark.parametrize("far", [1e5, 1e20, 1e308])
 def test_a_huge_triangle_covers_the_image(shader, far):
-    found = draw(shader, np.array([[-far, -far], [far, -far], [0.0, far]]))
-    assert (found != X).any(axis=2).all()
-    assert np.isfinite(found).all()
+    image = draw(shader, np.array([[-far, -far], [far, -far], [0.0, far]]))
+    assert (image != X).any(axis=2).all()
+    assert np.isfinite(image).all()
     far_off = np.array([[-far, -far], [far, -far], [0.0, -far / 2]])
     assert (draw(shader, far_off) == X).all()
 
@@ -172,9 +172,9 @@ def test_two_triangles_share_their_edge(shader):
 def test_corners_and_columns_are_not_mixed_up():
     """Each corner's color is near it: verts_p has corners in rows, verts_c in columns; v points up."""
     corners = np.array([[1.0, 1.0], [49.0, 1.0], [1.0, 36.0]])
-    found = course.gouraud_shading(corners, np.eye(3), np.zeros((ROWS, COLUMNS, 3)))
-    assert (found[1, 1].argmax(), found[1, 46].argmax(), found[34, 1].argmax()) == (0, 1, 2)
-    assert found[[1, 1, 34], [1, 46, 1]].max(axis=1).min() > 0.9
+    image = course.gouraud_shading(corners, np.eye(3), np.zeros((ROWS, COLUMNS, 3)))
+    assert (image[1, 1].argmax(), image[1, 46].argmax(), image[34, 1].argmax()) == (0, 1, 2)
+    assert image[[1, 1, 34], [1, 46, 1]].max(axis=1).min() > 0.9
 
 
 def test_lengths_of_normals():
@@ -195,20 +195,20 @@ def test_zero_normals_and_left_out_components(shader):
     ambient = K_A * L_AMB
     for changes in ({"verts_n": np.zeros((3, 3))}, {"k_d": 0, "k_s": 0}, {"l_int": np.zeros((4, 3))}):
         assert np.allclose(draw(shader, **changes)[drawn], ambient, rtol=1e-6)
-    whole = draw(shader)[drawn]
+    total = draw(shader)[drawn]
     parts = [draw(shader, **left_out)[drawn] for left_out in ({"k_s": 0}, {"k_d": 0}, {"k_s": 0, "k_d": 0})]
-    assert np.allclose(whole, parts[0] + parts[1] - parts[2], rtol=1e-5, atol=1e-6)
-    assert np.allclose(whole - draw(shader, k_a=0)[drawn], ambient, rtol=1e-5, atol=1e-6)
+    assert np.allclose(total, parts[0] + parts[1] - parts[2], rtol=1e-5, atol=1e-6)
+    assert np.allclose(total - draw(shader, k_a=0)[drawn], ambient, rtol=1e-5, atol=1e-6)
 
 
 def test_images_of_any_type_and_size():
     for image in (np.zeros((1, 1, 3), np.uint8), np.ones((40, 3, 3), np.float32), np.zeros((3, 200, 3))[:, ::2]):
-        found = course.gouraud_shading([[-9, -9], [400, -9], [-9, 400]], np.full((3, 3), 7.0), image)
-        assert found.dtype == np.float64
-        assert found.shape == image.shape
-        assert (found == 7.0).all()
+        picture = course.gouraud_shading([[-9, -9], [400, -9], [-9, 400]], np.full((3, 3), 7.0), image)
+        assert picture.dtype == np.float64
+        assert picture.shape == image.shape
+        assert (picture == 7.0).all()
     image = np.arange(60.0).reshape(4, 5, 3)
-    found = course.gouraud_shading([[0, 0], [1, 0], [0, 1.0]], np.full((3, 3), 7.0), image[::-1])
-    assert found.flags.c_contiguous
-    assert (found[1:] == image[::-1][1:]).all()
-    assert (found[0, 0] == 7.0).all() or (found[0, 0] == image[-1, 0]).all()
+    picture = course.gouraud_shading([[0, 0], [1, 0], [0, 1.0]], np.full((3, 3), 7.0), image[::-1])
+    assert picture.flags.c_contiguous
+    assert (picture[1:] == image[::-1][1:]).all()
+    assert (picture[0, 0] == 7.0).all() or (picture[0, 0] == image[-1, 0]).all()

@@ -230,10 +230,10 @@ def test_views_as_tensors(opened, tmp_path):
     assert done.returncode == 0, done.stderr
     assert np.load(tmp_path / "new" / "rgba.npy").shape == (5, 120, 160, 4)
     assert np.load(tmp_path / "new" / "id.npy").any()
-    wrote, *told = done.stdout.splitlines()
+    wrote, *rest = done.stdout.splitlines()
     assert wrote == "wrote 5 views: rgba.npy, Z.npy, id.npy"
-    assert told[0] == "numpy: shares the memory of rgba, Z, id"
-    assert [line.split(": ")[1] in ("not installed", "shares the memory of rgba, Z, id") for line in told] == 3 * [True]
+    assert rest[0] == "numpy: shares the memory of rgba, Z, id"
+    assert [line.split(": ")[1] in ("not installed", "shares the memory of rgba, Z, id") for line in rest] == 3 * [True]
 
 
 @pytest.mark.sampled
@@ -261,7 +261,7 @@ def test_models_beside_their_published_pictures(opened, data_folder, tmp_path):
     picture = png.read(tmp_path / "gltf_published.png").astype(int)
     rows = (picture.shape[0] - 40) // 2
     ours, theirs = (picture[top : top + 600, 10:630] for top in (70, 70 + rows))
-    found = [np.abs(panel - panel[5, 5]).max(axis=2) > 8 for panel in (ours, theirs)]
-    left, right = ([np.maximum.accumulate(each[:, ::step], axis=1)[:, ::step] for each in found] for step in (1, -1))
+    masks = [np.abs(panel - panel[5, 5]).max(axis=2) > 8 for panel in (ours, theirs)]
+    left, right = ([np.maximum.accumulate(mask[:, ::step], axis=1)[:, ::step] for mask in masks] for step in (1, -1))
     spans = [a & b for a, b in zip(left, right, strict=True)]  # of the rows: some of its grays are the background's
     assert (spans[0] & spans[1]).sum() > 0.98 * (spans[0] | spans[1]).sum()

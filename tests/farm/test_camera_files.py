@@ -33,11 +33,11 @@ def fields_of(camera: Camera) -> list:
 @pytest.mark.parametrize("convention", FLIP)
 @pytest.mark.parametrize("center", [0.5, 0])
 def test_a_file_has_the_cameras_of_from_matrix(tmp_path, convention, center):
-    given = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
-    (found,) = read(tmp_path, [given])
+    entry = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
+    (camera,) = read(tmp_path, [entry])
     expected = Camera.from_matrix(K, POSE, (140, 100), convention=convention, pixel_center=center)
-    assert fields_of(found) == fields_of(expected)
-    (short,) = read(tmp_path, [{**given, "pose": POSE[:3]}])
+    assert fields_of(camera) == fields_of(expected)
+    (short,) = read(tmp_path, [{**entry, "pose": POSE[:3]}])
     assert fields_of(short) == fields_of(expected)
 
 
@@ -48,8 +48,8 @@ def test_opencv_projects_points_where_cameras_of_a_file_draw_them(tmp_path, conv
     cv2 = pytest.importorskip("cv2", reason="opencv-python-headless is not installed")
     from clshade.scene.geometry import camera_matrices
 
-    given = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
-    cameras = read(tmp_path, [given])
+    entry = {"K": K, "pose": POSE, "resolution": [140, 100], "convention": convention, "pixel_center": center}
+    cameras = read(tmp_path, [entry])
     for _ in range(2):
         write_cameras(tmp_path / "again.json", cameras, convention=convention, pixel_center=center)
         (camera,) = cameras = read_cameras(tmp_path / "again.json", BASE)
@@ -71,11 +71,11 @@ def test_stacks_of_matrices(tmp_path):
     poses[:, 0, 3] = range(3)
     stack = poses.tolist()
     one = read(tmp_path, {"K": K, "pose": stack, "convention": "opengl"})
-    each = read(tmp_path, {"K": [K] * 3, "pose": stack, "convention": "opengl", "resolution": [140, 100]})
+    separate = read(tmp_path, {"K": [K] * 3, "pose": stack, "convention": "opengl", "resolution": [140, 100]})
     expected = Camera.from_matrices(K, stack, (140, 100), convention="opengl")
     lens = read(tmp_path, {"pose": stack, "fov": 40})
     for k in range(3):
-        assert fields_of(one[k]) == fields_of(each[k]) == fields_of(expected[k])
+        assert fields_of(one[k]) == fields_of(separate[k]) == fields_of(expected[k])
         assert lens[k].eye.tolist() == [k, -2.0, 0.25]
         assert lens[k].plane[0] == pytest.approx(2 * np.tan(np.radians(20)), rel=1e-15)
 
@@ -91,28 +91,28 @@ def test_k_alone_and_a_pose_alone(tmp_path):
 
 def test_k_at_another_resolution(tmp_path):
     """Of the same proportions: K is scaled, pixels that are not square stay so. Without its own, K is in those pixels."""
-    given = {"K": K, "pose": POSE, "resolution": [140, 100]}
-    (half,) = read(tmp_path, [given], resolution=(70, 50))
+    entry = {"K": K, "pose": POSE, "resolution": [140, 100]}
+    (half,) = read(tmp_path, [entry], resolution=(70, 50))
     np.testing.assert_allclose(half.to_matrix()[0][:2], np.array(K)[:2] / 2, rtol=1e-14)
-    del given["resolution"]
-    (own,) = read(tmp_path, [given], resolution=(70, 50))
-    np.testing.assert_allclose(own.to_matrix()[0], K, rtol=0, atol=1e-12)
-    assert own.resolution == (70, 50)
-    given["resolution"] = [140, 100]
+    del entry["resolution"]
+    (camera,) = read(tmp_path, [entry], resolution=(70, 50))
+    np.testing.assert_allclose(camera.to_matrix()[0], K, rtol=0, atol=1e-12)
+    assert camera.resolution == (70, 50)
+    entry["resolution"] = [140, 100]
     message = "camera 1: --resolution: expected the proportions of 140x100, whose pixels K is in, found 70x70"
     with pytest.raises(InputError, match=message):
-        read(tmp_path, [given], resolution=(70, 70))
+        read(tmp_path, [entry], resolution=(70, 70))
 
 
 def test_all_kinds_of_cameras_are_written(tmp_path):
     turn = parse_frames("1..4")
     cameras = [*orbit(BASE, turn.numbers, turn).values(), Camera(*fields_of(BASE)[:6], (0.25, 0.5), True)]
     write_cameras(tmp_path / "c.json", cameras)
-    found = read_cameras(tmp_path / "c.json", Camera((9, 9, 9), (1, 2, 3), (0, 0, 1), 7.0, (3.0, 3.0)))
-    assert [camera.resolution for camera in found] == [(140, 100)] * 5
-    for camera, again in zip(cameras, found, strict=True):
+    copies = read_cameras(tmp_path / "c.json", Camera((9, 9, 9), (1, 2, 3), (0, 0, 1), 7.0, (3.0, 3.0)))
+    assert [camera.resolution for camera in copies] == [(140, 100)] * 5
+    for camera, again in zip(cameras, copies, strict=True):
         np.testing.assert_allclose(again.pose(), camera.pose(), rtol=0, atol=1e-14)
-    assert fields_of(found[4]) == fields_of(cameras[4])
+    assert fields_of(copies[4]) == fields_of(cameras[4])
     before = (tmp_path / "c.json").read_bytes()
     with pytest.raises(InputError, match=r"^Camera\.pose: convention: .*did you mean 'opencv'"):
         write_cameras(tmp_path / "c.json", cameras, convention="open_cv")
@@ -124,10 +124,10 @@ def test_all_kinds_of_cameras_are_written(tmp_path):
 
 def test_cameras_of_two_eyes():
     turn = parse_frames("1..1000000")
-    whole = orbit(BASE, turn.numbers, turn)
-    left, right = stereo_cameras(whole, 0.5, 4.0)
+    cameras = orbit(BASE, turn.numbers, turn)
+    left, right = stereo_cameras(cameras, 0.5, 4.0)
     assert (len(left), len(right), 7 in left, 0 in right, next(iter(left))) == (1_000_000, 1_000_000, True, False, 1)
-    for eye, expected in zip((left[7], right[7]), whole[7].stereo(0.5, 4.0), strict=True):
+    for eye, expected in zip((left[7], right[7]), cameras[7].stereo(0.5, 4.0), strict=True):
         assert fields_of(eye) == fields_of(expected)
     with pytest.raises(KeyError):
         left[0]
@@ -143,10 +143,10 @@ REFUSED = [
     ([{"posse": POSE}], ("'posse'", "did you mean 'pose'?")),
     ({"K": K, "poses": [POSE]}, ("cameras: ", "'poses'", "did you mean 'pose'?")),
     ([{"pose": FLAT}], ("camera 1: pose: ", "found a singular matrix")),
-    ([{"pose": POSE[:2]}], ("camera 1: pose: ", "four or three rows of four numbers")),
-    ([{"pose": [1, 2, 3, 4]}], ("camera 1: pose: ", "rows of four numbers")),
-    ([{"K": [[1, 0, 0]] * 2}], ("camera 1: K: ", "three rows of three numbers")),
-    ([{"K": [["1", 0, 0], *K[1:]]}], ("camera 1: K: ", "three rows of three numbers")),
+    ([{"pose": POSE[:2]}], ("camera 1: pose: ", "(4, 4) or (3, 4) matrix")),
+    ([{"pose": [1, 2, 3, 4]}], ("camera 1: pose: ", "(4, 4) or (3, 4) matrix")),
+    ([{"K": [[1, 0, 0]] * 2}], ("camera 1: K: ", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")),
+    ([{"K": [["1", 0, 0], *K[1:]]}], ("camera 1: K: ", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")),
     ([{"K": [[1e999, 0, 0], *K[1:]]}], ("JSON: ", "Infinity")),
     ([{"K": K, "fov": 40}], ("camera 1: K: ", "either K or fov")),
     ([{"K": K, "principal": [0.5, 0.5]}], ("camera 1: K: ", "either K or principal")),
@@ -154,13 +154,13 @@ REFUSED = [
     ([{"convention": "opengl"}], ("camera 1: convention: expected pose beside it, found none",)),
     ([{"pose": POSE, "pixel_center": 0}], ("camera 1: pixel_center: expected K beside it",)),
     ([{"pose": POSE, "convention": "openGl"}], ("camera 1: convention: ", "did you mean 'opengl'?")),
-    ([{"pose": POSE, "convention": 3}], ("camera 1: convention: ", "opencv or opengl")),
+    ([{"pose": POSE, "convention": 3}], ("camera 1: convention: ", "opencv, opengl")),
     ([{"K": K, "pixel_center": 0.25}], ("camera 1: pixel_center: expected 0.5 or 0, found 0.25",)),
     ([{"K": K, "pixel_center": [0]}], ("camera 1: pixel_center: expected 0.5 or 0, found [0]",)),
     ([{"K": K, "resolution": [140]}], ("camera 1: resolution: ",)),
     ({"K": [K] * 3, "pose": [POSE] * 2}, ("pose: expected as many as of K, 3, found 2",)),
     ({"K": K, "pose": [POSE, FLAT]}, ("camera 2: pose: ", "singular")),
-    ({"K": [K, POSE], "pose": [POSE] * 2}, ("camera 2: K: ", "three rows of three numbers")),
+    ({"K": [K, POSE], "pose": [POSE] * 2}, ("camera 2: K: ", "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")),
     ({"K": K, "pose": POSE}, ("a list of cameras, ", "found an object without one")),
     ({"K": [], "pose": []}, ("a list of cameras, ",)),
 ]
@@ -186,8 +186,8 @@ def test_lists_nested_deeply_and_infinity(tmp_path, name):
 
 
 def test_a_camera_straight_above_needs_no_up(tmp_path, capsys):
-    (found,) = read(tmp_path, [{"eye": [0, 9, 0], "lookat": [0, 0, 0]}], replace(BASE, up=(0, 1, 0)))
-    assert np.allclose(camera_axes(found), [[1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-9)
+    (camera,) = read(tmp_path, [{"eye": [0, 9, 0], "lookat": [0, 0, 0]}], replace(BASE, up=(0, 1, 0)))
+    assert np.allclose(camera_axes(camera), [[1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-9)
     said = (
         f"clshade: {tmp_path}/cameras.json: camera 1: it looks along 0,1,0, its up vector: 0,0,-1 is up in the image\n"
     )

@@ -36,9 +36,9 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     return code, *capsys.readouterr()
 
 
-def assert_refused(found: tuple[int, str, str], *parts: str) -> None:
-    code, out, err = found
-    assert (code, out, len(err.splitlines())) == (2, "", 1), found
+def assert_refused(outcome: tuple[int, str, str], *parts: str) -> None:
+    code, out, err = outcome
+    assert (code, out, len(err.splitlines())) == (2, "", 1), outcome
     assert all(part in err for part in parts), err
 
 
@@ -57,9 +57,9 @@ def assert_refused(found: tuple[int, str, str], *parts: str) -> None:
     ],
 )
 def test_frames(text, numbers, ends):
-    found = parse_frames(text)
-    assert (list(found.numbers), (found.first, found.last)) == (numbers, ends)
-    assert found.span == ends[1] - ends[0] + 1
+    frames = parse_frames(text)
+    assert (list(frames.numbers), (frames.first, frames.last)) == (numbers, ends)
+    assert frames.span == ends[1] - ends[0] + 1
 
 
 @pytest.mark.parametrize(
@@ -123,26 +123,26 @@ def test_a_turn_is_closed_and_even():
 
 def test_some_frames_of_a_turn_are_where_all_of_them_are():
     turn = parse_frames("1..8")
-    whole = orbit(BASE, turn.numbers, turn)
+    cameras = orbit(BASE, turn.numbers, turn)
     for text in ("3..5", "1..8..2", "7"):
         part = orbit(BASE, parse_frames(text).numbers, turn)
-        assert all((part[k].eye == whole[k].eye).all() for k in part)
+        assert all((part[k].eye == cameras[k].eye).all() for k in part)
     later = orbit(BASE, [9], turn)
     assert (later[9].eye == BASE.eye).all()
     every_second = parse_frames("1..8..2")
-    assert (orbit(BASE, [7], every_second)[7].eye == whole[7].eye).all()
+    assert (orbit(BASE, [7], every_second)[7].eye == cameras[7].eye).all()
 
 
 def test_cameras_of_a_turn_are_made_when_they_are_asked_for(monkeypatch):
     made: list[float] = []
     monkeypatch.setattr("clshade.farm.frames.adjusted", lambda camera, azimuth: made.append(azimuth))
     turn = parse_frames("1..1000000")
-    found = orbit(BASE, turn.numbers, turn)
-    assert (len(found), next(iter(found)), 0 in found) == (1_000_000, 1, False)
-    assert found[250_001] is None
+    cameras = orbit(BASE, turn.numbers, turn)
+    assert (len(cameras), next(iter(cameras)), 0 in cameras) == (1_000_000, 1, False)
+    assert cameras[250_001] is None
     assert made == [90.0]
     with pytest.raises(KeyError):
-        found[0]
+        cameras[0]
 
 
 def test_a_turn_the_other_way_and_a_part_of_one():
@@ -188,12 +188,12 @@ REFUSED = [
     ([{"eye": [1, 2, "3"]}], ("camera 1", "eye", "numbers")),
     ([{"eye": None}], ("camera 1", "eye")),
     ([{"eye": [[1, 2], [3]]}], ("camera 1", "eye")),
-    ([{"focal": True}], ("camera 1", "focal", "numbers")),
+    ([{"focal": True}], ("camera 1", "focal", "number")),
     ([{"focal": -1}], ("camera 1", "focal", "above 0")),
     ([{"fov": 180}], ("camera 1", "fov", "to less than 180")),
     ([{"fov": 1e-320}], ("camera 1", "fov", "from 1e-6")),
     ([{"fov": 40, "focal": 1}], ("camera 1", "fov", "either fov or focal")),
-    ([{"orthographic": 1}], ("camera 1", "orthographic", "true or false")),
+    ([{"orthographic": 1}], ("camera 1", "orthographic", "True or False")),
     ([{"resolution": [40, 0]}], ("camera 1", "resolution")),
     ([{"resolution": [1e9, 20]}], ("camera 1", "resolution")),
     ([{"eye": [0, 0, 0]}], ("camera 1", "lookat", "other than eye")),
@@ -245,16 +245,16 @@ def test_a_turntable_and_what_it_skips(folder, capsys):
     assert "3/3 frames, " in err
     assert "frames/s" in err
     assert "3 drawn" in out
-    whole = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert len(set(whole.values())) == 6
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert len(set(files.values())) == 6
 
     (folder / "out.0009.exr").unlink()  # one file is not a complete frame
     (folder / "out.0010.png").write_bytes(b"")
     (folder / ".clshade-0123456789abcdef.tmp").write_bytes(b"of a process that was killed")
     code, out, err = run(capsys, *command, "--json")
-    found = json.loads(out)
-    assert (code, found["drawn"], found["skipped"], found["frames"]) == (0, 2, 1, 3)
-    assert {name: (folder / name).read_bytes() for name in whole} == whole
+    summary = json.loads(out)
+    assert (code, summary["drawn"], summary["skipped"], summary["frames"]) == (0, 2, 1, 3)
+    assert {name: (folder / name).read_bytes() for name in files} == files
 
     assert "warning" not in err
     (folder / "out.0010.png").unlink()
@@ -269,7 +269,7 @@ def test_a_turntable_and_what_it_skips(folder, capsys):
     assert run(capsys, *command, "--quiet") == (0, "", "")
     assert (folder / "out.0009.exr").read_bytes() == b"something else"
     assert run(capsys, *command, "--quiet", "--overwrite") == (0, "", "")
-    assert (folder / "out.0009.exr").read_bytes() == whole["out.0009.exr"]
+    assert (folder / "out.0009.exr").read_bytes() == files["out.0009.exr"]
 
 
 @pytest.mark.parametrize("options", [{}, {"workers": 2}], ids=["one process", "workers"])
@@ -420,9 +420,9 @@ def test_refused_command_lines(folder, capsys, arguments, parts):
 def test_from_python(tmp_path):
     scene = builtin("icosphere")
     camera = replace(scene.camera, resolution=(32, 24))
-    found = draw_frames(scene, {4: camera}, str(tmp_path / "a.#.exr"), preset="course", progress=False)
-    assert (found.drawn, found.skipped, found.lost, found.workers) == (1, 0, 0, 1)
-    assert found.size == sum(path.stat().st_size for path in tmp_path.iterdir())
+    summary = draw_frames(scene, {4: camera}, str(tmp_path / "a.#.exr"), preset="course", progress=False)
+    assert (summary.drawn, summary.skipped, summary.lost, summary.workers) == (1, 0, 0, 1)
+    assert summary.size == sum(path.stat().st_size for path in tmp_path.iterdir())
     with pytest.raises(InputError, match="cameras"):
         draw_frames(scene, {}, str(tmp_path / "a.#.exr"))
 
@@ -446,10 +446,10 @@ def test_flow_to_the_frames_beside(tmp_path, capsys):
     cameras = read_cameras(tmp_path / "c.json", scene.camera)
     frame = render(replace(scene, camera=cameras[1]), preset="course", layers="id")
     for name, camera in (("flow", cameras[2]), ("flow_back", cameras[0])):
-        found = flow(frame, camera)
+        motion = flow(frame, camera)
         for k, letter in enumerate("XY"):
-            np.testing.assert_array_equal(files[1][f"{name}.{letter}"], found.vectors[..., k])
-        np.testing.assert_array_equal(files[1][f"{name}_occluded"] != 0, found.occluded)
+            np.testing.assert_array_equal(files[1][f"{name}.{letter}"], motion.vectors[..., k])
+        np.testing.assert_array_equal(files[1][f"{name}_occluded"] != 0, motion.occluded)
     for option in (["--flow"], ["--visible", "csv"]):
         refused = run(capsys, *command, *option, "-o", tmp_path / "a.mp4")
         assert_refused(refused, f"{option[0]}: needs frames as --output, such as out.####.exr, not")
@@ -480,9 +480,9 @@ def test_one_file_of_each_frame(tmp_path):
 
     def draw(files: object) -> tuple[int, int]:
         saving = {"files": files}
-        found = draw_frames(scene, cameras, str(tmp_path / "a.#.exr"), preset="course", progress=False, saving=saving)
-        assert found.size == (found.drawn > 0) * sum(path.stat().st_size for path in tmp_path.iterdir())
-        return found.drawn, found.skipped
+        summary = draw_frames(scene, cameras, str(tmp_path / "a.#.exr"), preset="course", progress=False, saving=saving)
+        assert summary.size == (summary.drawn > 0) * sum(path.stat().st_size for path in tmp_path.iterdir())
+        return summary.drawn, summary.skipped
 
     assert draw(["png"]) == (2, 0)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.1.png", "a.2.png"]

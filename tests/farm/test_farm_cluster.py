@@ -17,11 +17,10 @@ from farm_jobs import job
 
 from clshade.cli.main import main
 from clshade.errors import DeviceError, InputError, WorkerError
-from clshade.farm import waiting
+from clshade.farm import dispatch
 from clshade.farm.job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
 
 cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
-dispatch = pytest.importorskip("clshade.farm.dispatch", exc_type=ImportError)
 
 COUNT = 40
 PATIENT = 120.0  # seconds, for busy machines
@@ -57,19 +56,19 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
             writer.draw(task)
 
     cluster.wait_for_workers(2)
-    found: list[DrawnFrame | Lost] = []
-    for each in cluster_module.draw_on_cluster(job(), tasks(there), cluster.address, PATIENT):
-        found.append(each)
-        if len(found) == COUNT // 4:
-            assert isinstance(each, DrawnFrame)
-            busy = workers[int(each.worker.rpartition(":")[2])]
+    reports: list[DrawnFrame | Lost] = []
+    for report in cluster_module.draw_on_cluster(job(), tasks(there), cluster.address, PATIENT):
+        reports.append(report)
+        if len(reports) == COUNT // 4:
+            assert isinstance(report, DrawnFrame)
+            busy = workers[int(report.worker.rpartition(":")[2])]
             busy.send_signal(signal.SIGKILL)
             busy.wait()
-    lost = [each for each in found if isinstance(each, Lost)]
-    drawn = [each for each in found if isinstance(each, DrawnFrame)]
-    assert [each.reason.partition(" ")[2] for each in lost] == ["is gone"]
-    assert sorted(each.number for each in drawn) == list(range(1, COUNT + 1))
-    assert len({each.worker for each in drawn}) == 2
+    lost = [report for report in reports if isinstance(report, Lost)]
+    drawn = [report for report in reports if isinstance(report, DrawnFrame)]
+    assert [report.reason.partition(" ")[2] for report in lost] == ["is gone"]
+    assert sorted(report.number for report in drawn) == list(range(1, COUNT + 1))
+    assert len({report.worker for report in drawn}) == 2
     written = {path.name: path.read_bytes() for path in there.iterdir() if not path.name.startswith(".clshade-")}
     assert written == {path.name: path.read_bytes() for path in here.iterdir()}
     assert len(written) == 2 * COUNT
@@ -79,51 +78,51 @@ def test_two_workers_one_of_which_is_killed(tmp_path, cluster):
 def test_a_worker_that_is_stopped(tmp_path, cluster, monkeypatch, capsys):
     """The other worker draws its frames, and in the next run, of which the stopped one never hears, all of them;
     without a limit the silent worker is reported and waited for."""
-    monkeypatch.setattr(waiting, "SILENT", 2.0)
+    monkeypatch.setattr(dispatch, "SILENT", 2.0)
     monkeypatch.setattr(cluster_module, "SILENT", 2.0)
     workers = {process.pid: process for process in (cluster.worker(), cluster.worker())}
     cluster.wait_for_workers(2)
     taken: list[int] = []
 
-    def given(folder: Path) -> Iterator[Task]:
+    def counted_tasks(folder: Path) -> Iterator[Task]:
         for task in tasks(folder):
             taken.append(task.number)
             yield task
 
-    found: list[DrawnFrame | Lost | Silent] = []
-    for each in cluster_module.draw_on_cluster(job(), given(tmp_path), cluster.address, PATIENT, 3.0):
-        found.append(each)
-        if len(found) == COUNT // 4:
-            assert isinstance(each, DrawnFrame)
-            stopped = workers[int(each.worker.rpartition(":")[2])]
+    reports: list[DrawnFrame | Lost | Silent] = []
+    for report in cluster_module.draw_on_cluster(job(), counted_tasks(tmp_path), cluster.address, PATIENT, 3.0):
+        reports.append(report)
+        if len(reports) == COUNT // 4:
+            assert isinstance(report, DrawnFrame)
+            stopped = workers[int(report.worker.rpartition(":")[2])]
             stopped.send_signal(signal.SIGSTOP)
-        assert len(taken) - sum(isinstance(each, DrawnFrame) for each in found) <= 2 * dispatch.AHEAD
-    assert sorted(each.number for each in found if isinstance(each, DrawnFrame)) == list(range(1, COUNT + 1))
-    assert any(isinstance(each, Lost) and "gave no sign for " in each.reason for each in found)
+        assert len(taken) - sum(isinstance(report, DrawnFrame) for report in reports) <= 2 * cluster_module.AHEAD
+    assert sorted(report.number for report in reports if isinstance(report, DrawnFrame)) == list(range(1, COUNT + 1))
+    assert any(isinstance(report, Lost) and "gave no sign for " in report.reason for report in reports)
     assert len(list(tmp_path.glob("*.exr"))) == len(list(tmp_path.glob("*.png"))) == COUNT
 
     for path in tmp_path.iterdir():
         path.unlink()
     capsys.readouterr()
-    found = list(cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT, 3.0))
-    assert len({each.number for each in found if isinstance(each, DrawnFrame)}) == COUNT
+    reports = list(cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT, 3.0))
+    assert len({report.number for report in reports if isinstance(report, DrawnFrame)}) == COUNT
     assert "no sign of worker tcp://127.0.0.1:" in capsys.readouterr().err
 
     for path in tmp_path.iterdir():
         path.unlink()
-    found = []
-    for each in cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT):
-        found.append(each)
-        if isinstance(each, Silent) and sum(isinstance(each, DrawnFrame) for each in found) > COUNT // 2:
+    reports = []
+    for report in cluster_module.draw_on_cluster(job(), tasks(tmp_path), cluster.address, PATIENT):
+        reports.append(report)
+        if isinstance(report, Silent) and sum(isinstance(report, DrawnFrame) for report in reports) > COUNT // 2:
             stopped.send_signal(signal.SIGCONT)
-    assert len({each.number for each in found if isinstance(each, DrawnFrame)}) == COUNT
-    silent = [each for each in found if isinstance(each, Silent)]
+    assert len({report.number for report in reports if isinstance(report, DrawnFrame)}) == COUNT
+    silent = [report for report in reports if isinstance(report, Silent)]
     assert silent
     assert silent[-1].worker.startswith("tcp://127.0.0.1:")
 
 
-def draw_all(address: str, given: Job, listed: list[Task], timeout: float = PATIENT) -> list[DrawnFrame | Lost]:
-    return list(cluster_module.draw_on_cluster(given, listed, address, timeout))
+def draw_all(address: str, render_job: Job, listed: list[Task], timeout: float = PATIENT) -> list[DrawnFrame | Lost]:
+    return list(cluster_module.draw_on_cluster(render_job, listed, address, timeout))
 
 
 @pytest.mark.long
@@ -137,7 +136,7 @@ def test_errors_come_back_and_the_cluster_can_be_used_again(tmp_path, cluster, c
     with pytest.raises(WorkerError, match=r"^worker tcp://.*expected the clshade that runs here"):
         draw_all(cluster.address, job(), tasks(tmp_path, 1))
     monkeypatch.undo()
-    monkeypatch.setattr(dispatch, "VISIBLE", 0.5)
+    monkeypatch.setattr(cluster_module, "VISIBLE", 0.5)
     monkeypatch.setattr(Task, "paths", [tmp_path / "on-a-disk-of-its-own"])
     with pytest.raises(WorkerError, match=rf"workers that write to this machine's {tmp_path}, found frame 1 written"):
         draw_all(cluster.address, job(), tasks(tmp_path, 1))

@@ -103,28 +103,28 @@ def test_rates_are_in_frames_a_second():
         "9.88 frames/s",
         "0.0167 frames/s",
     ]
-    found = Run(3, 90, 0, 180.0, 100.0, 1, 2, "a", "b")
-    assert (found.rate, found.stats()["frames_per_second"]) == (3 / 180.0, 3 / 180.0)
-    assert "180.0 s, 0.0167 frames/s; a frame 100 ms (median); 2 workers" in found.lines()[1]
+    summary = Run(3, 90, 0, 180.0, 100.0, 1, 2, "a", "b")
+    assert (summary.rate, summary.stats()["frames_per_second"]) == (3 / 180.0, 3 / 180.0)
+    assert "180.0 s, 0.0167 frames/s; a frame 100 ms (median); 2 workers" in summary.lines()[1]
     assert not any("frames/s" in line for line in Run(0, 90, 0, 0.0, 0.0, 0, 0, "a", "b").lines())
 
 
 @pytest.mark.long
 @pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 def test_progress_and_figures_agree(folder, capsys):
-    given = ("turntable", "icosphere", "--count", "3", "--resolution", "32,24", "--preset", "course")
-    assert main(given) == 0
+    arguments = ("turntable", "icosphere", "--count", "3", "--resolution", "32,24", "--preset", "course")
+    assert main(arguments) == 0
     out, err = capsys.readouterr()
     assert "\r" not in err
     rates = [re.findall(r"([0-9.]+) frames/s", text) for text in (err, out)]
     assert rates[0] == rates[1]
     assert len(rates[0]) == 1
     (folder / "out.0002.png").unlink()
-    assert main([*given, "--json"]) == 0
+    assert main([*arguments, "--json"]) == 0
     out, err = capsys.readouterr()
-    found = json.loads(out)
-    assert found["frames_per_second"] == found["drawn"] / found["seconds"] == 1 / found["seconds"]
-    assert f"3/3 frames, {rate_text(found['frames_per_second'])}\n" in err
+    summary = json.loads(out)
+    assert summary["frames_per_second"] == summary["drawn"] / summary["seconds"] == 1 / summary["seconds"]
+    assert f"3/3 frames, {rate_text(summary['frames_per_second'])}\n" in err
 
 
 def test_frames_that_are_there_are_found_by_reading_the_folder_once(tmp_path, monkeypatch):

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from farm_jobs import tasks
 
 from clshade.errors import WorkerError
-from clshade.farm import waiting
+from clshade.farm import dispatch
 from clshade.farm.job import DrawnFrame, Lost, Silent, Task
 
-dispatch = pytest.importorskip("clshade.farm.dispatch", reason="needs dask.distributed", exc_type=ImportError)
+cluster_module = pytest.importorskip("clshade.farm.cluster", reason="needs dask.distributed", exc_type=ImportError)
 
 
 class Time:
@@ -29,24 +30,24 @@ class Time:
         end = self.now + seconds
         while self.now < end:
             self.now = min(self.now + 1.0, end)
-            waiting.now()
+            dispatch.now()
 
 
 @pytest.fixture
 def turned(monkeypatch) -> Time:
     turned = Time()
-    monkeypatch.setattr(waiting, "time", turned)
+    monkeypatch.setattr(dispatch, "time", turned)
     return turned
 
 
 def test_silence_is_told_each_time_that_it_has_doubled(turned):
-    clock, told = waiting.Clock(), []
+    clock, durations = dispatch.Clock(), []
     for _ in range(1000):
         turned.now += 0.1
         if (seconds := clock.due(latest=0.1)) is not None:
-            told.append(round(seconds))
-    assert told == [10, 20, 40, 80]
-    clock.restart()
+            durations.append(round(seconds))
+    assert durations == [10, 20, 40, 80]
+    clock = dispatch.Clock()
     turned.run(9.9)
     assert clock.due(0.1) is None
     turned.run(0.2)
@@ -54,14 +55,14 @@ def test_silence_is_told_each_time_that_it_has_doubled(turned):
 
 
 def test_frames_that_take_long_are_no_silence(turned):
-    clock = waiting.Clock()
+    clock = dispatch.Clock()
     turned.run(25.0)
     assert clock.due(latest=13.0) is None
     assert clock.due(latest=12.0) == 25.0
 
 
 def test_time_in_which_this_process_was_stopped_does_not_count(turned):
-    clock = waiting.Clock()
+    clock = dispatch.Clock()
     for passed, counted in ((0.1, 0.1), (2.9, 3.0), (60.0, 3.0), (0.1, 3.1)):
         turned.now += passed
         assert clock.seconds == pytest.approx(counted)
@@ -71,8 +72,8 @@ def test_time_in_which_this_process_was_stopped_does_not_count(turned):
 
 
 class FakeFuture:
-    def __init__(self, key: str, allowed: Sequence[str] | None) -> None:
-        self.key, self.allowed, self.status, self.worker = key, allowed, "pending", ""
+    def __init__(self, task: Task, worker: str) -> None:
+        self.task, self.worker, self.status = task, worker, "pending"
 
     def add_done_callback(self, call: Any) -> None:
         pass
@@ -81,20 +82,15 @@ class FakeFuture:
         self.status = "cancelled"
 
 
-class FakeScheduler:
-    identity, processing = "identity", "processing"
-
-
 class FakeCluster:
-    """Fake client that gives each frame to the worker with the fewest."""
+    """Fake client, which gives each frame to the worker for which it is submitted."""
 
-    scheduler = FakeScheduler()
+    scheduler = SimpleNamespace(identity="identity")
 
     def __init__(self, turned: Time, **threads: int) -> None:
         self.turned, self.threads, self.stopped = turned, dict(threads), set[str]()
-        self.futures: dict[str, FakeFuture] = {}
-        self.tasks: dict[str, Task] = {}
-        self.answers = True
+        self.futures: list[FakeFuture] = []
+        self.answers, self.run = True, ""
         self.handlers: dict[str, Any] = {}
 
     def subscribe_topic(self, topic: str, handler: Any) -> None:
@@ -103,27 +99,21 @@ class FakeCluster:
     def sync(self, what: str, callback_timeout: float, **_: Any) -> Any:
         if not self.answers:
             raise TimeoutError
-        if what == "processing":
-            return {worker: [future.key for future in self.waiting(worker)] for worker in self.threads}
         heard = self.turned.now
         seen = {worker: 0.0 if worker in self.stopped else heard for worker in self.threads}
         return {"workers": {name: {"nthreads": n, "last_seen": seen[name]} for name, n in self.threads.items()}}
 
-    def map(self, draw: Any, names: Any, tasks: list[Task], key: list[str], workers: Any, **_: Any) -> list[FakeFuture]:
-        found = []
-        for each, task in zip(key, tasks, strict=True):
-            future = self.futures[each] = FakeFuture(each, workers)
-            future.worker = min(workers or self.threads, key=lambda name: (len(self.waiting(name)), name))
-            self.tasks[each] = task
-            found.append(future)
-        return found
+    def submit(self, draw: Any, name: str, task: Task, *, workers: list[str], **_: Any) -> FakeFuture:
+        future = FakeFuture(task, *workers)
+        self.futures.append(future)
+        return future
 
     def waiting(self, worker: str) -> list[FakeFuture]:
-        return [future for future in self.futures.values() if future.worker == worker and future.status == "pending"]
+        return [future for future in self.futures if future.worker == worker and future.status == "pending"]
 
     def say(self, future: FakeFuture, sign: str, **more: Any) -> None:
-        said = {"run": "run", "key": future.key, "worker": future.worker, "sign": sign, **more}
-        self.handlers[dispatch.TOPIC]((0.0, said))
+        said = {"number": future.task.number, "worker": future.worker, "sign": sign, **more}
+        self.handlers[cluster_module.TOPIC]((0.0, {"run": self.run, **said}))
 
     def begin(self, worker: str) -> FakeFuture:
         future = self.waiting(worker)[0]
@@ -132,7 +122,7 @@ class FakeCluster:
         return future
 
     def draw(self, future: FakeFuture) -> None:
-        task = self.tasks[future.key]
+        task = future.task
         for kind in ("exr", "png"):
             task.path.with_name(f"{task.path.name}.{kind}").touch()
         future.status = "finished"
@@ -143,10 +133,10 @@ class FakeCluster:
 class Run:
     """A run on such a cluster, one second per step."""
 
-    def __init__(self, turned: Time, cluster: FakeCluster, given: Iterator[Task], limit: float | None) -> None:
+    def __init__(self, turned: Time, cluster: FakeCluster, source: Iterator[Task], limit: float | None) -> None:
         self.turned, self.cluster = turned, cluster
-        members = dispatch.Members(cluster, "tcp://scheduler")
-        self.dispatcher = dispatch.Dispatcher(members, None, "run", given, 10.0, limit)
+        self.dispatcher = cluster_module.Cluster(cluster, "tcp://scheduler", source, 10.0, limit)
+        cluster.run = self.dispatcher.name
         self.found: list[DrawnFrame | Lost | Silent] = []
         self.events = self.dispatcher._events
         self.dispatcher._events = self  # replaces the queue; polled once per step
@@ -160,7 +150,7 @@ class Run:
         self.steps_left -= 1
         if self.steps_left < 0:
             raise Paused
-        raise dispatch.queue.Empty
+        raise cluster_module.queue.Empty
 
     def put(self, event: Any) -> None:
         self.events.put(event)
@@ -171,14 +161,14 @@ class Run:
     def step(self, seconds: int = 1) -> list[DrawnFrame | Lost | Silent]:
         """Return the events of that many seconds."""
         self.steps_left = seconds
-        found: list[DrawnFrame | Lost | Silent] = []
+        reports: list[DrawnFrame | Lost | Silent] = []
         try:
             for result in self.dispatcher.results():
-                found.append(result)
+                reports.append(result)
         except Paused:
             pass
-        self.found += found
-        return found
+        self.found += reports
+        return reports
 
 
 class Paused(Exception):
@@ -192,44 +182,44 @@ def start(turned: Time, folder: Path, count: int, limit: float | None = 5.0, **t
     return run, cluster
 
 
-def numbers(found: list[Any], kind: type) -> list[int]:
-    return sorted(number for each in found if isinstance(each, kind) for number in getattr(each, "numbers", ()))
+def numbers(reports: list[Any], kind: type) -> list[int]:
+    return sorted(number for report in reports if isinstance(report, kind) for number in getattr(report, "numbers", ()))
 
 
 def test_no_more_frames_are_taken_than_there_are_threads_for(turned, tmp_path):
     taken: list[int] = []
 
-    def given() -> Iterator[Task]:
+    def counted_tasks() -> Iterator[Task]:
         for task in tasks(tmp_path, 1000, (8, 8)):
             taken.append(task.number)
             yield task
 
     cluster = FakeCluster(turned, a=1, b=2)
-    run = Run(turned, cluster, given(), None)
+    run = Run(turned, cluster, counted_tasks(), None)
     run.step()
-    assert len(taken) == 3 * dispatch.AHEAD
+    assert len(taken) == 3 * cluster_module.AHEAD
     for done in range(1, 20):
         cluster.draw(cluster.waiting("a")[0] if cluster.waiting("a") else cluster.waiting("b")[0])
         run.step()
-        assert 3 * (dispatch.AHEAD - 1) < len(taken) - done <= 3 * dispatch.AHEAD
-        assert len(run.dispatcher._by_key) == len(run.dispatcher._flights) == len(taken) - done
+        assert 3 * (cluster_module.AHEAD - 1) < len(taken) - done <= 3 * cluster_module.AHEAD
+        assert len(run.dispatcher._flights) == len(taken) - done
     cluster.threads["c"] = 4  # joins later and gets work
     run.step(2)
-    assert len(taken) == 7 * dispatch.AHEAD + 19
+    assert len(taken) == 7 * cluster_module.AHEAD + 19
     assert cluster.waiting("c")
 
 
 def test_a_frame_that_takes_too_long_goes_to_another_worker_and_the_first_to_draw_it_wins(turned, tmp_path):
     run, cluster = start(turned, tmp_path, 2, a=1, b=1)
-    slow, other = cluster.begin("a"), cluster.begin("b")
-    cluster.draw(other)
-    assert [type(each) for each in run.step(4)] == [DrawnFrame]
+    slow, quick = cluster.begin("a"), cluster.begin("b")
+    cluster.draw(quick)
+    assert [type(report) for report in run.step(4)] == [DrawnFrame]
     (lost,) = run.step(4)
     assert isinstance(lost, Lost)
     assert (lost.numbers, lost.reason.split(" ")[0]) == ((1,), "a")
     assert "gave no sign for" in lost.reason
     (again,) = cluster.waiting("b")
-    assert (again.allowed, cluster.tasks[again.key].number) == (["b"], 1)
+    assert again.task.number == 1
     cluster.draw(slow)  # it returns before the other has drawn it
     (drawn,) = run.step()
     assert (drawn.number, drawn.worker, again.status) == (1, "a", "cancelled")
@@ -242,7 +232,7 @@ def test_compiling_has_time(turned, tmp_path):
     run, cluster = start(turned, tmp_path, 1, a=1, b=1)
     (future,) = cluster.waiting("a")
     cluster.say(future, "begun")
-    assert numbers(run.step(int(waiting.PREPARING)), Lost) == []
+    assert numbers(run.step(int(dispatch.PREPARING)), Lost) == []
     cluster.say(future, "ready")
     assert numbers(run.step(4), Lost) == []
     assert numbers(run.step(4), Lost) == [1]
@@ -255,13 +245,14 @@ def test_a_frame_that_no_worker_draws_is_given_up(turned, tmp_path):
     def pass_a_minute() -> None:
         for _ in range(60):
             for worker in set("abcd") - set(tried):
-                for future in cluster.waiting(worker):
-                    assert future.allowed is None or not set(future.allowed) & set(tried)
+                if cluster.waiting(worker):
                     tried.append(worker)
                     cluster.begin(worker)
             run.step()
 
-    with pytest.raises(WorkerError, match=r"^frame 1: 3 workers did not draw it in time; the last one, c gave no sign"):
+    with pytest.raises(
+        WorkerError, match=r"^frame 1: 3 workers were lost while they drew it: the last one c gave no sign"
+    ):
         pass_a_minute()
     assert tried == ["a", "b", "c"]
     assert numbers(run.found, Lost) == [1, 1]
@@ -271,14 +262,14 @@ def test_a_worker_that_is_stopped_keeps_nothing_and_gets_nothing_new(turned, tmp
     run, cluster = start(turned, tmp_path, 100, a=1, b=1)
     cluster.begin("a")
     cluster.stopped.add("a")
-    stuck = {cluster.tasks[future.key].number for future in cluster.waiting("a")}
-    assert len(stuck) == dispatch.AHEAD
-    found = run.step(10)
-    assert set(numbers(found, Lost)) == stuck
+    stuck = {future.task.number for future in cluster.waiting("a")}
+    assert len(stuck) == cluster_module.AHEAD
+    reports = run.step(10)
+    assert set(numbers(reports, Lost)) == stuck
     drawn: set[int] = set()
     while cluster.waiting("b"):
         cluster.draw(cluster.waiting("b")[0])
-        drawn |= {each.number for each in run.step() if isinstance(each, DrawnFrame)}
+        drawn |= {report.number for report in run.step() if isinstance(report, DrawnFrame)}
         assert not cluster.waiting("a")
     assert drawn == set(range(1, 101))
 
@@ -292,7 +283,7 @@ def test_a_worker_that_hangs_gets_nothing_new_until_it_is_back(turned, tmp_path)
         cluster.draw(cluster.waiting("b")[0])
         assert numbers(run.step(), Lost) == []
         assert cluster.waiting("a") == []
-        assert 2 * (dispatch.AHEAD - 1) < len(cluster.waiting("b")) <= 2 * dispatch.AHEAD
+        assert cluster_module.AHEAD <= len(cluster.waiting("b")) < 2 * cluster_module.AHEAD
     cluster.draw(hanging)
     for _ in range(2):
         cluster.draw(cluster.waiting("b")[0])
@@ -303,17 +294,17 @@ def test_a_worker_that_hangs_gets_nothing_new_until_it_is_back(turned, tmp_path)
 def test_a_worker_that_is_stopped_before_it_begins_loses_what_it_was_given(turned, tmp_path):
     run, cluster = start(turned, tmp_path, 4, a=1, b=1)
     cluster.stopped.add("a")
-    (first, *_) = given = cluster.waiting("a")
+    (first, *_) = futures = cluster.waiting("a")
     assert numbers(run.step(4), Lost) == []
-    found = run.step(4)
-    assert numbers(found, Lost) == sorted(cluster.tasks[future.key].number for future in given)
+    reports = run.step(4)
+    assert numbers(reports, Lost) == sorted(future.task.number for future in futures)
     assert cluster.waiting("a") == []
-    moved = run.dispatcher._flights[cluster.tasks[first.key].number]
+    moved = run.dispatcher._flights[first.task.number]
     run.step()
-    assert moved.worker == "b"
+    assert moved.worker.name == "b"
     cluster.say(first, "begun")  # it is back, and does not know yet
     run.step()
-    assert (moved.worker, moved.begun) == ("b", False)
+    assert (moved.worker.name, moved.begun) == ("b", False)
 
 
 def test_frames_lose_nothing_while_this_process_is_stopped(turned, tmp_path):
@@ -337,26 +328,26 @@ def test_frames_follow_when_the_workers_that_they_were_given_to_are_gone(turned,
     run.step(2)
     assert moved.status == "cancelled"
     (again,) = cluster.waiting("c")
-    assert cluster.tasks[again.key].number == 1
+    assert again.task.number == 1
 
 
 def test_without_a_limit_silence_is_told_and_waited_for(turned, tmp_path):
     run, cluster = start(turned, tmp_path, 2, limit=None, a=1, b=1)
     first = cluster.begin("a")
     cluster.stopped |= {"a", "b"}  # b has not begun its frames
-    found = run.step(85)
-    assert all(isinstance(each, Silent) for each in found)
+    reports = run.step(85)
+    assert all(isinstance(report, Silent) for report in reports)
     for worker, number in (("a", 1), ("b", 2)):
-        told = [each for each in found if each.worker == worker]
-        assert {each.numbers for each in told} == {(number,)}
-        seconds = [each.seconds for each in told]
+        worker_reports = [report for report in reports if report.worker == worker]
+        assert {report.numbers for report in worker_reports} == {(number,)}
+        seconds = [report.seconds for report in worker_reports]
         assert len(seconds) == 4
         assert seconds[0] == pytest.approx(10.5, abs=1.0)
         assert all(later >= 2.0 * sooner for sooner, later in pairwise(seconds))
     cluster.stopped.clear()
     cluster.draw(first)
     cluster.draw(cluster.begin("b"))
-    assert sorted(each.number for each in run.step()) == [1, 2]
+    assert sorted(report.number for report in run.step()) == [1, 2]
 
 
 def test_a_run_waits_for_a_scheduler_that_does_not_answer_at_once(turned, tmp_path):

@@ -24,9 +24,10 @@ from farm_jobs import hanging, job
 from processes import ROOT
 
 from clshade.errors import DeviceError, OutputError, WorkerError
-from clshade.farm import local, waiting
+from clshade.farm import dispatch, local
+from clshade.farm.dispatch import ATTEMPTS
 from clshade.farm.job import DrawnFrame, FrameWriter, Job, Lost, Silent, Task
-from clshade.farm.local import ATTEMPTS, draw_locally
+from clshade.farm.local import draw_locally
 from clshade.images import exr
 from clshade.pipeline.renderer import Renderer
 from clshade.scene.camera import Camera
@@ -53,10 +54,10 @@ def expected(tmp_path_factory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("one")
     with FrameWriter(job()) as writer:
         assert [writer.draw(task).number for task in tasks(folder)] == list(range(1, COUNT + 1))
-    found = contents(folder)
-    assert len(found) == 2 * COUNT
-    assert len(set(found.values())) > COUNT  # frames differ
-    return found
+    files = contents(folder)
+    assert len(files) == 2 * COUNT
+    assert len(set(files.values())) > COUNT  # frames differ
+    return files
 
 
 def children() -> list[int]:
@@ -79,17 +80,17 @@ def wait_until(condition: Callable[[], object], seconds: float = 180.0) -> None:
 
 @pytest.mark.long
 def test_two_workers_one_of_which_is_killed(tmp_path, expected):
-    found, killed = [], 0
-    for each in draw_locally(job(), tasks(tmp_path), 2):
-        found.append(each)
-        if len(found) == COUNT // 3:
+    reports, killed = [], 0
+    for report in draw_locally(job(), tasks(tmp_path), 2):
+        reports.append(report)
+        if len(reports) == COUNT // 3:
             killed = children()[0]
             os.kill(killed, signal.SIGKILL)
-    drawn = [each.number for each in found if isinstance(each, DrawnFrame)]
+    drawn = [report.number for report in reports if isinstance(report, DrawnFrame)]
     assert sorted(drawn) == list(range(1, COUNT + 1))
     assert killed
-    lost = [each for each in found if isinstance(each, Lost)]
-    assert [each.reason for each in lost] == ["was killed by SIGKILL"]
+    lost = [report for report in reports if isinstance(report, Lost)]
+    assert [report.reason for report in lost] == ["was killed by SIGKILL"]
     assert written(tmp_path) == expected
     assert not children()
 
@@ -105,10 +106,10 @@ class Deadly:
 def test_a_frame_that_kills_its_workers_is_given_up(tmp_path):
     good, *_ = tasks(tmp_path)
     bad = Task(2, Deadly(), tmp_path / "002")  # type: ignore[arg-type]
-    found: list[DrawnFrame | Lost] = []
-    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* exit code 7$"):
-        found.extend(draw_locally(job(), [good, bad], 2))
-    assert sum(isinstance(each, Lost) for each in found) == ATTEMPTS - 1
+    reports: list[DrawnFrame | Lost] = []
+    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers were lost .* exit code 7$"):
+        reports.extend(draw_locally(job(), [good, bad], 2))
+    assert sum(isinstance(report, Lost) for report in reports) == ATTEMPTS - 1
     assert not children()
 
 
@@ -119,43 +120,43 @@ def written(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.long
 def test_a_worker_that_is_stopped_is_told_of_and_waited_for(tmp_path, expected, monkeypatch):
-    monkeypatch.setattr(waiting, "SILENT", 0.5)
-    found: list[DrawnFrame | Lost | Silent] = []
+    monkeypatch.setattr(dispatch, "SILENT", 0.5)
+    reports: list[DrawnFrame | Lost | Silent] = []
     silent: list[Silent] = []  # from the stopped worker
     stopped, meanwhile = 0, 0  # the worker, and frames that the other one draws while it is
-    for each in draw_locally(job(), tasks(tmp_path), 2):
-        found.append(each)
-        if not stopped and sum(isinstance(one, DrawnFrame) for one in found) == COUNT // 3:
+    for report in draw_locally(job(), tasks(tmp_path), 2):
+        reports.append(report)
+        if not stopped and sum(isinstance(one, DrawnFrame) for one in reports) == COUNT // 3:
             stopped = children()[0]
             os.kill(stopped, signal.SIGSTOP)
         elif stopped:
-            meanwhile += isinstance(each, DrawnFrame)
-            if isinstance(each, Silent) and each.worker == str(stopped):
-                silent.append(each)
+            meanwhile += isinstance(report, DrawnFrame)
+            if isinstance(report, Silent) and report.worker == str(stopped):
+                silent.append(report)
             if len(silent) >= 2 and meanwhile:
                 os.kill(stopped, signal.SIGCONT)
-    drawn = [each.number for each in found if isinstance(each, DrawnFrame)]
+    drawn = [report.number for report in reports if isinstance(report, DrawnFrame)]
     assert sorted(drawn) == list(range(1, COUNT + 1))
     first, second, *_ = silent
     assert first.numbers == second.numbers
     assert second.seconds >= 2.0 * first.seconds >= 1.0
     assert drawn.index(first.numbers[0]) > COUNT // 3
-    assert not any(isinstance(each, Lost) for each in found)
+    assert not any(isinstance(report, Lost) for report in reports)
     assert written(tmp_path) == expected
 
 
 @pytest.mark.long
 def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
-    found: list[DrawnFrame | Lost | Silent] = []
-    for each in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
-        found.append(each)
-        if len(found) == COUNT // 3:
+    reports: list[DrawnFrame | Lost | Silent] = []
+    for report in draw_locally(job(), tasks(tmp_path), 2, frame_timeout=3.0):
+        reports.append(report)
+        if len(reports) == COUNT // 3:
             # Not one that may still be compiling, for which it has longer.
-            stopped = int(each.worker.rpartition(":")[2])
+            stopped = int(report.worker.rpartition(":")[2])
             os.kill(stopped, signal.SIGSTOP)
-    assert sorted(each.number for each in found if isinstance(each, DrawnFrame)) == list(range(1, COUNT + 1))
-    lost = [each for each in found if isinstance(each, Lost)]
-    assert [each.reason.partition(" for ")[0] for each in lost].count(f"{stopped} gave no sign") == 1
+    assert sorted(report.number for report in reports if isinstance(report, DrawnFrame)) == list(range(1, COUNT + 1))
+    lost = [report for report in reports if isinstance(report, Lost)]
+    assert [report.reason.partition(" for ")[0] for report in lost].count(f"{stopped} gave no sign") == 1
     assert written(tmp_path) == expected
     assert not is_alive(stopped)
     assert not children()
@@ -164,40 +165,44 @@ def test_a_worker_that_is_stopped_is_replaced(tmp_path, expected):
 @pytest.mark.long
 def test_a_frame_in_which_workers_hang_is_given_up(tmp_path):
     bad = hanging(tasks(tmp_path, 2)[1])
-    found: list[DrawnFrame | Lost | Silent] = []
-    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers ended .* gave no sign for [0-9.]+ s$"):
-        found.extend(draw_locally(job(), [bad], 2, frame_timeout=0.5))
-    assert [each.numbers for each in found if isinstance(each, Lost)] == [(2,)] * (ATTEMPTS - 1)
+    reports: list[DrawnFrame | Lost | Silent] = []
+    with pytest.raises(WorkerError, match=rf"^frame 2: {ATTEMPTS} workers were lost .* gave no sign for [0-9.]+ s$"):
+        reports.extend(draw_locally(job(), [bad], 2, frame_timeout=0.5))
+    assert [report.numbers for report in reports if isinstance(report, Lost)] == [(2,)] * (ATTEMPTS - 1)
     assert not children()
 
 
 def test_starting_does_not_count(tmp_path, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(waiting, "now", lambda: now[0])
-    task = tasks(tmp_path, 1)[0]
-    worker, other = (MagicMock(task=task, ready=False, clock=waiting.Clock()) for _ in range(2))
-    pool = local._Pool(job(), 2, 5.0)
-    monkeypatch.setattr(pool, "_start", lambda: other)
-    now[0] += waiting.PREPARING + 4.0
-    assert [type(each) for each in pool._look_at(worker)] == [Silent]
-    worker.ready = True
-    worker.clock.restart()
+    monkeypatch.setattr(dispatch, "now", lambda: now[0])
+    (task,) = tasks(tmp_path, 1)
+    pool = local._Pool(job(), [task], 1, 5.0)
+    workers = [MagicMock(load=0.0, threads=1, flights={}, stuck=set()) for _ in range(2)]
+    workers[0].name, workers[1].name = "a", "b"
+    pool._workers["a"] = workers[0]
+    monkeypatch.setattr(pool, "start", lambda: pool._workers.update(b=workers[1]))
+    pool._hand_out()
+    (flight,) = workers[0].flights.values()
+    now[0] += dispatch.PREPARING + 4.0
+    assert [type(report) for report in pool._check()] == [Silent]
+    flight.advance(begun=True, ready=True)
     now[0] += 4.0
-    assert list(pool._look_at(worker)) == []
+    assert list(pool._check()) == []
     now[0] += 2.0
-    assert [each.numbers for each in pool._look_at(worker)] == [(1,)]
-    worker.process.kill.assert_called_once()
-    assert other.begin.call_args[0][0] is task
+    assert [report.numbers for report in pool._check()] == [(1,)]
+    workers[0].process.kill.assert_called_once()
+    pool._hand_out()
+    workers[1].send.assert_called_once_with(task)
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("away", [0.0, 60.0])
 def test_time_in_which_this_process_was_stopped_does_not_count(tmp_path, monkeypatch, away):
-    monkeypatch.setattr(waiting, "SILENT", 0.05)  # less than a worker takes to start
+    monkeypatch.setattr(dispatch, "SILENT", 0.05)  # less than a worker takes to start
     passed = itertools.count(time.monotonic(), 1.0 + away)  # seconds from one reading to the next
-    monkeypatch.setattr(waiting, "time", SimpleNamespace(monotonic=lambda: next(passed)))
-    found = list(draw_locally(job(), tasks(tmp_path, 1), 2))
-    assert any(isinstance(each, Silent) for each in found) == (away == 0.0)
+    monkeypatch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: next(passed)))
+    reports = list(draw_locally(job(), tasks(tmp_path, 1), 2))
+    assert any(isinstance(report, Silent) for report in reports) == (away == 0.0)
 
 
 def test_kernels_are_compiled_before_a_frame_counts(tmp_path, monkeypatch):
@@ -216,11 +221,11 @@ def test_kernels_are_compiled_before_a_frame_counts(tmp_path, monkeypatch):
 
 
 def test_a_large_scene_does_not_wait_for_a_worker_that_is_stopped(tmp_path):
-    worker = local._Worker(1, timed=False)
+    worker = local._Process(bytes(1 << 24), 1, timed=False)
     try:
         os.kill(worker.process.pid, signal.SIGSTOP)  # type: ignore[arg-type]
         start = time.monotonic()
-        worker.begin(tasks(tmp_path, 1)[0], bytes(1 << 24))
+        worker.send(tasks(tmp_path, 1)[0])
         assert time.monotonic() - start < 5.0
     finally:
         worker.process.kill()
@@ -229,8 +234,8 @@ def test_a_large_scene_does_not_wait_for_a_worker_that_is_stopped(tmp_path):
     assert not worker._sender.is_alive()
 
 
-def draw_all(given: Job, listed: Iterable[Task]) -> None:
-    for _ in draw_locally(given, list(listed), 2):
+def draw_all(render_job: Job, listed: Iterable[Task]) -> None:
+    for _ in draw_locally(render_job, list(listed), 2):
         pass
 
 
@@ -262,7 +267,7 @@ def test_leaving_early_ends_the_workers(tmp_path):
 
 def start(folder: Path, *further: str, silent: float = 10.0, before: str = "") -> subprocess.Popen[str]:
     """Start a run. silent: seconds until a worker without a sign of life is reported. before: code that is run first."""
-    code = f"from clshade.farm import waiting; waiting.SILENT = {silent}; from clshade.__main__ import entry"
+    code = f"from clshade.farm import dispatch; dispatch.SILENT = {silent}; from clshade.__main__ import entry"
     code = f"{before}\n{code}; entry()"
     frames = ("--frames", f"1..{20 * COUNT}", "-o", "###.exr", "--resolution", "32,24", "--workers", "2")
     command = [sys.executable, "-c", code, "turntable", "icosphere", "--preset", "course", *frames, *further]
@@ -273,12 +278,12 @@ def start(folder: Path, *further: str, silent: float = 10.0, before: str = "") -
 
 
 def descendants(pid: int) -> list[int]:
-    found = []
+    pids = []
     with contextlib.suppress(OSError):  # a thread or process that has just ended
         for task in Path(f"/proc/{pid}/task").iterdir():
             for child in (task / "children").read_text().split():
-                found += [int(child), *descendants(int(child))]
-    return found
+                pids += [int(child), *descendants(int(child))]
+    return pids
 
 
 def under_way(folder: Path) -> subprocess.Popen[str]:
@@ -294,15 +299,15 @@ def under_way(folder: Path) -> subprocess.Popen[str]:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_no_process_and_can_be_resumed(tmp_path, number):
     process = under_way(tmp_path)
-    others = descendants(process.pid)
-    assert len(others) >= 2
+    pids = descendants(process.pid)
+    assert len(pids) >= 2
     process.send_signal(number)
     _, err = process.communicate(timeout=180)
     if number == signal.SIGINT:
         assert process.returncode == 130
         assert err.splitlines()[-1] == "clshade: interrupted"
         assert "Traceback" not in err
-    wait_until(lambda: not any(is_alive(pid) for pid in others))
+    wait_until(lambda: not any(is_alive(pid) for pid in pids))
     left = sorted(path.stem for path in tmp_path.glob("*.exr"))
     assert 5 < len(left) < 20 * COUNT
     assert all(exr.read(path)[0]["R"].shape == (24, 32) for path in tmp_path.glob("*.exr"))
@@ -389,10 +394,10 @@ def test_a_run_names_the_worker_that_is_stopped_and_can_be_interrupted(tmp_path)
         line = process.stderr.readline()  # type: ignore[union-attr]
         if re.match(r"clshade: \d+/\d+ frames, ", line):  # printed at a slow start
             continue
-        found = re.fullmatch(form, line)
-        assert found, line
-        if int(found[2]) > 2:  # the first two may have waited for their workers to start
-            silent.add(int(found[1]))
+        match = re.fullmatch(form, line)
+        assert match, line
+        if int(match[2]) > 2:  # the first two may have waited for their workers to start
+            silent.add(int(match[1]))
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=180)
     assert (process.returncode, err.splitlines()[-1:]) == (130, ["clshade: interrupted"])

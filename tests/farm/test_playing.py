@@ -16,9 +16,9 @@ from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.farm import draw_frames
 from clshade.images import exr
+from clshade.scene.description import digest_of
 from clshade.scene.formats.load import load_animation
 from clshade.view.film import _source
-from clshade.view.frame_folder import digest_of
 
 needs_device = pytest.mark.skipif(not working_devices(), reason="no OpenCL device works here")
 SMALL = ("--resolution", "48,32", "--preset", "course", "--deterministic", "--quiet")
@@ -45,8 +45,8 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     return code, out, err.splitlines()
 
 
-def same(one: str, other: str) -> None:
-    first, second = (exr.read(name)[0] for name in (one, other))
+def same(one: str, expected: str) -> None:
+    first, second = (exr.read(name)[0] for name in (one, expected))
     assert first.keys() == second.keys()
     for channel in first:
         np.testing.assert_array_equal(first[channel], second[channel])
@@ -82,7 +82,7 @@ def test_frames_are_what_render_draws_at_their_times(folder, capsys):
         assert run(capsys, *drawn, "-o", "still")[0] == 0
         same(f"f.{frame}.exr", "still.exr")
     alphas = [exr.read(f"f.{frame}.exr")[0]["A"] for frame in (1, 2, 3)]
-    assert all((one != other).any() for one, other in pairwise(alphas))
+    assert all((one != later).any() for one, later in pairwise(alphas))
     assert run(capsys, *played, "--frames", "2", "-o", "g.#.exr")[0] == 2  # either a count or frames
     rate = ("animate", "bar.glb", "--animation", "1", "--fps", "1", *look)
     assert run(capsys, *rate, "--frames", "2", "-o", "g.#.exr")[0] == 0
@@ -100,25 +100,25 @@ def test_a_film_of_an_animation(folder, capsys):
     assert len(before) == 3
     assert run(capsys, *command)[0] == 0  # the frames are there
     assert [path.stat().st_mtime_ns for path in sorted(folder.glob("bend.gif.frames/*.exr"))] == before
-    other = ("animate", "bar.glb", "--animation", "0", *command[4:])
-    assert run(capsys, *other)[0] == 0  # others are of another film
+    second = ("animate", "bar.glb", "--animation", "0", *command[4:])
+    assert run(capsys, *second)[0] == 0  # others are of another film
     after = [path.stat().st_mtime_ns for path in sorted(folder.glob("bend.gif.frames/*.exr"))]
-    assert all(one != other for one, other in zip(before, after, strict=True))
+    assert all(one != second for one, second in zip(before, after, strict=True))
 
 
 def test_a_film_tells_poses_by_their_source(folder, capsys, monkeypatch):
-    found = []
-    monkeypatch.setattr("clshade.cli.frames.draw", lambda *given: found.append(given[3]) or 0)
+    calls = []
+    monkeypatch.setattr("clshade.cli.frames.draw", lambda *arguments: calls.append(arguments[3]) or 0)
     command = ("animate", "bar.glb", "--count", "3", *SMALL, "-o", "f.#.exr")
     for options in ((), (), ("--animation", "Bend"), ("--lights", "1"), ("--light-intensity", "2"), ("--flat",)):
         assert run(capsys, *command, *options)[0] == 0
-    sources = [digest_of(_source(poses, {1: None})) for poses in found]
+    sources = [digest_of(_source(poses, {1: None})) for poses in calls]
     assert sources[0] == sources[1]
     assert len(set(sources)) == 5
     plain = [
-        _source({1: poses[1], 2: poses[2]}, dict.fromkeys(frames)) for poses in found[2:4] for frames in ([1], [2])
+        _source({1: poses[1], 2: poses[2]}, dict.fromkeys(frames)) for poses in calls[2:4] for frames in ([1], [2])
     ]
-    assert len({each for (each,) in plain}) == 3  # the first pose changes nothing in either
+    assert len({source for (source,) in plain}) == 3  # the first pose changes nothing in either
 
 
 @pytest.mark.long
@@ -156,13 +156,13 @@ def test_several_processes_draw_the_same(folder, capsys):
 
 
 def test_what_is_said(folder, capsys, monkeypatch):
-    found = []
-    monkeypatch.setattr("clshade.cli.frames.draw", lambda *given: found.append(given) or 0)
+    calls = []
+    monkeypatch.setattr("clshade.cli.frames.draw", lambda *arguments: calls.append(arguments) or 0)
     assert run(capsys, "animate", "bar.glb", "--fps", "30000/1001")[::2] == (
         0,
         ["clshade: bar.glb: animation 0, 3 s: frames 1..90"],
     )
-    _, scene, cameras, poses = found[0]
+    _, scene, cameras, poses = calls[0]
     assert (len(scene.meshes), len(cameras), len(poses), list(poses) == list(cameras)) == (2, 90, 90, True)
     assert scene.meshes[-1].material.texture is None  # no contact shadow below what moves
     assert 1 in poses

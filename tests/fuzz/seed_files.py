@@ -18,7 +18,7 @@ from scene_files import course_dict, png16, transposed
 from clshade.images import exr
 from clshade.scene.camera import Camera
 from clshade.scene.environment import Environment
-from clshade.scene.formats.scene_json import encoded
+from clshade.scene.formats.scene_json import _encoded
 from clshade.scene.lights import DirectionalLight, PointLight
 from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
 
@@ -290,7 +290,6 @@ def _saved() -> list[Sample]:
     small = Scene(Mesh(np.eye(3), [[0, 1, 2]]), camera, lights[0], name="small")
     seeds = []
     for scene in (small, Scene((large, large), camera, lights, environment=around)):
-        made = encoded(scene, "a.json")
-        arrays = b"".join(made.parts)
-        seeds.append(Sample({"a.json": made.text, **({made.file: arrays} if arrays else {})}))
+        text, file, parts = _encoded(scene, "a.json")
+        seeds.append(Sample({"a.json": text, **({file: b"".join(parts)} if parts else {})}))
     return seeds

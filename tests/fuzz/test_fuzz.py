@@ -21,7 +21,7 @@ from seed_files import samples
 
 from clshade import oracle
 from clshade.errors import InputError
-from clshade.pipeline import programs, scene_tables
+from clshade.pipeline import scene_tables
 from clshade.pipeline.features import OPTIONAL
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
@@ -122,6 +122,12 @@ def test_faces_are_left_out_with_all_that_they_index():
     assert {tuple(getattr(remainder, name)[0].tolist()) for name in indices} == {(2, 1, 0)}
 
 
+def copied(frame: Frame) -> tuple[Frame, dict[str, np.ndarray]]:
+    """Return a copy of a frame, and its arrays by name."""
+    rgba, layers = frame.rgba.copy(), {name: frame[name].copy() for name in frame.layers}
+    return Frame(rgba, layers, frame.scene, frame.settings, dict), {"rgba": rgba, **layers}
+
+
 def test_lanes_that_disagree_are_found(opened, monkeypatch):
     """One ulp in one pixel, which all bounds allow, or one bit of any layer."""
     if not opened.is_cpu:
@@ -129,41 +135,27 @@ def test_lanes_that_disagree_are_found(opened, monkeypatch):
     drawn = scene_of(1)
     frame = scene_fuzzer.draw(opened, drawn)
     assert drawn.again
-
-    def flipped_frame(name):
-        arrays = {"rgba": frame.rgba.copy(), **{layer: frame[layer].copy() for layer in frame.layers}}
-        arrays[name].reshape(-1).view(np.uint8)[-arrays[name].itemsize] ^= 1
-        return Frame(arrays.pop("rgba"), arrays, frame.scene, frame.settings, dict)
-
     for name in ("rgba", *frame.layers):
-        changed = flipped_frame(name)
-        monkeypatch.setattr(
-            scene_fuzzer, "draw", lambda device, drawn, lanes=None, changed=changed: changed if lanes else frame
-        )
+        changed, arrays = copied(frame)
+        arrays[name].reshape(-1).view(np.uint8)[-arrays[name].itemsize] ^= 1
+        frames = iter((frame, changed))
+        monkeypatch.setattr(scene_fuzzer, "draw", lambda *_, frames=frames: next(frames))
         message = scene_fuzzer.scene_problem(opened, drawn)
         assert message.startswith(f"with {drawn.kind.other_lanes} lanes: {name} has other bits, first at row, column")
 
 
-def test_a_wrong_value_of_any_layer_is_found(opened):
-    frame = scene_fuzzer.draw(opened, scene_of(1))
+def test_a_wrong_value_of_any_layer_is_found(opened, monkeypatch):
+    drawn = scene_of(1)
+    frame = scene_fuzzer.draw(opened, drawn)
     at = tuple(np.argwhere(frame["id"] > 0)[0])
     for name in frame.layers:
         for value in (np.nan, 1e30) if frame[name].dtype.kind == "f" else (4000,):
-            layers = {layer: frame[layer].copy() for layer in frame.layers}
-            layers[name][at] = value
-            message = scene_fuzzer.problem(Frame(frame.rgba, layers, frame.scene, frame.settings, dict))
+            changed, arrays = copied(frame)
+            arrays[name][at] = value
+            monkeypatch.setattr(scene_fuzzer, "draw", lambda *_, changed=changed: changed)
+            message = scene_fuzzer.scene_problem(opened, drawn)
             named = "depths" if name == "Z" else name
             assert message.startswith(f"{named} ") or (name == "scalar" and np.isnan(frame[name][at]))
-
-
-@pytest.mark.long
-def test_a_wrong_kernel_is_found(opened, monkeypatch):
-    """Pixels on a shared edge are drawn by both triangles, or by the wrong one."""
-    flatten, rule = programs.flatten, "(((a) > 0) | (((a) == 0) & ((b) < 0)))"
-    assert rule in flatten(("setup.cl",))
-    monkeypatch.setattr(programs, "flatten", lambda names: flatten(names).replace(rule, "((a) == (a))"))
-    monkeypatch.setattr(scene_fuzzer, "SHRINKING", 1.0)
-    assert any("id is wrong" in failure for failure in scene_failures(opened, range(BLOCK)))
 
 
 @pytest.mark.parametrize(

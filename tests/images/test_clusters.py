@@ -46,9 +46,9 @@ def test_diagonal_neighbors_are_connected_and_distant_pixels_are_not():
 def test_infinite_errors_count_and_are_the_worst():
     errors = planted()
     errors[100, 20] = np.inf
-    found = find_clusters(errors)
-    assert found[2] == Cluster(20, 100, 1, 1, 1, np.inf, (20, 100))
-    assert found[2] in leading_clusters(found, 2)
+    clusters = find_clusters(errors)
+    assert clusters[2] == Cluster(20, 100, 1, 1, 1, np.inf, (20, 100))
+    assert clusters[2] in leading_clusters(clusters, 2)
     only = np.zeros((5, 5))
     only[2, 3] = np.inf
     assert find_clusters(only)[0].worst == (3, 2)
@@ -81,7 +81,7 @@ def test_odd_sizes(shape):
 
 def test_strips_of_rows_make_no_difference(monkeypatch):
     tall = np.concatenate([planted()] * 3)
-    whole, over = find_clusters(tall), compare._over
+    clusters, over = find_clusters(tall), compare._over
     monkeypatch.setattr(
         compare,
         "_over",
@@ -89,7 +89,7 @@ def test_strips_of_rows_make_no_difference(monkeypatch):
             (y + k, x, v) for k in range(0, len(e), cell) for y, x, v in over(e[k : k + cell], limit, cell)
         ),
     )
-    assert find_clusters(tall) == whole
+    assert find_clusters(tall) == clusters
 
 
 # Comparisons
@@ -121,8 +121,8 @@ def test_the_command_says_where(files, capsys):
 def test_the_figure_shows_them_magnified(files):
     image, reference = (Picture(exr.read(name)[0]) for name in ("b.exr", "a.exr"))
     layers = compare.chosen_layers(image, reference)
-    found = compare.compare_layers(image, reference).layers
-    clusters = {name: found[name].clusters for name in layers}
+    comparisons = compare.compare_layers(image, reference).layers
+    clusters = {name: comparisons[name].clusters for name in layers}
     figure = compare_figure.draw(layers, encoded=False, titles=("b", "a"), clusters=clusters)
     panels = [axes for axes in figure.axes if axes.images]
     assert [axes.get_title().split("\n")[0] for axes in panels] == [
@@ -149,16 +149,16 @@ def test_windows_lie_in_the_image_and_hold_the_worst_pixel():
         Cluster(400, 200, 3, 3, 9, 0.5, (400, 200)),  # within the first window
         Cluster(0, 299, 1, 1, 1, 2.0, (0, 299)),
     )
-    found = compare_figure.windows({"Z": (group, group)}, {"Z": clusters})["Z"]
-    assert [window for _, window in found] == [(372, 172, 128, 128), (0, 276, 24, 24)]
+    windows = compare_figure.windows({"Z": (group, group)}, {"Z": clusters})["Z"]
+    assert [window for _, window in windows] == [(372, 172, 128, 128), (0, 276, 24, 24)]
 
 
 def test_a_figure_of_many_layers_has_few_crops():
     group = compare.group_channels({"Z": np.zeros((30, 30))})["Z"]
     names = [f"L{k}" for k in range(40)]
     clusters = {name: (Cluster(3, 3, 1, 1, 1, 1.0, (3, 3)),) for name in names}
-    found = compare_figure.windows(dict.fromkeys(names, (group, group)), clusters)
-    assert sum(map(len, found.values())) == compare_figure.MAX_CROPS
+    windows = compare_figure.windows(dict.fromkeys(names, (group, group)), clusters)
+    assert sum(map(len, windows.values())) == compare_figure.MAX_CROPS
 
 
 @pytest.mark.long

@@ -29,12 +29,12 @@ def written(folder, name="a.exr", **metadata):
 def test_masks_are_decoded_to_the_same_pixels():
     from pycocotools import mask
 
-    found = masks(INSTANCES)
-    assert list(found) == [2, 7]
-    for number, each in found.items():
-        assert np.array_equal(mask.decode(each["segmentation"]).astype(bool), number == INSTANCES)
-        assert each["area"] == mask.area(each["segmentation"]) == (number == INSTANCES).sum()
-        assert each["bbox"] == mask.toBbox(each["segmentation"]).tolist()
+    annotations = masks(INSTANCES)
+    assert list(annotations) == [2, 7]
+    for number, annotation in annotations.items():
+        assert np.array_equal(mask.decode(annotation["segmentation"]).astype(bool), number == INSTANCES)
+        assert annotation["area"] == mask.area(annotation["segmentation"]) == (number == INSTANCES).sum()
+        assert annotation["bbox"] == mask.toBbox(annotation["segmentation"]).tolist()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (17, 13)])
@@ -44,19 +44,19 @@ def test_masks_of_any_shape(shape):
 
     rng = np.random.default_rng(shape)
     for instances in (np.full(shape, 2**32 - 1, np.uint32), rng.integers(0, 4, shape), rng.integers(0, 2, shape) * 9):
-        found = masks(instances)
-        assert list(found) == [number for number in np.unique(instances).tolist() if number]
-        for number, each in found.items():
-            own = instances == number
-            coded = mask.encode(np.asfortranarray(own, np.uint8))
-            assert each["segmentation"]["counts"] == coded["counts"].decode()
-            assert (each["area"], each["bbox"]) == (own.sum(), mask.toBbox(coded).tolist())
+        annotations = masks(instances)
+        assert list(annotations) == [number for number in np.unique(instances).tolist() if number]
+        for number, annotation in annotations.items():
+            region = instances == number
+            coded = mask.encode(np.asfortranarray(region, np.uint8))
+            assert annotation["segmentation"]["counts"] == coded["counts"].decode()
+            assert (annotation["area"], annotation["bbox"]) == (region.sum(), mask.toBbox(coded).tolist())
 
 
-@pytest.mark.parametrize("given", [[[0.5, 1.0]], [1, 2], np.zeros((0, 3), np.uint32), [[True, False]]])
-def test_what_has_no_masks(given):
+@pytest.mark.parametrize("instances", [[[0.5, 1.0]], [1, 2], np.zeros((0, 3), np.uint32), [[True, False]]])
+def test_what_has_no_masks(instances):
     with pytest.raises(InputError, match=r"^coco: instances: expected an array of shape \(M, N\) of whole numbers"):
-        masks(given)
+        masks(instances)
 
 
 def test_names_of_files_that_are_not_utf8(tmp_path, capsys):
@@ -84,17 +84,19 @@ def test_pycocotools_reads_the_data_set(tmp_path, capsys):
     code, out, err = run(capsys, "coco", first, second, "-o", tmp_path / "found.json")
     assert (code, err) == (0, [])
     assert "2 images, 4 annotations, 2 categories" in out
-    found = COCO(str(tmp_path / "found.json"))
-    assert [image["file_name"] for image in found.loadImgs([1, 2])] == ["in/a.png", "b.exr"]
-    assert [(image["height"], image["width"]) for image in found.loadImgs([1, 2])] == [(3, 4)] * 2
-    categories = {category["name"]: category["id"] for category in found.loadCats(found.getCatIds())}
+    data_set = COCO(str(tmp_path / "found.json"))
+    assert [image["file_name"] for image in data_set.loadImgs([1, 2])] == ["in/a.png", "b.exr"]
+    assert [(image["height"], image["width"]) for image in data_set.loadImgs([1, 2])] == [(3, 4)] * 2
+    categories = {category["name"]: category["id"] for category in data_set.loadCats(data_set.getCatIds())}
     assert set(categories) == {"cat", "object 3"}
-    tail, other = found.loadAnns(found.getAnnIds(catIds=[categories["object 3"]]))
-    assert [(each["image_id"], each["instance_id"], each["name"]) for each in (tail, other)] == [
+    tail, unnamed = data_set.loadAnns(data_set.getAnnIds(catIds=[categories["object 3"]]))
+    assert [
+        (annotation["image_id"], annotation["instance_id"], annotation["name"]) for annotation in (tail, unnamed)
+    ] == [
         (1, 7, "tail"),
         (2, 7, ""),
     ]
-    assert np.array_equal(found.annToMask(tail).astype(bool), INSTANCES == 7)
+    assert np.array_equal(data_set.annToMask(tail).astype(bool), INSTANCES == 7)
 
 
 @pytest.mark.long
@@ -103,10 +105,10 @@ def test_of_a_rendered_image(folder, capsys):
     size = ("--resolution", "64,48")
     assert run(capsys, "render", "box_room", *size, "--layers", "instance_id,object_id", "-o", "a")[0] == 0
     assert run(capsys, "coco", "a.exr")[0] == 0
-    found = json.loads((folder / "annotations.json").read_text())
+    data_set = json.loads((folder / "annotations.json").read_text())
     channels, header = exr.read(folder / "a.exr")
-    assert {each["name"] for each in found["categories"]} >= set(json.loads(header["objectNames"]).values())
-    assert sum(each["area"] for each in found["annotations"]) == np.count_nonzero(channels["instance_id"])
+    assert {entry["name"] for entry in data_set["categories"]} >= set(json.loads(header["objectNames"]).values())
+    assert sum(entry["area"] for entry in data_set["annotations"]) == np.count_nonzero(channels["instance_id"])
 
 
 NAMES = "expected a JSON object of names by number, found"

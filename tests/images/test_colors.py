@@ -17,7 +17,7 @@ GRAY = float(srgb_to_linear(np.array([128 / 255]))[0])
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("color", "expected"),
     [
         ("#ff8000", (1.0, GRAY, 0.0)),
         ("#F00", (1.0, 0.0, 0.0)),
@@ -28,10 +28,10 @@ GRAY = float(srgb_to_linear(np.array([128 / 255]))[0])
         (np.array([1, 2, 3]), (1.0, 2.0, 3.0)),
     ],
 )
-def test_linear(given, expected):
-    assert linear_rgb("", "", given) == pytest.approx(expected, abs=1e-12)
-    assert Edges(color=given).color == pytest.approx(expected, abs=1e-12)
-    assert Settings(background=given).background == pytest.approx(expected, abs=1e-12)
+def test_linear(color, expected):
+    assert linear_rgb("", "", color) == pytest.approx(expected, abs=1e-12)
+    assert Edges(color=color).color == pytest.approx(expected, abs=1e-12)
+    assert Settings(background=color).background == pytest.approx(expected, abs=1e-12)
 
 
 def test_encoded():
@@ -126,11 +126,11 @@ def test_a_chroma_sample_lies_on_the_left_column_between_the_rows():
 
 def test_odd_sides_are_made_even():
     image = np.arange(3 * 5 * 3, dtype=np.uint8).reshape(3, 5, 3)
-    whole = even(image)
-    assert whole.shape == (4, 6, 3)
-    assert (whole[:3, :5] == image).all()
-    assert (whole[3, :5] == image[2]).all()
-    assert (whole[:, 5] == whole[:, 4]).all()
+    padded = even(image)
+    assert padded.shape == (4, 6, 3)
+    assert (padded[:3, :5] == image).all()
+    assert (padded[3, :5] == image[2]).all()
+    assert (padded[:, 5] == padded[:, 4]).all()
     assert even(image[:2, :4]).shape == (2, 4, 3)
     assert even(image[:1, :1]).shape == (2, 2, 3)
 

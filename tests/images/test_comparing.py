@@ -34,7 +34,7 @@ def layers():
     }
 
 
-def found(changed, reference, **options):
+def compared(changed, reference, **options):
     return compare.compare_layers(Picture(changed), Picture(reference), **options).layers
 
 
@@ -42,7 +42,7 @@ def test_what_is_equal_is_equal():
     reference = layers()
     reference["R"][0, 0] = reference["Z"][0, 0] = np.nan
     reference["Z"][0, 1] = -np.inf
-    for name, layer in found(reference, {n: plane.copy() for n, plane in reference.items()}, threshold=0.0).items():
+    for name, layer in compared(reference, {n: plane.copy() for n, plane in reference.items()}, threshold=0.0).items():
         assert (layer.different, layer.over, layer.nonfinite, layer.worst) == (0, 0, 0, None), name
         if not layer.exact:
             assert (layer.maximum, layer.mean, layer.rmse, layer.relmse) == (0, 0, 0, 0), name
@@ -53,7 +53,7 @@ def test_one_channel_of_one_pixel():
     reference = layers()
     changed = {name: plane.copy() for name, plane in reference.items()}
     changed["G"][3, 4] = reference["G"][3, 4] + 0.25
-    layer = found(changed, reference)["RGB"]
+    layer = compared(changed, reference)["RGB"]
     error = float(changed["G"][3, 4]) - float(reference["G"][3, 4])
     assert (layer.different, layer.nonfinite, layer.pixels) == (1, 0, 24 * 32)
     assert layer.maximum == error
@@ -66,7 +66,7 @@ def test_one_channel_of_one_pixel():
     assert (layer.worst.x, layer.worst.y) == (4, 3)
     assert layer.worst.values["G"] == changed["G"][3, 4]
     assert layer.worst.reference == {name: reference[name][3, 4] for name in "RGB"}
-    images = [np.stack([each[name] for name in "RGB"], axis=-1) for each in (changed, reference)]
+    images = [np.stack([channels[name] for name in "RGB"], axis=-1) for channels in (changed, reference)]
     assert layer.psnr == pytest.approx(metrics.image_error(*images).psnr)
 
 
@@ -74,7 +74,7 @@ def test_over_counts_pixels_strictly_above_the_threshold():
     reference = {"Z": np.zeros((1, 4), np.float32)}
     changed = {"Z": np.float32([[0.0, 0.5, 0.75, -2.0]])}
     for threshold, over in ((None, 3), (0.0, 3), (0.5, 2), (0.75, 1), (2.0, 0)):
-        layer = found(changed, reference, threshold=threshold)["Z"]
+        layer = compared(changed, reference, threshold=threshold)["Z"]
         assert (layer.different, layer.over) == (3, over)
         assert compare.compare_layers(Picture(changed), Picture(reference), (), threshold).passed == (
             threshold in (None, 2.0)
@@ -96,8 +96,8 @@ def test_over_counts_pixels_strictly_above_the_threshold():
 )
 def test_nan_and_infinity(value, expected, differ):
     """They exceed any threshold; the metrics cover the pixels that are finite in both images."""
-    changed, reference = ({"Z": np.float32([[each, 2.0]])} for each in (value, expected))
-    layer = found(changed, reference, threshold=1e30)["Z"]
+    changed, reference = ({"Z": np.float32([[depth, 2.0]])} for depth in (value, expected))
+    layer = compared(changed, reference, threshold=1e30)["Z"]
     assert (layer.different, layer.over, layer.nonfinite) == (differ,) * 3
     assert (layer.maximum, layer.mean, layer.rmse) == (0.0, 0.0, 0.0)
     assert (layer.worst is not None) == differ
@@ -107,9 +107,9 @@ def test_whole_numbers_are_compared_exactly():
     """Adjacent values at 2^32 - 1, which float32 cannot distinguish, with any threshold; also against floats."""
     reference = {"id": np.uint32([[2**32 - 1, 7, 0]])}
     changed = {"id": np.uint32([[2**32 - 2, 7, 0]])}
-    layer = found(changed, reference, threshold=1e9)["id"]
+    layer = compared(changed, reference, threshold=1e9)["id"]
     assert (layer.exact, layer.different, layer.over, layer.maximum) == (True, 1, 1, None)
-    layer = found({"id": np.float32([[0, 7, np.nan]])}, reference)["id"]
+    layer = compared({"id": np.float32([[0, 7, np.nan]])}, reference)["id"]
     assert (layer.different, layer.nonfinite, layer.worst[:2]) == (2, 0, (0, 0))  # all are equally bad
 
 
@@ -120,23 +120,23 @@ def test_large_images_are_compared_in_strips(monkeypatch):
     changed["G"] += np.float32(0.01)
     changed["R"][23, 31] = np.nan
     changed["id"][22, 3] += 1
-    whole = found(changed, reference, threshold=0.005)
-    assert whole["RGB"].over == 24 * 32
+    baseline = compared(changed, reference, threshold=0.005)
+    assert baseline["RGB"].over == 24 * 32
     for rows in (1, 2, 3):
         monkeypatch.setattr(compare, "_STRIP", rows * 32)
-        for name, layer in found(changed, reference, threshold=0.005).items():
-            expected = vars(whole[name])
+        for name, layer in compared(changed, reference, threshold=0.005).items():
+            expected = vars(baseline[name])
             for field, value in vars(layer).items():  # sums are in another order
                 if isinstance(value, float):
                     assert value == pytest.approx(expected[field], rel=1e-12), field
                 else:
                     assert str(value) == str(expected[field]), field  # the worst pixel's NaN equals no NaN
-    assert (whole["RGB"].worst[:2], whole["id"].worst[:2]) == ((31, 23), (3, 22))
+    assert (baseline["RGB"].worst[:2], baseline["id"].worst[:2]) == ((31, 23), (3, 22))
 
 
 def test_half_floats_against_floats():
     reference = {"Z": np.float32([[0.1, 0.5]])}
-    layer = found({"Z": reference["Z"].astype(np.float16)}, reference)["Z"]
+    layer = compared({"Z": reference["Z"].astype(np.float16)}, reference)["Z"]
     assert layer.different == 1
     assert 0.0 < layer.maximum <= 0.1 * 2.0**-11
 
@@ -154,7 +154,7 @@ def test_structural_similarity():
 def test_without_the_packages(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     reference = layers()
-    layer = found(reference, reference)["RGB"]
+    layer = compared(reference, reference)["RGB"]
     assert (layer.ssim, layer.flip) == (None, None)
 
 
@@ -207,8 +207,8 @@ def test_flip():
 
 
 def test_all_measures_as_json():
-    found = image_error(flat(0.3), flat(0.3)).stats()
-    assert (found["rmse"], found["relmse"], found["psnr"]) == (0.0, 0.0, None)
+    stats = image_error(flat(0.3), flat(0.3)).stats()
+    assert (stats["rmse"], stats["relmse"], stats["psnr"]) == (0.0, 0.0, None)
 
 
 def test_images_of_different_sizes():
@@ -257,11 +257,11 @@ def test_identical_files(files, capsys):
     assert out.splitlines()[-1] == "identical"
     assert out.splitlines()[2].split()[:8] == ["RGB", "0", "0", "0", "0", "0", "0", "inf"]
     code, out, _ = run(capsys, "a.exr", "a.exr", "--json")
-    found = json.loads(out, parse_constant=pytest.fail)
-    assert (code, found["identical"], found["passed"], found["threshold"]) == (0, True, True, None)
-    assert set(found["layers"]) == {"RGB", "A", "N", "Z", "id"}
-    assert found["layers"]["RGB"]["psnr"] is None
-    assert found["layers"]["RGB"]["maximum"] == 0.0
+    report = json.loads(out, parse_constant=pytest.fail)
+    assert (code, report["identical"], report["passed"], report["threshold"]) == (0, True, True, None)
+    assert set(report["layers"]) == {"RGB", "A", "N", "Z", "id"}
+    assert report["layers"]["RGB"]["psnr"] is None
+    assert report["layers"]["RGB"]["maximum"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -289,11 +289,11 @@ def test_what_failed_is_told(files, capsys):
     assert out.splitlines()[-1] == "FAILED: over 0.1: 1 pixels of RGB, 1 pixels of id"
     assert "RGB at 6,5 (column, row from the top): R " in out
     code, out, _ = run(capsys, "c.exr", "a.exr", "--threshold", "0.1", "--json")
-    found = json.loads(out, parse_constant=pytest.fail)
-    assert (code, found["passed"], found["identical"]) == (1, False, False)
-    assert found["layers"]["RGB"]["worst"]["x"] == 6
-    assert found["layers"]["id"]["worst"]["y"] == 7
-    assert found["layers"]["Z"]["worst"] is None
+    report = json.loads(out, parse_constant=pytest.fail)
+    assert (code, report["passed"], report["identical"]) == (1, False, False)
+    assert report["layers"]["RGB"]["worst"]["x"] == 6
+    assert report["layers"]["id"]["worst"]["y"] == 7
+    assert report["layers"]["Z"]["worst"] is None
 
 
 def test_refused(files, capsys):
@@ -340,11 +340,11 @@ def test_what_both_images_have_is_compared(capsys):
     assert [line.split()[0] for line in out.splitlines()[2:-1]] == ["RGB", "A", "N", "id"]
     assert out.splitlines()[-1] == "different"  # although no compared layer differs
     code, out, err = run(capsys, "more.exr", "less.exr", "--json")
-    found = json.loads(out, parse_constant=pytest.fail)
-    assert (code, len(err), found["passed"], found["identical"]) == (0, 1, True, False)
-    assert (found["only_image"], found["only_reference"]) == (["N.Y", "Z", "mask"], [])
-    assert found["layers"]["RGB"]["different"] == 1
-    assert found["layers"]["N"]["maximum"] == 0.0
+    report = json.loads(out, parse_constant=pytest.fail)
+    assert (code, len(err), report["passed"], report["identical"]) == (0, 1, True, False)
+    assert (report["only_image"], report["only_reference"]) == (["N.Y", "Z", "mask"], [])
+    assert report["layers"]["RGB"]["different"] == 1
+    assert report["layers"]["N"]["maximum"] == 0.0
 
 
 @pytest.mark.long
@@ -409,7 +409,7 @@ def test_the_picture_shows_every_layer_and_single_pixels(files, capsys):
 
 def test_a_color_means_the_same_in_both_images():
     """Depths from 1 to 3 beside depths from 1 to 2, whose largest is in the middle of the other range."""
-    wide, narrow = (np.linspace(1, most, 129 * 129).reshape(129, 129) for most in (3, 2))
+    wide, narrow = (np.linspace(1, maximum, 129 * 129).reshape(129, 129) for maximum in (3, 2))
     pairs = compare.chosen_layers(Picture({"Z": wide}), Picture({"Z": narrow}))
     figure = compare_figure.draw(pairs, encoded=False, titles=("a", "b"))
     shown = [np.asarray(axes.images[0].get_array()).astype(int) for axes in figure.axes[:2]]
@@ -426,7 +426,7 @@ def test_of_many_layers_those_that_differ_are_shown(folder, monkeypatch, capsys)
     exr.write("b.exr", planes)
     drawn, draw = [], compare_figure.draw
     monkeypatch.setattr(
-        compare_figure, "draw", lambda layers, **given: drawn.append(list(layers)) or draw(layers, **given)
+        compare_figure, "draw", lambda layers, **options: drawn.append(list(layers)) or draw(layers, **options)
     )
     assert run(capsys, "b.exr", "a.exr", "-o", "d.png")[0] == 0
     assert drawn == [["L049", *(f"L{k:03}" for k in range(compare_figure.MAX_LAYERS - 1))]]

@@ -15,8 +15,8 @@ from clshade.images.cryptomatte import hashes, matte, ranked
 NAMES = {1: "bunny", 2: "floor", 3: "lamp"}
 
 
-def shown(seed, samples=6, rows=7, columns=9, most=4):
-    return np.random.default_rng(seed).integers(0, most, (samples, rows, columns)).astype(np.uint32)
+def shown(seed, samples=6, rows=7, columns=9, limit=4):
+    return np.random.default_rng(seed).integers(0, limit, (samples, rows, columns)).astype(np.uint32)
 
 
 def test_hashes_are_those_of_murmur3():
@@ -38,10 +38,10 @@ def test_ranks_are_sorted_counts(ranks):
     listed, counts = ranked(numbers, ranks)
     assert listed.shape == counts.shape == (ranks, 7, 9)
     for row, column in np.ndindex(7, 9):
-        each = {int(n): list(numbers[:, row, column]).count(n) for n in numbers[:, row, column] if n}
-        expected = sorted(each.items(), key=lambda item: (-item[1], item[0]))[:ranks]
-        found = list(zip(listed[:, row, column].tolist(), counts[:, row, column].tolist(), strict=True))
-        assert found == expected + [(0, 0)] * (ranks - len(expected))
+        tally = {int(n): list(numbers[:, row, column]).count(n) for n in numbers[:, row, column] if n}
+        expected = sorted(tally.items(), key=lambda item: (-item[1], item[0]))[:ranks]
+        pairs = list(zip(listed[:, row, column].tolist(), counts[:, row, column].tolist(), strict=True))
+        assert pairs == expected + [(0, 0)] * (ranks - len(expected))
 
 
 def test_one_sample_has_one_rank():
@@ -52,36 +52,36 @@ def test_one_sample_has_one_rank():
 
 def test_a_thing_is_recovered_from_its_name():
     numbers = shown(3)
-    found = matte("CryptoObject", numbers, {**NAMES, 3: "bunny"})
-    assert sorted(found.channels) == [f"CryptoObject{k:02d}.{letter}" for k in range(3) for letter in "ABGR"]
-    manifest = json.loads(next(text for name, text in found.metadata.items() if name.endswith("/manifest")))
+    part = matte("CryptoObject", numbers, {**NAMES, 3: "bunny"})
+    assert sorted(part.channels) == [f"CryptoObject{k:02d}.{letter}" for k in range(3) for letter in "ABGR"]
+    manifest = json.loads(next(text for name, text in part.metadata.items() if name.endswith("/manifest")))
     assert set(manifest) == {"bunny", "floor"}
     for name, alike in (("bunny", (1, 3)), ("floor", (2,))):
         share = np.zeros((7, 9), np.float32)
         for pair in ("RG", "BA"):
             for k in range(3):
-                ids = found.channels[f"CryptoObject{k:02d}.{pair[0]}"].view(np.uint32)
-                share += np.where(ids == int(manifest[name], 16), found.channels[f"CryptoObject{k:02d}.{pair[1]}"], 0)
+                ids = part.channels[f"CryptoObject{k:02d}.{pair[0]}"].view(np.uint32)
+                share += np.where(ids == int(manifest[name], 16), part.channels[f"CryptoObject{k:02d}.{pair[1]}"], 0)
         assert np.allclose(share, np.isin(numbers, alike).mean(axis=0), atol=1e-7)
 
 
 def test_names_of_one_hash():
     """They are refused where both are shown: masks would be mixed."""
-    one, other = "tree 33987", "tree 49036"
-    assert hashes([one])[0] == hashes([other])[0]
+    one, twin = "tree 33987", "tree 49036"
+    assert hashes([one])[0] == hashes([twin])[0]
     numbers = np.where(shown(8) == 3, 0, shown(8)).astype(np.uint32)
-    found = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: other})
-    assert found.channels["CryptoObject00.G"].max() > 0
-    with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{other}'"):
-        matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: other})
+    part = matte("CryptoObject", numbers, {1: one, 2: "floor", 3: twin})
+    assert part.channels["CryptoObject00.G"].max() > 0
+    with pytest.raises(InputError, match=f"expected names whose hashes differ from that of '{one}', found '{twin}'"):
+        matte("CryptoObject", shown(8), {1: one, 2: "floor", 3: twin})
 
 
 def test_others_read_the_part(tmp_path):
     oiio = pytest.importorskip("OpenImageIO")
-    found = matte("CryptoObject", shown(4), NAMES)
+    part = matte("CryptoObject", shown(4), NAMES)
     with open(tmp_path / "a.exr", "w+b") as file:
         image = np.random.default_rng(5).random((7, 9, 4), np.float32)
-        assert exr.encode(file, image, half=True, parts={"cryptomatte": found}) == []
+        assert exr.encode(file, image, half=True, parts={"cryptomatte": part}) == []
     channels, header = exr.read(tmp_path / "a.exr")
     assert header["name"] == "rgba"
     assert np.array_equal(channels["G"], image[..., 1].astype(np.float16))
@@ -89,12 +89,12 @@ def test_others_read_the_part(tmp_path):
     assert opened.seek_subimage(1, 0)
     spec = opened.spec()
     assert spec["oiio:subimagename"] == "cryptomatte"
-    for name, text in found.metadata.items():
+    for name, text in part.metadata.items():
         assert spec[name] == text
     pixels = opened.read_image(1, 0, 0, spec.nchannels, "float")
     for k, name in enumerate(spec.channelnames):
-        assert np.array_equal(pixels[..., k].view(np.uint32), found.channels[name].view(np.uint32))
-        assert np.array_equal(channels[name].view(np.uint32), found.channels[name].view(np.uint32))
+        assert np.array_equal(pixels[..., k].view(np.uint32), part.channels[name].view(np.uint32))
+        assert np.array_equal(channels[name].view(np.uint32), part.channels[name].view(np.uint32))
     opened.close()
 
 
@@ -114,27 +114,27 @@ def test_others_read_the_part(tmp_path):
     ],
 )
 def test_what_is_refused(change, part):
-    given = {"label": "CryptoObject", "numbers": shown(6), "names": NAMES, **change}
+    arguments = {"label": "CryptoObject", "numbers": shown(6), "names": NAMES, **change}
     with pytest.raises(InputError, match=part):
-        matte(**given)
+        matte(**arguments)
 
 
 def test_parts_that_are_refused(tmp_path):
-    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    image, part = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
     with open(tmp_path / "a.exr", "w+b") as file:
         with pytest.raises(InputError, match="cryptomatte: expected channels of 8 x 7 pixels, found others"):
-            exr.encode(file, image[:, :8], parts={"cryptomatte": found})
+            exr.encode(file, image[:, :8], parts={"cryptomatte": part})
         for name in ("", "rgba", "layers", "a\n", "\ud800", 3):
             with pytest.raises(InputError, match="exr: parts: expected names of at least one letter, other than rgba"):
-                exr.encode(file, image, parts={name: found})
+                exr.encode(file, image, parts={name: part})
 
 
 def test_pixels_have_the_shape_of_the_first_parts(tmp_path):
     """As OpenEXR wants it."""
-    image, found = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
+    image, part = np.zeros((7, 9, 3), np.float32), matte("CryptoObject", shown(7), NAMES)
     for more in ({}, {"pixelAspectRatio": 2.0}):
         with open(tmp_path / "a.exr", "w+b") as file:
-            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (found.channels, more)})
+            exr.encode(file, image, metadata={"pixelAspectRatio": 1.25}, parts={"more": (part.channels, more)})
         assert exr.read(tmp_path / "a.exr")[1]["pixelAspectRatio"] == 1.25
 
 

@@ -41,9 +41,9 @@ def refused(data: bytes, *parts: str) -> None:
         assert part in text, text
 
 
-def expected(codes: np.ndarray, most: int = 65535) -> np.ndarray:
+def expected(codes: np.ndarray, maxval: int = 65535) -> np.ndarray:
     """Return (h, w, 3 or 4) float32 for codes (h, w, 1 to 4)."""
-    values = (codes / most).astype(np.float32)
+    values = (codes / maxval).astype(np.float32)
     return (
         np.concatenate([np.repeat(values[:, :, :1], 3, axis=2), values[:, :, 1:]], axis=2)
         if codes.shape[2] < 3
@@ -51,8 +51,8 @@ def expected(codes: np.ndarray, most: int = 65535) -> np.ndarray:
     )
 
 
-def codes_of(channels: int, most: int = 65535, shape=(11, 9)) -> np.ndarray:
-    return RNG.integers(0, most + 1, (*shape, channels)).astype(np.uint16 if most > 255 else np.uint8)
+def codes_of(channels: int, maxval: int = 65535, shape=(11, 9)) -> np.ndarray:
+    return RNG.integers(0, maxval + 1, (*shape, channels)).astype(np.uint16 if maxval > 255 else np.uint8)
 
 
 def tiff_of(codes: np.ndarray, **options) -> bytes:
@@ -130,13 +130,13 @@ def test_associated_alpha_is_divided_out():
     alpha = straight[:, :, 3:].astype(np.int64)
     times = np.round(straight[:, :, :3] * alpha / 65535).astype(np.uint16)
     data = tiff_of(np.dstack([times, straight[:, :, 3]]), extrasamples=["assocalpha"])
-    found = decoded(data)
+    image = decoded(data)
     # The product is rounded by half a code, which an alpha of at least 1/2 doubles; the quotient adds its own half.
-    assert np.abs(found - expected(straight)).max() <= 1.5 / 65535
-    assert not found[0, 0].any()
+    assert np.abs(image - expected(straight)).max() <= 1.5 / 65535
+    assert not image[0, 0].any()
     codes = np.array([[[5, 6, 7, 0], [1, 1, 1, 1], [0, 1, 2, 2]]], np.uint16)  # alphas of 0 and almost 0
-    found = decoded(tiff_of(codes, extrasamples=["assocalpha"]))
-    assert np.array_equal(found[0, :, :3], [[0, 0, 0], [1, 1, 1], [0, np.float32(32768 / 65535), 1]])
+    image = decoded(tiff_of(codes, extrasamples=["assocalpha"]))
+    assert np.array_equal(image[0, :, :3], [[0, 0, 0], [1, 1, 1], [0, np.float32(32768 / 65535), 1]])
 
 
 def test_white_is_zero():
@@ -152,8 +152,8 @@ def test_white_is_zero():
 def test_inks():
     codes = codes_of(4)
     paper = 1 - codes.astype(np.float64) / 65535
-    found = decoded(tiff_of(codes, photometric="separated"))
-    assert np.abs(found - paper[:, :, :3] * paper[:, :, 3:]).max() <= 0.51 / 65535
+    image = decoded(tiff_of(codes, photometric="separated"))
+    assert np.abs(image - paper[:, :, :3] * paper[:, :, 3:]).max() <= 0.51 / 65535
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -260,19 +260,19 @@ def test_long_words_take_no_long_time(body):
     assert time.process_time() - start < 2.0  # byte by byte would take at least twice as long
 
 
-@pytest.mark.parametrize("most", [1, 100, 255, 256, 1023, 65535])
+@pytest.mark.parametrize("maxval", [1, 100, 255, 256, 1023, 65535])
 @pytest.mark.parametrize("kind", ["P2", "P3", "P5", "P6"])
-def test_pnm(kind, most):
-    codes = codes_of(3 if kind in ("P3", "P6") else 1, most)
-    head = f"{kind} # a comment\n#another\n9\t11#\n\n{most}\n".encode()
+def test_pnm(kind, maxval):
+    codes = codes_of(3 if kind in ("P3", "P6") else 1, maxval)
+    head = f"{kind} # a comment\n#another\n9\t11#\n\n{maxval}\n".encode()
     if kind in ("P2", "P3"):
         words = [str(value) for value in codes.reshape(-1).tolist()]
         words.insert(5, "# 9 9 9\n")
         body = " ".join(words).encode()
     else:
-        body = codes.astype(">u2" if most > 255 else np.uint8).tobytes()
+        body = codes.astype(">u2" if maxval > 255 else np.uint8).tobytes()
     for rest in (b"", b"\n", b"\nP5 1 1 255\n0"):  # a second image is ignored
-        assert np.array_equal(decoded(head + body + rest), expected(codes, most)[:, :, :3])
+        assert np.array_equal(decoded(head + body + rest), expected(codes, maxval)[:, :, :3])
 
 
 def test_text_with_comments_and_any_line_ends():
@@ -315,10 +315,10 @@ def test_the_transparent_color_of_a_16_bit_png():
         data = png16(codes)
         key = np.full(channels, 0x1234, ">u2").tobytes()
         place = data.index(b"IDAT") - 4
-        found = decoded(data[:place] + chunk(b"tRNS", key) + data[place:])
+        image = decoded(data[:place] + chunk(b"tRNS", key) + data[place:])
         alpha = np.where((codes == 0x1234).all(axis=2), 0, 65535)
-        assert np.array_equal(found[:, :, 3] * 65535, alpha)
-        assert np.array_equal(found[:, :, :3], expected(codes))
+        assert np.array_equal(image[:, :, 3] * 65535, alpha)
+        assert np.array_equal(image[:, :, :3], expected(codes))
 
 
 def test_textures_of_every_kind_of_scene(tmp_path):

@@ -31,11 +31,11 @@ def encoded(depth: np.ndarray, scale: float = depth_png.SCALE) -> bytes:
 def test_depths_come_back_within_half_a_step(tmp_path, scale):
     depth = noise()
     (tmp_path / "a.png").write_bytes(encoded(depth, scale))
-    found, read_scale = depth_png.read(tmp_path / "a.png")
+    read_depth, read_scale = depth_png.read(tmp_path / "a.png")
     assert read_scale == scale
     seen = np.isfinite(depth)
-    assert np.array_equal(np.isinf(found), ~seen)
-    assert np.abs(found[seen] - depth[seen]).max() <= scale / 2 * (1 + 1e-12)
+    assert np.array_equal(np.isinf(read_depth), ~seen)
+    assert np.abs(read_depth[seen] - depth[seen]).max() <= scale / 2 * (1 + 1e-12)
     assert encoded(depth, scale) == encoded(depth.astype(np.float64), scale) == (tmp_path / "a.png").read_bytes()
     assert resolution_of(tmp_path / "a.png") == (17, 13)
 
@@ -81,7 +81,7 @@ def test_the_ends_of_the_codes():
 def test_depths_without_a_code(depth, scale, message):
     with pytest.raises(InputError) as caught:
         depth_png.codes(np.array([np.inf, 1.0, depth]), scale)
-    assert str(caught.value).startswith("depth_png: scale: ")
+    assert str(caught.value).startswith("Frame.save: depth_scale: ")
     assert message in str(caught.value)
 
 

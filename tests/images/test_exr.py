@@ -32,10 +32,10 @@ def noise(shape, dtype=np.float32):
     return words if dtype == np.uint32 else words.view(np.float32)
 
 
-def same(found, expected):
-    assert found.dtype == expected.dtype
-    assert found.shape == expected.shape
-    assert found.tobytes() == np.ascontiguousarray(expected).tobytes()
+def same(actual, expected):
+    assert actual.dtype == expected.dtype
+    assert actual.shape == expected.shape
+    assert actual.tobytes() == np.ascontiguousarray(expected).tobytes()
 
 
 @pytest.fixture
@@ -47,16 +47,16 @@ def path(tmp_path):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (67, 75), (1, 16384)])
 def test_round_trip_bit_for_bit(path, compression, shape):
     names = ["R", "G", "B", "A", "Z", "N.X", "uv.V"] if max(shape) < 100 else ["R", "Z"]
-    given = {name: np.roll(noise(shape), k) for k, name in enumerate(names)}
-    given["id"] = noise(shape, np.uint32)
-    assert exr.write(path, given, compression=compression) == []
-    found, header = exr.read(path)
+    planes = {name: np.roll(noise(shape), k) for k, name in enumerate(names)}
+    planes["id"] = noise(shape, np.uint32)
+    assert exr.write(path, planes, compression=compression) == []
+    channels, header = exr.read(path)
     assert header["compression"] == compression
     assert header["type"] == "scanlineimage"
-    assert [name for name in found if name in "RGBA"] == [name for name in names if name in "RGBA"]
-    assert set(found) == set(given)
-    for name, plane in given.items():
-        same(found[name], plane)
+    assert [name for name in channels if name in "RGBA"] == [name for name in names if name in "RGBA"]
+    assert set(channels) == set(planes)
+    for name, plane in planes.items():
+        same(channels[name], plane)
 
 
 def test_round_trip_of_as_many_rows_as_there_can_be(path):
@@ -70,10 +70,10 @@ def test_lossy_compressions_change_the_channels_that_they_name(path, compression
     """pxr24 rounds float32 alone, b44 half alone, dwaa colors, of either type; layers keep their bits in any case, though
     OpenEXR's DWA takes each channel for a luminance whose name ends in Y."""
     values = np.random.default_rng(4).uniform(0.1, 1.0, (40, 50)).astype(np.float32)
-    given = dict.fromkeys(("R", "BY", "A", "albedo.B", "N.X", "N.Y", "flow.Y", "a.RY", "Z"), values)
-    given["P"] = np.dstack([values, values + 5.3e6, values])
-    given["id"] = values.view(np.uint32)
-    warnings = exr.write(path, given, compression=compression, half=half)
+    layers = dict.fromkeys(("R", "BY", "A", "albedo.B", "N.X", "N.Y", "flow.Y", "a.RY", "Z"), values)
+    layers["P"] = np.dstack([values, values + 5.3e6, values])
+    layers["id"] = values.view(np.uint32)
+    warnings = exr.write(path, layers, compression=compression, half=half)
     named = {name for line in warnings for name in line.split(":")[0].split(", ")}
     expected = (
         {"R", "BY"}
@@ -83,10 +83,10 @@ def test_lossy_compressions_change_the_channels_that_they_name(path, compression
         else set()
     )
     assert named == expected
-    found, header = exr.read(path)
+    channels, header = exr.read(path)
     assert header["compression"] == compression
-    for name, plane in found.items():
-        exact = exr.flatten(given)[name].astype(plane.dtype)
+    for name, plane in channels.items():
+        exact = exr.flatten(layers)[name].astype(plane.dtype)
         assert (plane == exact).all() == (name not in expected), name
         assert plane.dtype.kind == "u" or np.abs(plane - exact).max() < 0.2, name
 
@@ -99,11 +99,11 @@ def test_lossy_compressions_need_an_image(path):
 def test_arrays_that_are_not_contiguous(path):
     image = noise((13, 11, 4)).copy()
     image.flags.writeable = False
-    given = {"R": image[::-1, :, 0], "G": image[:, ::-1, 1], "B": image[..., 2], "Z": noise((11, 13)).T}
-    exr.write(path, given)
-    found, _ = exr.read(path)
-    for name, plane in given.items():
-        same(found[name], plane)
+    planes = {"R": image[::-1, :, 0], "G": image[:, ::-1, 1], "B": image[..., 2], "Z": noise((11, 13)).T}
+    exr.write(path, planes)
+    channels, _ = exr.read(path)
+    for name, plane in planes.items():
+        same(channels[name], plane)
     exr.write(path, {"R": noise((26, 22))[::2, 1::2]})
     same(exr.read(path)[0]["R"], noise((26, 22))[::2, 1::2])
 
@@ -119,14 +119,14 @@ def test_arguments_stay_as_they_are(path):
 def test_layers_get_their_channel_names(path):
     image, wide = noise((3, 5, 3)), noise((3, 5, 4))
     exr.write(path, {"RGBA": wide, "N": image, "P": image, "albedo": image, "uv": image[..., :2], "Z": image[..., 0]})
-    found, _ = exr.read(path)
+    channels, _ = exr.read(path)
     names = {"R", "G", "B", "A", "N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z", "uv.U", "uv.V", "Z"}
-    assert set(found) == names | {"albedo.R", "albedo.G", "albedo.B"}
+    assert set(channels) == names | {"albedo.R", "albedo.G", "albedo.B"}
     for k, name in enumerate("RGBA"):
-        same(found[name], wide[..., k])
+        same(channels[name], wide[..., k])
     for k, name in enumerate(["N.X", "N.Y", "N.Z"]):
-        same(found[name], image[..., k])
-    same(found["uv.V"], image[..., 1])
+        same(channels[name], image[..., k])
+    same(channels["uv.V"], image[..., 1])
     exr.write(path, image)
     assert list(exr.read(path)[0]) == ["R", "G", "B"]
     exr.write(path, wide)
@@ -148,11 +148,11 @@ def test_other_types_of_numbers(path):
     exr.write(
         path, {"R": np.float64([[0.1, 3e38]]), "G": np.float16([[0.5, 2]]), "B": np.array([[1, 2]], ">f4"), "m": mask}
     )
-    found, _ = exr.read(path)
-    same(found["R"], np.float32([[0.1, 3e38]]))
-    same(found["G"], np.float32([[0.5, 2]]))
-    same(found["B"], np.float32([[1, 2]]))
-    same(found["m"], np.uint32([[1, 0]]))
+    channels, _ = exr.read(path)
+    same(channels["R"], np.float32([[0.1, 3e38]]))
+    same(channels["G"], np.float32([[0.5, 2]]))
+    same(channels["B"], np.float32([[1, 2]]))
+    same(channels["m"], np.uint32([[1, 0]]))
     exr.write(path, {"id": np.array([[0, 2**32 - 1]], np.int64)})
     same(exr.read(path)[0]["id"], np.uint32([[0, 2**32 - 1]]))
     assert exr.write(path, {"Z": np.float64([[1e39, np.inf]])}) == [
@@ -175,12 +175,12 @@ def test_half_and_its_warnings(path):
         "G: 1 NaN values lost their payload in half",
         "albedo.R: 1 finite values of 65520 or more became infinity in half",
     ]
-    found, _ = exr.read(path)
-    same(found["R"], np.float16([[65504, np.inf, -np.inf, np.inf, 0.1]]))
-    assert np.isnan(found["G"][0, 0])
-    assert found["albedo.R"].dtype == np.float16
+    channels, _ = exr.read(path)
+    same(channels["R"], np.float16([[65504, np.inf, -np.inf, np.inf, 0.1]]))
+    assert np.isnan(channels["G"][0, 0])
+    assert channels["albedo.R"].dtype == np.float16
     for name in ("Z", "P.X", "id"):
-        same(found[name], layers[name])
+        same(channels[name], layers[name])
     assert exr.write(path, layers) == []
 
 
@@ -227,19 +227,19 @@ def test_camera_matrices_put_points_where_the_renderer_does(camera):
     rows = np.column_stack([inside @ camera_axes(camera) + camera.eye, np.ones(50)])  # world space
     assert np.allclose((rows @ to_camera)[:, :3], inside, atol=1e-13)  # left-handed
     ndc = rows @ to_ndc
-    found = ndc[:, :3] / ndc[:, 3:]
+    projected = ndc[:, :3] / ndc[:, 3:]
     depth = inside[:, 2]
-    assert np.allclose(found[:, 2], depth if camera.orthographic else 1 - camera.focal / depth, rtol=1e-12)
+    assert np.allclose(projected[:, 2], depth if camera.orthographic else 1 - camera.focal / depth, rtol=1e-12)
     u, v = image_positions(inside, camera).T
-    assert np.allclose(found[:, 0], u / camera.resolution[0], rtol=1e-11, atol=1e-11)
-    assert np.allclose(found[:, 1], 1.0 - v / camera.resolution[1], rtol=1e-11, atol=1e-11)
+    assert np.allclose(projected[:, 0], u / camera.resolution[0], rtol=1e-11, atol=1e-11)
+    assert np.allclose(projected[:, 1], 1.0 - v / camera.resolution[1], rtol=1e-11, atol=1e-11)
 
 
 def test_two_writes_are_the_same_bytes(tmp_path):
-    given = {"RGB": noise((300, 200, 3)), "Z": noise((300, 200))}
+    layers = {"RGB": noise((300, 200, 3)), "Z": noise((300, 200))}
     for compression in exr.COMPRESSIONS:
         for name in ("a", "b"):
-            exr.write(tmp_path / name, given, compression=compression, metadata=camera_metadata(CAMERA))
+            exr.write(tmp_path / name, layers, compression=compression, metadata=camera_metadata(CAMERA))
         assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -247,18 +247,18 @@ def test_data_window(path):
     image = np.zeros((8, 9, 3), np.float32)
     image[2:5, 3:8] = noise((3, 5, 3))
     exr.write(path, image, window="drawn")
-    found, header = exr.read(path)
+    channels, header = exr.read(path)
     assert header["displayWindow"] == (0, 0, 8, 7)
     window = header["dataWindow"]
     assert window == exr.drawn_window(exr.flatten(image))
     for k, name in enumerate("RGB"):
-        same(found[name], image[..., k])
+        same(channels[name], image[..., k])
     exr.write(path, image, window=(4, 2, 6, 3))
-    found, header = exr.read(path)
+    channels, header = exr.read(path)
     assert header["dataWindow"] == (4, 2, 6, 3)
     expected = np.zeros_like(image)
     expected[2:4, 4:7] = image[2:4, 4:7]
-    same(found["G"], expected[..., 1])
+    same(channels["G"], expected[..., 1])
 
 
 def test_the_drawn_window_holds_all_that_is_not_0():

@@ -117,9 +117,9 @@ def bad(path, capfd) -> str:
 def test_files_that_are_no_exr(tmp_path, capfd):
     assert "no such file" in bad(tmp_path / "missing.exr", capfd)
     assert "folder" in bad(tmp_path, capfd)
-    for content, found in ((b"", "empty"), (b"text", "something else"), (b"\x76\x2f\x31\x01", "expected an OpenEXR")):
+    for content, message in ((b"", "empty"), (b"text", "something else"), (b"\x76\x2f\x31\x01", "expected an OpenEXR")):
         (tmp_path / "a.exr").write_bytes(content)
-        assert found in bad(tmp_path / "a.exr", capfd)
+        assert message in bad(tmp_path / "a.exr", capfd)
     os.mkfifo(tmp_path / "pipe.exr")
     assert "regular file" in bad(tmp_path / "pipe.exr", capfd)
 
@@ -321,10 +321,10 @@ def test_what_an_image_takes_is_known_from_its_header(path):
     """Types and names of the channels of all parts."""
     import OpenEXR
 
-    half, whole = np.zeros((3, 4), np.float16), np.zeros((3, 4), np.uint32)
+    half, ids = np.zeros((3, 4), np.float16), np.zeros((3, 4), np.uint32)
     parts = [
         OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Z": half.astype(np.float32), "a.half": half.copy()}, "one"),
-        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"id": whole.copy(), "x" * 200: half.copy()}, "two"),
+        OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"id": ids.copy(), "x" * 200: half.copy()}, "two"),
     ]
     OpenEXR.File(parts).write(str(path))
     assert exr_limits.channel_bytes(path.read_bytes(), 2) == [{"Z": 4, "a.half": 2}, {"id": 4, "x" * 200: 2}]

@@ -63,10 +63,10 @@ def frame(opened: Device) -> Frame:
 def window(frame) -> tuple[int, int, int, int]:
     """Return the window of the covered pixels."""
     rows, columns = np.nonzero(frame.alpha)
-    found = int(columns.min()), int(rows.min()), int(columns.max()), int(rows.max())
-    assert 0 < found[0] < found[2] < 63
-    assert 0 < found[1] < found[3] < 47
-    return found
+    bounds = int(columns.min()), int(rows.min()), int(columns.max()), int(rows.max())
+    assert 0 < bounds[0] < bounds[2] < 63
+    assert 0 < bounds[1] < bounds[3] < 47
+    return bounds
 
 
 def expected_plane(frame: Frame, channel: str) -> np.ndarray:
@@ -86,8 +86,8 @@ def test_openimageio_reads_the_layers(frame, window, tmp_path, half, crop):
     assert file, oiio.geterror()
     spec = file.spec()
     kinds = {"f32": "half" if half else "float", "u32": "uint"}
-    found = {name: str(spec.channelformat(k)) for k, name in enumerate(spec.channelnames)}
-    assert found == {n: "float" if n[0] in "ZP" else kinds[kind] for n, kind in CHANNELS.items()}
+    formats = {name: str(spec.channelformat(k)) for k, name in enumerate(spec.channelnames)}
+    assert formats == {n: "float" if n[0] in "ZP" else kinds[kind] for n, kind in CHANNELS.items()}
     x0, y0, x1, y1 = window if crop else (0, 0, 63, 47)
     assert (spec.x, spec.y, spec.x + spec.width - 1, spec.y + spec.height - 1) == (x0, y0, x1, y1)
     assert (spec.full_x, spec.full_y, spec.full_width, spec.full_height) == (0, 0, 64, 48)
@@ -109,15 +109,15 @@ def test_a_cropped_file_reads_as_the_whole_one(frame, window, tmp_path, half):
     """Every channel is equal, Z of the background included, and the file is smaller."""
     for crop in (False, True):
         frame.save(tmp_path / str(crop), crop=crop, half=half)
-    (whole, header), (cropped, header_of_cropped) = (exr.read(tmp_path / f"{crop}.exr") for crop in (False, True))
+    (uncropped, header), (cropped, header_of_cropped) = (exr.read(tmp_path / f"{crop}.exr") for crop in (False, True))
     assert header["dataWindow"] == header["displayWindow"] == header_of_cropped["displayWindow"] == (0, 0, 63, 47)
     assert header_of_cropped["dataWindow"] == window
-    assert set(whole) == set(cropped) == set(CHANNELS)
+    assert set(uncropped) == set(cropped) == set(CHANNELS)
     for name in CHANNELS:
-        assert whole[name].dtype == (
+        assert uncropped[name].dtype == (
             np.uint32 if CHANNELS[name] == "u32" else np.float16 if half and name in HALVES else np.float32
         )
-        assert whole[name].tobytes() == cropped[name].tobytes(), name
+        assert uncropped[name].tobytes() == cropped[name].tobytes(), name
     assert (tmp_path / "True.exr").stat().st_size < (tmp_path / "False.exr").stat().st_size
 
 
@@ -139,10 +139,10 @@ def test_the_header_names_instances(opened, tmp_path):
     scene = Scene((wedge(), replace(dome(), instance_names=names)), CAMERA)
     frame = clshade.render(scene, device=opened, layers=("instance_id",))
     frame.save(tmp_path / "a")
-    found, header = exr.read(tmp_path / "a.exr")
+    channels, header = exr.read(tmp_path / "a.exr")
     assert json.loads(header["instanceNames"]) == {"2": "links", "4": "Mitte \u00e4"}
-    assert np.array_equal(found["instance_id"], frame["instance_id"])
-    assert set(np.unique(found["instance_id"])) >= {0, 1, 2, 4}
+    assert np.array_equal(channels["instance_id"], frame["instance_id"])
+    assert set(np.unique(channels["instance_id"])) >= {0, 1, 2, 4}
     clshade.render(scene, device=opened, layers=("object_id",)).save(tmp_path / "a")
     assert "instanceNames" not in exr.read(tmp_path / "a.exr")[1]
 
@@ -152,15 +152,15 @@ def test_what_is_not_cropped(opened, tmp_path):
     """A background that is not black is kept; a file with nothing in it keeps one pixel."""
     scene = Scene((wedge(),), CAMERA, background=(0.0, 0.1, 0.0))
     clshade.render(scene, device=opened, layers="Z").save(tmp_path / "a", crop=True)
-    found, header = exr.read(tmp_path / "a.exr")
+    channels, header = exr.read(tmp_path / "a.exr")
     assert header["dataWindow"] == header["displayWindow"]
-    assert (found["G"] > 0).all()
+    assert (channels["G"] > 0).all()
     clshade.render(replace(scene, meshes=(), background=None), device=opened, layers="Z").save(
         tmp_path / "a", crop=True
     )
-    found, header = exr.read(tmp_path / "a.exr")
+    channels, header = exr.read(tmp_path / "a.exr")
     assert header["dataWindow"] == (0, 0, 0, 0)
-    assert np.isposinf(found["Z"]).all()
+    assert np.isposinf(channels["Z"]).all()
 
 
 @pytest.mark.long
@@ -172,11 +172,11 @@ def test_values_beyond_half_are_warned_of(opened, tmp_path):
     with pytest.warns(UserWarning, match="became infinity in half") as caught:
         lines = frame.save(tmp_path / "a", half=True)
     expected = [f"{name}: 1 finite values of 65520 or more became infinity in half" for name in ("R", "uv.U", "uv.V")]
-    assert lines == [str(each.message) for each in caught] == expected
+    assert lines == [str(warning.message) for warning in caught] == expected
     assert caught[0].filename == __file__
-    found, _ = exr.read(tmp_path / "a.exr")
-    assert found["P.X"][3, 4] == np.float32(7e4)
-    assert found["uv.V"][3, 4] == -np.inf
+    channels, _ = exr.read(tmp_path / "a.exr")
+    assert channels["P.X"][3, 4] == np.float32(7e4)
+    assert channels["uv.V"][3, 4] == -np.inf
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert frame.save(tmp_path / "a") == []
@@ -189,10 +189,10 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
     name = str(tmp_path / "a")
     scene = ("render", "icosphere", "--resolution", "40,30", "--device", opened.index)
     assert main([*scene, "--layers", "all", "--ambient-occlusion", "2", "--crop", "--half", "-o", name]) == 0
-    found, header = exr.read(name + ".exr")
-    assert set(found) == set(CHANNELS)
-    assert found["N.X"].dtype == np.float16
-    assert found["Z"].shape == (30, 40)
+    channels, header = exr.read(name + ".exr")
+    assert set(channels) == set(CHANNELS)
+    assert channels["N.X"].dtype == np.float16
+    assert channels["Z"].shape == (30, 40)
     assert header["dataWindow"] != header["displayWindow"]
     capsys.readouterr()
     assert main(["render", "--help"]) == 0
@@ -203,19 +203,19 @@ def test_the_command_line_writes_all_layers(opened, tmp_path, capsys):
 def test_the_scene_is_read_back_as_it_was_drawn(opened, tmp_path):
     """Position, depth and camera of the file are consistent: the third coordinate of P times worldToCamera is Z."""
     clshade.render(mixed(), device=opened, layers=("Z", "P", "id")).save(tmp_path / "a")
-    found, header = exr.read(tmp_path / "a.exr")
-    shown = found["id"] > 0
+    channels, header = exr.read(tmp_path / "a.exr")
+    shown = channels["id"] > 0
     points = np.stack(
-        [found[f"P.{axis}"][shown].astype(np.float64) for axis in "XYZ"] + [np.ones(shown.sum())], axis=-1
+        [channels[f"P.{axis}"][shown].astype(np.float64) for axis in "XYZ"] + [np.ones(shown.sum())], axis=-1
     )
     seen = points @ header["worldToCamera"].astype(np.float64)
     # Coordinates and matrix are rounded to float32: 4 products of numbers up to 30, with two errors of half an ulp
     # each.
     rounding = 8 * 30 * 2.0**-24
-    assert np.abs(seen[:, 2] - found["Z"][shown]).max() <= rounding
+    assert np.abs(seen[:, 2] - channels["Z"][shown]).max() <= rounding
     in_image = points @ header["worldToNDC"].astype(np.float64)
     rows, columns = np.nonzero(shown)
     place = in_image[:, :2] / in_image[:, 3:] * [64, 48]
     # Numerator and denominator are off by as much, and the quotient by as much more as the depth is less than 1.
     off = np.abs(place - np.stack([columns, rows], axis=-1) - 0.5)
-    assert off.max() <= 64 * 2 * rounding / found["Z"][shown].min()
+    assert off.max() <= 64 * 2 * rounding / channels["Z"][shown].min()

@@ -51,10 +51,10 @@ def test_svg(tmp_path):
     """One file that loads nothing, text as outlines, pictures within."""
     figures.save(drawn(), tmp_path / "a.svg")
     root = ElementTree.parse(tmp_path / "a.svg").getroot()
-    tags = [each.tag.rpartition("}")[2] for each in root.iter()]
+    tags = [element.tag.rpartition("}")[2] for element in root.iter()]
     assert "path" in tags
     assert "text" not in tags
-    links = [each.get("{http://www.w3.org/1999/xlink}href", "") for each in root.iter()]
+    links = [element.get("{http://www.w3.org/1999/xlink}href", "") for element in root.iter()]
     assert sum(link.startswith("data:image/png;base64,") for link in links) == 1
     assert all(link.startswith(("#", "data:")) for link in links if link)
 

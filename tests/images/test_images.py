@@ -66,11 +66,11 @@ def test_other_types_of_8_bits(tmp_path, kind):
         image = Image.fromarray(PIXELS) if kind == "RGBA" else original.convert(kind)
         expected = RGB if kind == "RGBA" else np.asarray(image.convert("RGB"))
         path = saved(tmp_path, image)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = read_image(path, srgb=False)
     assert np.array_equal(result, (expected / 255).astype(np.float32))
-    assert [str(w.message) for w in told] == ([f"{path}: image: its alpha channel is left out"] * (kind == "RGBA"))
+    assert [str(w.message) for w in caught] == ([f"{path}: image: its alpha channel is left out"] * (kind == "RGBA"))
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
@@ -79,10 +79,10 @@ def test_16_bits_keep_every_bit(tmp_path, channels):
     path = tmp_path / "deep.png"
     path.write_bytes(png16(pixels))
     expected = np.repeat(pixels[:, :, :1], 3, axis=2) if channels < 3 else pixels[:, :, :3]
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert np.array_equal(read_image(path, srgb=False), (expected / 65535).astype(np.float32))
-    assert len(told) == (channels in (2, 4))
+    assert len(caught) == (channels in (2, 4))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert np.array_equal(read_image(path, srgb=True), srgb_to_linear(expected / 65535).astype(np.float32))

@@ -35,24 +35,24 @@ def planted():
 
 
 def test_statistics_of_a_channel():
-    found = statistics.image_statistics({"Z": planted()})
-    assert found.shape == (9, 12)
-    channel = found.channels["Z"]
+    stats = statistics.image_statistics({"Z": planted()})
+    assert stats.shape == (9, 12)
+    channel = stats.channels["Z"]
     assert (channel.nan, channel.inf, channel.negative) == (2, 3, 2)
     assert (channel.minimum, channel.maximum) == (-2.0, 100.0)
     assert channel.mean == (5050 - 2.5) / 103
     assert channel.percentiles == (-0.5, 3.0, 49.0, 95.0, 99.0)  # ranks 1.02, 5.1, 51, 96.9, 100.98 of 0..102
-    assert found.stops is None
+    assert stats.stops is None
 
 
 def test_a_file_and_its_arrays_have_the_same_statistics(tmp_path):
-    given = {"RGB": np.dstack([planted()] * 3), "id": np.arange(108, dtype=np.uint32).reshape(9, 12)}
-    exr.write(tmp_path / "a.exr", given)
-    found = statistics.image_statistics(tmp_path / "a.exr")
-    assert found == statistics.image_statistics(given)
-    assert list(found.channels) == ["R", "G", "B", "id"]
-    assert found.channels["id"] == statistics.ChannelStatistics("uint", 0, 107, 53.5, (1, 5, 54, 102, 106), 0, 0, 0)
-    assert statistics.image_statistics(str(tmp_path / "a.exr")) == found
+    layers = {"RGB": np.dstack([planted()] * 3), "id": np.arange(108, dtype=np.uint32).reshape(9, 12)}
+    exr.write(tmp_path / "a.exr", layers)
+    stats = statistics.image_statistics(tmp_path / "a.exr")
+    assert stats == statistics.image_statistics(layers)
+    assert list(stats.channels) == ["R", "G", "B", "id"]
+    assert stats.channels["id"] == statistics.ChannelStatistics("uint", 0, 107, 53.5, (1, 5, 54, 102, 106), 0, 0, 0)
+    assert statistics.image_statistics(str(tmp_path / "a.exr")) == stats
 
 
 def test_nothing_finite():
@@ -67,21 +67,21 @@ def test_dynamic_range():
     gray[0] = 2.0**-3
     gray[1] = 2.0**5
     gray[2, :5] = 0, -1, np.nan, np.inf, -np.inf
-    found = statistics.image_statistics(np.dstack([gray] * 3))
-    assert found.stops == pytest.approx(8, abs=1e-12)
-    assert found.robust_stops == pytest.approx(8, abs=1e-12)
+    stats = statistics.image_statistics(np.dstack([gray] * 3))
+    assert stats.stops == pytest.approx(8, abs=1e-12)
+    assert stats.robust_stops == pytest.approx(8, abs=1e-12)
     gray[2, 5] = 1e30
-    found = statistics.image_statistics(np.dstack([gray] * 3))
-    assert found.stops == pytest.approx(math.log2(1e30) + 3, abs=1e-6)
-    assert found.robust_stops == pytest.approx(8, abs=1e-12)
-    assert statistics.image_statistics({"Y": gray}).stops == pytest.approx(found.stops)
+    stats = statistics.image_statistics(np.dstack([gray] * 3))
+    assert stats.stops == pytest.approx(math.log2(1e30) + 3, abs=1e-6)
+    assert stats.robust_stops == pytest.approx(8, abs=1e-12)
+    assert statistics.image_statistics({"Y": gray}).stops == pytest.approx(stats.stops)
     assert statistics.image_statistics(np.zeros((2, 2, 3))).stops is None
 
 
-@pytest.mark.parametrize(("one", "other", "ratio"), [(0, 1, 0.7152 / 0.2126), (0, 2, 0.2126 / 0.0722)])
-def test_dynamic_range_weighs_the_colors(one, other, ratio):
+@pytest.mark.parametrize(("one", "second", "ratio"), [(0, 1, 0.7152 / 0.2126), (0, 2, 0.2126 / 0.0722)])
+def test_dynamic_range_weighs_the_colors(one, second, ratio):
     pixels = np.zeros((1, 2, 3), np.float32)
-    pixels[0, 0, one] = pixels[0, 1, other] = 1.0
+    pixels[0, 0, one] = pixels[0, 1, second] = 1.0
     assert statistics.image_statistics(pixels).stops == pytest.approx(math.log2(ratio))
 
 
@@ -113,14 +113,14 @@ def test_a_file_of_half_floats_in_a_window_of_its_own(tmp_path, capsys):
     pixels = np.zeros((6, 8, 3))
     pixels[2:4, 5:8] = 0.5
     exr.write(tmp_path / "a.exr", pixels, half=True, window=(5, 2, 7, 3))
-    code, found, err = inspected(capsys, tmp_path / "a.exr", "--pixel", "5,2", "--pixel", "5,4")
+    code, report, err = inspected(capsys, tmp_path / "a.exr", "--pixel", "5,2", "--pixel", "5,4")
     assert (code, err) == (0, [])
-    assert (found["width"], found["height"]) == (8, 6)
-    assert found["channels"]["R"]["type"] == "half"
-    assert found["channels"]["R"]["mean"] == 0.5 * 6 / 48
-    assert found["header"]["dataWindow"] == [5, 2, 7, 3]
-    assert found["header"]["displayWindow"] == [0, 0, 7, 5]
-    assert [pixel["values"]["G"] for pixel in found["pixels"]] == [0.5, 0.0]
+    assert (report["width"], report["height"]) == (8, 6)
+    assert report["channels"]["R"]["type"] == "half"
+    assert report["channels"]["R"]["mean"] == 0.5 * 6 / 48
+    assert report["header"]["dataWindow"] == [5, 2, 7, 3]
+    assert report["header"]["displayWindow"] == [0, 0, 7, 5]
+    assert [pixel["values"]["G"] for pixel in report["pixels"]] == [0.5, 0.0]
 
 
 def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
@@ -128,13 +128,13 @@ def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
     values[0, 1], values[0, 2], values[0, 3] = np.nan, np.inf, -np.inf
     ids = (np.arange(12).reshape(3, 4) + 2**32 - 12).astype(np.uint32)
     exr.write(tmp_path / "a.exr", {"Z": values, "id": ids})
-    _, found, _ = inspected(
+    _, report, _ = inspected(
         capsys, tmp_path / "a.exr", *(f"--pixel={x},{y}" for x, y in [(3, 1), (0, 2), (1, 0), (2, 0)])
     )
-    assert found["pixels"][0] == {"x": 3, "y": 1, "values": {"Z": 7.0, "id": 2**32 - 5}}
-    assert found["pixels"][1]["values"]["Z"] == 8.0
-    assert [pixel["values"]["Z"] for pixel in found["pixels"][2:]] == ["nan", "inf"]
-    assert (found["channels"]["Z"]["nan"], found["channels"]["Z"]["inf"]) == (1, 2)
+    assert report["pixels"][0] == {"x": 3, "y": 1, "values": {"Z": 7.0, "id": 2**32 - 5}}
+    assert report["pixels"][1]["values"]["Z"] == 8.0
+    assert [pixel["values"]["Z"] for pixel in report["pixels"][2:]] == ["nan", "inf"]
+    assert (report["channels"]["Z"]["nan"], report["channels"]["Z"]["inf"]) == (1, 2)
     code, out, _ = run(capsys, "inspect", tmp_path / "a.exr", "--pixel", "3,1")
     assert code == 0
     assert "pixel 3,1 (column, row from the top): Z 7.0, id 4294967291" in out
@@ -145,10 +145,10 @@ def test_a_pixel_is_counted_from_the_top_left(tmp_path, capsys):
 
 def test_what_json_has_no_numbers_for_is_null(tmp_path, capsys):
     exr.write(tmp_path / "a.exr", {"Z": np.full((2, 2), np.inf, np.float32)})
-    _, found, _ = inspected(capsys, tmp_path / "a.exr")
-    assert found["channels"]["Z"]["minimum"] is None
-    assert set(found["channels"]["Z"]["percentiles"].values()) == {None}
-    assert found["dynamic_range_stops"] == {"layer": None, "all": None, "without_0.1_percent": None}
+    _, report, _ = inspected(capsys, tmp_path / "a.exr")
+    assert report["channels"]["Z"]["minimum"] is None
+    assert set(report["channels"]["Z"]["percentiles"].values()) == {None}
+    assert report["dynamic_range_stops"] == {"layer": None, "all": None, "without_0.1_percent": None}
 
 
 @pytest.mark.parametrize(("mode", "names"), [("L", "Y"), ("LA", "YA"), ("RGB", "RGB"), ("RGBA", "RGBA")])
@@ -156,20 +156,20 @@ def test_a_png_has_its_codes_over_the_largest(tmp_path, capsys, mode, names):
     from PIL import Image
 
     Image.new(mode, (3, 2), (51,) * len(names) if len(names) > 1 else 51).save(tmp_path / "a.png")
-    _, found, _ = inspected(capsys, tmp_path / "a.png")
-    assert list(found["channels"]) == list(names)
-    assert {channel["type"] for channel in found["channels"].values()} == {"8-bit"}
-    assert found["channels"][names[0]]["maximum"] == pytest.approx(0.2, rel=1e-7)  # in float32
+    _, report, _ = inspected(capsys, tmp_path / "a.png")
+    assert list(report["channels"]) == list(names)
+    assert {channel["type"] for channel in report["channels"].values()} == {"8-bit"}
+    assert report["channels"][names[0]]["maximum"] == pytest.approx(0.2, rel=1e-7)  # in float32
 
 
 def test_sixteen_bits_of_a_png_are_kept(tmp_path):
     from PIL import Image
 
     Image.fromarray(np.uint16([[1, 65535]])).save(tmp_path / "a.png")
-    found = statistics.image_statistics(tmp_path / "a.png")
-    assert found.channels["Y"].minimum == pytest.approx(1 / 65535, rel=1e-6)
+    stats = statistics.image_statistics(tmp_path / "a.png")
+    assert stats.channels["Y"].minimum == pytest.approx(1 / 65535, rel=1e-6)
     # The sRGB curve is linear there, with slope 12.92.
-    assert found.stops == pytest.approx(math.log2(65535 * 12.92), rel=1e-6)
+    assert stats.stops == pytest.approx(math.log2(65535 * 12.92), rel=1e-6)
 
 
 def test_a_header_cannot_write_to_the_terminal(tmp_path, capsys):

@@ -20,7 +20,7 @@ def near(picture, color, tolerance=12):
 
 
 @pytest.mark.parametrize(
-    ("most", "length"),
+    ("limit", "length"),
     [
         (1.0, 1.0),
         (0.99, 0.5),
@@ -33,15 +33,15 @@ def near(picture, color, tolerance=12):
         (0.6, 0.5),
     ],
 )
-def test_round_length(most, length):
-    assert marks.round_length(most) == length
+def test_round_length(limit, length):
+    assert marks.round_length(limit) == length
 
 
 def test_round_lengths_are_the_floats_that_decimal_numbers_are():
-    for most in np.geomspace(1e-12, 1e12, 1000):
-        length = marks.round_length(float(most))
+    for limit in np.geomspace(1e-12, 1e12, 1000):
+        length = marks.round_length(float(limit))
         assert repr(length) == repr(float(f"{length:g}"))
-        assert 0.4 * most - 1e-12 <= length <= most * (1.0 + 1e-9)
+        assert 0.4 * limit - 1e-12 <= length <= limit * (1.0 + 1e-9)
         assert f"{length:e}"[0] in "125"
 
 
@@ -91,19 +91,19 @@ def test_no_label_meets_another_or_the_edge():
 def test_text_is_shortened_to_its_width():
     text = "a rather long title of a view"
     for width in range(0, 300, 7):
-        found = marks.fit_text(text, 9.0, width)
-        assert not found or marks.text_width(found, 9.0) <= width
-        assert found == text or found == "" or (found.endswith("...") and text.startswith(found[:-3]))
+        fitted = marks.fit_text(text, 9.0, width)
+        assert not fitted or marks.text_width(fitted, 9.0) <= width
+        assert fitted == text or fitted == "" or (fitted.endswith("...") and text.startswith(fitted[:-3]))
     assert marks.fit_text(text, 9.0, 300) == text
     assert marks.fit_text("", 9.0, 10) == ""
 
 
 def test_characters_that_cannot_be_drawn(recwarn):
     hostile = "a\nb\x1b[31m\udce9\u4e2d é"
-    found = marks.drawable(hostile)
-    assert found == "a?b?[31m?? é"
+    printable = marks.drawable(hostile)
+    assert printable == "a?b?[31m?? é"
     picture = np.full((30, 200, 3), 255, np.uint8)
-    marks.draw_text(picture, 2, 20, 9.0, found)
+    marks.draw_text(picture, 2, 20, 9.0, printable)
     assert picture.min() < 100
     assert not recwarn.list
 
@@ -137,8 +137,8 @@ def test_panels_of_a_layout_lie_where_it_says():
     ],
 )
 def test_numbers_are_round_and_all_there(ends, labels):
-    places, found = _ticks(*ends, 6)
-    assert found == labels
+    places, tick_labels = _ticks(*ends, 6)
+    assert tick_labels == labels
     assert len(places) == len(labels)
     assert all(0.0 <= place <= 1.0 for place in places)
 
@@ -167,20 +167,20 @@ def test_every_pixel_becomes_a_square():
     ("crop", "scale"), [((0, 0, 60, 40), 8), ((0, 0, 1, 1), 64), ((0, 0, 60, 40, 3), 3), ((0, 0, 600, 10), 1)]
 )
 def test_scale_of_a_crop(crop, scale):
-    found = Crop(*crop).scale
-    assert found == scale
-    assert found in (1, 3, 64) or found * 60 <= SIDE < (found + 1) * 60
+    factor = Crop(*crop).scale
+    assert factor == scale
+    assert factor in (1, 3, 64) or factor * 60 <= SIDE < (factor + 1) * 60
 
 
 def test_marks_lie_outside_the_crops():
     crops = [Crop(24, 20, 12, 9), Crop(40, 0, 20, 8), Crop(0, 30, 5, 10)]
-    found = mark_crops(IMAGE, crops)
+    marked = mark_crops(IMAGE, crops)
     for crop in crops:
         inside = np.s_[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
-        assert (found[inside] == IMAGE[inside]).all()
-    assert (found[29, 24:36] == COLORS[0]).all()  # below the first
-    assert (found[30, 26:36] == 0).all()
-    assert (found[20:30, 36] == COLORS[0]).all()
+        assert (marked[inside] == IMAGE[inside]).all()
+    assert (marked[29, 24:36] == COLORS[0]).all()  # below the first
+    assert (marked[30, 26:36] == 0).all()
+    assert (marked[20:30, 36] == COLORS[0]).all()
     assert IMAGE.flags.writeable  # a copy was drawn into
     assert (mark_crops(IMAGE, []) == IMAGE).all()
 
@@ -192,9 +192,9 @@ def test_one_crop_has_no_number():
 
 
 def test_the_number_of_a_crop_without_room_around_it_is_in_its_corner():
-    found = mark_crops(IMAGE, [Crop(0, 0, 60, 40), Crop(20, 4, 8, 30)])
+    marked = mark_crops(IMAGE, [Crop(0, 0, 60, 40), Crop(20, 4, 8, 30)])
     for x, y, color in ((0, 0, COLORS[0]), (20, 4, COLORS[1])):
-        plate = found[y : y + 15, x : x + 8]
+        plate = marked[y : y + 15, x : x + 8]
         assert (plate == color).all(axis=-1).sum() > 40
 
 

@@ -28,9 +28,9 @@ def path(tmp_path):
 def test_round_trip(path, shape):
     codes = noise((*shape, 3))
     png.write(path, codes)
-    found = png.read(path)
-    assert found.dtype == np.uint8
-    assert np.array_equal(found, codes)
+    pixels = png.read(path)
+    assert pixels.dtype == np.uint8
+    assert np.array_equal(pixels, codes)
 
 
 def test_every_layout(path):

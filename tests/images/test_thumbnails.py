@@ -22,10 +22,10 @@ def layers(*names):
 
 
 def test_channels_of_this_program():
-    found = layers(
+    groups = layers(
         "R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z", "uv.U", "uv.V", "id", "albedo.R", "albedo.G", "albedo.B"
     )
-    assert found == {
+    assert groups == {
         "RGB": ["R", "G", "B"],
         "A": ["A"],
         "Z": ["Z"],
@@ -38,13 +38,13 @@ def test_channels_of_this_program():
 
 def test_channels_of_other_programs():
     """In any order and case, nested, alone, without a prefix; nothing is lost when names collide."""
-    found = layers(
+    groups = layers(
         "B", "G", "R", "View.Depth.Z", "View.Normal.z", "View.Normal.x", "View.Normal.y", "X", "Y", "N.R", "N.G"
     )
-    assert found["RGB"] == ["R", "G", "B"]
-    assert found["View.Depth.Z"] == ["View.Depth.Z"]
-    assert found["View.Normal"] == ["View.Normal.x", "View.Normal.y", "View.Normal.z"]
-    assert found["XY"] == ["X", "Y"]
+    assert groups["RGB"] == ["R", "G", "B"]
+    assert groups["View.Depth.Z"] == ["View.Depth.Z"]
+    assert groups["View.Normal"] == ["View.Normal.x", "View.Normal.y", "View.Normal.z"]
+    assert groups["XY"] == ["X", "Y"]
     hostile = ("N.X", "N.Y", "N.R", "N.G", "N", "n.x", "N.x", ".", "..R", "R", "r", "a.b.R", "")
     together = layers(*hostile)
     assert sorted(name for names in together.values() for name in names) == sorted(hostile)

@@ -29,10 +29,10 @@ def steps(operator, exposure):
 def assert_equals_oracle(pixels, operator, exposure):
     with np.errstate(invalid="ignore"):  # signaling NaNs
         expected = oracle(pixels, operator, exposure)
-    found = tonemap(pixels, operator, exposure)
-    assert found.dtype == np.uint8
-    assert found.shape == pixels.shape
-    wrong = np.flatnonzero(found != expected)
+    codes = tonemap(pixels, operator, exposure)
+    assert codes.dtype == np.uint8
+    assert codes.shape == pixels.shape
+    wrong = np.flatnonzero(codes != expected)
     assert not wrong.size, f"{wrong.size} wrong, first {pixels.flat[wrong[0]]!r}"
 
 
@@ -211,9 +211,9 @@ def test_neutral_keeps_base_colors_and_hues():
     assert neutral(inside) == pytest.approx(inside - 0.04, abs=1e-15)
     mapped = neutral(COLORS)
     assert ((mapped >= 0.0) & (mapped < 1.0)).all()
-    chroma, found = (each - each.mean(axis=-1, keepdims=True) for each in (COLORS, mapped))
-    assert np.cross(chroma, found) == pytest.approx(0.0, abs=1e-12 * COLORS.max())
-    assert ((chroma * found).sum(axis=-1) >= 0.0).all()
+    chroma, mapped_chroma = (colors - colors.mean(axis=-1, keepdims=True) for colors in (COLORS, mapped))
+    assert np.cross(chroma, mapped_chroma) == pytest.approx(0.0, abs=1e-12 * COLORS.max())
+    assert ((chroma * mapped_chroma).sum(axis=-1) >= 0.0).all()
 
 
 @pytest.mark.parametrize(
@@ -247,10 +247,10 @@ def test_joint_operators_are_inverted(operator):
 def test_display_values_are_what_is_rounded_to_codes(operator):
     values = np.random.default_rng(3).lognormal(0, 3, (40, 50, 3)).astype(np.float32)
     values[0, 0] = [-1.0, np.nan, np.inf]
-    found = display_values(values, operator, 1.5)
-    assert found.dtype == np.float64
-    assert (np.floor(255.0 * found + 0.5) == tonemap(values, operator, 1.5)).all()
-    assert (operator in JOINT and found[0, 0, 1] == 0.0) or found[0, 0].tolist() == [0.0, 0.0, found.max()]
+    displayed = display_values(values, operator, 1.5)
+    assert displayed.dtype == np.float64
+    assert (np.floor(255.0 * displayed + 0.5) == tonemap(values, operator, 1.5)).all()
+    assert (operator in JOINT and displayed[0, 0, 1] == 0.0) or displayed[0, 0].tolist() == [0.0, 0.0, displayed.max()]
     with pytest.raises(InputError, match="exposure"):
         display_values(values, operator, np.nan)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -39,17 +40,11 @@ def planted(device, figures=FIGURES, usual: str = "shaded-4") -> Study:
     study = small_study(device)
     one, base = study.measured[0], base_settings(sphere())
     by_name = {variant.name: variant for variant in variants.VARIANTS}
-    measured = [
-        replace(
-            one,
-            variant=by_name[name],
-            settings=by_name[name].settings(base),
-            times=(0.97 * ms, ms, 1.03 * ms),
-            approximation=replace(one.approximation, rmse=error, flip=flip),
-            close=close,
-        )
-        for name, (ms, error, close, flip) in figures.items()
-    ]
+    measured = []
+    for name, (ms, error, close, flip) in figures.items():
+        approximation = replace(one.approximation, rmse=error, flip=flip)
+        fields = {"times": (0.97 * ms, ms, 1.03 * ms), "approximation": approximation, "close": close}
+        measured.append(replace(one, variant=by_name[name], settings=by_name[name].settings(base), **fields))
     return replace(study, measured=tuple(measured), usual=usual, reference=replace(study.reference, error=1e-4))
 
 
@@ -144,30 +139,21 @@ SCENES = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    SCENES,
-    ids=lambda parameter: " ".join(parameter) if isinstance(parameter, tuple) else parameter,
-)
+@pytest.mark.parametrize(("name", "options"), SCENES, ids=[" ".join((name, *options)) for name, options in SCENES])
 def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, name, options):
     """Also of scenes in the studio, of options that would take them out of it, and of names that need quotes."""
     monkeypatch.chdir(tmp_path)
     if name.endswith(".obj"):
         Path(name).write_text(OBJ)
-    calls = []
-
-    def stop(scene, *_, command, settings, **__):
-        calls.append((scene, command, settings))
-        return True
-
-    monkeypatch.setattr(report, "run", stop)
+    run_report = Mock(return_value=True)
+    monkeypatch.setattr(report, "run", run_report)
     scene_name = f"./{name}" if name.startswith("-") else name
     code, _, _ = run(capsys, "report", scene_name, *options, "--resolution", "48,36", "--device", device.index)
     assert code == 0
-    ((scene, command, settings),) = calls
-    base, expected = base_settings(scene, **settings), effective_settings(scene)[0]
+    (scene, *_), keywords = run_report.call_args
+    base, expected = base_settings(scene, **keywords["settings"]), effective_settings(scene)[0]
     for variant in variants_for(scene, base, device):
-        program, verb, *arguments = shlex.split(command(variant.settings(base)))
+        program, verb, *arguments = shlex.split(keywords["command"](variant.settings(base)))
         assert (program, verb) == ("clshade", "render")
         parsed = _parser(["render"]).parse_args(["render", *arguments])
         again = selected.load_scene(parsed, parsed.scenes[0])
@@ -186,25 +172,25 @@ def test_commands_draw_what_was_measured(device, capsys, tmp_path, monkeypatch, 
 
 
 def test_without_details_only_variants_that_may_be_worth_their_time_are_measured(device, tmp_path, monkeypatch):
-    chosen = []
+    study = Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr(report, "study", study)
 
-    def stop(scene, opened, variants, frames, settings, details):
-        chosen.append(([variant.name for variant in variants], details))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(report, "study", stop)
-    for options, expected in (({}, False), ({"details": True}, True), ({"names": ["painter"]}, True)):
+    def measured(scene, **options) -> tuple[set[str], bool]:
+        """Return the names of the variants that are to be measured, and whether with details."""
         with pytest.raises(KeyboardInterrupt):
-            report.run(sphere(), device.index, command=str, out=tmp_path, **options)
-        assert chosen[-1][1] == expected
-    assert {"samples-4"} < set(chosen[0][0]) < set(COMMON)
-    assert set(chosen[1][0]) > {*chosen[0][0], "float64", "painter"}
-    with pytest.raises(KeyboardInterrupt):
-        report.run(builtin("course"), device.index, command=str, out=tmp_path)
-    assert {"course", "course-16"} < set(chosen[-1][0])
-    with pytest.raises(KeyboardInterrupt):
-        report.run(builtin("teapot"), device.index, command=str, out=tmp_path, budget=1.0)
-    assert {"course", "vertex-texture"} < set(chosen[-1][0])
+            report.run(scene, device.index, command=str, out=tmp_path, **options)
+        _, _, chosen, _, _, details = study.call_args.args
+        return {variant.name for variant in chosen}, details
+
+    common, details = measured(sphere())
+    assert {"samples-4"} < common < set(COMMON)
+    assert not details
+    every, details = measured(sphere(), details=True)
+    assert every > {*common, "float64", "painter"}
+    assert details
+    assert measured(sphere(), names=["painter"]) == ({"painter"}, True)
+    assert {"course", "course-16"} < measured(builtin("course"))[0]
+    assert {"course", "vertex-texture"} < measured(builtin("teapot"), budget=1.0)[0]
 
 
 @pytest.mark.parametrize(

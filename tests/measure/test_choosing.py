@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clshade.cli.options import max_error, milliseconds
-from clshade.errors import InputError
 from clshade.measure.report.pareto import front, within_budget, within_tolerance
 from clshade.measure.timing import Spread
 
@@ -88,15 +87,6 @@ def test_of_equally_accurate_ones_the_first():
     assert within_budget([second, first], 5.0, 0.01) == second
     assert within_tolerance([first, second], 0.2, 0.01) == first
     assert within_budget([first, second], 5.0) == second
-
-
-def test_a_tolerance_below_what_is_known_is_refused():
-    """Even if a measured error is smaller."""
-    some = [Alternative("slow", 9.0, 0.001), Alternative("quick", 2.0, 0.1)]
-    assert within_tolerance(some, 0.01, 0.01).name == "slow"
-    expected = r"--tolerance: 0\.01 is below what errors are known to, 0\.02 \(the best variant, slow, has 0\.001\)"
-    with pytest.raises(InputError, match=expected):
-        within_tolerance(some, 0.01, 0.02)
 
 
 @pytest.mark.parametrize(

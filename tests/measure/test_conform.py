@@ -11,12 +11,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from command_line import assert_refused, run
+from command_line import run
 
 from clshade.measure.conform import case as case_module
 from clshade.measure.conform import conform, groups, operations, reproducer, scenes
 from clshade.measure.conform.case import GROUP, Bench, Case, Check
-from clshade.measure.conform.content import Draws, golden_scene
 from clshade.measure.conform.groups import GROUPS, parts_of
 from clshade.measure.conform.isolated import Result, Task, run_part
 from clshade.pipeline import programs
@@ -57,24 +56,6 @@ def test_a_device_without_float64_draws_every_scene(opened, program):
     needing = [check.test for check, scene in zip(tests, drawn, strict=True) if scene.needs_float64]
     assert len(needing) > 3
     assert [test(Bench(without)) for test in needing[:3]] == ["", "", ""]
-
-
-def test_draws_are_the_same_everywhere():
-    draws = Draws(5)
-    assert draws.below(1000, 6).tolist() == [805, 807, 515, 285, 53, 383]
-    values = draws.parts(-1.5, 1.5, 500, 2)
-    assert values.shape == (500, 2)
-    assert (values * 4096 == np.rint(values * 4096)).all()
-    assert -1.5 <= values.min() < -1.4
-    assert 1.4 < values.max() <= 1.5
-
-
-def test_a_scene_follows_from_its_choices():
-    row = json.loads(scenes.GOLDEN.read_text())[0]["choice"]
-    one, again, neighbor = golden_scene(0, row), golden_scene(0, row), golden_scene(1, row)
-    assert np.array_equal(one.scene.meshes[0].verts, again.scene.meshes[0].verts)
-    assert not np.array_equal(one.scene.meshes[0].verts, neighbor.scene.meshes[0].verts)
-    assert one.settings.shader == "phong"
 
 
 # Faults
@@ -271,12 +252,6 @@ def test_the_command(opened, capsys, tmp_path):
     assert code == 0
     assert out.splitlines()[-1] == "conforms"
     assert {path.name for path in (tmp_path / "card").iterdir()} == {"conform.csv", "conform.json", "conform.md"}
-
-
-def test_bad_input(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert_refused(run(capsys, "conform", "--only", "operation"), "--only", "did you mean 'operations'?")
-    assert_refused(run(capsys, "conform", "--device", "none such"), "'none such'")
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import assert_refused, listing, run
+from command_line import listing, run
 from pages import parsed, picture
 
 from clshade import course
@@ -78,24 +78,6 @@ def test_what_a_scene_lacks_is_left_out_and_named(opened, tmp_path, monkeypatch,
     assert len(page.all("table")[0].all("th")) - len(rows(page)) == (2 if lacks == "texture" else 4)
     assert not page.all("script")
     assert not {"\x1b", "\u202e"} & set(page.text)
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (("teapot", "--course"), "--course: expected a course scene"),
-        (("course", "--course", "-o", "a.pdf"), "a browser prints the page as PDF"),
-        (("course", "--course", "-o", "no/a.html"), "there is no folder"),
-        (("course", "--course", "-o", "."), "a folder"),
-        (("course", "--course", "--only", "fast"), "--only: cannot go with --course"),
-        (("course", "--course", "--no-shadows"), "--no-shadows: cannot go with --course"),
-        (("missing.npy", "--course"), "missing.npy"),
-    ],
-)
-def test_bad_input_is_one_line(capsys, tmp_path, monkeypatch, words, part):
-    monkeypatch.chdir(tmp_path)
-    assert_refused(run(capsys, "report", *words), part)
-    assert listing(tmp_path) == []
 
 
 def test_scenes_that_the_course_cannot_draw_are_refused(tmp_path):

@@ -48,27 +48,6 @@ def decomposed(studied, device, settings):
 
 
 @pytest.mark.long
-def test_model_errors_hold_no_aliasing(device):
-    """They are differences of images with the same samples: 0 for the same model, whatever its samples, and all of the
-    difference between two flat colors."""
-    scene = sphere()
-    best = Settings.from_preset("standard", precision="float64", samples=4)
-    models = ModelErrors(scene, best, device)
-    for same in (best, replace(best, samples=1), replace(best, precision="float32")):
-        assert models.approximated(same) == []
-        assert not models.difference(same).any()
-    assert models.approximated(replace(best, resolve="weighted")) == ["resolve"]
-    assert models.difference(replace(best, resolve="weighted")).any()
-    gouraud = replace(best, samples=1, shader="gouraud")
-    assert models.approximated(gouraud) == ["shader"]
-    expected = [
-        render(scene, device=device, shader=shader, samples=64, sample_shading=True).rgb.astype(np.float64)
-        for shader in ("gouraud", "phong")
-    ]
-    assert np.array_equal(models.difference(gouraud), expected[0] - expected[1])
-
-
-@pytest.mark.long
 def test_a_model_takes_the_named_fields_only(studied):
     course = Settings.from_preset("course")
     *_, models = studied

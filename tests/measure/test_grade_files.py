@@ -6,15 +6,15 @@ import csv
 import io
 import json
 import os
-import warnings
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import assert_refused, run
 from PIL import Image
 
-from clshade.cli.main import main
 from clshade.errors import InputError
 from clshade.images import exr, png
 from clshade.measure.grade import folder, grade, pictures, reading, tables
@@ -47,21 +47,33 @@ def written(path: Path, image: object) -> Path:
         np.savez(path, **image)
     elif path.suffix == ".exr":
         exr.write(path, image.astype(np.float32))
+    elif path.suffix == ".jpg":
+        Image.fromarray(np.uint8(image)).save(path, quality=95)
     else:
         png.write(path, np.uint8(image))
     return path
 
 
-def test_files_of_every_kind_are_right(tmp_path):
-    linear = right().linear
-    images = {
-        "a.png": right().codes,
-        "b.exr": linear,
-        "c.npy": linear[::-1],
-        "d.npz": {"rgb": linear, "Z": linear[..., 0]},
-    }
-    for name, image in images.items():
-        assert grade.grade(written(tmp_path / name, image), right()).differ == 0, name
+RIGHT = {
+    "a.png": lambda: right().codes,
+    "a.exr": lambda: right().linear,
+    "a.npz": lambda: {"rgb": right().linear, "Z": right().linear[..., 0]},
+    "a.npy": lambda: right().linear[::-1],
+    **{f"{kind}.npy": lambda kind=kind: upside_down().astype(kind) for kind in ("uint8", "int16", "uint16", "int64")},
+}
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_files_of_every_kind_are_right(tmp_path, name):
+    assert grade.grade(written(tmp_path / name, RIGHT[name]()), right()).differ == 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_alpha_is_left_out_and_remarked(tmp_path):
+    see_through = np.dstack([right().codes, np.full((SIZE, SIZE), 128.0)])
+    grading = grade.grade(written(tmp_path / "a.png", see_through), right())
+    assert grading.right
+    assert tables.lines(grading.facts())[1] == "Note: image: its alpha channel is left out"
 
 
 def with_value(image: np.ndarray, value: float) -> np.ndarray:
@@ -81,6 +93,7 @@ REFUSED = [
     ("a.npy", lambda: np.array([{}], object), "file: expected an array"),
     ("a.npz", lambda: {"a": np.zeros(1), "b": np.zeros(1)}, "arrays: expected one named rgb, found a, b"),
     ("a.png", lambda: "text", "image: expected an image of type"),
+    ("a.jpg", lambda: right().codes, "image: expected a lossless format such as PNG, found JPEG"),
 ]
 
 
@@ -91,51 +104,26 @@ def test_what_cannot_be_graded_is_refused_in_one_line(tmp_path, name, image, mes
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint16, np.int64])
-def test_whole_numbers_of_any_integer_type_are_codes(tmp_path, kind):
-    np.save(tmp_path / "a.npy", right().codes[::-1].astype(kind))
-    assert grade.grade(tmp_path / "a.npy", right()).right
+def test_the_size_of_an_image_with_exchanged_axes_says_so(tmp_path):
+    solution = grade.right_of(builtin("course", resolution=(12, 9)), Settings.from_preset("course"))
+    with pytest.raises(InputError, match="rows and columns exchanged"):
+        grade.grade(written(tmp_path / "turned.png", np.zeros((12, 9, 3))), solution)
 
 
 def test_the_size_is_checked_before_anything_is_converted(tmp_path, monkeypatch):
-    np.save(tmp_path / "a.npy", np.zeros((4, 5, 3)))
-    png.write(tmp_path / "a.png", np.zeros((4, 5, 3), np.uint8))
-    exr.write(tmp_path / "a.exr", np.zeros((4, 5, 3), np.float32))
+    paths = [written(tmp_path / name, np.zeros((4, 5, 3))) for name in ("a.npy", "a.png", "a.exr")]
     monkeypatch.setattr(reading, "as_codes", None)
     monkeypatch.setattr(reading.np, "rint", None)
-    for name in ("a.npy", "a.png", "a.exr"):
+    for path in paths:
         with pytest.raises(InputError, match=r"size: expected 48 x 48 pixels, .*\(--resolution\), found 5 x 4"):
-            grade.grade(tmp_path / name, right())
-
-
-def test_the_size_of_an_image_with_exchanged_axes_says_so(tmp_path):
-    png.write(tmp_path / "turned.png", np.zeros((12, 9, 3), np.uint8))
-    solution = grade.right_of(builtin("course", resolution=(12, 9)), Settings.from_preset("course"))
-    with pytest.raises(InputError, match="rows and columns exchanged"):
-        grade.grade(tmp_path / "turned.png", solution)
-
-
-def test_jpeg_is_refused(tmp_path):
-    Image.fromarray(np.uint8(right().codes)).save(tmp_path / "a.png", "JPEG", quality=95)
-    with pytest.raises(InputError, match="image: expected a lossless format such as PNG, found JPEG"):
-        grade.grade(tmp_path / "a.png", right())
-
-
-def test_alpha_is_left_out_and_remarked(tmp_path):
-    see_through = np.dstack([right().codes, np.full((SIZE, SIZE), 128.0)])
-    Image.fromarray(np.uint8(see_through)).save(tmp_path / "a.png")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        grading = grade.grade(tmp_path / "a.png", right())
-    assert grading.right
-    assert tables.lines(grading.facts())[1] == "Note: image: its alpha channel is left out"
+            grade.grade(path, right())
 
 
 def test_a_folder_becomes_a_table_and_a_page(tmp_path):
     place = tmp_path / "in"
     (place / "late").mkdir(parents=True)
-    png.write(place / "<b>.png", np.uint8(right().codes))
-    png.write(place / "late" / "z.png", np.uint8(upside_down()))
+    written(place / "<b>.png", right().codes)
+    written(place / "late" / "z.png", upside_down())
     for name in (".hidden.png", "notes.txt", "bad.png"):
         (place / name).write_text("text")
     names = folder.submissions(place)
@@ -154,18 +142,16 @@ def test_a_folder_becomes_a_table_and_a_page(tmp_path):
 
 
 def test_a_summary_has_a_line_for_each_submission():
-    few, mixed = right().codes.copy(), upside_down().copy()
-    few[20, 20] = 255.0 - few[20, 20]
-    mixed[: SIZE // 2] = np.random.default_rng(0).integers(0, 256, (SIZE // 2, SIZE, 3))
-    images = {"a": right().codes, "b": upside_down(), "c": few, "d": mixed}
-    facts = [grade.graded(image, right(), name).facts() for name, image in images.items()]
+    fine, found = grade.graded(right().codes, right(), "a"), grade.graded(upside_down(), right(), "b")
+    unclear = replace(found, name="d", explanations=(replace(found.explanations[0], removed=0.2, fixed=0.1),))
+    facts = [grading.facts() for grading in (fine, found, replace(found, name="c", explanations=()), unclear)]
     lines = tables.summary([*facts, {"image": "e", "error": "image: expected an image"}])
+    differ = f"not right: {found.differ} of 2,304 pixels differ, by up to "
     assert lines[0] == "a: right within 1/255"
-    assert lines[1].startswith("b: not right: ")
+    assert all(line.startswith(f"{name}: {differ}") for name, line in zip("bcd", lines[1:4], strict=True))
     assert lines[1].endswith("; upside down (removes 100 %)")
-    assert lines[2].startswith("c: not right: 1 of 2,304 pixels differ, by up to")
-    assert "; no mistake explains it" in lines[2]
-    assert "; no mistake explains it; nearest: " in lines[3]
+    assert lines[2].endswith("; no mistake explains it")
+    assert lines[3].endswith("; no mistake explains it; nearest: upside down (removes 20 %)")
     assert lines[4] == "e: not graded: image: expected an image"
     assert lines[5] == "5 submissions: 1 right within 1/255, 3 not right (1 explained), 1 not graded"
 
@@ -206,41 +192,27 @@ def test_want_of_memory_costs_one_submission(monkeypatch):
 GIVEN = ("course", "--resolution", f"{SIZE},{SIZE}")
 
 
-def test_the_command_s_exit_codes(tmp_path, capsys):
-    png.write(tmp_path / "a.png", np.uint8(right().codes))
-    png.write(tmp_path / "b.png", np.uint8(upside_down()))
-    assert main(["grade", str(tmp_path / "a.png"), *GIVEN]) == 0
-    assert "right within 1/255" in capsys.readouterr().out
-    out = tmp_path / "found.png"
-    assert main(["grade", str(tmp_path / "b.png"), *GIVEN, "--json", "-o", str(out)]) == 1
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["explanations"][0]["mistake"] == "upside down"
-    assert png.read(out).ndim == 3
-    assert main(["grade", str(tmp_path / "none.png"), *GIVEN]) == 2
-    assert main(["grade", str(tmp_path / "a.png")]) == 2
-    assert main(["grade", str(tmp_path / "a.png"), *GIVEN, "--html", "x.html"]) == 2
-    assert main(["grade", "--list"]) == 0
-    assert "upside down: Row 0 of the course" in capsys.readouterr().out
-
-
-def test_the_command_on_a_folder(tmp_path, capsys):
-    place = tmp_path / "in"
+def test_the_command(tmp_path, capsys):
+    place, out = tmp_path / "in", tmp_path / "marked.png"
     place.mkdir()
-    png.write(place / "a.png", np.uint8(right().codes))
+    wrong = written(place / "b.png", upside_down())
+    code, said, _ = run(capsys, "grade", wrong, *GIVEN, "--json", "-o", out)
+    assert (code, json.loads(said)["explanations"][0]["mistake"]) == (1, "upside down")
+    assert png.read(out).ndim == 3
+    assert "upside down: Row 0 of the course" in run(capsys, "grade", "--list")[1]
+    wrong.unlink()
+    assert_refused(run(capsys, "grade", place, *GIVEN), "expected images in the folder, found none")
+    code, said, _ = run(capsys, "grade", written(place / "a.png", right().codes), *GIVEN)
+    assert (code, "right within 1/255" in said) == (0, True)
     table, html = tmp_path / "out.csv", tmp_path / "out.html"
-    assert main(["grade", str(place), *GIVEN, "-o", str(table), "--html", str(html)]) == 0
+    assert run(capsys, "grade", place, *GIVEN, "-o", table, "--html", html)[0] == 0
     assert table.read_text().splitlines()[1] == f"a.png,True,{SIZE * SIZE},0,0,0.0,False,,,,,,"
     assert html.stat().st_size > 1000
-    (place / "b.png").write_text("text")
-    capsys.readouterr()
-    assert main(["grade", str(place), *GIVEN, "--json"]) == 1
-    facts = json.loads(capsys.readouterr().out)["submissions"][1]
-    assert facts["submission"] == "b.png"
-    assert facts["error"].startswith("image: expected")
-    (place / "a.png").unlink()
-    (place / "b.png").unlink()
-    assert main(["grade", str(place), *GIVEN]) == 2
-    assert "expected images in the folder, found none" in capsys.readouterr().err
+    wrong.write_text("text")
+    code, said, _ = run(capsys, "grade", place, *GIVEN, "--json")
+    submission = json.loads(said)["submissions"][1]
+    assert (code, submission["submission"]) == (1, "b.png")
+    assert submission["error"].startswith("image: expected")
 
 
 def test_a_picture_names_what_it_shows(tmp_path):
@@ -252,16 +224,3 @@ def test_a_picture_names_what_it_shows(tmp_path):
         *("your image", "the right image with this mistake"),
     ]
     assert [part.get_suptitle() for part in figure.subfigs][1] == "upside down"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--list", "x.png"), "IMAGE: expected none with --list, found 'x.png'"),
-        (("--list", "--json"), "--json: cannot go with --list"),
-        (("x.png", "course", "--look", "studio"), "--look: the right image is drawn as --preset says"),
-    ],
-)
-def test_options_without_effect_are_refused(arguments, message, capsys):
-    assert main(["grade", *arguments]) == 2
-    assert message in " ".join(capsys.readouterr().err.split())

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from command_line import assert_refused, run
+from command_line import run
 from studies import sphere
 
 from clshade.errors import InputError
@@ -43,45 +43,21 @@ def test_render_obeys(device, capsys, tmp_path):
     assert code == 0
     chosen = json.loads(out)["chosen"]
     assert err[0] == "Variants tried"
-    assert err[1].split() == ["variant", "ms", "a", "frame", "half", "of", "them", "RMSE", "95", "%"]
-    for line, trial in zip(err[2:4], chosen["tried"], strict=True):
-        assert line.startswith(f"{trial['about']} ")
     assert " ".join(err[4:]).endswith("accurate enough: 4 samples")
     assert [trial["variant"] for trial in chosen["tried"]] == ["unchanged", "gouraud"]
     assert chosen["variant"] in ("unchanged", "gouraud")
     settings = exr.read(tmp_path / "a.exr")[1]["settings"]
-    for name, value in chosen["settings"].items():
-        assert f"{name}={value}" in settings
+    assert all(f"{name}={value}" in settings for name, value in chosen["settings"].items())
     code, out, err = run(capsys, *command, "--budget", "100s", "--near", "0.25")
     assert code == 0
-    assert "\nchosen  4 samples (samples=4): " in out
-    assert "kept as they are: near=0.25\n" in out
-    assert "3 of 3 variants drawn, in " in out
-    assert "RMSE" in out
+    for words in (
+        "\nchosen  4 samples (samples=4): ",
+        "kept as they are: near=0.25\n",
+        "3 of 3 variants drawn, in ",
+        "RMSE",
+    ):
+        assert words in out
     assert run(capsys, "--quiet", *command, "--budget", "100s")[2] == []
-
-
-@pytest.mark.usefixtures("quick")
-def test_render_refuses_what_nothing_keeps(device, capsys, tmp_path):
-    command = ("render", "icosphere", "--device", device.index, "--resolution", "48,36", "-o", tmp_path / "a")
-    assert_refused(run(capsys, *command, "--tolerance", "1e-30"), "--tolerance: ", "1e-30", "the best")
-    assert_refused(run(capsys, *command, "--budget", "1us"), "--budget: 0.001 ms is too short: the fastest variant, ")
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.long
-def test_a_real_study_chooses(device):
-    """With a reference of 256 samples; no budget is met reliably enough to be asserted."""
-    best = select(sphere(), budget=1e6, device=device)
-    drawn = {tried.variant.name for tried in best.tried}
-    assert drawn == {"unchanged", *sum(LADDER, ())} - {BASE, "vertex-texture", "trilinear", "trilinear-4"}
-    assert best.used.variant.name == "samples-64"
-    tolerance = 2.0 * best.used.error
-    kept = select(sphere(), tolerance=tolerance, device=device)
-    image = render(sphere(), settings=kept.settings, device=device).rgb
-    assert len(kept.thinned.windows) == 1
-    assert rmse(image.reshape(-1, 3), kept.reference.rgb) == pytest.approx(kept.used.error, rel=1e-12)
-    assert kept.used.error <= tolerance + kept.reference.error
 
 
 @pytest.mark.long

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from oracle_frames import frame_of
+from processes import ROOT
 
 import clshade
 from clshade.errors import InputError
@@ -22,7 +25,7 @@ from clshade.scene.builtin import scenes
 from clshade.scene.description import PARTS
 from clshade.scene.model import Material, Mesh, Scene, Settings
 
-ROOT = Path(__file__).resolve().parents[2]
+Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
 
 
 def scene() -> Scene:
@@ -85,61 +88,100 @@ def test_seeds_are_fresh_and_repeat_a_sample(tmp_path):
     assert clshade.verify(path, scene(), pixels=9, seed=first.seed).stats() == first.stats()
 
 
-def written_again(path: Path, record=None, storage=None, half=False, **planes: np.ndarray) -> None:
-    """Write an EXR with other fields of its record, None for none, and the seal that belongs to it, with other channels or
+def written_again(
+    path: Path,
+    record: Mapping[str, Any] = {},
+    storage: Mapping[str, Any] = {},
+    half=False,
+    change: Change | None = None,
+) -> None:
+    """Write an EXR with other fields of its record, None for none, and the seal that belongs to it, with changed channels or
     as half."""
-    before, header = exr.read(path)
-    new = {**json.loads(header[RECORD]), **(record or {})}
+    planes, header = exr.read(path)
+    new = {**json.loads(header[RECORD]), **record}
     new = {name: value for name, value in new.items() if value is not None}
-    new["storage"] = {**new["storage"], **(storage or {})}
+    new["storage"] = {**new["storage"], **storage}
     metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
-    exr.write(path, {**before, **planes}, metadata=sealed(metadata, new), half=half)
+    exr.write(path, change(planes) if change else planes, metadata=sealed(metadata, new), half=half)
 
 
 def test_other_kernels_are_a_remark(tmp_path):
     path = saved(tmp_path)
-    written_again(path, {"kernels": "others", "device": "a card", "version": "1\nverified \x1b[31m"})
+    written_again(path, {"kernels": "others", "device": "a Würfel", "version": "1\nverified \x1b[31m"})
     verdict = clshade.verify(path, scene(), pixels=50)
     assert verdict.passed
     assert "other kernels" in verdict.remarks[0]
     lines = "\n".join(verdict.lines())
     assert lines.count("\n") == len(verdict.lines()) - 1
     assert "\x1b" not in lines
-    assert "on a card, as the header says" in lines
+    assert "on a Würfel, as the header says" in lines
     header = exr.read(path)[1]
+    assert "Würfel" in header[RECORD]  # which people can read
     assert header["clshadeSeal"] == seal_of(header)
 
 
-def test_what_cannot_be_judged_is_refused_in_one_line(tmp_path):
+def cut(name: str) -> Change:
+    return lambda planes: {layer: plane for layer, plane in planes.items() if layer != name}
+
+
+def retyped(name: str, kind: type) -> Change:
+    return lambda planes: {**planes, name: np.nan_to_num(planes[name], posinf=1.0).astype(kind)}
+
+
+PICTURE = {"tonemap": "srgb", "exposure": 0.0, "colorbar": False}
+SCENE = r"\.scene: expected digests of meshes, materials"
+CORNERS = "header: clshade.subpixels: expected corners snapped to 1/65536 px, found 1/256 px: only the version"
+PRECISION = "header: clshade.settings.precision: expected float32 or float64, found fast: only the version of clshade"
+ALL = "R, G, B and A of the whole image"
+# Fields of the record, of its storage, a change of the channels; the refusal
+REFUSED: list[tuple[dict[str, Any], dict[str, Any], Change | None, str]] = [
+    ({}, {}, lambda planes: {name: plane[:-1] for name, plane in planes.items()}, "80 x 60 pixels, as the header says"),
+    ({}, {}, cut("Z"), "the layer Z, as the header says"),
+    ({}, {}, cut("A"), ALL),
+    ({}, {}, retyped("R", np.uint32), "channels: expected"),
+    ({}, {}, retyped("Z", np.uint32), "channels: expected"),
+    ({}, {}, retyped("id", np.float32), "channels: expected"),
+    ({}, {"half": "yes"}, None, r"clshade\.storage"),
+    ({}, {"crop": 1}, None, r"clshade\.storage"),
+    ({}, {"png": {"tonemap": "srgb"}}, None, r"clshade\.storage"),
+    ({}, {"png": {**PICTURE, "tonemap": "no such"}}, None, r"clshade\.storage"),
+    ({}, {"png": {**PICTURE, "exposure": 1e9}}, None, r"clshade\.storage"),
+    ({}, {"png": {**PICTURE, "colorbar": True}}, None, r"clshade\.storage"),  # without scalars
+    ({}, {"more": 1}, None, r"clshade\.storage"),
+    ({"scene": {}}, {}, None, SCENE),
+    ({"scene": {"meshes": "0"}}, {}, None, SCENE),
+    ({"scene": dict.fromkeys(PARTS, 0)}, {}, None, SCENE),
+    ({"subpixels": None}, {}, None, CORNERS),
+    ({"subpixels": 256}, {}, None, CORNERS),
+    ({"settings": {"layers": ["Z", "id"], "precision": "fast"}}, {}, None, PRECISION),
+]
+
+
+@pytest.mark.parametrize(("record", "storage", "change", "message"), REFUSED)
+def test_what_cannot_be_judged_is_refused_in_one_line(tmp_path, record, storage, change, message):
     path = saved(tmp_path)
+    written_again(path, record, storage, change=change)
+    with pytest.raises(InputError, match=message) as caught:
+        clshade.verify(path, scene())
+    assert "\n" not in str(caught.value)
+
+
+def test_files_and_arguments_that_are_refused(tmp_path):
+    path = saved(tmp_path)
+    with pytest.raises(InputError, match="expected the Scene that was drawn"):  # teapot(3) is not the built-in one
+        clshade.verify(path)
     planes, header = exr.read(path)
     metadata = {name: value for name, value in header.items() if name not in exr.PROTECTED}
     for change, expected in (
         ({"metadata": {}}, "the record of how, found none"),
-        ({"channels": {name: plane[:-1] for name, plane in planes.items()}}, "80 x 60 pixels, as the header says"),
-        ({"channels": {name: planes[name] for name in "RGBA"}}, "the layer Z, as the header says"),
-        ({"channels": {name: planes[name] for name in ("R", "G", "B", "Z", "id")}}, "R, G, B and A of the whole image"),
         ({"compression": "dwaa"}, "compression: expected a lossless one"),
     ):
         exr.write(tmp_path / "other.exr", **{"channels": planes, "metadata": metadata, **change})
-        with pytest.raises(InputError, match=expected) as caught:
-            clshade.verify(tmp_path / "other.exr", scene())
-        assert "\n" not in str(caught.value)
-    for refused, expected in (({"pixels": 0}, "pixels: expected"), ({"seed": -1}, "seed: expected")):
         with pytest.raises(InputError, match=expected):
-            clshade.verify(path, scene(), **refused)
-    with pytest.raises(InputError, match="scene: expected a Scene"):
-        clshade.verify(path, "teapot")
-
-
-def test_channels_of_another_type_are_refused(tmp_path):
-    path = saved(tmp_path)
-    for name, kind in (("R", np.uint32), ("Z", np.uint32), ("id", np.float32)):
-        before = exr.read(path)[0][name]
-        written_again(path, **{name: np.nan_to_num(before, posinf=1.0).astype(kind)})
-        with pytest.raises(InputError, match="channels: expected"):
-            clshade.verify(path, scene())
-        written_again(path, **{name: before})
+            clshade.verify(tmp_path / "other.exr", scene())
+    for refused in ({"pixels": 0}, {"seed": -1}, {"scene": "teapot"}):
+        with pytest.raises(InputError, match=f"{next(iter(refused))}: expected"):
+            clshade.verify(path, **{"scene": scene(), **refused})
 
 
 def test_an_image_written_again_as_half_is_not_as_its_record_says(tmp_path):
@@ -149,61 +191,11 @@ def test_an_image_written_again_as_half_is_not_as_its_record_says(tmp_path):
     assert "the file was written again: float16 where it had float32" in verdict.faults
 
 
-PICTURE = {"tonemap": "srgb", "exposure": 0.0, "colorbar": False}
-
-
-@pytest.mark.parametrize(
-    ("record", "storage"),
-    [
-        ({}, {"half": "yes"}),
-        ({}, {"crop": 1}),
-        ({}, {"png": {"tonemap": "srgb"}}),
-        ({}, {"png": {**PICTURE, "tonemap": "no such"}}),
-        ({}, {"png": {**PICTURE, "exposure": 1e9}}),
-        ({}, {"png": {**PICTURE, "colorbar": True}}),  # without scalars
-        ({}, {"more": 1}),
-        ({"scene": {}}, {}),
-        ({"scene": {"meshes": "0"}}, {}),
-        ({"scene": dict.fromkeys(PARTS, 0)}, {}),
-    ],
-)
-def test_records_that_cannot_be_are_refused(tmp_path, record, storage):
-    path = saved(tmp_path)
-    written_again(path, record, storage)
-    expected = r"\.scene: expected digests of meshes, materials" if record else r"clshade\.storage"
-    with pytest.raises(InputError, match=expected):
-        clshade.verify(path, scene())
-
-
-def test_an_image_of_precision_fast_is_refused_in_one_sentence(tmp_path):
-    path = saved(tmp_path)
-    settings = json.loads(exr.read(path)[1][RECORD])["settings"]
-    written_again(path, {"settings": {**settings, "precision": "fast"}})
-    expected = (
-        "header: clshade.settings.precision: expected float32 or float64, found fast: only the version of clshade"
-    )
-    with pytest.raises(InputError, match=expected):
-        clshade.verify(path, scene())
-
-
-@pytest.mark.parametrize("steps", [None, 256])
-def test_an_image_of_coarser_corners_is_refused_in_one_sentence(tmp_path, steps):
-    path = saved(tmp_path)
-    written_again(path, {"subpixels": steps})
-    expected = "header: clshade.subpixels: expected corners snapped to 1/65536 px, found 1/256 px: only the version"
-    with pytest.raises(InputError, match=expected):
-        clshade.verify(path, scene())
-
-
-def test_a_record_is_text_that_people_can_read():
-    assert sealed({}, {"name": "Würfel"})[RECORD] == '{"name":"Würfel"}'
-
-
 @pytest.mark.parametrize("name", ["R", "A", "Z", "id"])
 def test_an_image_of_which_nothing_is_right(tmp_path, name):
     path = saved(tmp_path)
-    plane = exr.read(path)[0][name]
-    written_again(path, **{name: plane + plane.dtype.type(7) if name != "Z" else np.full_like(plane, np.nan)})
+    off = np.nan if name == "Z" else 7
+    written_again(path, change=lambda planes: {**planes, name: planes[name] + planes[name].dtype.type(off)})
     verdict = clshade.verify(path, scene(), pixels=300)
     assert verdict.wrong == 300
     assert verdict.claim == "any number of the pixels may be wrong"
@@ -221,12 +213,6 @@ def test_a_picture_that_is_not_the_exr_is_a_fault(tmp_path):
     assert "teapot.png" in verdict.faults[0]
 
 
-def test_another_scene_of_a_builtin_name_has_to_be_given(tmp_path):
-    path = saved(tmp_path)  # of teapot(3), which is not the built-in one
-    with pytest.raises(InputError, match="expected the Scene that was drawn"):
-        clshade.verify(path)
-
-
 def test_pixels_whose_face_cannot_be_told_are_not_verified(tmp_path):
     """Two quads at one depth, of which either may show, so that any color would pass."""
     corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
@@ -239,12 +225,13 @@ def test_pixels_whose_face_cannot_be_told_are_not_verified(tmp_path):
     assert clshade.verify(path, drawn, pixels="all").passed
     planes = exr.read(path)[0]
     path.with_suffix(".png").unlink()
-    written_again(path, **{name: np.where(planes["A"] > 0, 123, planes[name]).astype(np.float32) for name in "RGB"})
+    other_colors = {name: np.where(planes["A"] > 0, 123, planes[name]).astype(np.float32) for name in "RGB"}
+    written_again(path, change=lambda _: {**planes, **other_colors})
     with pytest.raises(InputError, match="which cannot be judged"):
         clshade.verify(path, drawn, pixels="all")
     at = np.argwhere(planes["A"] > 0)[0]
     planes["R"][tuple(at)] = 123
-    written_again(path, **planes)
+    written_again(path, change=lambda _: planes)
     verdict = clshade.verify(path, drawn, pixels="all")
     assert verdict.ties == 1
     assert "and 1 cannot be judged" in verdict.claim

@@ -22,8 +22,8 @@ PIXEL = coverage.SUBPIXELS
 UP = np.array([0.0, 0, 1])
 
 
-def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
-    return np.allclose(found, expected, rtol=rtol, atol=atol)
+def close(actual, expected, rtol=1e-12, atol=1e-12) -> bool:
+    return np.allclose(actual, expected, rtol=rtol, atol=atol)
 
 
 # Transform
@@ -64,13 +64,13 @@ def test_world_vertices():
 def test_vertex_normals():
     verts = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]])
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
-    found = vertex_normals(verts, faces)[0]
-    assert close(found[0], np.ones(3) / math.sqrt(3), atol=1e-15)
-    assert close(found[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
-    assert not found[4].any()
+    normals = vertex_normals(verts, faces)[0]
+    assert close(normals[0], np.ones(3) / math.sqrt(3), atol=1e-15)
+    assert close(normals[1], np.array([0, 1, 1]) / math.sqrt(2), atol=1e-15)
+    assert not normals[4].any()
     assert not vertex_normals(verts, np.array([[0, 1, 2], [0, 2, 1]]))[0].any()
     for scale in (1e-150, 1e150):
-        assert close(vertex_normals(verts * scale, faces)[0], found, atol=1e-15)
+        assert close(vertex_normals(verts * scale, faces)[0], normals, atol=1e-15)
     # Faces are weighted by area: twice the area, twice the weight.
     folded = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 1]])
     assert close(vertex_normals(folded, [[0, 1, 2], [0, 3, 1]])[0][0], np.array([0, 1, 2]) / math.sqrt(5), atol=1e-15)
@@ -90,8 +90,8 @@ def test_errors_of_vertex_normals_of_slivers():
             exact = np.zeros((len(verts), 3), np.longdouble)
             np.add.at(exact, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
             exact /= np.sqrt((exact * exact).sum(axis=1, keepdims=True))
-            found, allowed = vertex_normals(verts, faces)
-            off = np.sqrt(((found - exact) ** 2).sum(axis=1)).astype(np.float64)
+            normals, allowed = vertex_normals(verts, faces)
+            off = np.sqrt(((normals - exact) ** 2).sum(axis=1)).astype(np.float64)
             assert (off <= allowed / 2.0 + 4 * 2.0**-53).all()  # of two sides, and the rounding of normalization
             shares.append((off / allowed).max())
         assert 1e-16 / width < allowed.max() < 1e-13 / width
@@ -242,10 +242,10 @@ def test_samples_are_the_masks():
     setup = coverage.setup(xy, 20, 17)
     alive = np.flatnonzero(~setup.culled)
     for limit in (1, 50, 10**6):
-        found = np.zeros((len(alive), 17, 20), int)
+        counts = np.zeros((len(alive), 17, 20), int)
         for k, column, row, _ in coverage.samples(xy[alive], setup.box[alive], limit):
-            np.add.at(found, (k, row, column), 1)
-        assert np.array_equal(found, [coverage.triangle_mask(t, 20, 17) for t in xy[alive]])
+            np.add.at(counts, (k, row, column), 1)
+        assert np.array_equal(counts, [coverage.triangle_mask(t, 20, 17) for t in xy[alive]])
 
 
 def test_painter_order():
@@ -329,8 +329,8 @@ def test_conditioning_budget_and_gate():
     assert close(kappa(point, 5.0), [5, 5000], rtol=1e-9)
     assert kappa(point[0], 5.0, 0.01) == pytest.approx(100)
     surface = Surface(1.0, np.full(3, 0.1), {"kd": np.full(3, 0.2), "ks": np.full(3, 0.3)})
-    found = shade.budget(np.array([0.5, 1, 3]), surface, np.array([[2.0, 2, -2]] * 2))
-    assert close(found, [2.1, 2.1, 6.1])
+    budget = shade.budget(np.array([0.5, 1, 3]), surface, np.array([[2.0, 2, -2]] * 2))
+    assert close(budget, [2.1, 2.1, 6.1])
     # In orthographic projection directions to the eye are exact, and coordinates are relative to the origin.
     beside = point[:1] + [0, 0, 1]
     assert kappa(point[:1], 1e6, eye=beside, parallel=True) == pytest.approx(1e6)
@@ -400,10 +400,10 @@ def test_lookup_is_defined_everywhere(lookup, wrap):
     wild = np.array([0.0, -0.0, 1, 1e30, -1e30, -1e-30, np.inf, -np.inf, np.nan])
     uv = np.stack(np.meshgrid(wild, wild), axis=-1)
     for image in (IMAGE, IMAGE[:1, :1], IMAGE[:1], IMAGE[:, :1]):
-        found = texture.bilerp(uv, image, lookup, wrap)
-        assert (found >= image.min()).all()
-        assert (found <= image.max()).all()
-        assert np.array_equal(found[6:], np.broadcast_to(found[0], (3, *found.shape[1:])))  # not finite: as 0
+        colors = texture.bilerp(uv, image, lookup, wrap)
+        assert (colors >= image.min()).all()
+        assert (colors <= image.max()).all()
+        assert np.array_equal(colors[6:], np.broadcast_to(colors[0], (3, *colors.shape[1:])))  # not finite: as 0
 
 
 def test_steepness_is_the_slope_of_the_highlight():

@@ -27,8 +27,8 @@ QUAD = [[0, 1, 2], [0, 2, 3]]
 QUAD_UVS = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]])
 
 
-def close(found, expected, rtol=1e-12, atol=1e-12) -> bool:
-    return np.allclose(found, expected, rtol=rtol, atol=atol)
+def close(actual, expected, rtol=1e-12, atol=1e-12) -> bool:
+    return np.allclose(actual, expected, rtol=rtol, atol=atol)
 
 
 def quad(half: float = 1.0, z: float = 0.0, **fields) -> Mesh:
@@ -164,12 +164,12 @@ def test_batches_change_nothing():
     row, column = np.divmod(np.arange(32 * 32), 32)
     for visibility in ("painter", "depth"):
         shot = prepare(scene, Settings(visibility=visibility))
-        whole = owners(shot, column, row)
+        expected = owners(shot, column, row)
         # Each face has a twin, the later of which is visible.
-        assert shot.pieces.face[whole[whole >= 0]].min() >= 400
+        assert shot.pieces.face[expected[expected >= 0]].min() >= 400
         for limit in (150, 3000):
             some = partial(coverage.samples_at, limit=limit)
-            assert np.array_equal(owners(shot, column, row, covered=some), whole)
+            assert np.array_equal(owners(shot, column, row, covered=some), expected)
 
 
 def test_culling_and_winding():
@@ -282,8 +282,8 @@ def test_pixels_parts_and_depth_at_agree_with_render(preset, monkeypatch):
     scene, settings = Scene((blob(),), CAMERA, (LIGHT,), preset=preset), Settings.from_preset(preset)
     frame = oracle.render(scene, settings)
     rows, columns = np.indices(frame.id.shape)
-    found = oracle.depth_at(scene, settings, frame.id.ravel().astype(int) - 1, rows.ravel(), columns.ravel())
-    assert np.array_equal(found.reshape(frame.Z.shape), frame.Z)
+    depths = oracle.depth_at(scene, settings, frame.id.ravel().astype(int) - 1, rows.ravel(), columns.ravel())
+    assert np.array_equal(depths.reshape(frame.Z.shape), frame.Z)
     some = oracle.render(scene, settings, rows[5:9, 3], columns[5:9, 3])
     assert np.array_equal(some.rgb, frame.rgb[5:9, 3])
     monkeypatch.setattr(oracle_frame, "MAX_SAMPLES", 300)

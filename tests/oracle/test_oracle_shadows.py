@@ -20,7 +20,7 @@ CAMERA = Camera((0.0, 5.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0, (1.0, 1
 
 def quad(center: tuple[float, float, float], across: tuple[float, ...], along: tuple[float, ...]) -> Mesh:
     """Return a parallelogram around a center, from half its sides."""
-    c, u, v = (np.array(each, np.float64) for each in (center, across, along))
+    c, u, v = (np.array(vector, np.float64) for vector in (center, across, along))
     return Mesh(np.array([c - u - v, c + u - v, c + u + v, c - u + v]), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
@@ -33,14 +33,14 @@ def casters_of(*meshes: Mesh) -> shadows.Casters:
 
 def on(casters: shadows.Casters, face: int, points: np.ndarray) -> shadows.Receivers:
     """Return receivers at points (K, 3) in world space."""
-    own = (np.asarray(points, np.float64) - casters.origin) / casters.scale
-    return shadows.Receivers(casters, own, np.full(len(own), face), np.full(len(own), shadows.OFF))
+    local = (np.asarray(points, np.float64) - casters.origin) / casters.scale
+    return shadows.Receivers(casters, local, np.full(len(local), face), np.full(len(local), shadows.OFF))
 
 
 def grid(count: int, reach: float, height: float = 0.0) -> np.ndarray:
     """Return the centers of count^2 squares of the plane y = height, |x| and |z| at most reach."""
     line = (np.arange(count) + 0.5) / count * 2.0 * reach - reach
-    x, z = (each.ravel() for each in np.meshgrid(line, line))
+    x, z = (coordinate.ravel() for coordinate in np.meshgrid(line, line))
     return np.stack([x, np.full_like(x, height), z], axis=1)
 
 
@@ -72,16 +72,16 @@ def test_orientation_is_exact_where_float64_is_not():
     d[::2, 0] = np.nextafter(d[::2, 0], 9.0)
     a[:100], b[:100], c[:100], d[:100] = (np.round(4.0 * v[:100]) / 4.0 for v in (a, b, c, d))
     d[:50] = a[:50] + 2.0 * (b[:50] - a[:50]) - (c[:50] - a[:50])
-    found = orientation(a, b, c, d)
+    signs = orientation(a, b, c, d)
     for k in range(len(a)):
         rows = [
             [Fraction(x) - Fraction(y) for x, y in zip(v[k].tolist(), a[k].tolist(), strict=True)] for v in (b, c, d)
         ]
         (p, q, r), (s, t, u), (v, w, x) = rows
         volume = p * (t * x - u * w) - q * (s * x - u * v) + r * (s * w - t * v)
-        assert found[k] == (volume > 0) - (volume < 0)
-    assert (found[:50] == 0).all()
-    assert {-1, 0, 1} <= set(found.tolist())
+        assert signs[k] == (volume > 0) - (volume < 0)
+    assert (signs[:50] == 0).all()
+    assert {-1, 0, 1} <= set(signs.tolist())
 
 
 # Closed forms
@@ -115,7 +115,7 @@ def test_a_closed_box_is_dark_inside():
     sides += [quad((0, 0, s), (0, s, 0), (1, 0, 0)) for s in (-1.0, 1.0)]
     casters = casters_of(*sides)
     line = np.linspace(-1.0, 1.0, 9)
-    y, z = (each.ravel() for each in np.meshgrid(line, line))
+    y, z = (coordinate.ravel() for coordinate in np.meshgrid(line, line))
     at = np.concatenate([np.full(len(y), 0), np.full(len(y), 1)])
     points = np.tile(np.stack([np.full_like(y, -1.0), y, z], axis=1), (2, 1))
     for light in (PointLight((3.0, 0.0, 0.0)), PointLight((2.0, 2.0, 2.0)), DirectionalLight((-1.0, 0.0, 0.0))):
@@ -149,9 +149,9 @@ def test_coplanar_faces_cast_no_shadow_on_each_other():
     turned = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     points = grid(30, 7.9)
     for heights in (0.0, 1e-14):
-        other = quad((1.0, heights * -1.0, 1.0), (3.0, 0.0, 0.0), (0.0, 0.0, -3.0))
+        second_ground = quad((1.0, heights * -1.0, 1.0), (3.0, 0.0, 0.0), (0.0, 0.0, -3.0))
         for light in (PointLight((20.0, 1e-3, 3.0)), DirectionalLight((1.0, -1e-6, 0.3))):
-            dark, unsure = dark_on_ground(light, points, other)
+            dark, unsure = dark_on_ground(light, points, second_ground)
             assert not dark.any()
             assert not unsure.any()
     casters = casters_of(replace(GROUND, verts=GROUND.verts @ turned.T))
@@ -198,8 +198,8 @@ def pairs_of_all(casters: shadows.Casters, light: Light, at: shadows.Receivers, 
     tried = shadows.candidates(rays, casters.opaque)
     k, column = np.nonzero(at.face[:, None] != casters.opaque)
     triangle = casters.opaque[column]
-    found = np.logical_or(*shadows.Tests(rays[k], triangle).hits())
-    pairs = zip(k[found].tolist(), triangle[found].tolist(), strict=True)
+    hits = np.logical_or(*shadows.Tests(rays[k], triangle).hits())
+    pairs = zip(k[hits].tolist(), triangle[hits].tolist(), strict=True)
     return set(zip(*map(np.ndarray.tolist, tried), strict=True)), set(pairs)
 
 
@@ -243,16 +243,16 @@ def test_slivers_and_triangles_without_area_hide_at_most_what_they_cover():
 def test_points_lie_where_the_rays_meet_the_plane(orthographic):
     camera = replace(CAMERA, orthographic=orthographic, plane=(4.0, 4.0), principal=(0.4, 0.7), resolution=(16, 8))
     casters = casters_of(GROUND)
-    x, y = (each.ravel() for each in np.meshgrid(np.arange(16) * 256 + 128, np.arange(8) * 256 + 40))
+    x, y = (coordinate.ravel() for coordinate in np.meshgrid(np.arange(16) * 256 + 128, np.arange(8) * 256 + 40))
     right, up = (x / 4096.0 - 0.4) * 4.0, (y / 2048.0 - 0.7) * 4.0
     expected = np.stack([right, np.zeros(len(x)), -up], axis=1) * (1.0 if orthographic else 5.0)
     seen = shadows.at_pixels(casters, camera, faces_of_ground(expected), x, y)
     inside = (np.abs(expected) < 7.9).all(axis=1)
     assert inside.sum() > 20
-    found = seen.point * casters.scale + casters.origin
-    assert np.abs(found - expected)[inside].max() < 1e-12
-    assert np.abs(found[:, 1]).max() == 0.0
-    assert np.abs(found).max() <= 8.0
+    points = seen.point * casters.scale + casters.origin
+    assert np.abs(points - expected)[inside].max() < 1e-12
+    assert np.abs(points[:, 1]).max() == 0.0
+    assert np.abs(points).max() <= 8.0
     assert seen.off.max() < 1e-9
 
 
@@ -272,11 +272,11 @@ def test_the_terminator_is_soft_where_normals_differ_and_absent_where_they_agree
     to_light = np.stack([np.cos(angle), np.sin(angle), np.zeros(60)], axis=1)
     assert (share(up, up, to_light)[0][angle > 0.01] == 1.0).all()
     bent = np.array([np.sin(0.3), np.cos(0.3), 0.0])
-    for found in (share(bent, up, to_light), share(bent, bent, to_light, turned=bent, bend=0.2)):
-        assert (found[0][to_light @ bent > 0.999] > 0.99).all()
-        assert (np.diff(found[0]) >= 0.0)[angle[1:] < np.pi / 2 - 0.3].all()
-        assert (found[1] <= found[0]).all()
-        assert (found[0] <= found[2]).all()
+    for shares in (share(bent, up, to_light), share(bent, bent, to_light, turned=bent, bend=0.2)):
+        assert (shares[0][to_light @ bent > 0.999] > 0.99).all()
+        assert (np.diff(shares[0]) >= 0.0)[angle[1:] < np.pi / 2 - 0.3].all()
+        assert (shares[1] <= shares[0]).all()
+        assert (shares[0] <= shares[2]).all()
     assert (share(bent, up, to_light)[0][angle <= 0.0] == 0.0).all()
     assert (share(up, up, to_light, turned=bent)[0][angle < 0.0] == 0.0).all()
     assert share(up, -up, np.array([[0.6, 0.8, 0.0]]))[0] == 0.0

@@ -1,4 +1,4 @@
-"""Ambient occlusion: against closed forms, against the oracle, which tries every triangle, and bit by bit against itself."""
+"""Ambient occlusion in closed form, and what it has to do with shadows."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import oracle_asserts
 import pytest
-from devices import rendered, skip_unsupported
+from devices import rendered
 
-from clshade import oracle
 from clshade.measure.stability.cases.lit import blob
 from clshade.pipeline.frame import Frame, same_bits
 from clshade.scene.camera import Camera
-from clshade.scene.environment import Environment
-from clshade.scene.material import MetallicRoughness
-from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
+from clshade.scene.model import Material, Mesh, PointLight, Scene
 
 MATERIAL = Material(ka=(0.5, 0.6, 0.7), kd=0.4, ks=0.2, n=9.0)
 ABOVE = Camera((0.0, 6.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 1.0, (1.0, 1.0), (24, 24))
@@ -50,20 +46,6 @@ def scene_of(*meshes: Mesh, **fields: Any) -> Scene:
 
 def draw(device, scene: Scene, **options: Any) -> Frame:
     return rendered(scene, device=device, **{"layers": ("Z", "id", "P", "AO"), "ambient_occlusion": 4, **options})
-
-
-def assert_equals_oracle(frame: Frame) -> Any:
-    """Assert that image and layer are the oracle's within the bounds, and that few pixels need the exception of rays that
-    pass edges. Return the oracle's layers."""
-    agreement = oracle_asserts.assert_drawn(frame)
-    assert agreement.gates.mean() < 2e-2
-    layers = oracle.render_layers(frame.scene, frame.settings)
-    oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings)
-    assert (layers.open_spread > 1e-4).mean() < 1e-2
-    return layers
-
-
-# Closed forms
 
 
 def box(half: float = 1.0) -> Mesh:
@@ -136,95 +118,6 @@ def test_of_a_sphere_on_a_plane_the_form_factor_is_missing(device):
     missing = (frame["AO"][seen] - (1.0 - (0.5 / distance) ** 2 * to_center[:, 1] / distance)).mean()
     assert seen.sum() > 300
     assert abs(missing) < 2e-3  # the mesh lies within the sphere
-
-
-# The oracle
-
-
-def glass(scene: Scene) -> Scene:
-    *rest, last = scene.meshes
-    clear = replace(last, material=replace(MATERIAL, blend=True, opacity=0.5))
-    return replace(scene, meshes=(*rest, clear))
-
-
-def leaves(scene: Scene) -> Scene:
-    """Return the scene with holes in its last mesh."""
-    image = np.ones((8, 8, 4))
-    image[..., 3] = np.random.default_rng(1).uniform(size=(8, 8)) > 0.4
-    *rest, last = scene.meshes
-    cut = replace(last, uvs=last.verts[:, 1:], material=replace(MATERIAL, texture=Texture(image), alpha_cutoff=0.5))
-    return replace(scene, meshes=(*rest, cut))
-
-
-def in_an_environment(scene: Scene) -> Scene:
-    """Return the scene, with another material, in front of a bright and a dark half."""
-    image = np.linspace(0.1, 1.5, 16 * 32 * 3).reshape(16, 32, 3)
-    facets = replace(MATERIAL, pbr=MetallicRoughness(0.3, 0.4))
-    meshes = (*scene.meshes[:-1], replace(scene.meshes[-1], material=facets))
-    return replace(scene, meshes=meshes, environment=Environment(image))
-
-
-CASES = {
-    "phong": ({}, scene_of),
-    "plain": ({"ambient": "plain", "shadows": True}, scene_of),
-    "gouraud": ({"shader": "gouraud"}, scene_of),
-    "gouraud, plain": ({"shader": "gouraud", "ambient": "plain"}, scene_of),
-    "pbr": ({"preset": "pbr"}, scene_of),
-    "environment": ({"preset": "pbr"}, lambda: in_an_environment(scene_of())),
-    "no light": ({}, lambda: scene_of(lights=())),
-    "nolight": ({"shader": "nolight"}, scene_of),
-    "samples": ({"samples": 3, "sample_shading": True}, scene_of),
-    "glass": ({}, lambda: glass(scene_of())),
-    "leaves": ({"ao_distance": 3.0}, lambda: leaves(scene_of())),
-    "parallel": ({}, lambda: scene_of(camera=replace(ASIDE, orthographic=True, plane=(5.0, 5.0)))),
-    "far": ({"ao_distance": 1e300}, scene_of),
-    "near": ({"ao_distance": 0.8}, scene_of),
-    "course": ({"preset": "course"}, scene_of),
-    "float64": ({"precision": "float64"}, scene_of),
-}
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("name", CASES)
-def test_it_equals_the_oracle(device, name):
-    options, make = CASES[name]
-    skip_unsupported(device, options)
-    frame = draw(device, make(), **options)
-    lit = frame.settings.shader != "nolight"
-    assert ("AMBIENT_OCCLUSION" in frame.stats["features"]) == lit
-    assert_equals_oracle(frame)
-    covered = frame["id"] > 0
-    assert 0.2 < frame["AO"][covered].mean() < 0.999
-    plain = draw(device, make(), **{**options, "ambient_occlusion": 0, "layers": ("Z", "id", "P")})
-    assert (frame.rgb < plain.rgb - 1e-3).any(axis=-1).mean() > (0.02 if lit else -1.0)
-    assert not (frame.rgb > plain.rgb + 1e-6).any()
-
-
-def test_an_error_is_noticed(device):
-    """Another number of rays, another distance, a caster elsewhere, or one pixel's share."""
-    frame = draw(device, scene_of())
-    for changed in ({"ambient_occlusion": 5}, {"ao_distance": 1.02 * frame.settings.ao_distance}):
-        expected = oracle.render(frame.scene, replace(frame.settings, **changed))
-        with pytest.raises(AssertionError, match="bounds"):
-            oracle_asserts.assert_frame(frame, expected, frame.scene, frame.settings)
-    layers = oracle.render_layers(frame.scene, frame.settings)
-    frame["AO"][10, 10] += 0.25 if frame["AO"][10, 10] < 0.5 else -0.25
-    with pytest.raises(AssertionError, match="AO differs"):
-        oracle_asserts.assert_layers(frame, layers, frame.scene, frame.settings)
-
-
-# Bits
-
-
-def test_without_it_nothing_changes(device):
-    """No rays: the same features, hence the same programs, whatever their length; the feature forced on: the same bits."""
-    options = {"ambient_occlusion": 0, "layers": ("id",)}
-    plain, far = (draw(device, scene_of(), **options, **more) for more in ({}, {"ao_distance": 9.0}))
-    assert plain.stats["features"] == far.stats["features"]
-    assert plain.stats["left_out"]["AMBIENT_OCCLUSION"] == "no ambient occlusion asked for"
-    forced = draw(device, scene_of(), **options, forced=("AMBIENT_OCCLUSION",))
-    assert "AMBIENT_OCCLUSION" in forced.stats["features"]
-    assert same_bits(plain, forced)
 
 
 @pytest.mark.long

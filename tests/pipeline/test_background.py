@@ -1,4 +1,4 @@
-"""`Settings.background`: in the image, the oracle, the header, the PNG, and whatever else shows PNGs."""
+"""What is behind a scene: `Settings.background` in image, header, PNG and whatever else shows PNGs, and the environment."""
 
 from __future__ import annotations
 
@@ -7,13 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import needs_device, run
+from devices import rendered
 from PIL import Image
 
 import clshade
+from clshade import oracle
 from clshade.errors import InputError
 from clshade.images import png
 from clshade.images.tonemap import over, over_checkers, straight, tonemap, tonemap_rgba
+from clshade.oracle import environment as backdrop
 from clshade.pipeline.effective_settings import effective_settings
+from clshade.pipeline.features import derive, ignored
+from clshade.pipeline.frame import Frame
+from clshade.scene.camera import Camera
+from clshade.scene.environment import Environment
+from clshade.scene.material import MetallicRoughness
+from clshade.scene.model import Material, Mesh, PointLight, Scene
 from clshade.scene.settings import Settings, SettingsFields
 from clshade.view.sheet import draw_sheet
 
@@ -118,3 +127,137 @@ def test_the_colorbar_beside_an_image_over_nothing(tmp_path):
 def test_a_wrong_size_is_no_png(tmp_path):
     with pytest.raises(InputError, match="or \\(M, N, 4\\)"):
         png.write(tmp_path / "a.png", np.zeros((2, 2, 2), np.uint8))
+
+
+IMAGE = np.random.default_rng(3).random((7, 12, 3)) ** 2
+AROUND = Environment(IMAGE, rotation=25, intensity=1.5, up=(0.1, 1, 0.3))
+CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.5, 2.0), (44, 33))
+PANE = np.array([[-1.0, -1.0, -1.0], [1.5, -1.0, 1.0], [0.0, 1.2, 0.0]])
+
+
+def scene(environment: Environment | None = AROUND, **fields) -> Scene:
+    solid = Mesh(PANE * 0.7 + (0.0, 0.0, -1.0), [[0, 1, 2]], material=Material(color=(0.9, 0.3, 0.1)))
+    defaults = {"camera": CAMERA, "lights": PointLight((2, 3, 4)), "environment": environment}
+    return Scene(**{"meshes": solid, **defaults, **fields})
+
+
+def glass() -> Scene:
+    pane = Mesh(PANE, [[0, 1, 2]], material=Material(color=(0.2, 0.9, 0.4), blend=True, opacity=0.4))
+    return scene(meshes=(scene().meshes[0], pane))
+
+
+def parallel() -> Scene:
+    return scene(camera=replace(CAMERA, orthographic=True, eye=(1, 2, 4)))
+
+
+def draw(device, drawn: Scene, lanes: int | None = None, **options) -> Frame:
+    arguments = {"background": "environment", "layers": ("Z", "id"), **options}
+    return rendered(drawn, device=device, lanes=lanes, **arguments)
+
+
+def directions(drawn: Scene) -> np.ndarray:
+    """Return the directions of the rays through the pixels' centers, (M, N, 3)."""
+    columns, rows = drawn.camera.resolution
+    y, x = np.mgrid[rows - 1 : -1 : -1, :columns] * 256 + 128
+    return backdrop.rays(drawn.camera, x.ravel(), y.ravel()).reshape(rows, columns, 3)
+
+
+def seen(environment: Environment, d) -> np.ndarray:
+    d = np.atleast_2d(np.asarray(d, float))
+    return backdrop.seen(environment, d / np.linalg.norm(d, axis=1, keepdims=True), "float64")[0]
+
+
+# The oracle
+
+
+def test_centers_of_pixels_seam_and_poles():
+    environment = Environment(IMAGE)
+    rows, columns = IMAGE.shape[:2]
+    polar = (np.arange(rows) + 0.5)[:, None] * np.pi / rows
+    longitude = np.pi - (np.arange(columns) + 0.5) * 2.0 * np.pi / columns
+    left, front = np.sin(polar) * np.sin(longitude), np.sin(polar) * np.cos(longitude)
+    d = np.stack([left, np.cos(polar) * np.ones(columns), front], axis=-1)
+    np.testing.assert_allclose(seen(environment, d.reshape(-1, 3)).reshape(IMAGE.shape), IMAGE, atol=1e-7)
+    middle = (np.pi / 2.0, 0.0, -1.0)  # the seam is at -z, in the middle row of seven
+    np.testing.assert_allclose(seen(environment, (0, 0, -1)), (IMAGE[3, :1] + IMAGE[3, -1:]) / 2.0, atol=1e-7)
+    for end, row in ((1.0, 0), (-1.0, -1)):
+        around = [(1e-9 * np.cos(t), end, 1e-9 * np.sin(t)) for t in np.linspace(0.0, 6.0, 9)]
+        np.testing.assert_allclose(seen(environment, around), np.tile(IMAGE[row].mean(axis=0), (9, 1)), atol=1e-6)
+    for near in (middle, (0.3, 1.0, 0.1), (0.02, -1.0, 0.01)):
+        off = np.array(near) + np.array([[0, 0, 0], [1e-7, 0, 0], [0, -1e-7, 0], [0, 0, 1e-7]])
+        assert np.ptp(seen(environment, off), axis=0).max() < 1e-4
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (1, 0, 0.2)])
+def test_a_mirror_shows_what_the_background_shows_in_the_reflected_direction(up):
+    """Radiance that tells its direction: red x, green y, blue z, as the background's rays and a mirror see it."""
+    blank = Environment(np.zeros((64, 128, 3)), rotation=70, up=up)
+    polar, turn = np.mgrid[:64, :128] + 0.5
+    polar, turn = polar * (np.pi / 64), np.pi - turn * (2.0 * np.pi / 128)
+    local_directions = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    environment = replace(blank, image=0.5 + 0.5 * (local_directions @ blank.axes))
+    facets = Material(color=1.0, pbr=MetallicRoughness(1.0, 0.0))
+    corners = [[-3, -2, 0], [3, -2, 0.5], [0, 2, -0.5]]
+    mirror = Mesh(corners, [[0, 1, 2]], normals=[[0.3, 0.2, 1.0]] * 3, material=facets)
+    drawn = scene(environment, meshes=mirror, lights=(), ambient=0.0, preset="pbr")
+    drawn, settings = effective_settings(drawn, background="environment")
+    frame, rays = oracle.render(drawn, settings), directions(drawn)
+    normal = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+    reflected = rays - 2.0 * (rays @ normal)[..., None] * normal
+    shows = np.where(frame.alpha[..., None] > 0.0, reflected, rays)
+    assert 0.1 < frame.alpha.mean() < 0.9
+    np.testing.assert_allclose(frame.rgb, 0.5 + 0.5 * shows, atol=0.03)  # grazing metal loses some light
+
+
+# Frames
+
+
+def test_what_nothing_covers_shows_the_radiance_along_its_ray(device):
+    frame = draw(device, scene())
+    covered = frame.alpha > 0.0
+    over_black = oracle.render(scene(background=0.0), Settings())
+    np.testing.assert_allclose(frame.rgb[covered], over_black.rgb[covered], atol=2e-5)
+    expected = seen(AROUND, directions(scene())[~covered])
+    np.testing.assert_allclose(frame.rgb[~covered], expected, atol=2e-5)
+    assert frame.to_png8().shape[2] == 3
+    assert frame.metadata()["environment"].startswith("unnamed, rotation=25")
+    assert "background=environment" in frame.metadata()["settings"]
+    assert frame.stats["left_out"]["BACKGROUND"] == "the environment is the background"
+    assert not frame.stats["ignored"]
+    assert ignored(scene(), Settings()) == ("the environment, which only shader pbr shows",)
+
+
+def test_a_steep_horizon_is_antialiased(device):
+    """Each sample sees its own ray: across an edge between two rows the mean of four rays differs from that of one."""
+    image = np.zeros((1024, 1, 3))
+    image[:512] = 1.0
+    options = {"samples": 4}
+    frame = draw(device, glass(), **options)  # builds the program that the next one has
+    frame = draw(device, replace(glass(), environment=Environment(image)), **options)
+    column = frame.rgb[:, 0, 0]
+    assert {0.0, 1.0} < set(column.tolist())
+    assert clshade.check(frame, "all").passed
+
+
+def test_an_orthographic_camera_sees_one_direction():
+    frame = oracle.render(*effective_settings(parallel(), background="environment"))
+    shown = frame.rgb[frame.alpha == 0.0]
+    assert (shown == shown[0]).all()
+    np.testing.assert_allclose(shown[0], seen(AROUND, (-1, -2, -4))[0], atol=1e-12)
+
+
+def test_a_black_environment_needs_nothing_and_none_is_refused():
+    shown = Settings(background="environment")
+    for environment, expected in ((Environment(np.zeros((1, 1, 3))), 0), (AROUND, 1)):
+        assert derive(scene(environment), shown, double_positions=False)["BACKDROP"] == expected
+    with pytest.raises(InputError, match=r"render: background: .* --environment FILE or studio"):
+        effective_settings(scene(None), background="environment")
+    stands_in, _ = effective_settings(scene(None, preset="pbr", own_lights=False), background="environment")
+    assert stands_in.environment.name == "studio"
+
+
+@needs_device
+def test_the_command_line_asks_for_an_environment(tmp_path, capsys):
+    code, out, lines = run(capsys, "render", "icosphere", "-o", tmp_path / "a", "--background", "environment")
+    assert (code, out, len(lines)) == (2, "", 1)
+    assert "--environment FILE or studio" in lines[0]

@@ -6,34 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import needs_float64, skip_unsupported
-from layer_scenes import FRAME_CASES
+from devices import needs_float64
 
 import clshade
 from clshade import Camera, Mesh, Renderer, Scene
 from clshade.errors import InputError
 from clshade.pipeline import struct_layout
 from clshade.pipeline.frame import Frame
+from clshade.scene.camera import MAX_WHOLE, part_of, raster_of, whole_camera
 from clshade.scene.geometry import camera_axes
-from clshade.scene.image_part import MAX_WHOLE, part_of, raster_of, whole_camera
-
-CASES = {
-    **FRAME_CASES,
-    "an environment": (
-        replace(clshade.builtin("icosphere", level=2), environment=clshade.studio()),
-        {"preset": "pbr", "background": "environment", "resolution": (50, 40)},
-    ),
-    "a light of some size": (
-        replace(
-            clshade.builtin("icosphere", level=2),
-            lights=(clshade.PointLight((3.0, 3.0, 3.0), (0.8, 0.8, 0.8), radius=1.0),),
-        ),
-        {"shadows": True, "light_samples": 4, "resolution": (50, 40)},
-    ),
-}
-LONG = tuple(
-    case for case in CASES if case not in ("the teapot", "clipped, in painter's order", "a light of some size")
-)
 
 
 def differing(part: Frame, image: Frame, left: int, top: int) -> list[str]:
@@ -52,20 +33,6 @@ def parts(camera: Camera, across: int, up: int) -> list[tuple[int, int, Camera]]
         for top in range(0, rows, up)
         for left in range(0, columns, across)
     ]
-
-
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in LONG else c for c in CASES])
-def test_parts_have_the_bits_of_the_whole(device, case):
-    """With every layer; cut across tiles and blocks."""
-    scene, options = CASES[case]
-    skip_unsupported(device, options)
-    with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:
-        camera = renderer.scene.camera
-        image = renderer.render()
-        for across, up in ((17, 23), (32, 16)):
-            for left, top, part in parts(camera, across, up):
-                assert not differing(renderer.render(part), image, left, top), (left, top)
-        assert not differing(renderer.render(), image, 0, 0)
 
 
 def corners(count: int, reach: float) -> Scene:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from devices import needs_float64, rendered
 from layer_scenes import crowd, matrices
-from mapped_scenes import mapped_scene, sheet
 
 import clshade
-from clshade import Camera, Material, Mesh, PointLight, Scene
+from clshade import Camera, Mesh, PointLight, Scene
 from clshade.pipeline import buffers, placements, scene_tables, triangle_source
 from clshade.pipeline.camera_space import CameraSpace, Extent
 from clshade.pipeline.frame import Frame, same_bits
@@ -21,25 +19,6 @@ from clshade.scene.model import Settings
 
 COUNTS = ("triangles", "vertices", "visible", "behind", "off_screen", "between_samples", "zero_area", "clipped")
 LAYERS = Settings(layers="all").layers
-
-
-@pytest.fixture
-def draw(device, monkeypatch) -> Callable[..., list[Frame]]:
-    """Return a function that draws a scene from copies and from one copy of each mesh, the latter twice."""
-
-    def drawn(scene: Scene, **options: object) -> list[Frame]:
-        frames = []
-        for threshold in (1 << 40, 0):
-            monkeypatch.setattr(triangle_source, "LEAST_COPIES", threshold)
-            with Renderer(scene, device=device, **options) as renderer:
-                frames.append(renderer.render())
-                if threshold == 0:
-                    frames.append(renderer.render())
-            assert ("INSTANCES" in frames[-1].stats["features"]) == (threshold == 0)
-        return frames
-
-    needs_float64(device)
-    return drawn
 
 
 def assert_alike(frames: list[Frame]) -> None:
@@ -143,33 +122,6 @@ def test_culled_instances_show_nothing(orthographic):
             culled += behind[k] | beside[k]
             inside += (z < space.near).all() or ((z >= space.near).all() and apart > 1.0)
         assert culled > 0.5 * inside > 0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"visibility": "painter", "shader": "gouraud", "interpolation": "affine", "lighting_at": "centroid"},
-        {"precision": "float64", "samples": 3, "texture_at": "vertex"},
-        {"shader": "nolight", "texture_filter": "trilinear", "cull": True},
-    ],
-    ids=str,
-)
-def test_other_settings(draw, options):
-    scene = crowd()
-    twice = [replace(mesh, instances=np.repeat(mesh.instances, 2, axis=0)) for mesh in scene.meshes]
-    assert_alike(draw(replace(scene, meshes=twice), layers=LAYERS, **options))
-
-
-@pytest.mark.long
-def test_normal_maps_and_transparency(draw):
-    """Tangents, and transparent surfaces in their order, two of them at the same place."""
-    rng = np.random.default_rng(5)
-    glass = Material(ka=0.3, blend=True, opacity=0.4, two_sided=True)
-    panes = sheet(uvs=None, more_uvs=(), material=glass, instances=np.repeat(matrices(6, rng, reach=1.0), 2, axis=0))
-    frames = draw(mapped_scene(sheet(instances=matrices(12, rng, reach=1.5)), panes), shader="pbr", layers=LAYERS)
-    assert_alike(frames)
-    assert {"BLEND", "NORMAL_MAP", "MATERIALS"} <= set(frames[1].stats["features"])
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import rendered, skip_unsupported
+from devices import rendered
 
 import clshade
 from clshade import oracle
@@ -15,7 +15,7 @@ from clshade.measure.check import oracle_bounds
 from clshade.pipeline import features
 from clshade.pipeline.frame import Frame
 from clshade.scene.camera import Camera
-from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings, Texture
+from clshade.scene.model import Material, Mesh, PointLight, Scene, Settings
 
 CAMERA = Camera((0, 0, 4), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0), (32, 32))
 MATTE = Material(ka=0.2, kd=0.7, ks=0.3, n=8.0)
@@ -39,57 +39,6 @@ def lit(*meshes: Mesh, **fields) -> Scene:
 
 
 GLARING = [[1e6, 0.1, 0.5], [0.2, 1e6, 0.4], [0.3, 0.3, 1e6]]
-MIXED = [[-1e6, 0.5, 1e4], [0.5, 1e6, -3.0], [0.7, -1e6, 0.1]]
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("colors", [GLARING, MIXED], ids=["positive", "of both signs"])
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"lanes": 1, "interpolation": "affine"},
-        {"near": 3.8, "samples": 4, "sample_shading": True},
-        {"preset": "course"},
-        {"precision": "float64"},
-    ],
-    ids=str,
-)
-def test_a_glaring_corner_costs_the_others_no_digits(device, colors, options):
-    """Opposite a corner of 1e6, the bound is relative to the pixel's own color."""
-    skip_unsupported(device, options)
-    frame = draw(device, lit(triangle(colors)), shader="phong", **options)
-    report = clshade.check(frame, "all")
-    assert report.passed, report.lines()
-    assert frame.alpha.mean() > 0.2
-
-
-def test_glaring_corners_of_many_small_triangles(device):
-    """More owners per block than are handled one by one: their corners are gathered."""
-    rng = np.random.default_rng(1)
-    across, up = np.meshgrid(np.linspace(-1.9, 1.9, 21), np.linspace(-1.9, 1.9, 21))
-    verts = np.stack([across.ravel(), up.ravel(), 0.2 * rng.normal(size=441)], axis=1)
-    corner = np.arange(441).reshape(21, 21)[:-1, :-1].ravel()
-    faces = np.concatenate(
-        [np.stack([corner, corner + 1, corner + 22], 1), np.stack([corner, corner + 22, corner + 21], 1)]
-    )
-    colors = 10.0 ** rng.uniform(-3, 6, (441, 3))
-    frame = draw(device, lit(Mesh(verts, faces, colors=colors, material=MATTE)), shader="phong")
-    report = clshade.check(frame, "all")
-    assert report.passed, report.lines()
-
-
-@pytest.mark.long
-def test_glaring_texels_at_the_corners(device):
-    image = np.ones((2, 2, 3))
-    image[0, 0] = 1e6
-    mesh = replace(
-        triangle(np.ones((3, 3))),
-        uvs=np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]]),
-        material=replace(MATTE, texture=Texture(image)),
-    )
-    report = clshade.check(draw(device, lit(mesh), shader="phong", texture_at="vertex"), "all")
-    assert report.passed, report.lines()
 
 
 @pytest.mark.long

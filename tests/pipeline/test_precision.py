@@ -17,7 +17,6 @@ from clshade.errors import DeviceError, InputError
 from clshade.measure.check import oracle_bounds
 from clshade.measure.stability.cases.lit import CAMERA, LIGHTS, MATERIAL, blob, scene_of
 from clshade.pipeline.frame import same_bits
-from clshade.scene.builtin import scenes
 from clshade.scene.camera import Camera
 from clshade.scene.geometry import camera_axes
 from clshade.scene.model import Material, Mesh, Scene, Texture
@@ -83,32 +82,6 @@ def draw(device, scene, **options):
     return rendered(scene, device=device, layers=LAYERS, **options)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "shader"), [("box_room", "phong"), ("teapot", "gouraud"), ("course", "phong")])
-def test_built_in_scenes(device, name, shader):
-    scene = clshade.builtin(name)
-    scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
-    frame = draw(device, scene, precision="float64", shader=shader)
-    assert frame.rgba.dtype == frame["Z"].dtype == np.float64
-    oracle_asserts.assert_drawn(frame)
-    assert clshade.check(frame, "all").passed
-    alone = draw(device, scene, shader=shader)
-    assert alone.rgba.dtype == alone["Z"].dtype == np.float32
-    assert np.array_equal(frame.alpha, alone.alpha)
-    assert np.array_equal(frame["id"], alone["id"])
-    assert not np.array_equal(frame.rgb, alone.rgb)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_weighted_samples(device, precision):
-    """Found by the fuzzer: luminance had float32's coefficients in float64 too."""
-    scene = clshade.builtin("box_room")
-    scene = replace(scene, camera=scene.camera.with_resolution(RESOLUTION))
-    frame = draw(device, scene, precision=precision, samples=4, resolve="weighted", shader="nolight")
-    oracle_asserts.assert_drawn(frame)
-
-
 @pytest.mark.sampled
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_of_two_quads_in_one_plane_the_later_is_seen(device, precision):
@@ -129,15 +102,6 @@ def lit(n: float) -> Scene:
     return Scene((mesh,), CAMERA.with_resolution(RESOLUTION), LIGHTS)
 
 
-@pytest.mark.sampled
-@pytest.mark.parametrize("n", [1.0, 20.0, 200.0, 1e4])
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_exponents(device, precision, n):
-    scene = lit(n)
-    frame = draw(device, scene, precision=precision)
-    oracle_asserts.assert_drawn(frame)
-
-
 def test_float64_does_not_pass_for_float32(device):
     """float32 exceeds the bound of float64."""
     scene = lit(20.0)
@@ -145,15 +109,6 @@ def test_float64_does_not_pass_for_float32(device):
     expected = oracle.render(scene, frame.settings)
     with pytest.raises(AssertionError, match="colors off by more than 1 bounds"):
         oracle_asserts.assert_colors_within(frame.rgb, expected, 1.0, precision="float64")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("lanes", [1, 8])
-@pytest.mark.parametrize("precision", ["float64"])
-def test_lanes_do_not_change_the_bits_of_float64(device, precision, lanes):
-    scene = replace(scenes.builtin("box_room"), name="room")
-    frames = [draw(device, scene, precision=precision, resolution=RESOLUTION, lanes=count) for count in (None, lanes)]
-    assert frames[0].rgba.tobytes() == frames[1].rgba.tobytes()
 
 
 @pytest.mark.long
@@ -213,17 +168,6 @@ def test_layers_of_faces_that_the_near_plane_cuts_in_float64(device):
         best = min(best, layers.weight_condition.min())
     assert best >= 1.0
     assert 1e3 < worst < 1e6
-
-
-@pytest.mark.long
-def test_texture_at_vertex_and_clipped_triangles_in_float64(device):
-    scene = clshade.builtin("course")
-    camera = replace(scene.camera.with_resolution(RESOLUTION), eye=scene.camera.eye * 0.3 + scene.camera.lookat * 0.7)
-    scene = replace(scene, camera=camera)
-    for options in ({"preset": "course"}, {"texture_at": "vertex", "interpolation": "perspective"}):
-        frame = draw(device, scene, precision="float64", **options)
-        assert frame.alpha.any()
-        oracle_asserts.assert_drawn(frame)
 
 
 def test_a_float64_frame_is_saved_as_float32(device, tmp_path):

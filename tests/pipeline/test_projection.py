@@ -12,8 +12,8 @@ from view_cameras import CAMERAS, around, cameras
 import clshade
 from clshade.pipeline import struct_layout
 from clshade.pipeline.camera_space import CameraSpace, project_on_host
+from clshade.scene.camera import raster_of
 from clshade.scene.geometry import camera_axes
-from clshade.scene.image_part import raster_of
 
 
 @pytest.mark.sampled

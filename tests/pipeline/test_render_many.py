@@ -9,8 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices import skip_unsupported
-from layer_scenes import FRAME_CASES
 from view_cameras import cloud, looking
 
 import clshade
@@ -21,7 +19,6 @@ from clshade.pipeline import renderer as renderer_module
 from clshade.pipeline.buffers import aligned
 from clshade.pipeline.frame import Frame, Views, same_bits
 from clshade.pipeline.launches import Stages
-from clshade.scene.adjust_camera import adjusted
 
 SIZE = 48
 LAYERS = ("Z", "id")
@@ -48,19 +45,6 @@ def assert_same(views: Views, expected: list[Frame]) -> None:
         )  # whether it is sorted may depend on the frame before
         counts = {name: value for name, value in reference.stats.items() if name not in varying}
         assert {name: frame.stats[name] for name in counts} == counts
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("case", FRAME_CASES)
-def test_frames_are_those_drawn_one_by_one(device, case):
-    """With every layer, from near enough to clip faces and from afar."""
-    scene, options = FRAME_CASES[case]
-    skip_unsupported(device, options)
-    with Renderer(scene, device=device, **{"layers": "all", **options}) as renderer:
-        start = renderer.scene.camera
-        near = replace(start, eye=start.lookat + 0.15 * (start.eye - start.lookat))
-        cameras = [adjusted(start if k != 2 else near, azimuth=40.0 * k) for k in range(4)]
-        assert_same(renderer.render_many(cameras), [renderer.render(camera) for camera in cameras])
 
 
 def test_frames_that_have_to_be_drawn_again(device):
@@ -191,14 +175,6 @@ def test_no_camera_at_all(device):
         }
         assert frames.stats["views"] == 0
         assert renderer.render_many(iter([looking(-4.0)])).rgb.shape == (1, SIZE, SIZE, 3)
-
-
-@pytest.mark.long
-def test_a_scene_without_triangles(device):
-    with Renderer(Scene((), looking(-4.0), background=(1, 2, 3)), device=device, layers=("Z",)) as renderer:
-        frames = renderer.render_many([looking(-4.0)] * 3)
-        assert (frames.rgb == (1, 2, 3)).all()
-        assert np.isposinf(frames["Z"]).all()
 
 
 def test_frames_as_a_sequence(device, tmp_path):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import oracle_asserts
 import pytest
-from devices import rendered, skip_unsupported
+from devices import rendered
 
 import clshade
 from clshade import oracle
@@ -144,36 +144,6 @@ def test_a_mesh_is_watertight_at_every_sample(device):
         assert (frame.rgb == 1.0).all()
 
 
-# Frames against the oracle
-
-VARIANTS = [
-    {"samples": 2},
-    {"samples": 4, "shader": "gouraud"},
-    {"samples": 7, "resolve": "weighted"},
-    {"samples": 5, "sample_shading": True},
-    {"samples": 16, "preset": "course", "shader": "gouraud"},
-    {"samples": 64, "precision": "float64"},
-]
-CASES = [
-    *(("course", options) for options in VARIANTS[:-1]),
-    pytest.param("course", VARIANTS[-1], marks=pytest.mark.long),
-    *(pytest.param("teapot", options, marks=pytest.mark.long) for options in VARIANTS[1:4]),
-]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "options"), CASES, ids=str)
-def test_frames(device, name, options):
-    skip_unsupported(device, options)
-    scene = clshade.builtin(name)
-    scene = replace(scene, camera=scene.camera.with_resolution((83, 59)))
-    frame = draw(device, scene, **options)
-    oracle_asserts.assert_drawn(frame)
-    assert clshade.check(frame, 500).passed
-    partly = (frame.alpha > 0.0) & (frame.alpha < 1.0)
-    assert partly.any() or name == "teapot"  # its table fills the image
-
-
 @pytest.mark.sampled
 @pytest.mark.parametrize("samples", [2, 64])
 def test_triangles_smaller_than_a_pixel(device, samples):
@@ -186,14 +156,6 @@ def test_triangles_smaller_than_a_pixel(device, samples):
     frame = draw(device, scene, shader="nolight", samples=samples, visibility="painter")
     oracle_asserts.assert_drawn(frame)
     assert frame.stats["between_samples"] > 0
-
-
-@pytest.mark.sampled
-@pytest.mark.parametrize("resolution", [(1, 1), (1, 37), (300, 2), (17, 33)])
-def test_odd_sizes(device, resolution):
-    scene = Scene((blob(),), CAMERA.with_resolution(resolution), LIGHTS)
-    frame = draw(device, scene, samples=9)
-    oracle_asserts.assert_drawn(frame)
 
 
 def test_a_triangle_that_covers_all_samples_is_lit_at_the_center(device):
@@ -243,32 +205,7 @@ def test_where_rounding_puts_the_mean_beside_a_triangle_its_color_is_not_extrapo
     assert color.max() <= 1.0 + 1e-6
 
 
-@pytest.mark.long
-def test_light_is_never_extrapolated(device):
-    """Colors from 0.25 to 0.75 at the corners of slivers: a pixel is within that range."""
-    points, faces = star(40)
-    colors = np.random.default_rng(3).uniform(0.25, 0.75, (len(points), 3))
-    scene = replace(flat(points, faces, colors=colors), background=None)
-    frame = draw(device, scene, shader="nolight", samples=16)
-    covered = frame.alpha > 0.0
-    color = frame.rgb[covered] / frame.alpha[covered][:, None]
-    assert color.min() >= 0.25 * (1 - 1e-6)
-    assert color.max() <= 0.75 * (1 + 1e-6)
-
-
 # The resolve
-
-
-@pytest.mark.long
-def test_over_a_background_and_over_nothing(device):
-    points, faces = star()
-    red = flat(points, faces, material=Material(color=(1.0, 0.5, 0.25)))
-    over = draw(device, replace(red, background=(0.0, 0.25, 1.0)), shader="nolight", samples=16)
-    nothing = draw(device, replace(red, background=None), shader="nolight", samples=16)
-    alpha = over.alpha[..., None].astype(np.float64)
-    assert np.allclose(over.rgb, alpha * [1.0, 0.5, 0.25] + (1 - alpha) * [0.0, 0.25, 1.0], rtol=0, atol=1e-6)
-    assert np.allclose(nothing.rgb, alpha * [1.0, 0.5, 0.25], rtol=0, atol=1e-6)
-    assert np.array_equal(over.alpha, nothing.alpha)
 
 
 @pytest.mark.long
@@ -316,13 +253,6 @@ def test_the_brightest_colors_stay_finite(device):
         frame = draw(device, scene, shader="nolight", samples=64, **options)
         assert np.isfinite(frame.rgb).all()
         assert frame.rgb[frame.alpha == 1.0].min() == np.float32(maximum)
-
-
-def test_no_triangle_no_sample(device):
-    scene = Scene((), CAMERA.with_resolution((20, 10)), LIGHTS, background=(0.1, 0.2, 0.3))
-    frame = draw(device, scene, samples=16)
-    assert (frame.rgb == np.float32([0.1, 0.2, 0.3])).all()
-    assert not frame.alpha.any()
 
 
 # Programs and bits

@@ -108,19 +108,6 @@ def test_the_same_as_one_by_one(device, mesh, offset):
     assert 0.02 < np.mean(shares) < 0.98
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
-def test_many_random_fans(device, mesh):
-    for seed in range(10, 30):
-        rng = np.random.default_rng(seed)
-        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        rotated = rounded((mesh[0] @ turned.T * 10.0 ** rng.uniform(-2.0, 3.0), mesh[1]), rng.choice([0.0, 1e3, 1e9]))
-        hierarchy = Hierarchy(device, *rotated)
-        points, receivers = random_points(rotated, 160, seed)
-        for ends in ends_for(rotated, points, receivers, seed).values():
-            compare(device, hierarchy, points, receivers, ends)
-
-
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 def test_directions(device, mesh):
     """All around, and within a narrow cone."""

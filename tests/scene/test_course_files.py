@@ -416,7 +416,7 @@ def test_saving_refuses_what_the_file_cannot_hold(tmp_path):
     scene = load(save_npy(tmp_path / "a.npy", course_dict()))
     mesh = scene.meshes[0]
     textured = replace(mesh.material, texture=Texture(np.zeros((1, 1, 3))))
-    for name, other in {
+    for name, variant in {
         "preset": replace(scene, preset="standard"),
         "scene.meshes": replace(scene, meshes=(mesh, mesh)),
         "background": replace(scene, background=None),
@@ -425,7 +425,7 @@ def test_saving_refuses_what_the_file_cannot_hold(tmp_path):
         "texture": replace(scene, meshes=(replace(mesh, material=textured),)),
     }.items():
         with pytest.raises(InputError, match=f"save_course: .*{name}.*expected"):
-            save_course(other, tmp_path / "no.npy")
+            save_course(variant, tmp_path / "no.npy")
     with pytest.raises(InputError, match=r"ending in \.npy"):
         save_course(scene, tmp_path / "no.txt")
     assert os.listdir(tmp_path) == ["a.npy"]

@@ -57,8 +57,8 @@ def test_seams_of_a_sphere_vanish_and_edges_of_a_cube_stay():
     mesh = builtin("icosphere", level=3).meshes[0]
     pieces = np.asarray(mesh.verts, float)[mesh.faces].reshape(-1, 3)
     apart = np.arange(len(pieces), dtype=np.int32).reshape(-1, 3)
-    whole = geometry.vertex_normals(np.asarray(mesh.verts, float), mesh.faces)[mesh.faces]
-    np.testing.assert_allclose(seamless_normals(pieces, apart)[apart], whole, atol=1e-12)
+    smooth_normals = geometry.vertex_normals(np.asarray(mesh.verts, float), mesh.faces)[mesh.faces]
+    np.testing.assert_allclose(seamless_normals(pieces, apart)[apart], smooth_normals, atol=1e-12)
     corners, sides = CUBE[FACES].reshape(-1, 3), np.arange(36, dtype=np.int32).reshape(-1, 3)
     flat = geometry.vertex_normals(corners, sides)
     np.testing.assert_allclose(seamless_normals(corners, sides), flat, atol=1e-15)
@@ -68,8 +68,8 @@ def test_seams_of_a_sphere_vanish_and_edges_of_a_cube_stay():
 @pytest.mark.parametrize(("angle", "count"), [(29, 1), (31, 2)])
 def test_the_angle_of_a_seam(angle, count):
     verts, faces = roof(angle)
-    found = seamless_normals(verts[faces].reshape(-1, 3), np.arange(6).reshape(2, 3))
-    assert (found is None) == (count == 2)
+    normals = seamless_normals(verts[faces].reshape(-1, 3), np.arange(6).reshape(2, 3))
+    assert (normals is None) == (count == 2)
 
 
 @pytest.mark.parametrize(("angle", "crease", "count"), [(20, 30, 4), (40, 30, 6), (30, 30, 4), (179, 178, 6)])
@@ -84,8 +84,8 @@ def test_split_vertices_count_as_one():
     verts, faces = roof(20)
     apart = verts[faces].reshape(-1, 3)
     one, index = crease_normals(verts, faces, 30)
-    two, other = crease_normals(apart, np.arange(6).reshape(2, 3), 30)
-    np.testing.assert_allclose(one[index], two[other], atol=1e-15)
+    two, second_index = crease_normals(apart, np.arange(6).reshape(2, 3), 30)
+    np.testing.assert_allclose(one[index], two[second_index], atol=1e-15)
 
 
 def test_degenerate_meshes():

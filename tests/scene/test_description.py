@@ -58,7 +58,7 @@ def test_a_texture_in_codes_is_that_of_its_numbers(channels, srgb):
     assert "image" not in vars(coded)
     assert (coded.mean() == plain.mean()).all()
     assert (plain.mean() == numbers[..., :3].mean((0, 1), np.float64)).all()
-    texels = [texture_tables([each])[1] for each in (coded, plain)]
+    texels = [texture_tables([texture])[1] for texture in (coded, plain)]
     assert (texels[0] == texels[1]).all()
     assert (texels[0][:, :channels] == numbers.reshape(-1, channels)).all()
     assert (coded.image == numbers).all()
@@ -67,16 +67,16 @@ def test_a_texture_in_codes_is_that_of_its_numbers(channels, srgb):
 
 def test_only_the_part_that_changed_differs():
     texels = np.full((2, 2, 3), 0.5, np.float32)
-    before = with_materials(scenes.teapot(3, (80, 60)), lambda each: replace(each, texture=Texture(texels)))
-    other = texels.copy()
-    other[1, 0, 2] = np.nextafter(other[1, 0, 2], np.float32(1.0))
+    before = with_materials(scenes.teapot(3, (80, 60)), lambda material: replace(material, texture=Texture(texels)))
+    changed_texels = texels.copy()
+    changed_texels[1, 0, 2] = np.nextafter(changed_texels[1, 0, 2], np.float32(1.0))
     for part, changed in (
         ("camera", replace(before, camera=before.camera.with_resolution((40, 30)))),
         ("lights", replace(before, lights=())),
         ("meshes", replace(before, meshes=tuple(replace(mesh, name="other") for mesh in before.meshes))),
-        ("materials", with_materials(before, lambda each: replace(each, kd=0.25))),
-        ("materials", with_materials(before, lambda each: replace(each, texture=None))),
-        ("materials", with_materials(before, lambda each: replace(each, texture=Texture(other)))),
+        ("materials", with_materials(before, lambda material: replace(material, kd=0.25))),
+        ("materials", with_materials(before, lambda material: replace(material, texture=None))),
+        ("materials", with_materials(before, lambda material: replace(material, texture=Texture(changed_texels)))),
         ("environment", replace(before, environment=Environment(np.ones((4, 8, 3))))),
         ("others", replace(before, ambient=0.5)),
     ):

@@ -129,19 +129,19 @@ def test_pixels_that_are_no_radiance_are_replaced_with_a_warning(tmp_path):
     image[0, 0], image[0, 1, 1], image[1, 2], image[1, 1] = np.nan, -3.0, np.inf, 7.0
     exr.write(tmp_path / "e.exr", image)
     with pytest.warns(UserWarning, match=r"1 pixel that is NaN"):
-        found = clshade.load_environment(tmp_path / "e.exr").image
-    np.testing.assert_array_equal(found[0, 0], 0.0)
-    np.testing.assert_array_equal(found[0, 1], [1, 0, 1])
-    np.testing.assert_array_equal(found[1, 2], 7.0)
+        pixels = clshade.load_environment(tmp_path / "e.exr").image
+    np.testing.assert_array_equal(pixels[0, 0], 0.0)
+    np.testing.assert_array_equal(pixels[0, 1], [1, 0, 1])
+    np.testing.assert_array_equal(pixels[1, 2], 7.0)
 
 
 def test_half_floats_know_no_1e30(tmp_path):
     image = np.full((2, 4, 3), 5.0, np.float16)
     image[1, 1] = np.inf
     exr.write(tmp_path / "e.exr", image.astype(np.float32), half=True)
-    with pytest.warns(UserWarning, match=r"1 pixel that is beyond 1e30") as told:
+    with pytest.warns(UserWarning, match=r"1 pixel that is beyond 1e30") as caught:
         assert (clshade.load_environment(tmp_path / "e.exr").image == 5.0).all()
-    assert len(told) == 1
+    assert len(caught) == 1
     with pytest.raises(InputError, match=r"^Environment: image: .*1 pixel that is beyond 1e30"):
         Environment(image)
 

@@ -13,8 +13,7 @@ from clshade import Camera, Mesh, Scene
 from clshade.errors import InputError
 from clshade.farm import orbit, parse_frames
 from clshade.scene.adjust_camera import adjusted, camera_of, refitted
-from clshade.scene.fitting import FILL, fitted
-from clshade.scene.framing import default_camera, framed
+from clshade.scene.framing import FILL, default_camera, fitted, framed
 from clshade.scene.geometry import camera_axes
 from clshade.scene.ground import with_ground
 
@@ -41,14 +40,14 @@ def seen(camera, meshes=(MESH,)):
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_the_vertices_fill_the_image_and_are_centered(resolution, orthographic):
     for camera in (SKEW.with_resolution(resolution), default_camera((MESH,), "z", resolution)):
-        found = adjusted(camera, fit=(MESH,), orthographic=orthographic)
-        low, high = seen(found)
+        view = adjusted(camera, fit=(MESH,), orthographic=orthographic)
+        low, high = seen(view)
         assert high.max() == pytest.approx(FILL, rel=1e-9)
         assert low == pytest.approx(-high, abs=0.01)
-        before, after = camera_axes(camera), camera_axes(found)
+        before, after = camera_axes(camera), camera_axes(view)
         assert np.allclose(before, after, atol=1e-12)
-        assert found.orthographic is orthographic
-        assert np.allclose(found.lookat, found.eye + after[2] * np.linalg.norm(found.lookat - found.eye))
+        assert view.orthographic is orthographic
+        assert np.allclose(view.lookat, view.eye + after[2] * np.linalg.norm(view.lookat - view.eye))
 
 
 def test_every_instance_counts_and_no_vertex_without_a_face():
@@ -67,15 +66,15 @@ def test_a_turntable_cuts_nothing_and_wastes_nothing(orthographic, resolution):
     camera = adjusted(SKEW.with_resolution(resolution), fit=(MESH,), turning=True, orthographic=orthographic)
     assert camera.lookat == pytest.approx((VERTS.min(axis=0) + VERTS.max(axis=0)) / 2.0)
     turn = parse_frames("1..360")
-    ends = [np.abs(seen(each)).max() for each in orbit(camera, turn.numbers, turn).values()]
+    ends = [np.abs(seen(view)).max() for view in orbit(camera, turn.numbers, turn).values()]
     assert FILL * 0.999 < max(ends) <= FILL * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e30, 1e150, 1e300])
 def test_any_scale(scale):
-    found = fitted(SKEW, (Mesh((VERTS - VERTS.mean(axis=0)) * scale, FACES),))
+    view = fitted(SKEW, (Mesh((VERTS - VERTS.mean(axis=0)) * scale, FACES),))
     one = fitted(SKEW, (Mesh(VERTS - VERTS.mean(axis=0), FACES),))
-    assert found.eye / scale == pytest.approx(one.eye, rel=1e-9, abs=1e-9)
+    assert view.eye / scale == pytest.approx(one.eye, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -92,8 +91,8 @@ def test_any_scale(scale):
 def test_points_lines_and_triangles(verts):
     for options in ({}, {"turning": True}, {"orthographic": True}, {"orthographic": True, "turning": True}):
         mesh = Mesh(np.array(verts, float), [(0, 1, 2)])
-        found = adjusted(SKEW, fit=(mesh,), **options)
-        assert np.abs(seen(found, (mesh,))).max() < FILL * (1.0 + 1e-6)
+        view = adjusted(SKEW, fit=(mesh,), **options)
+        assert np.abs(seen(view, (mesh,))).max() < FILL * (1.0 + 1e-6)
 
 
 def test_what_overflows_is_refused_and_an_empty_scene_is_not():
@@ -117,8 +116,8 @@ def test_a_fitted_camera_is_fitted_again_unless_it_is_placed():
     assert seen(camera_of(scene, {"view_angle": 10.0}, fit=True))[1].max() == pytest.approx(FILL, rel=1e-9)
     both = {"position": (0.0, 0.0, 50.0), "focal_point": (1.0, 2.0, 3.0)}
     assert camera_of(scene, both, fit=True).eye.tolist() == [0.0, 0.0, 50.0]
-    own = replace(scene, fitted=False)
-    assert camera_of(own, {"azimuth": 70.0}).eye == pytest.approx(adjusted(own.camera, azimuth=70.0).eye)
+    fixed = replace(scene, fitted=False)
+    assert camera_of(fixed, {"azimuth": 70.0}).eye == pytest.approx(adjusted(fixed.camera, azimuth=70.0).eye)
 
 
 def test_fitted_again_what_was_up_stays_up_and_a_ground_is_left_out():
@@ -144,12 +143,12 @@ def test_fit_ignores_the_camera_of_a_file(tmp_path):
 def test_default_lights_do_not_depend_on_the_resolution(resolution):
     mesh = Mesh(np.array([[0.1, 0.2, 0.3], [1.7, 0.4, 0.9], [0.6, 2.1, 0.2]]), np.array([[0, 1, 2]]))
     lights = [framed((mesh,), "", size).lights for size in (None, resolution)]
-    for one, other in zip(*lights, strict=True):
-        np.testing.assert_array_equal(one.position, other.position)
+    for one, second in zip(*lights, strict=True):
+        np.testing.assert_array_equal(one.position, second.position)
 
 
-def same_camera(one, other):
-    fields = [[getattr(camera, name) for name in vars(camera)] for camera in (one, other)]
+def same_camera(one, second):
+    fields = [[getattr(camera, name) for name in vars(camera)] for camera in (one, second)]
     return all(map(np.array_equal, *fields))
 
 

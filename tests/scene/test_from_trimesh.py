@@ -98,10 +98,10 @@ def test_a_simple_material(trimesh):
     )
     mesh = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material)))
     np.testing.assert_allclose(mesh.uvs, UVS * [1, -1] + [0, 1])  # v = 0 is the top row here
-    found = mesh.material
-    assert (found.kd.tolist(), found.ka.tolist(), found.ks.tolist()) == ([1, 0.2, 0], [0, 0.2, 1], [0.4] * 3)
-    assert (found.n, found.name, found.blend, found.pbr) == (40.0, "m", False, None)
-    assert found.texture.image.tobytes() == srgb_to_linear(codes / 255.0).astype(np.float32).tobytes()
+    ours = mesh.material
+    assert (ours.kd.tolist(), ours.ka.tolist(), ours.ks.tolist()) == ([1, 0.2, 0], [0, 0.2, 1], [0.4] * 3)
+    assert (ours.n, ours.name, ours.blend, ours.pbr) == (40.0, "m", False, None)
+    assert ours.texture.image.tobytes() == srgb_to_linear(codes / 255.0).astype(np.float32).tobytes()
     unset = trimesh.visual.material.SimpleMaterial(image=image)
     mesh = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=unset)))
     assert mesh.material.kd.tolist() == [0.8] * 3  # not the gray that stands for none
@@ -126,13 +126,13 @@ def test_a_pbr_material(trimesh):
         alphaMode="BLEND",
     )
     scene = Scene.from_trimesh(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material)))
-    found, facets = scene.meshes[0].material, scene.meshes[0].material.pbr
+    ours, facets = scene.meshes[0].material, scene.meshes[0].material.pbr
     assert scene.preset == "pbr"
-    np.testing.assert_allclose(found.color, [1.0, 0.4, 0.0])
-    assert (found.name, found.blend, found.opacity) == ("paint", True, 0.2)
+    np.testing.assert_allclose(ours.color, [1.0, 0.4, 0.0])
+    assert (ours.name, ours.blend, ours.opacity) == ("paint", True, 0.2)
     assert (facets.metallic, facets.roughness, facets.emission.tolist()) == (0.25, 0.5, [0.5, 0.25, 1.0])
     for texture, name, srgb in (
-        (found.texture, "base", True),
+        (ours.texture, "base", True),
         (facets.metallic_roughness_texture, "worn", False),
         (facets.normal_texture, "bumps", False),
         (facets.occlusion_texture, "ao", False),
@@ -148,9 +148,9 @@ def test_alpha_modes_and_images_with_alpha(trimesh):
     material = trimesh.visual.material.PBRMaterial(
         baseColorTexture=Image.fromarray(codes), alphaMode="MASK", alphaCutoff=0.25
     )
-    found = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material))).material
-    assert (found.alpha_cutoff, found.blend) == (0.25, False)
-    np.testing.assert_allclose(found.texture.image[..., 3], codes[..., 3] / 255.0, atol=1e-7)
+    ours = only(plain(trimesh, visual=trimesh.visual.TextureVisuals(uv=UVS, material=material))).material
+    assert (ours.alpha_cutoff, ours.blend) == (0.25, False)
+    np.testing.assert_allclose(ours.texture.image[..., 3], codes[..., 3] / 255.0, atol=1e-7)
 
 
 def test_a_scene_with_instances_and_a_camera(trimesh):
@@ -187,22 +187,22 @@ def test_a_glb_is_the_same_through_trimesh(trimesh, tmp_path):
     document.add("nodes", {"mesh": 0, "translation": [1, 2, 3]})
     document.add("scenes", {"nodes": [0]})
     path = document.glb(tmp_path / "a.glb")
-    (found,), (expected,) = Scene.from_trimesh(trimesh.load(path)).meshes, clshade.load(path).meshes
-    np.testing.assert_array_equal(found.instances, expected.instances)
-    np.testing.assert_array_equal(found.verts[found.faces], expected.verts[expected.faces])
-    np.testing.assert_allclose(found.uvs[found.faces], expected.uvs[expected.faces], atol=1e-7)
-    assert found.material.texture.image.tobytes() == expected.material.texture.image.tobytes()
+    (ours,), (expected,) = Scene.from_trimesh(trimesh.load(path)).meshes, clshade.load(path).meshes
+    np.testing.assert_array_equal(ours.instances, expected.instances)
+    np.testing.assert_array_equal(ours.verts[ours.faces], expected.verts[expected.faces])
+    np.testing.assert_allclose(ours.uvs[ours.faces], expected.uvs[expected.faces], atol=1e-7)
+    assert ours.material.texture.image.tobytes() == expected.material.texture.image.tobytes()
     for name in ("metallic", "roughness"):
-        assert getattr(found.material.pbr, name) == getattr(expected.material.pbr, name)
+        assert getattr(ours.material.pbr, name) == getattr(expected.material.pbr, name)
 
 
 def test_colors_and_scalars_of_a_glb_come_through_trimesh(trimesh, tmp_path):
     colors = RNG.random((4, 3)).astype(np.float32)
     mesh = Mesh(CORNERS, FACES, colors, scalars={"height": CORNERS[:, 2]})
     Scene(mesh, Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1.0, (1.0, 1.0))).to_glb(tmp_path / "a.glb")
-    found = only(trimesh.load(tmp_path / "a.glb"))
-    np.testing.assert_array_equal(found.colors, colors)
-    assert found.scalars["height"].tolist() == CORNERS[:, 2].tolist()
+    ours = only(trimesh.load(tmp_path / "a.glb"))
+    np.testing.assert_array_equal(ours.colors, colors)
+    assert ours.scalars["height"].tolist() == CORNERS[:, 2].tolist()
 
 
 # Objects known by their attributes
@@ -295,9 +295,9 @@ def test_vertices_is_another_name_of_verts():
         mesh.verts = CORNERS
     with pytest.raises(AttributeError):
         mesh.vertices = CORNERS
-    for given in ((CORNERS, FACES), ()):
-        fields = {} if given else {"verts": CORNERS, "faces": FACES}
+    for arguments in ((CORNERS, FACES), ()):
+        fields = {} if arguments else {"verts": CORNERS, "faces": FACES}
         with pytest.raises(InputError, match=r"^Mesh: vertices: cannot go with verts, which is the same"):
-            Mesh(*given, vertices=CORNERS, **fields)
+            Mesh(*arguments, vertices=CORNERS, **fields)
     with pytest.raises(TypeError, match="verts"):
         Mesh(faces=FACES)

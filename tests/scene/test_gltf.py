@@ -8,15 +8,14 @@ import struct
 import numpy as np
 import pytest
 from mesh_writers import CORNERS, INDICES, Gltf, png, textured, triangle
-from scene_files import refusal, told
+from scene_files import refusal, scene_and_warnings
 
 from clshade.images.decode import srgb_to_linear
-from clshade.scene.contents import format_contents, scene_contents
+from clshade.scene.contents import first_instances, format_contents, object_names, object_numbers, scene_contents
 from clshade.scene.formats.gltf_materials import phong
 from clshade.scene.formats.load import load
 from clshade.scene.framing import AMBIENT
 from clshade.scene.geometry import camera_axes
-from clshade.scene.objects import first_instances, object_names, object_numbers
 from clshade.view.sheet import scene_facts
 
 RNG = np.random.default_rng(5)
@@ -29,7 +28,7 @@ def test_containers(tmp_path, form):
         path = document.glb(tmp_path / "a.glb")
     else:
         path = document.gltf(tmp_path / "a.gltf", None if form == "data" else "my data.bin")
-    scene, messages = told(path)
+    scene, messages = scene_and_warnings(path)
     (mesh,) = scene.meshes
     assert messages == []
     assert (scene.preset, scene.name, scene.ignored) == ("pbr", "a", ())
@@ -71,7 +70,7 @@ def test_nodes_name_instances(tmp_path):
     document = Gltf()
     document.mesh({"POSITION": CORNERS}, INDICES)
     document.mesh({"POSITION": CORNERS}, INDICES)
-    document.json["meshes"] = [{"primitives": [each["primitives"][0] for each in document.json["meshes"]]}]
+    document.json["meshes"] = [{"primitives": [entry["primitives"][0] for entry in document.json["meshes"]]}]
     for name in ("left", "", "right"):
         document.add("nodes", {"mesh": 0, "translation": [1, 0, 0], **({"name": name} if name else {})})
     scene = load(document.glb(tmp_path / "a.glb"))
@@ -90,7 +89,7 @@ def test_an_object_is_a_mesh_of_the_file(tmp_path):
     document = Gltf()
     for _ in range(3):
         document.mesh({"POSITION": CORNERS}, INDICES)
-    primitives = [each["primitives"][0] for each in document.json["meshes"]]
+    primitives = [entry["primitives"][0] for entry in document.json["meshes"]]
     document.json["meshes"] = [{"name": "car", "primitives": primitives[:2]}, {"name": "car", "primitives": primitives}]
     for mesh in (0, 1, 1):
         document.add("nodes", {"mesh": mesh})
@@ -175,7 +174,7 @@ def test_materials_and_textures(tmp_path):
     reflection = {"baseColorFactor": [0.5, 1, 0.25, 1], "metallicFactor": 0.0, "roughnessFactor": 0.5}
     textured(document, pixels, {"name": "m", "doubleSided": True, "pbrMetallicRoughness": reflection})
     document.json["textures"][0]["sampler"] = document.add("samplers", {"wrapS": 33071, "wrapT": 33648})
-    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    scene, messages = scene_and_warnings(document.glb(tmp_path / "a.glb"))
     (mesh,) = scene.meshes
     material = mesh.material
     assert messages == []
@@ -251,7 +250,7 @@ def test_alpha_masks(tmp_path):
     assert (material.alpha_cutoff, material.opacity, material.blend) == (0.25, 0.5, False)
     assert material.texture.image[:, :, 3].tolist() == [[0, 1], [1, 1]]
     document.json["materials"][0].update(alphaMode="BLEND")
-    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    scene, messages = scene_and_warnings(document.glb(tmp_path / "a.glb"))
     assert (scene.ignored, messages) == ((), [])
     material = scene.meshes[0].material
     assert (material.alpha_cutoff, material.opacity, material.blend) == (None, 0.5, True)
@@ -272,7 +271,7 @@ def test_texture_transforms_and_coordinate_sets(tmp_path):
     np.testing.assert_allclose(uvs, [[0.25, 0.5], [0.25, -1.5], [3.25, 0.5]], atol=1e-12)
     info["extensions"].clear()
     document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"].pop("extensions")
-    scene, _ = told(document.glb(tmp_path / "a.glb"))
+    scene, _ = scene_and_warnings(document.glb(tmp_path / "a.glb"))
     assert scene.meshes[0].uvs is None  # there is no set 1
 
 
@@ -285,8 +284,8 @@ def test_images_beside_and_in_place_of_the_files(tmp_path):
     document.glb(tmp_path / "a.glb")
     (tmp_path / "my image.png").write_bytes(png(np.full((3, 2, 3), 255, np.uint8)))
     assert load(tmp_path / "a.glb").meshes[0].material.texture.image.shape == (3, 2, 3)
-    own = load(tmp_path / "a.glb", texture=np.ones((6, 7, 3))).meshes[0].material.texture
-    assert own.image.shape == (6, 7, 3)
+    replacement = load(tmp_path / "a.glb", texture=np.ones((6, 7, 3))).meshes[0].material.texture
+    assert replacement.image.shape == (6, 7, 3)
     refusal(triangle().glb(tmp_path / "b.glb"), "b.glb: TEXCOORD_0: ", texture=np.ones((1, 1, 3)))
 
 
@@ -295,7 +294,7 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
     document.mesh({"POSITION": CORNERS}, INDICES, mode=1)
     document.add("materials", {})
     document.json["extensionsUsed"] = ["KHR_materials_clearcoat", "KHR_texture_transform"]
-    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    scene, messages = scene_and_warnings(document.glb(tmp_path / "a.glb"))
     assert set(scene.ignored) == {*("KHR_materials_clearcoat", "points and lines")}
     assert len(messages) == 1
     assert "a.glb: not rendered: " in messages[0]
@@ -389,7 +388,7 @@ def test_points_and_lines_are_named(tmp_path):
     for mode in range(4):
         document = triangle()
         document.mesh({"POSITION": CORNERS}, INDICES, mode=mode)
-        scene, messages = told(document.glb(tmp_path / "a.glb"))
+        scene, messages = scene_and_warnings(document.glb(tmp_path / "a.glb"))
         assert (len(scene.meshes), scene.ignored) == (1, ("points and lines",)), mode
         assert len(messages) == 1, mode
 
@@ -423,14 +422,14 @@ def test_chunks_of_a_glb(tmp_path):
     length."""
     path = tmp_path / "a.glb"
     triangle().glb(path)
-    whole = path.read_bytes()
-    unknown = whole + struct.pack("<I4s", 1 << 30, b"MORE")
+    data = path.read_bytes()
+    unknown = data + struct.pack("<I4s", 1 << 30, b"MORE")
     path.write_bytes(unknown[:8] + struct.pack("<I", len(unknown)) + unknown[12:])
     assert load(path).face_count == 1
-    for length in (19, len(whole) + 1):
-        path.write_bytes(whole[:8] + struct.pack("<I", length) + whole[12:])
+    for length in (19, len(data) + 1):
+        path.write_bytes(data[:8] + struct.pack("<I", length) + data[12:])
         refusal(path, "GLB length: ", str(length))
-    path.write_bytes(whole[:8] + struct.pack("<I", 20) + whole[12:])
+    path.write_bytes(data[:8] + struct.pack("<I", 20) + data[12:])
     assert "GLB length" not in refusal(path, "GLB chunk 0")
 
 
@@ -467,7 +466,7 @@ def test_of_several_cameras_the_first_is_taken(tmp_path):
     document.add("nodes", {"mesh": 0})
     for k in range(2):
         document.add("nodes", {"camera": k, "translation": [0.3, 0.3, 5.0 + k]})
-    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    scene, messages = scene_and_warnings(document.glb(tmp_path / "a.glb"))
     assert scene.camera.eye.tolist() == [0.3, 0.3, 5.0]
     assert "cameras" in " ".join(messages)
 

@@ -118,23 +118,23 @@ def test_the_lengths_of_quaternions_do_not_count(tmp_path):
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-12, 1e-6, 1.0, 179.0, 180.0])
 def test_slerp_is_exact_for_every_angle(degrees):
-    before, after = (np.array(turn(each, (1, 2, 3))) for each in (0.0, degrees))
+    before, after = (np.array(turn(angle, (1, 2, 3))) for angle in (0.0, degrees))
     for t in (0.0, 0.3, 1.0):
-        found = slerp(t, before, after)
-        np.testing.assert_allclose(found, turn(t * degrees, (1, 2, 3)), atol=3e-16)
-        assert np.linalg.norm(found) == pytest.approx(1.0, abs=3e-16)
+        rotation = slerp(t, before, after)
+        np.testing.assert_allclose(rotation, turn(t * degrees, (1, 2, 3)), atol=3e-16)
+        assert np.linalg.norm(rotation) == pytest.approx(1.0, abs=3e-16)
 
 
 def test_a_spline_of_rotations_is_normalized(tmp_path):
     rows = np.zeros((6, 4), np.float32)
     rows[1], rows[4] = turn(0), np.multiply(2, turn(90))  # the second is not a unit quaternion
     path = animated((0, "rotation", np.array([0, 1], np.float32), rows, "CUBICSPLINE")).glb(tmp_path / "a.glb")
-    found = instance(path, time=0.5)
+    matrix = instance(path, time=0.5)
     middle = unit(hermite(0.5, rows[1].astype(float), rows[4].astype(float), np.zeros(4), np.zeros(4)))
     angle = 2 * math.atan2(middle[2], middle[3])
     assert angle == pytest.approx(2 * math.atan2(math.sqrt(2), 1 + math.sqrt(2)), abs=1e-7)
-    np.testing.assert_allclose(found[0, :2], [math.cos(angle), -math.sin(angle)], atol=1e-14)
-    np.testing.assert_allclose(np.linalg.det(found[:3, :3]), 1.0, atol=1e-14)
+    np.testing.assert_allclose(matrix[0, :2], [math.cos(angle), -math.sin(angle)], atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(matrix[:3, :3]), 1.0, atol=1e-14)
     assert unit(np.zeros(4)).tolist() == [0, 0, 0, 1]
 
 
@@ -145,8 +145,8 @@ def test_normalized_integers(tmp_path, dtype, factor):
     document.add("nodes", {"mesh": 0})
     output = document.accessor(turns, normalized=True)
     document.animation((0, "rotation", np.array([0, 1], np.float32), output, "LINEAR"))
-    found = instance(document.glb(tmp_path / "a.glb"), time=0.5)
-    np.testing.assert_allclose(found[:2, 0], [math.sqrt(0.5)] * 2, atol=0.5 / factor)
+    matrix = instance(document.glb(tmp_path / "a.glb"), time=0.5)
+    np.testing.assert_allclose(matrix[:2, 0], [math.sqrt(0.5)] * 2, atol=0.5 / factor)
 
 
 def test_children_cameras_and_lights_move_along(tmp_path):
@@ -174,8 +174,8 @@ def test_an_animation_is_chosen_by_name_by_number_or_all_of_them(tmp_path):
         *((None, 0, 1), (0, 0, 1), ("0", 0, 1), ("Run", 1, 1), (1, 1, 1)),
         *(("all", 1, 2), (np.int64(1), 1, 1)),
     ):
-        found = instance(path, time=9, animation=wanted)
-        assert (found[:3, 3].tolist(), found[0, 0]) == (PLACES[place].tolist(), size), wanted
+        matrix = instance(path, time=9, animation=wanted)
+        assert (matrix[:3, 3].tolist(), matrix[0, 0]) == (PLACES[place].tolist(), size), wanted
     assert instance(path, animation="5")[0, 0] == 2  # from its beginning
     expected = "a.glb: animation: expected one of Run, 5, a number from 0 to 2, all, found "
     refusal(path, expected, "'run': did you mean 'Run'?", animation="run")
@@ -282,8 +282,8 @@ def test_a_sound_animation_beside_a_broken_one(tmp_path):
 )
 def test_broken_fields(tmp_path, where, key, value, words):
     document = changed()
-    (found,) = document.json["animations"]
-    entry = found["samplers" if where == "sampler" else "channels"][0]
+    (animation,) = document.json["animations"]
+    entry = animation["samplers" if where == "sampler" else "channels"][0]
     entry = entry["target"] if where == "target" else entry
     entry.pop(key)
     if value is not None:

@@ -142,10 +142,10 @@ def test_sparse_rows_up_to_the_last(tmp_path):
 @pytest.mark.parametrize("mode", [4, 5, 6])
 def test_the_largest_index_of_a_type_is_refused(tmp_path, kind, mode):
     """glTF forbids it even if there are so many vertices, because it restarts a strip on some devices."""
-    most = int(np.iinfo(kind).max)
-    verts = np.zeros((most + 1, 3), np.float32)
-    verts[[1, most - 1, most], [0, 1, 1]] = 1
-    for last, good in ((most - 1, True), (most, False)):
+    largest = int(np.iinfo(kind).max)
+    verts = np.zeros((largest + 1, 3), np.float32)
+    verts[[1, largest - 1, largest], [0, 1, 1]] = 1
+    for last, good in ((largest - 1, True), (largest, False)):
         document = Gltf()
         document.mesh({"POSITION": verts}, np.array([0, 1, last], kind), mode=mode)
         path = document.glb(tmp_path / "a.glb")
@@ -153,9 +153,9 @@ def test_the_largest_index_of_a_type_is_refused(tmp_path, kind, mode):
             assert sorted(load(path).meshes[0].verts.max(axis=0).tolist()) == [0, 1, 1]
         else:
             expected = (
-                f"a.glb: meshes[0].primitives[0].indices: expected indices below {most}, the largest of their type"
+                f"a.glb: meshes[0].primitives[0].indices: expected indices below {largest}, the largest of their type"
             )
-            refusal(path, expected, f"found {most} at place 2 of accessors[1]")
+            refusal(path, expected, f"found {largest} at place 2 of accessors[1]")
 
 
 def test_broken_containers(tmp_path):
@@ -222,8 +222,8 @@ def test_a_file_without_triangles_names_what_else_it_holds(tmp_path):
     document = Gltf()
     document.mesh({"POSITION": CORNERS}, None, mode=0)
     document.json["extensionsUsed"] = ["KHR_gaussian_splatting"]
-    found = "found none besides KHR_gaussian_splatting, points and lines"
-    refusal(document.glb(tmp_path / "a.glb"), f"meshes: expected at least one triangle in the scene, {found}")
+    ending = "found none besides KHR_gaussian_splatting, points and lines"
+    refusal(document.glb(tmp_path / "a.glb"), f"meshes: expected at least one triangle in the scene, {ending}")
 
 
 def test_required_extensions_of_textures_cost_no_picture(tmp_path):

@@ -93,10 +93,10 @@ def test_joints_of_several_sets(tmp_path):
     np.testing.assert_allclose(mesh.verts, expected, atol=1e-7)
 
 
-@pytest.mark.parametrize(("dtype", "most"), [(np.uint8, 255), (np.uint16, 65535)])
-def test_normalized_weights(tmp_path, dtype, most):
+@pytest.mark.parametrize(("dtype", "unit"), [(np.uint8, 255), (np.uint16, 65535)])
+def test_normalized_weights(tmp_path, dtype, unit):
     document = bent(bar())
-    weights = np.array([[most, 0, 0, 0]] * 2 + [[most // 2, most // 2, 0, 0]] * 2 + [[0, most, 0, 0]] * 2, dtype)
+    weights = np.array([[unit, 0, 0, 0]] * 2 + [[unit // 2, unit // 2, 0, 0]] * 2 + [[0, unit, 0, 0]] * 2, dtype)
     attributes = document.json["meshes"][0]["primitives"][0]["attributes"]
     attributes["WEIGHTS_0"] = document.accessor(weights, normalized=True)
     (mesh,) = quietly(document.glb(tmp_path / "a.glb"), time=0).meshes
@@ -115,7 +115,7 @@ def test_weights_are_scaled_to_a_sum_of_1(tmp_path, share, warned):
         (mesh,) = load(document.glb(tmp_path / "a.glb"), time=0).meshes
     np.testing.assert_allclose(mesh.verts[2:4], [[-0.05, 0.95, 0], [0.05, 1.05, 0]], atol=1e-7)
     line = "a.glb: meshes[0].primitives[0].attributes.WEIGHTS: expected a sum of 1 for each vertex, found"
-    assert [line in str(each.message) and "in row 3" in str(each.message) for each in caught] == [True] * warned
+    assert [line in str(record.message) and "in row 3" in str(record.message) for record in caught] == [True] * warned
 
 
 def test_a_vertex_without_weights_follows_the_first_joint(tmp_path):
@@ -186,23 +186,23 @@ def test_blending_against_a_loop_over_vertices():
     weights = rng.random((count, 8))
     weights /= weights.sum(axis=1)[:, None]
     influences = Influences(rng.integers(0, 5, (count, 8)), weights)
-    given = {"POSITION": rng.normal(size=(count, 3)), "NORMAL": rng.normal(size=(count, 3))}
-    found, placement = deform(given, influences, matrices)
+    attributes = {"POSITION": rng.normal(size=(count, 3)), "NORMAL": rng.normal(size=(count, 3))}
+    deformed, placement = deform(attributes, influences, matrices)
     assert (placement == np.eye(4)).all()
     for row in (0, 1, 1000, (1 << 15) - 1, 1 << 15, count - 1):
         blended = sum(w * matrices[j] for w, j in zip(weights[row], influences.joints[row], strict=True))
-        moved = blended[:, :3] @ given["POSITION"][row] + blended[:, 3]
-        np.testing.assert_allclose(found["POSITION"][row], moved, rtol=1e-12, atol=1e-12)
-        normal = np.linalg.inv(blended[:, :3]).T @ given["NORMAL"][row] * np.linalg.det(blended[:, :3])
-        np.testing.assert_allclose(found["NORMAL"][row], normal / np.linalg.norm(normal), rtol=1e-11, atol=1e-11)
+        moved = blended[:, :3] @ attributes["POSITION"][row] + blended[:, 3]
+        np.testing.assert_allclose(deformed["POSITION"][row], moved, rtol=1e-12, atol=1e-12)
+        normal = np.linalg.inv(blended[:, :3]).T @ attributes["NORMAL"][row] * np.linalg.det(blended[:, :3])
+        np.testing.assert_allclose(deformed["NORMAL"][row], normal / np.linalg.norm(normal), rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-24, 3e-7, 1e20, 1e200])
 def test_the_scale_of_a_joint_does_not_count_for_normals(scale):
     turned = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     influences = Influences(np.zeros((3, 1), int), np.ones((3, 1)))
-    given = {"POSITION": np.zeros((3, 3)), "NORMAL": np.float32([[0.6, 0.8, 0], [0, 0, 5], [0, 0, 0]])}
-    normals = deform(given, influences, scale * turned[None])[0]["NORMAL"]
+    attributes = {"POSITION": np.zeros((3, 3)), "NORMAL": np.float32([[0.6, 0.8, 0], [0, 0, 5], [0, 0, 0]])}
+    normals = deform(attributes, influences, scale * turned[None])[0]["NORMAL"]
     np.testing.assert_allclose(normals, [[-0.8, 0.6, 0], [0, 0, 1], [0, 0, 0]], atol=1e-7)
 
 

@@ -17,12 +17,12 @@ from scene_files import course_dict, save_npy
 import clshade
 from clshade.errors import InputError, OutputError
 from clshade.images.decode import srgb_to_linear
+from clshade.scene.contents import object_names
 from clshade.scene.formats.gltf_writer import Glb, float32_frame, unify_vertices
 from clshade.scene.geometry import bounding_box, camera_axes, vertex_normals
 from clshade.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
 from clshade.scene.material import MAPS, TERMS
 from clshade.scene.model import Material, Mesh, MetallicRoughness, Scene, Texture
-from clshade.scene.objects import object_names
 
 RNG = np.random.default_rng(11)
 CAMERA = clshade.Camera.from_fov((0, 1, 5), (0, 0, 0), (0, 1, 0), 40, (640, 480))
@@ -41,7 +41,7 @@ def written(folder, *meshes, **changes) -> tuple[Scene, list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         Scene(meshes, **{"camera": CAMERA, "ambient": 0.1, **changes}).to_glb(path)
-    return clshade.load(path), [str(each.message) for each in caught]
+    return clshade.load(path), [str(record.message) for record in caught]
 
 
 def content(path) -> dict:
@@ -57,52 +57,52 @@ def content(path) -> dict:
 
 def corners_in_world(scene: Scene) -> np.ndarray:
     """Return the corners of all triangles, (F, 3, 3), in the order of meshes, placements and faces."""
-    found = []
-    for each in scene.meshes:
-        verts = np.asarray(each.verts, np.float64)
-        for placement in np.asarray(each.instances):
-            found.append((verts @ placement[:3, :3].T + placement[:3, 3])[each.faces])
-    return np.concatenate(found)
+    corners = []
+    for part in scene.meshes:
+        verts = np.asarray(part.verts, np.float64)
+        for placement in np.asarray(part.instances):
+            corners.append((verts @ placement[:3, :3].T + placement[:3, 3])[part.faces])
+    return np.concatenate(corners)
 
 
-def at_corners(each: Mesh, name: str) -> np.ndarray:
+def at_corners(part: Mesh, name: str) -> np.ndarray:
     """Return an attribute at the corners of the faces, (F, 3, K)."""
-    own = {"normals": each.normal_faces, "uvs": each.uv_faces, "tangents": each.tangent_faces}.get(name)
-    return np.asarray(getattr(each, name))[each.faces if own is None else own]
+    indices = {"normals": part.normal_faces, "uvs": part.uv_faces, "tangents": part.tangent_faces}.get(name)
+    return np.asarray(getattr(part, name))[part.faces if indices is None else indices]
 
 
-def assert_same_camera(found, expected) -> None:
+def assert_same_camera(camera, expected) -> None:
     """Eye, axes and field of view; the resolution is 600 rows of the same shape, within half a column."""
-    np.testing.assert_allclose(found.eye, expected.eye, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(camera_axes(found), camera_axes(expected), atol=1e-9)
+    np.testing.assert_allclose(camera.eye, expected.eye, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(camera_axes(camera), camera_axes(expected), atol=1e-9)
     height, width = expected.plane
     lens = 1.0 if expected.orthographic else expected.focal
     tolerance = 0.5 / (600 * width / height)
-    np.testing.assert_allclose(found.plane[0] / found.focal, height / lens, rtol=1e-12 + tolerance)
-    np.testing.assert_allclose(found.plane[1] / found.plane[0], width / height, rtol=2 * tolerance)
-    assert found.orthographic == expected.orthographic
+    np.testing.assert_allclose(camera.plane[0] / camera.focal, height / lens, rtol=1e-12 + tolerance)
+    np.testing.assert_allclose(camera.plane[1] / camera.plane[0], width / height, rtol=2 * tolerance)
+    assert camera.orthographic == expected.orthographic
 
 
-def assert_same_texture(found: Texture | None, expected: Texture | None) -> None:
-    assert (found is None) == (expected is None)
-    if expected is not None and found is not None:
-        assert found.image.tobytes() == expected.image.tobytes()
-        assert (found.wrap, found.filter, found.name) == (expected.wrap, expected.filter, expected.name)
+def assert_same_texture(texture: Texture | None, expected: Texture | None) -> None:
+    assert (texture is None) == (expected is None)
+    if expected is not None and texture is not None:
+        assert texture.image.tobytes() == expected.image.tobytes()
+        assert (texture.wrap, texture.filter, texture.name) == (expected.wrap, expected.filter, expected.name)
 
 
-def assert_same_material(found: Material, expected: Material) -> None:
+def assert_same_material(material: Material, expected: Material) -> None:
     """All that glTF says of a material, and Phong's parameters, which the reader derives from it."""
     for name in ("color", "ka", "kd", "ks", "n", "opacity"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12, err_msg=name)
+        np.testing.assert_allclose(getattr(material, name), getattr(expected, name), rtol=1e-12, err_msg=name)
     for name in ("name", "sides", "two_sided", "alpha_cutoff", "blend"):
-        assert getattr(found, name) == getattr(expected, name), name
-    assert_same_texture(found.texture, expected.texture)
+        assert getattr(material, name) == getattr(expected, name), name
+    assert_same_texture(material.texture, expected.texture)
     for field in fields(MetallicRoughness):
-        one, other = getattr(found.microfacets, field.name), getattr(expected.microfacets, field.name)
+        one, reference = getattr(material.microfacets, field.name), getattr(expected.microfacets, field.name)
         if field.name in MAPS:
-            assert_same_texture(one, other)
+            assert_same_texture(one, reference)
         else:
-            np.testing.assert_allclose(one, other, rtol=1e-12, err_msg=field.name)
+            np.testing.assert_allclose(one, reference, rtol=1e-12, err_msg=field.name)
 
 
 def eight_bits(shape, *, srgb: bool, name: str = "", **fields) -> Texture:
@@ -126,33 +126,33 @@ def test_a_builtin_scene_comes_back(tmp_path, name):
     back = clshade.load(tmp_path / "a.glb")
     assert corners_in_world(back).tobytes() == corners_in_world(scene).tobytes()
     assert_same_camera(back.camera, scene.camera)
-    assert [each.name for each in back.meshes] == [each.name for each in scene.meshes]
-    for found, expected in zip(back.meshes, scene.meshes, strict=True):
+    assert [part.name for part in back.meshes] == [part.name for part in scene.meshes]
+    for copy, expected in zip(back.meshes, scene.meshes, strict=True):
         normals = expected.normals
         if normals is None:
-            normals, own = vertex_normals(expected.verts, expected.faces), expected.faces
+            normals, indices = vertex_normals(expected.verts, expected.faces), expected.faces
         else:
-            own = expected.faces if expected.normal_faces is None else expected.normal_faces
+            indices = expected.faces if expected.normal_faces is None else expected.normal_faces
         unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-        np.testing.assert_allclose(at_corners(found, "normals"), unit[own], atol=2e-7)
+        np.testing.assert_allclose(at_corners(copy, "normals"), unit[indices], atol=2e-7)
         if not expected.material.kd.any():  # a lamp, which is unlit
             continue
-        one, other = found.material.microfacets, expected.material.microfacets
-        assert (one.metallic, one.roughness, one.ior) == (other.metallic, other.roughness, other.ior)
-        np.testing.assert_allclose(one.dielectric_f0, other.dielectric_f0, rtol=1e-12)
+        one, reference = copy.material.microfacets, expected.material.microfacets
+        assert (one.metallic, one.roughness, one.ior) == (reference.metallic, reference.roughness, reference.ior)
+        np.testing.assert_allclose(one.dielectric_f0, reference.dielectric_f0, rtol=1e-12)
         color = np.clip(expected.material.color * expected.material.diffuse, 0.0, 1.0)
-        np.testing.assert_allclose(found.material.color, color, rtol=1e-12)
+        np.testing.assert_allclose(copy.material.color, color, rtol=1e-12)
 
 
 def test_a_course_file_becomes_a_mesh_of_the_same_look(tmp_path):
     scene = clshade.load(save_npy(tmp_path / "a.npy", course_dict()))
     scene.to_glb(tmp_path / "a.glb")
     back = clshade.load(tmp_path / "a.glb")
-    (found,), (expected,) = back.meshes, scene.meshes
+    (copy,), (expected,) = back.meshes, scene.meshes
     assert corners_in_world(back).tobytes() == corners_in_world(scene).tobytes()
     assert_same_camera(back.camera, scene.camera)
     colors = srgb_to_linear(np.asarray(expected.colors)).astype(np.float32)
-    assert at_corners(found, "colors").tobytes() == colors[expected.faces].tobytes()
+    assert at_corners(copy, "colors").tobytes() == colors[expected.faces].tobytes()
     document = content(tmp_path / "a.glb")
     extras = document["materials"][0]["extras"]["clshade"]
     assert (extras["kd"], extras["n"], extras["two_sided"]) == ([0.8] * 3, 7.0, False)
@@ -168,13 +168,13 @@ def test_a_course_texture_is_looked_up_at_the_same_texels(tmp_path):
     image = RNG.integers(0, 256, (3, 4, 3)).astype(np.uint8)
     scene = clshade.load(save_npy(tmp_path / "a.npy", course_dict()), texture=image)
     scene.to_glb(tmp_path / "a.glb")
-    (found,), (expected,) = clshade.load(tmp_path / "a.glb").meshes, scene.meshes
-    assert found.colors is None  # texels replace them
-    texture = found.material.texture
+    (copy,), (expected,) = clshade.load(tmp_path / "a.glb").meshes, scene.meshes
+    assert copy.colors is None  # texels replace them
+    texture = copy.material.texture
     assert texture.wrap == ("clamp", "clamp")
     assert texture.image.tobytes() == srgb_to_linear(image / 255.0).astype(np.float32).tobytes()
-    given = at_corners(expected, "uvs") * [3, 2] + 0.5  # in texels: centers are at halves
-    np.testing.assert_allclose(at_corners(found, "uvs") * [4, 3], given, atol=1e-6)
+    texels = at_corners(expected, "uvs") * [3, 2] + 0.5  # in texels: centers are at halves
+    np.testing.assert_allclose(at_corners(copy, "uvs") * [4, 3], texels, atol=1e-6)
 
 
 def test_what_was_loaded_is_written_as_it_was(tmp_path):
@@ -185,12 +185,12 @@ def test_what_was_loaded_is_written_as_it_was(tmp_path):
     first.to_glb(tmp_path / "b.glb")
     second = clshade.load(tmp_path / "b.glb")
     second.to_glb(tmp_path / "c.glb")
-    for one, other in zip(first.meshes, second.meshes, strict=True):
-        assert one.verts.tobytes() == other.verts.tobytes()
-        assert_same_material(other.material, one.material)
+    for one, copy in zip(first.meshes, second.meshes, strict=True):
+        assert one.verts.tobytes() == copy.verts.tobytes()
+        assert_same_material(copy.material, one.material)
     assert not second.own_lights  # the stand-ins were not written
-    one, other = ((tmp_path / name).read_bytes().split(b"BIN\0", 1)[1] for name in ("b.glb", "c.glb"))
-    assert one == other
+    one, copy = ((tmp_path / name).read_bytes().split(b"BIN\0", 1)[1] for name in ("b.glb", "c.glb"))
+    assert one == copy
 
 
 def test_the_same_scene_gives_the_same_bytes(tmp_path):
@@ -223,7 +223,7 @@ def test_vertices_are_split_only_where_attributes_differ(tmp_path):
     )
     back, messages = written(tmp_path, split, plain)
     assert messages == []
-    assert [len(each.verts) for each in back.meshes] == [6, 4]
+    assert [len(part.verts) for part in back.meshes] == [6, 4]
     expected = [[[0, 0, 1]] * 3, [[0, 1, 0]] * 3]
     assert at_corners(back.meshes[0], "normals").tolist() == expected
     assert corners_in_world(back).tobytes() == np.concatenate([CORNERS[FACES].astype(float)] * 2).tobytes()
@@ -236,16 +236,16 @@ def test_vertices_without_faces_are_left_out(tmp_path, far):
     verts = np.vstack([[far] * 3, CORNERS + 1 / 3, [-far] * 3])
     back, _ = written(tmp_path, mesh(verts=verts, faces=FACES + 1, colors=np.linspace(0, 1, 18).reshape(6, 3)))
     np.testing.assert_allclose(corners_in_world(back), verts[FACES + 1], rtol=1e-7)
-    (found,) = back.meshes
-    assert (len(found.verts), found.faces.tolist()) == (4, FACES.tolist())
-    np.testing.assert_allclose(found.colors, np.linspace(0, 1, 18).reshape(6, 3)[1:5], rtol=1e-7)
+    (copy,) = back.meshes
+    assert (len(copy.verts), copy.faces.tolist()) == (4, FACES.tolist())
+    np.testing.assert_allclose(copy.colors, np.linspace(0, 1, 18).reshape(6, 3)[1:5], rtol=1e-7)
 
 
 def test_unified_vertices_keep_their_order():
     faces = np.array([[3, 1, 0], [0, 1, 2]], np.int32)
-    own = np.array([[0, 0, 0], [0, 0, 1]], np.int32)
-    rows, found = unify_vertices(faces, 4, {"a": (np.arange(4), None), "b": (np.array([7, 8]), own)})
-    assert found.tolist() == [[3, 1, 0], [0, 1, 2]]
+    indices = np.array([[0, 0, 0], [0, 0, 1]], np.int32)
+    rows, new_faces = unify_vertices(faces, 4, {"a": (np.arange(4), None), "b": (np.array([7, 8]), indices)})
+    assert new_faces.tolist() == [[3, 1, 0], [0, 1, 2]]
     assert (rows["a"].tolist(), rows["b"].tolist()) == ([0, 1, 2, 3], [7, 7, 8, 7])
 
 
@@ -256,21 +256,21 @@ def test_colors_and_alphas(tmp_path):
         tmp_path, mesh(colors=colors, material=material), mesh(alphas=colors[:, 3], material=material)
     )
     assert messages == []
-    for found, rgb in zip(back.meshes, (colors[:, :3], np.ones((4, 3))), strict=True):
-        np.testing.assert_array_equal(found.colors, rgb.astype(np.float32))
-        np.testing.assert_array_equal(found.alphas, colors[:, 3])
-        assert (found.material.blend, found.material.opacity) == (True, 0.5)
+    for copy, rgb in zip(back.meshes, (colors[:, :3], np.ones((4, 3))), strict=True):
+        np.testing.assert_array_equal(copy.colors, rgb.astype(np.float32))
+        np.testing.assert_array_equal(copy.alphas, colors[:, 3])
+        assert (copy.material.blend, copy.material.opacity) == (True, 0.5)
 
 
 def test_placements_are_nodes(tmp_path):
     sheared = np.eye(4)
     sheared[:3] = RNG.normal(size=(3, 4))
     mirrored = np.diag([-1.0, 2.0, 3.0, 1.0])
-    given = np.stack([np.eye(4), mirrored, sheared])
-    back, _ = written(tmp_path, mesh(instances=given, name="thing"))
-    (found,) = back.meshes
-    assert found.name == "thing"
-    np.testing.assert_allclose(found.instances, given, atol=1e-14)
+    placements = np.stack([np.eye(4), mirrored, sheared])
+    back, _ = written(tmp_path, mesh(instances=placements, name="thing"))
+    (copy,) = back.meshes
+    assert copy.name == "thing"
+    np.testing.assert_allclose(copy.instances, placements, atol=1e-14)
     nodes = content(tmp_path / "a.glb")["nodes"]
     assert "matrix" not in nodes[0]
     for node in nodes:  # a rotation or reflection and a scale each, as the specification wants
@@ -328,8 +328,8 @@ def test_indices_are_as_wide_as_they_need(tmp_path, count):
     verts = np.zeros((count, 3), np.float32)
     verts[:, 0] = np.arange(count)
     verts[-1, 1] = 1.0
-    others = np.minimum(np.arange(2, 2 + count // 3 * 3), count - 1).reshape(-1, 3)
-    back, _ = written(tmp_path, mesh(verts=verts, faces=np.vstack([[[0, 1, count - 1]], others])))
+    rest = np.minimum(np.arange(2, 2 + count // 3 * 3), count - 1).reshape(-1, 3)
+    back, _ = written(tmp_path, mesh(verts=verts, faces=np.vstack([[[0, 1, count - 1]], rest])))
     assert corners_in_world(back)[0].tolist() == [[0, 0, 0], [1, 0, 0], [count - 1, 1, 0]]
     accessors = content(tmp_path / "a.glb")["accessors"]
     assert accessors[-1]["componentType"] == (5123 if count == 65535 else 5125)
@@ -340,10 +340,10 @@ def test_scalars_are_attributes(tmp_path):
     of_corners = np.array([[1.0, 2, 3], [3, 2, 5]])
     scalars = {"height": at_points, "part": of_faces, "corner": of_corners}
     back, messages = written(tmp_path, mesh(scalars=scalars))
-    (found,) = back.meshes
-    assert found.scalars["height"][found.faces].tolist() == at_points[FACES].tolist()
-    assert found.scalars["part"][found.faces].tolist() == [[3.0] * 3, [4.0] * 3]
-    assert found.scalars["corner"][found.faces].tolist() == of_corners.tolist()
+    (copy,) = back.meshes
+    assert copy.scalars["height"][copy.faces].tolist() == at_points[FACES].tolist()
+    assert copy.scalars["part"][copy.faces].tolist() == [[3.0] * 3, [4.0] * 3]
+    assert copy.scalars["corner"][copy.faces].tolist() == of_corners.tolist()
     assert messages == []
     back, (message,) = written(tmp_path, mesh(scalars={"height": np.array([1.0, np.nan, 2.0, 3.0])}))
     assert "NaN in scalars height" in message
@@ -353,15 +353,15 @@ def test_scalars_are_attributes(tmp_path):
 def test_texture_coordinates_that_are_no_numbers_are_zero(tmp_path):
     uvs = np.array([[0, np.nan], [np.inf, 0], [1e300, -1e300], [0.5, 0.5]])
     texture = Texture(np.ones((1, 1, 3)))
-    (found,) = written(tmp_path, mesh(uvs=uvs, material=Material(texture=texture)))[0].meshes
-    assert found.uvs.tolist() == [[0, 0], [0, 0], [2.0**40, -(2.0**40)], [0.5, 0.5]]
+    (copy,) = written(tmp_path, mesh(uvs=uvs, material=Material(texture=texture)))[0].meshes
+    assert copy.uvs.tolist() == [[0, 0], [0, 0], [2.0**40, -(2.0**40)], [0.5, 0.5]]
 
 
 # Materials
 
 
 def maps(**changes) -> MetallicRoughness:
-    given = {
+    defaults = {
         "metallic": 0.25,
         "roughness": 0.625,
         "metallic_roughness_texture": eight_bits((4, 3, 3), srgb=False, name="worn", wrap="clamp"),
@@ -375,7 +375,7 @@ def maps(**changes) -> MetallicRoughness:
         "occlusion_strength": 0.5,
         "emission_texture": eight_bits((2, 2, 3), srgb=True, name="glow"),
     }
-    return MetallicRoughness(**{**given, **changes})
+    return MetallicRoughness(**{**defaults, **changes})
 
 
 @pytest.mark.parametrize(
@@ -396,8 +396,8 @@ def test_a_material_comes_back(tmp_path, changes):
     opaque = not changes.get("blend") and "alpha_cutoff" not in changes
     if opaque:
         texture = replace(texture, image=texture.image[..., :3])
-    given = {"color": (0.5, 0.25, 1.0), "sides": "front", "texture": texture, "pbr": maps(), "name": "paint"}
-    material = Material(**{**given, **changes})
+    defaults = {"color": (0.5, 0.25, 1.0), "sides": "front", "texture": texture, "pbr": maps(), "name": "paint"}
+    material = Material(**{**defaults, **changes})
     path = tmp_path / "once"
     path.mkdir()
     first = written(path, mesh(uvs=UVS, material=material))[0].meshes[0].material
@@ -411,11 +411,11 @@ def test_a_material_comes_back(tmp_path, changes):
 def test_phong_becomes_what_shader_pbr_draws(tmp_path):
     """The file's picture is that of the scene in shader pbr: the same base color, roughness and reflectance."""
     material = Material(0.2, (0.5, 0.25, 0.125), (0.5, 0.25, 0.0), 30.0, color=(1.0, 0.5, 0.25))
-    found = written(tmp_path, mesh(material=material))[0].meshes[0].material
-    one, other = found.microfacets, material.microfacets
-    assert (one.metallic, one.roughness) == (0.0, other.roughness)
-    np.testing.assert_allclose(one.dielectric_f0, other.dielectric_f0, rtol=1e-12)
-    np.testing.assert_allclose(found.color * found.diffuse, material.color * material.diffuse, rtol=1e-12)
+    copy = written(tmp_path, mesh(material=material))[0].meshes[0].material
+    one, reference = copy.microfacets, material.microfacets
+    assert (one.metallic, one.roughness) == (0.0, reference.roughness)
+    np.testing.assert_allclose(one.dielectric_f0, reference.dielectric_f0, rtol=1e-12)
+    np.testing.assert_allclose(copy.color * copy.diffuse, material.color * material.diffuse, rtol=1e-12)
     (entry,) = content(tmp_path / "a.glb")["materials"]
     assert entry["extras"]["clshade"] == {
         "ka": [0.2] * 3,
@@ -430,20 +430,20 @@ def test_phong_becomes_what_shader_pbr_draws(tmp_path):
 
 def test_unlit_materials(tmp_path):
     material = Material(ka=10.0, kd=0.0, ks=0.0, color=(0.25, 0.5, 0.75), sides="front")
-    found = written(tmp_path, mesh(material=material))[0].meshes[0].material
+    copy = written(tmp_path, mesh(material=material))[0].meshes[0].material
     assert content(tmp_path / "a.glb")["extensionsUsed"] == ["KHR_materials_unlit"]
     for name in ("color", "ka", "kd", "ks", "pbr", "sides", "two_sided"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(material, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(copy, name), getattr(material, name), err_msg=name)
 
 
 def test_textures_of_further_coordinates(tmp_path):
     occlusion = eight_bits((2, 2, 3), srgb=False, coordinates=1)
     material = Material(texture=eight_bits((2, 2, 3), srgb=True), pbr=MetallicRoughness(occlusion_texture=occlusion))
-    other = UVS[::-1].copy()
-    found = written(tmp_path, mesh(uvs=UVS, more_uvs=[other], material=material), mesh(uvs=UVS, material=material))[0]
-    both, one = found.meshes
+    flipped = UVS[::-1].copy()
+    copy = written(tmp_path, mesh(uvs=UVS, more_uvs=[flipped], material=material), mesh(uvs=UVS, material=material))[0]
+    both, one = copy.meshes
     assert both.material.pbr.occlusion_texture.coordinates == 1
-    assert both.more_uvs[0].tolist() == other.tolist()
+    assert both.more_uvs[0].tolist() == flipped.tolist()
     assert one.material.pbr.occlusion_texture is None  # that mesh lacks its coordinates
     assert len(content(tmp_path / "a.glb")["images"]) == 2
 
@@ -466,8 +466,8 @@ def test_an_image_is_written_once(tmp_path):
 def test_bright_images_keep_their_brightness(tmp_path):
     glow = Texture(np.array([[[8.0, 0.0, 0.0], [0.0, 4.0, 0.0]]]))
     facets = MetallicRoughness(emission=(0.5, 0.5, 0.5), emission_texture=glow)
-    found = written(tmp_path, mesh(uvs=UVS, material=Material(pbr=facets)))[0].meshes[0].material.pbr
-    light = found.emission * found.emission_texture.image
+    copy = written(tmp_path, mesh(uvs=UVS, material=Material(pbr=facets)))[0].meshes[0].material.pbr
+    light = copy.emission * copy.emission_texture.image
     np.testing.assert_allclose(light, 0.5 * glow.image, rtol=0.01)
 
 
@@ -488,7 +488,7 @@ def test_a_camera_comes_back(tmp_path, camera):
     assert_same_camera(back.camera, camera)
     assert messages == []
     assert not back.fitted
-    (lens,) = (each[each["type"]] for each in content(tmp_path / "a.glb")["cameras"])
+    (lens,) = (entry[entry["type"]] for entry in content(tmp_path / "a.glb")["cameras"])
     depths = (bounding_box(back) - camera.eye) @ camera_axes(camera)[2]
     assert 0.0 <= lens["znear"] < depths.min()
     assert lens.get("zfar", math.inf) > depths.max()
@@ -513,37 +513,37 @@ LIGHTS = (
 def test_lights_come_back_up_to_one_factor(tmp_path):
     back, messages = written(tmp_path, mesh(), lights=LIGHTS)
     assert messages == []
-    for found, expected in zip(back.lights, LIGHTS, strict=True):
-        assert type(found) is type(expected)
-        np.testing.assert_allclose(found.intensity / back.light_scale, expected.intensity, rtol=1e-12)
+    for light, expected in zip(back.lights, LIGHTS, strict=True):
+        assert type(light) is type(expected)
+        np.testing.assert_allclose(light.intensity / back.light_scale, expected.intensity, rtol=1e-12)
         for name in ("position", "range", "inner_cone", "outer_cone", "attenuation"):
             if getattr(expected, name, None) is not None and name != "attenuation":
-                np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12, err_msg=name)
+                np.testing.assert_allclose(getattr(light, name), getattr(expected, name), rtol=1e-12, err_msg=name)
             elif name == "attenuation":
-                assert getattr(found, name, None) == getattr(expected, name, None)
+                assert getattr(light, name, None) == getattr(expected, name, None)
         if hasattr(expected, "direction"):
             unit = expected.direction / np.linalg.norm(expected.direction)
-            np.testing.assert_allclose(found.direction, unit, atol=1e-12)
+            np.testing.assert_allclose(light.direction, unit, atol=1e-12)
     back.to_glb(tmp_path / "b.glb")
     again = clshade.load(tmp_path / "b.glb")
-    for found, expected in zip(again.lights, back.lights, strict=True):
-        np.testing.assert_allclose(found.intensity, expected.intensity, rtol=1e-12)
+    for light, expected in zip(again.lights, back.lights, strict=True):
+        np.testing.assert_allclose(light.intensity, expected.intensity, rtol=1e-12)
 
 
 def test_every_kind_comes_back_as_the_type_that_it_names(tmp_path):
     for light in EVERY:
-        (found,) = written(tmp_path, mesh(), lights=(replace(light, intensity=(1, 1, 1)),))[0].lights
-        assert (found.gltf, found.gltf_loss) == (light.gltf, "")
+        (copy,) = written(tmp_path, mesh(), lights=(replace(light, intensity=(1, 1, 1)),))[0].lights
+        assert (copy.gltf, copy.gltf_loss) == (light.gltf, "")
         if light.axis is not None:
-            np.testing.assert_allclose(found.axis, light.axis, atol=1e-12)
+            np.testing.assert_allclose(copy.axis, light.axis, atol=1e-12)
 
 
 def test_lights_without_attenuation_are_as_bright_at_the_center(tmp_path):
     lights = PointLight((0.5, 0.5, 10.25), (2.0, 1.0, 0.0)), SpotLight((30.5, 0.5, 0.25), (-1, 0, 0))
     back, _ = written(tmp_path, mesh(), lights=lights)
-    for found, given, away in zip(back.lights, lights, (10.0, 30.0), strict=True):
-        np.testing.assert_allclose(found.intensity / back.light_scale / away**2, given.intensity, rtol=1e-12)
-        assert found.attenuation == "inverse-square"
+    for light, original, away in zip(back.lights, lights, (10.0, 30.0), strict=True):
+        np.testing.assert_allclose(light.intensity / back.light_scale / away**2, original.intensity, rtol=1e-12)
+        assert light.attenuation == "inverse-square"
 
 
 def test_what_the_file_cannot_say_is_told_once(tmp_path):
@@ -556,8 +556,8 @@ def test_what_the_file_cannot_say_is_told_once(tmp_path):
     material = Material(color=2.0, blend=True, alpha_cutoff=0.5, pbr=MetallicRoughness())
     environment = clshade.Environment(np.ones((2, 4, 3)))
     back, (message,) = written(tmp_path, mesh(material=material), lights=lights, environment=environment)
-    told = message.split("not in the file as in the scene: ")[1].split(", ")
-    assert told == [
+    losses = message.split("not in the file as in the scene: ")[1].split(", ")
+    assert losses == [
         "the environment (none)",
         "alpha tests of materials that blend",
         "colors beyond 0 to 1 (clamped)",
@@ -643,9 +643,9 @@ def test_a_hundred_thousand_placements_come_back(tmp_path):
     turned[:, :2, :2] = [[0.6, -0.8], [0.8, 0.6]]
     turned[:, :3, 3] = RNG.normal(size=(100_000, 3))
     names = [f"tree {k}" for k in range(100_000)]
-    found = written(tmp_path, mesh(instances=turned, instance_names=names))[0].meshes[0]
-    np.testing.assert_array_equal(found.instances, turned)
-    assert found.instance_names == tuple(names)
+    copy = written(tmp_path, mesh(instances=turned, instance_names=names))[0].meshes[0]
+    np.testing.assert_array_equal(copy.instances, turned)
+    assert copy.instance_names == tuple(names)
 
 
 def test_padding_is_as_the_format_wants():
@@ -665,25 +665,25 @@ def test_trimesh_reads_it(tmp_path):
     painted = mesh(uvs=UVS, material=Material(texture=texture, pbr=MetallicRoughness(0.25, 0.5)), name="painted")
     colored = mesh(colors=np.eye(4)[:, :3], instances=placements, name="colored")
     Scene((painted, colored), CAMERA, LIGHTS).to_glb(tmp_path / "a.glb")
-    found = trimesh.load(tmp_path / "a.glb")
-    assert len(found.graph.nodes_geometry) == 3
-    own = corners_in_world(clshade.load(tmp_path / "a.glb"))
-    assert sorted(np.reshape(found.triangles, (-1, 9)).tolist()) == sorted(np.reshape(own, (-1, 9)).tolist())
-    one, other = found.geometry["painted"], found.geometry["colored"]
+    loaded = trimesh.load(tmp_path / "a.glb")
+    assert len(loaded.graph.nodes_geometry) == 3
+    corners = corners_in_world(clshade.load(tmp_path / "a.glb"))
+    assert sorted(np.reshape(loaded.triangles, (-1, 9)).tolist()) == sorted(np.reshape(corners, (-1, 9)).tolist())
+    one, second = loaded.geometry["painted"], loaded.geometry["colored"]
     codes = np.asarray(one.visual.material.baseColorTexture.convert("RGB"))
     assert srgb_to_linear(codes / 255.0).astype(np.float32).tobytes() == texture.image.tobytes()
     assert (one.visual.material.metallicFactor, one.visual.material.roughnessFactor) == (0.25, 0.5)
     np.testing.assert_allclose(one.visual.uv, UVS * [1, -1] + [0, 1], atol=1e-7)
-    assert other.visual.vertex_attributes["color"].tolist() == np.eye(4)[:, :3].tolist()
-    assert found.has_camera
-    np.testing.assert_allclose(found.camera.fov[1], 40.0, rtol=1e-9)
+    assert second.visual.vertex_attributes["color"].tolist() == np.eye(4)[:, :3].tolist()
+    assert loaded.has_camera
+    np.testing.assert_allclose(loaded.camera.fov[1], 40.0, rtol=1e-9)
 
 
 def test_trimesh_reads_halves_of_surrogate_pairs(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     named = mesh(name='a\ud800"\n\0', instance_names=["\udfff"], scalars={"t\ud800": np.arange(4.0)})
     back, _ = written(tmp_path, named, name="\ud801é")
-    found = trimesh.load(tmp_path / "a.glb")
-    assert list(found.geometry) == [back.meshes[0].name] == ['a\\ud800"\n\0']
+    loaded = trimesh.load(tmp_path / "a.glb")
+    assert list(loaded.geometry) == [back.meshes[0].name] == ['a\\ud800"\n\0']
     assert back.meshes[0].instance_names == ("\\udfff",)
     assert list(back.meshes[0].scalars) == ["t\\ud800"]

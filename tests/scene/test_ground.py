@@ -12,10 +12,9 @@ import clshade
 from clshade import Settings, oracle
 from clshade.errors import InputError
 from clshade.pipeline.effective_settings import effective_settings
-from clshade.scene.adjust_camera import camera_of
+from clshade.scene.adjust_camera import camera_of, named_cameras, seen_by
 from clshade.scene.framing import UPS, framed
 from clshade.scene.ground import GRAY, objects_of, with_ground
-from clshade.scene.views import named_cameras, seen_by
 
 SOLID = clshade.builtin("icosphere", level=1)
 SCENE = framed(SOLID.meshes, "solid", (60, 40))
@@ -90,11 +89,11 @@ def test_unlit_materials_leave_it_the_studio_alone():
 
 
 def test_the_command_line(capsys):
-    alone, found = scene_of("icosphere"), scene_of("icosphere", "--ground", "--background", "none")
-    assert len(found.meshes) == 2
-    assert np.array_equal(found.meshes[0].verts, alone.meshes[0].verts)  # so that the ids of its faces stay
-    assert (found.meshes[1].colors == GRAY[0]).all()
-    assert found.camera.eye.tolist() == alone.camera.eye.tolist()
+    alone, grounded = scene_of("icosphere"), scene_of("icosphere", "--ground", "--background", "none")
+    assert len(grounded.meshes) == 2
+    assert np.array_equal(grounded.meshes[0].verts, alone.meshes[0].verts)  # so that the ids of its faces stay
+    assert (grounded.meshes[1].colors == GRAY[0]).all()
+    assert grounded.camera.eye.tolist() == alone.camera.eye.tolist()
     code, out, lines = run(capsys, "render", "icosphere", "--ground", "--edges", "all")
     assert (code, out, len(lines)) == (2, "", 1)
     assert "--ground: cannot go with --edges" in lines[0]

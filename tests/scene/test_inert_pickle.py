@@ -59,7 +59,7 @@ def array(shape: bytes, kind: bytes, data: bytes) -> bytes:
     return FRESH + b"(K\x01" + shape + kind + b"\x89B" + word(len(data)) + data + b"tb"
 
 
-def whole(*shape: int) -> bytes:
+def zeros(*shape: int) -> bytes:
     """Return an array of one byte per number."""
     return array(b"(" + b"".join(b"J" + word(extent) for extent in shape) + b"t", I1, bytes(prod(shape)))
 
@@ -105,7 +105,7 @@ def many_arrays(size: int) -> bytes:
 
 
 def many_lights(number: int) -> bytes:
-    return fields(light_positions=whole(number, 3) + put(0), light_intensities=get(0))
+    return fields(light_positions=zeros(number, 3) + put(0), light_intensities=get(0))
 
 
 ONLY = (b"N", b"\x88", b"(", b")", b"]", b"}", b"\x80\x04", b"cnumpy\ndtype\n", b"\xff")
@@ -135,9 +135,9 @@ WORST: dict[str, Callable[[int], bytes]] = {
     "many lights": lambda size: many_lights(size // 3),
     "most lights": lambda size: many_lights(min(size // 3, 1 << 15)),
     "many vertices": lambda size: fields(
-        verts=array(b"(K\x03J" + word(size // 9) + b"t", F2, bytes(size // 9 * 6)), vertex_colors=whole(3, size // 9)
+        verts=array(b"(K\x03J" + word(size // 9) + b"t", F2, bytes(size // 9 * 6)), vertex_colors=zeros(3, size // 9)
     ),
-    "many faces": lambda size: fields(face_indices=whole(3, size // 3) + put(0), face_uv_indices=get(0)),
+    "many faces": lambda size: fields(face_indices=zeros(3, size // 3) + put(0), face_uv_indices=get(0)),
     # Nested
     "tuples in tuples": lambda size: fields(verts=filled(size, b"\x85", b"N")),
     "pairs in pairs": lambda size: fields(verts=filled(size, b"K\x01\x86", b"N")),
@@ -169,10 +169,10 @@ WORST: dict[str, Callable[[int], bytes]] = {
         unused=b"](" + b"K\x01" * 1000 + b"e" + put(0), **{key: b"](" + get(0) * 250 + b"e" for key in course_dict()}
     ),
     "an array many times": lambda size: fields(
-        unused=whole(3) + put(0), light_positions=filled(size, get(0), b"](", b"e") + put(1), light_intensities=get(1)
+        unused=zeros(3) + put(0), light_positions=filled(size, get(0), b"](", b"e") + put(1), light_intensities=get(1)
     ),
     "a large array many times": lambda size: fields(
-        unused=whole(size // 2) + put(0), light_positions=filled(size // 2, get(0), b"](", b"e")
+        unused=zeros(size // 2) + put(0), light_positions=filled(size // 2, get(0), b"](", b"e")
     ),
     "long arguments many times": lambda size: filled(
         size, b"cnumpy\ndtype\n" + get(0) + b"R", b"(" + b"N" * (size // 2) + b"t" + put(0)
@@ -261,10 +261,10 @@ def test_shared_values_are_loaded(tmp_path):
 
 def test_limits_are_what_they_say():
     """Each limit at its last valid and first invalid value."""
-    most = 1 << 20  # opcodes
-    assert unpickle(b"N" * (most - 1) + b".") is None
+    limit = 1 << 20  # opcodes
+    assert unpickle(b"N" * (limit - 1) + b".") is None
     with pytest.raises(Refused, match="more than 1048576 opcodes"):
-        unpickle(b"N" * most + b".")
+        unpickle(b"N" * limit + b".")
     called = b"cnumpy\ndtype\n(" + text("f8")
     assert unpickle(called + b"N" * 7 + b"tR.").name == "f8"
     with pytest.raises(Refused, match="a call of something other"):
@@ -275,5 +275,5 @@ def test_limits_are_what_they_say():
 def test_what_a_file_names_again_may_be_a_quarter_of_a_million_numbers(tmp_path, times, long):
     repeated = b"](" + b"K\x01" * 1000 + b"e" + put(0)
     pickled = fields(unused=repeated, light_positions=b"](" + get(0) * times + b"e", light_intensities=b"]")
-    found = refusal(npy_of_pickle(tmp_path / "a.npy", pickled), "light_positions")
-    assert ("a list that is too long" in found) == long
+    message = refusal(npy_of_pickle(tmp_path / "a.npy", pickled), "light_positions")
+    assert ("a list that is too long" in message) == long

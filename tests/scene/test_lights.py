@@ -14,10 +14,10 @@ import clshade
 from clshade import DirectionalLight, PointLight, RectangleLight, Settings, SpotLight
 from clshade.errors import InputError
 from clshade.scene import look
+from clshade.scene.adjust_camera import named_cameras, seen_by
 from clshade.scene.contents import format_contents, scene_contents
 from clshade.scene.lights import LIGHTS, PlacedLight, plain_lights
 from clshade.scene.model import Mesh, Scene
-from clshade.scene.views import named_cameras, seen_by
 
 LAMP = PointLight((1, 2, 3), (4, 5, 6), "inverse-square", 7)
 SUN = DirectionalLight((0, -3, 4), 2 * np.ones(3))

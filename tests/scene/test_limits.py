@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 from mesh_writers import pack_glb, ply, triangle
-from scene_files import npy_of_pickle, refusal, told
+from scene_files import npy_of_pickle, refusal, scene_and_warnings
 
 from clshade import load
 from clshade.base import input_files
@@ -25,20 +25,20 @@ from clshade.scene.formats.gltf_data import GltfData
 def test_sizes_of_files(tmp_path, monkeypatch, name):
     """Sparse files, which are not read: if the size is accepted, opening them fails."""
 
-    own = tmp_path / "of.obj"
-    own.write_bytes(b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    obj_path = tmp_path / "of.obj"
+    obj_path.write_bytes(b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
 
     def opened(path, mode):
-        if os.fspath(path) == str(own):
+        if os.fspath(path) == str(obj_path):
             return open(path, mode)
         raise OSError(5, "opened")
 
     monkeypatch.setattr(input_files, "open", opened, raising=False)
     path = tmp_path / name
-    readers = {"a.png": partial(read_image, path, srgb=True), "a.mtl": partial(load, own)}
+    readers = {"a.png": partial(read_image, path, srgb=True), "a.mtl": partial(load, obj_path)}
     read = readers.get(name, partial(load, path))
-    most = {"a.mtl": 1 << 24, "a.png": 1 << 29, "a.json": 1 << 28}.get(name, 1 << 31)
-    for size, part in ((most, "opened"), (most + 1, f"file: expected at most {most} bytes, found {most + 1} bytes")):
+    cap = {"a.mtl": 1 << 24, "a.png": 1 << 29, "a.json": 1 << 28}.get(name, 1 << 31)
+    for size, part in ((cap, "opened"), (cap + 1, f"file: expected at most {cap} bytes, found {cap + 1} bytes")):
         path.touch()
         os.truncate(path, size)
         with pytest.raises(InputError, match=part):
@@ -122,7 +122,7 @@ def test_facets_of_stl_files(tmp_path):
     refusal(path, "facet count: expected 134 bytes for its 1 facets, or ", "found 133 bytes")
     for more in (0, 1):
         path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(50 + more))
-        scene, messages = told(path)
+        scene, messages = scene_and_warnings(path)
         assert (scene.face_count, len(messages)) == (1, more)
 
 
@@ -138,14 +138,14 @@ def test_headers_of_course_files(tmp_path):
 
 @pytest.mark.long
 def test_depth_and_parts_of_a_course_files_lists():
-    def value(found, size=1 << 24):
-        return safe_pickle.Content({"n": found}, "a.npy", size).value("n")
+    def value(lists, size=1 << 24):
+        return safe_pickle.Content({"n": lists}, "a.npy", size).value("n")
 
     good = [[[1.0, 2.0]]]
     assert value(good).shape == (1, 1, 2)
     with pytest.raises(InputError, match="nested too deep"):
         value([good])
-    most = np.zeros((1 << 20) - 1).tolist()  # the list itself counts as one
-    assert value(most).shape == ((1 << 20) - 1,)
+    longest = np.zeros((1 << 20) - 1).tolist()  # the list itself counts as one
+    assert value(longest).shape == ((1 << 20) - 1,)
     with pytest.raises(InputError, match="too long"):
-        value([*most, 1.0])
+        value([*longest, 1.0])

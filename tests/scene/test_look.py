@@ -64,18 +64,18 @@ def test_the_studio_without_a_shadow():
     assert len(scene.meshes) == 1
     ground = with_look(scene, "studio", contact_shadow=False).meshes[-1]
     assert (ground.material.name, ground.material.texture) == (MATERIAL.name, None)
-    own = clshade.Environment(np.ones((2, 4, 3)))
-    scene = Scene((FOOT,), CAMERA, environment=own)
-    assert with_look(scene, "studio", ground=False).environment is own
+    environment = clshade.Environment(np.ones((2, 4, 3)))
+    scene = Scene((FOOT,), CAMERA, environment=environment)
+    assert with_look(scene, "studio", ground=False).environment is environment
 
 
 @pytest.mark.parametrize(("height", "expected"), [(0.5, 0.2), (1.0, 0.5)])
 def test_under_a_disc_the_sky_is_open_as_its_form_factor_says(height, expected):
     """A disc of radius a at height h covers a^2 / (a^2 + h^2) of the light from above a point below its middle."""
-    found = with_look(scene_of(FOOT, disc((0, 0), height, 1.0)), "studio")
-    assert open_at(found, (0.0, 0.0, 0.0)) == pytest.approx(expected, abs=0.03)
-    assert open_at(found, (2.2, 0.0, 0.0)) > 0.9
-    image = found.meshes[-1].material.texture.image
+    studio = with_look(scene_of(FOOT, disc((0, 0), height, 1.0)), "studio")
+    assert open_at(studio, (0.0, 0.0, 0.0)) == pytest.approx(expected, abs=0.03)
+    assert open_at(studio, (2.2, 0.0, 0.0)) > 0.9
+    image = studio.meshes[-1].material.texture.image
     assert (image[[0, -1]] == 1.0).all()
     assert (image[:, [0, -1]] == 1.0).all()
 
@@ -84,15 +84,15 @@ def test_under_a_disc_the_sky_is_open_as_its_form_factor_says(height, expected):
 def test_a_shadow_lies_below_what_casts_it(up):
     turn = np.array(UPS[up], np.float64).T  # from x, y, z to the axes of this `up`
     scene = scene_of(FOOT, disc((0.9, 0.5), 0.15, 0.4), turn=turn)
-    found = with_look(scene, "studio", up=up)
-    shares = [open_at(found, turn @ place) for place in ((0.9, 0, 0.5), (-0.9, 0, 0.5), (0.9, 0, -0.5), (0.5, 0, 0.9))]
+    studio = with_look(scene, "studio", up=up)
+    shares = [open_at(studio, turn @ place) for place in ((0.9, 0, 0.5), (-0.9, 0, 0.5), (0.9, 0, -0.5), (0.5, 0, 0.9))]
     assert shares[0] < 0.2
     assert min(shares[1:]) > 0.6
 
 
 def test_the_picture_agrees_with_the_oracle(opened):
-    found = with_look(scene_of(FOOT, disc((0, 0), 0.4, 1.0)), "studio")
-    frame = clshade.render(found, device=opened.name, samples=1)
+    studio = with_look(scene_of(FOOT, disc((0, 0), 0.4, 1.0)), "studio")
+    frame = clshade.render(studio, device=opened.name, samples=1)
     assert clshade.check(frame, pixels="all").passed
 
 
@@ -102,7 +102,7 @@ def test_far_from_the_origin_and_at_any_size(scale, shift):
     moved = [Mesh(np.asarray(m.verts, np.float64) * scale + shift, m.faces) for m in near.meshes[:-1]]
     camera = Camera(CAMERA.eye * scale + shift, CAMERA.lookat * scale + shift, CAMERA.up, 1.0, CAMERA.plane, (32, 24))
     far = with_look(Scene(moved, camera, own_lights=False), "studio")
-    images = [each.meshes[-1].material.texture.image for each in (near, far)]
+    images = [variant.meshes[-1].material.texture.image for variant in (near, far)]
     assert abs(images[0] - images[1]).max() < 0.1
 
 
@@ -131,12 +131,12 @@ WIDE = [(-1, 0.2, -1), (1, 0.2, -1), (1, 0.2, 1), (-1, 0.2, 1)]
 def test_what_lets_light_pass_darkens_the_ground_by_its_alpha(fields, alpha):
     """The mean of alpha over the sheet, seen from below, where it covers h^2 / (pi d^4) of the light per area."""
     uvs = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
-    found = with_look(scene_of(FOOT, sheet(WIDE, uvs=uvs, **fields)), "studio")
+    studio = with_look(scene_of(FOOT, sheet(WIDE, uvs=uvs, **fields)), "studio")
     x, z = np.meshgrid(np.linspace(-1.0, 1.0, 401), np.linspace(-1.0, 1.0, 401))
     for place in (-0.5, 0.0, 0.5):
         covered = 0.04 / (np.pi * ((x - place) ** 2 + 0.04 + z * z) ** 2) / 200.0**2
         expected = 1.0 - (covered * alpha(x)).sum()
-        assert open_at(found, (place, 0.0, 0.0)) == pytest.approx(expected, abs=0.05), place
+        assert open_at(studio, (place, 0.0, 0.0)) == pytest.approx(expected, abs=0.05), place
 
 
 def test_two_sheets_of_glass_hold_back_as_their_product():

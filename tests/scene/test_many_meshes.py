@@ -78,7 +78,7 @@ def host_work(path: Path) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_all_meshes_cost_alike_and_little(name, tmp_path):
-    most, write = FILES[name]
+    limit, write = FILES[name]
 
     def measured(count: int) -> int:
         path = write(tmp_path / name, count)
@@ -87,7 +87,7 @@ def test_all_meshes_cost_alike_and_little(name, tmp_path):
     measured(2)  # what is done once
     first, second, third = map(measured, (40, 80, 120))
     assert third - second <= 1.01 * (second - first)
-    assert second - first <= 40 * most
+    assert second - first <= 40 * limit
 
 
 def test_tables_measure_each_text_once():

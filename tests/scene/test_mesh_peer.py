@@ -30,9 +30,9 @@ def test_corners_come_back(tmp_path, kind):
         data = trimesh.exchange.ply.export_ply(KNOBBLY, encoding="ascii" if text else "binary")
     else:
         data = KNOBBLY.export(file_type=kind)
-    found = corners(load(write(tmp_path / f"a.{name}", data)))
+    triangles = corners(load(write(tmp_path / f"a.{name}", data)))
     tolerance = 3e-7 if kind in ("ply", "stl", "glb") else 3e-6  # float32 at 2.1, or the digits of the text
-    np.testing.assert_allclose(found, KNOBBLY.triangles, atol=tolerance)
+    np.testing.assert_allclose(triangles, KNOBBLY.triangles, atol=tolerance)
 
 
 def test_a_tree_of_nodes(tmp_path):
@@ -44,11 +44,11 @@ def test_a_tree_of_nodes(tmp_path):
     scene.add_geometry(KNOBBLY, node_name="a", geom_name="k", transform=placements[0])
     for parent, node, placement in (("a", "b", placements[1]), ("b", "c", placements[2])):
         scene.graph.update(node, frame_from=parent, matrix=placement, geometry="k")
-    found = corners(load(write(tmp_path / "a.glb", scene.export(file_type="glb"))))
+    triangles = corners(load(write(tmp_path / "a.glb", scene.export(file_type="glb"))))
     world = [placements[0], placements[0] @ placements[1], placements[0] @ placements[1] @ placements[2]]
     expected = [KNOBBLY.triangles @ matrix[:3, :3].T + matrix[:3, 3] for matrix in world]
-    assert len(found) == 3 * len(KNOBBLY.faces)
-    thirds = found.reshape(3, -1, 3, 3)
+    assert len(triangles) == 3 * len(KNOBBLY.faces)
+    thirds = triangles.reshape(3, -1, 3, 3)
     order = [min(range(3), key=lambda k: np.abs(third - expected[k]).max()) for third in thirds]
     assert sorted(order) == [0, 1, 2]
     for third, k in zip(thirds, order, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mesh_writers import Gltf, ply, png
 from PIL import Image
-from scene_files import told, write
+from scene_files import scene_and_warnings, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.pipeline.renderer import Renderer
@@ -107,7 +107,7 @@ def test_vertex_colors_multiply_texels(tmp_path, device):
 def test_normals_that_are_none_are_computed(tmp_path, normal):
     document = Gltf()
     document.mesh({"POSITION": SQUARE, "NORMAL": np.full((4, 3), normal, np.float32)}, QUAD)
-    scene, messages = told(document.glb(tmp_path / "a.glb"))
+    scene, messages = scene_and_warnings(document.glb(tmp_path / "a.glb"))
     (mesh,) = scene.meshes
     assert mesh.normals.tolist() == [[0, 0, 1]] * 4
     where = f"{tmp_path}/a.glb: meshes[0].primitives[0].attributes.NORMAL"
@@ -122,8 +122,8 @@ def test_wrap_modes(tmp_path, device, mode, texel):
     """The square shows the texture offset by its size to the right and down: texels 4 to 7, and -4 to -1."""
     for shift in (1, -1):
         path = gltf_square(tmp_path, uvs=GLTF_UVS + np.float32(shift), sampler={"wrapS": mode, "wrapT": mode})
-        found = texel(np.arange(4) + 4 * shift)
-        expected = LINEAR[found][:, found]
+        indices = texel(np.arange(4) + 4 * shift)
+        expected = LINEAR[indices][:, indices]
         np.testing.assert_allclose(texels(drawn(path, device)), expected, atol=NEAR)
 
 

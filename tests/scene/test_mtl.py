@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from PIL import Image
-from scene_files import TEXTURED, TRIANGLE, refusal, told, write
+from scene_files import TEXTURED, TRIANGLE, refusal, scene_and_warnings, write
 
 from clshade.errors import InputError
 from clshade.images.decode import decode_image, read_image
@@ -20,7 +20,7 @@ RNG = np.random.default_rng(9)
 def material_of(tmp_path, text: str):
     """Load a triangle with that material; return the mesh, the scene and the warnings."""
     write(tmp_path / "a.mtl", "newmtl m\n" + text)
-    scene, messages = told(write(tmp_path / "a.obj", TEXTURED))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.obj", TEXTURED))
     return scene.meshes[0], scene, messages
 
 
@@ -148,9 +148,9 @@ def test_an_opacity_that_is_no_number_is_refused(tmp_path, text):
 def test_models_of_illumination(tmp_path):
     values = "Kd 1 0.5 0.25\nKs 1 1 1\nNs 9\n"
     mesh, _, _ = material_of(tmp_path, values + "illum 2\n")
-    found = mesh.material
-    assert (found.kd.tolist(), found.ks.tolist(), found.n) == ([1, 0.5, 0.25], [1] * 3, 9)
-    assert found.ka.tolist() == found.kd.tolist()  # no Ka is given
+    material = mesh.material
+    assert (material.kd.tolist(), material.ks.tolist(), material.n) == ([1, 0.5, 0.25], [1] * 3, 9)
+    assert material.ka.tolist() == material.kd.tolist()  # no Ka is given
     assert material_of(tmp_path, values + "illum 1\n")[0].material.ks.tolist() == [0] * 3
     flat = material_of(tmp_path, values + "illum 0\n")[0].material
     assert (flat.ka * AMBIENT * flat.color).tolist() == [1, 0.5, 0.25]
@@ -173,7 +173,7 @@ def test_what_is_not_rendered_is_told_once(tmp_path):
     Image.new("RGB", (3, 2)).save(tmp_path / "a.png")
     _, scene, _ = material_of(tmp_path, "Pm 1\nPc 0.5\nmap_Tr a.png\nmap_Kd a.png\n")
     assert scene.ignored == ("metallic-roughness", "sheen, clearcoat and anisotropy", "map_tr")
-    bare, _ = told(write(tmp_path / "b.obj", "mtllib a.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n"))
+    bare, _ = scene_and_warnings(write(tmp_path / "b.obj", "mtllib a.mtl\n" + TRIANGLE + "usemtl m\nf 1 2 3\n"))
     assert bare.ignored[-1] == "textures of faces without texture coordinates"
 
 
@@ -186,8 +186,8 @@ def test_creases_of_a_whole_file(tmp_path):
         assert np.allclose(*shared) is same
     flat = load(tmp_path / "a.obj", flat=True).meshes[0]
     assert np.ptp(flat.normals[flat.normal_faces], axis=(0, 1)).max() == 0
-    given = load(write(tmp_path / "b.obj", TRIANGLE + "vn 1 0 0\nf 1//1 2//1 3//1\n"), crease=10).meshes[0]
-    assert given.normals.tolist() == [[1, 0, 0]]  # the file's own are kept
+    mesh = load(write(tmp_path / "b.obj", TRIANGLE + "vn 1 0 0\nf 1//1 2//1 3//1\n"), crease=10).meshes[0]
+    assert mesh.normals.tolist() == [[1, 0, 0]]  # the file's own are kept
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])
@@ -195,10 +195,10 @@ def test_alpha_is_kept_only_where_it_is_needed(tmp_path, channels):
     pixels = RNG.integers(0, 256, (4, 5, channels), dtype=np.uint8)
     image = Image.fromarray(pixels[:, :, 0] if channels == 1 else pixels)
     image.save(tmp_path / "a.png")
-    found = decode_image((tmp_path / "a.png").read_bytes(), "a.png", srgb=False)
-    assert found.shape == (4, 5, 4 if channels in (2, 4) else 3)
+    texels = decode_image((tmp_path / "a.png").read_bytes(), "a.png", srgb=False)
+    assert texels.shape == (4, 5, 4 if channels in (2, 4) else 3)
     expected = np.asarray(image.convert("RGBA")) / 255
-    np.testing.assert_allclose(found, expected[:, :, : found.shape[2]], atol=1e-6)
+    np.testing.assert_allclose(texels, expected[:, :, : texels.shape[2]], atol=1e-6)
     if channels in (2, 4):
         pixels[:, :, -1] = 255
         Image.fromarray(pixels).save(tmp_path / "a.png")

@@ -10,9 +10,9 @@ import pytest
 import clshade
 from clshade.errors import InputError
 from clshade.scene import geometry
-from clshade.scene.fitting import FILL
+from clshade.scene.adjust_camera import VIEWS, named_cameras, seen_by, towards_eye, units_per_pixel, up_of
+from clshade.scene.framing import FILL
 from clshade.scene.model import Mesh, PointLight, Scene
-from clshade.scene.views import VIEWS, named_cameras, seen_by, towards_eye, units_per_pixel, up_of
 
 NAMED = VIEWS[:-1]
 
@@ -65,11 +65,11 @@ def test_the_whole_scene_fits_at_one_scale(size, resolution):
 
 def test_the_scenes_own_camera_and_another_resolution():
     scene = box((2.0, 3.0, 4.0))
-    found = named_cameras(scene, ("camera", "top", "camera"))
-    assert list(found) == ["camera", "top"]
-    assert found["camera"] is scene.camera
-    found = named_cameras(scene, ("camera", "top"), (30, 40))
-    assert {each.resolution for each in found.values()} == {(30, 40)}
+    cameras = named_cameras(scene, ("camera", "top", "camera"))
+    assert list(cameras) == ["camera", "top"]
+    assert cameras["camera"] is scene.camera
+    cameras = named_cameras(scene, ("camera", "top"), (30, 40))
+    assert {camera.resolution for camera in cameras.values()} == {(30, 40)}
     for names in (("front", "side"), ("",)):
         with pytest.raises(InputError, match="one of front, back, left, right"):
             named_cameras(scene, names)
@@ -94,8 +94,8 @@ def test_the_lights_turn_with_the_view():
         ("top", (10, 50, 30)),
         ("camera", (10, 20, 60)),
     ):
-        found = seen_by(scene, cameras[name])
-        assert found.camera is cameras[name]
-        np.testing.assert_allclose(found.lights[0].position, place, atol=1e-12)
+        view = seen_by(scene, cameras[name])
+        assert view.camera is cameras[name]
+        np.testing.assert_allclose(view.lights[0].position, place, atol=1e-12)
         assert seen_by(scene, cameras[name], fixed_lights=True).lights == scene.lights
     assert seen_by(scene, scene.camera.with_resolution((7, 5))).lights == scene.lights

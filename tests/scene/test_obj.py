@@ -8,14 +8,14 @@ from operator import eq
 import numpy as np
 import pytest
 from PIL import Image
-from scene_files import TEXTURED, TRIANGLE, refusal, told, write
+from scene_files import TEXTURED, TRIANGLE, refusal, scene_and_warnings, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
+from clshade.scene.contents import object_names, object_numbers
 from clshade.scene.formats import obj, text_tokens
 from clshade.scene.formats.load import load
 from clshade.scene.formats.obj import ObjText
-from clshade.scene.objects import object_names, object_numbers
 from clshade.scene.triangulate import triangulated
 
 
@@ -26,7 +26,7 @@ def corners(text: str) -> list:
 
 def test_positions_uvs_and_normals_keep_their_own_indices(tmp_path):
     text = TRIANGLE + "vt 0 0\nvt 0.25 1\nvn 0 0 2\nf 1/2/1 2/1/1 3/2/1\n"
-    scene, messages = told(write(tmp_path / "a.obj", text))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.obj", text))
     assert messages == []
     (mesh,) = scene.meshes
     assert mesh.verts.dtype == np.float64
@@ -173,22 +173,22 @@ def test_limits(tmp_path, monkeypatch):
 
 def plain(text: str) -> tuple[list, list, list, list]:
     """Parse a valid file in the obvious way: positions, uvs, normals and the corners of polygons."""
-    found: dict[str, list] = {"v": [], "vt": [], "vn": []}
+    rows: dict[str, list] = {"v": [], "vt": [], "vn": []}
     faces = []
     for line in text.splitlines():
         words = line.split("#")[0].split()
-        if words and words[0] in found:
-            found[words[0]].append([float(word) for word in words[1:]])
+        if words and words[0] in rows:
+            rows[words[0]].append([float(word) for word in words[1:]])
         elif words and words[0] == "f":
             polygon = []
             for word in words[1:]:
                 numbers = [int(part or "0") for part in (word + "//").split("/")[:3]]
-                lists = (found["v"], found["vt"], found["vn"])
+                lists = (rows["v"], rows["vt"], rows["vn"])
                 polygon.append(
                     [n - 1 if n > 0 else -1 if n == 0 else len(of) + n for n, of in zip(numbers, lists, strict=True)]
                 )
             faces.append(polygon)
-    return found["v"], found["vt"], found["vn"], faces
+    return rows["v"], rows["vt"], rows["vn"], faces
 
 
 def random_text(rng: np.random.Generator) -> str:
@@ -220,13 +220,13 @@ def test_against_the_obvious_parser(monkeypatch, chunk):
     for _ in range(12):
         text = random_text(rng)
         verts, uvs, normals, polygons = plain(text)
-        found = ObjText(text.encode(), "x.obj")
-        assert found.verts.tolist() == verts
-        assert found.uvs.tolist() == [uv[:2] for uv in uvs]
-        assert found.normals.tolist() == normals
+        parsed = ObjText(text.encode(), "x.obj")
+        assert parsed.verts.tolist() == verts
+        assert parsed.uvs.tolist() == [uv[:2] for uv in uvs]
+        assert parsed.normals.tolist() == normals
         corners = np.array([corner for polygon in polygons for corner in polygon])
         cuts = triangulated(np.array(verts), corners[:, 0], np.array([len(polygon) for polygon in polygons]))
-        assert found.indices.tolist() == cuts.triangles(corners).tolist()
+        assert parsed.indices.tolist() == cuts.triangles(corners).tolist()
 
 
 @pytest.mark.parametrize("chunk", [1, 30, 100, 400])
@@ -235,21 +235,21 @@ def test_chunks_of_any_size_are_the_same_file(monkeypatch, chunk):
     block = "# a\nmtllib {k}.mtl\nv 0 0 {k} 1 0 0.5\nv 1 0 0\nv 0 1 0 0 {k} 0 .5\no {k}\nusemtl m{k} \\\n x\ns {k}\n"
     block += "f -3 -2 \\\n-1\ng g{k} # none\nvt 0 {k}\nf -1/1 -2/1 -3/-1 -1/-1\nl 1 2\ncurv {k}\n"
     data = "".join(block.replace("{k}", str(k)) for k in range(12)).encode()
-    whole = ObjText(data, "a.obj")
+    reference = ObjText(data, "a.obj")
     monkeypatch.setattr(text_tokens, "CHUNK", chunk)
     parts = ObjText(data, "a.obj")
-    names = {name for name in vars(whole) if not name.startswith("_")}
+    names = {name for name in vars(reference) if not name.startswith("_")}
     assert names >= {"verts", "colored", "colors", "uvs", "normals", "indices", "runs", "libraries", "smoothing"}
     for name in names:
-        expected, found = getattr(whole, name), getattr(parts, name)
+        expected, actual = getattr(reference, name), getattr(parts, name)
         same = partial(np.array_equal, equal_nan=True) if isinstance(expected, np.ndarray) else eq
-        assert same(expected, found), name
-    assert whole.colored.tolist() == [3 * k + corner for k in range(12) for corner in (0, 2)]
+        assert same(expected, actual), name
+    assert reference.colored.tolist() == [3 * k + corner for k in range(12) for corner in (0, 2)]
     np.testing.assert_array_equal(
-        whole.colors, [row for k in range(12) for row in ([1, 0, 0.5, np.nan], [0, k, 0, 0.5])]
+        reference.colors, [row for k in range(12) for row in ([1, 0, 0.5, np.nan], [0, k, 0, 0.5])]
     )
-    assert whole.libraries == [(16 * k + 2, f"{k}.mtl") for k in range(12)]
-    assert len(whole.runs) == 24
+    assert reference.libraries == [(16 * k + 2, f"{k}.mtl") for k in range(12)]
+    assert len(reference.runs) == 24
 
 
 def test_lines_are_counted_across_chunks(tmp_path, monkeypatch):
@@ -266,7 +266,7 @@ SQUARE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\n"
 def test_materials_and_objects_make_meshes_in_the_order_of_the_file(tmp_path):
     write(tmp_path / "m.mtl", "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n")
     body = "usemtl a\nf 1 2 3\nusemtl b\nf 2 4 3\nusemtl a\nf 4 1 2\nusemtl a\nf 1 2 4\no part\nf 1 1 1\n"
-    scene, messages = told(write(tmp_path / "a.obj", "mtllib m.mtl\n" + SQUARE + body))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.obj", "mtllib m.mtl\n" + SQUARE + body))
     assert messages == []
     assert [mesh.material.kd.tolist() for mesh in scene.meshes] == [[1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 0, 0]]
     assert [mesh.name for mesh in scene.meshes] == ["a", "a", "a", "part"]
@@ -311,11 +311,11 @@ def test_faces_with_and_without_uvs_and_normals(tmp_path):
 def test_vertex_colors(tmp_path):
     text = "v 0 0 0 0.5 0.25 1\nv 1 0 0\nv 0 1 0 nan 0 0\nf 1 2 3\n"
     path = write(tmp_path / "a.obj", text)
-    scene, messages = told(path)
+    scene, messages = scene_and_warnings(path)
     np.testing.assert_allclose(scene.meshes[0].colors, [[0.214041, 0.050876, 1], [1, 1, 1], [1, 1, 1]], atol=1e-6)
-    assert told(path, vertex_colors="linear")[0].meshes[0].colors[0].tolist() == [0.5, 0.25, 1]
+    assert scene_and_warnings(path, vertex_colors="linear")[0].meshes[0].colors[0].tolist() == [0.5, 0.25, 1]
     assert [message.split("/")[-1] for message in messages] == ["a.obj: v: colors that are not finite became white: 1"]
-    scene, messages = told(write(tmp_path / "c.obj", text.replace("nan 0", "1e300 -1")))
+    scene, messages = scene_and_warnings(write(tmp_path / "c.obj", text.replace("nan 0", "1e300 -1")))
     assert (scene.meshes[0].colors[2].tolist(), messages) == ([np.finfo(np.float32).max, 0, 0], [])
     assert load(write(tmp_path / "b.obj", TRIANGLE + "f 1 2 3\n")).meshes[0].colors is None
 
@@ -323,7 +323,7 @@ def test_vertex_colors(tmp_path):
 @pytest.mark.parametrize(("alphas", "expected"), [("255", [1, 1, 1]), ("0", [1, 1, 1]), ("0.5", [1, 1, 0.5])])
 def test_alphas_of_some_vertices_say_nothing_of_others(tmp_path, alphas, expected):
     text = f"v 0 0 0 0.5 0 0\nv 1 0 0\nv 0 1 0 0 1 0 {alphas}\nf 1 2 3\n"
-    (mesh,) = told(write(tmp_path / "a.obj", text))[0].meshes
+    (mesh,) = scene_and_warnings(write(tmp_path / "a.obj", text))[0].meshes
     assert (np.ones(3) if mesh.alphas is None else mesh.alphas).tolist() == expected
 
 
@@ -332,12 +332,12 @@ def test_normals_that_are_none_are_computed(tmp_path, normal):
     """The square is clockwise as seen along its other normals: all its faces turn, and the computed normal with them."""
     square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
     text = f"{square}vn 0 0 -2\nvn {normal}\nf 1//1 2//1 3//2\nf 1//1 3//2 4//1\n"
-    scene, messages = told(write(tmp_path / "a.obj", text))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.obj", text))
     (mesh,) = scene.meshes
     assert mesh.normals[mesh.normal_faces][:, :, 2].tolist() == [[-2, -1, -2], [-2, -2, -1]]
     assert messages == [f"{tmp_path}/a.obj: vn: normals that are 0 or not finite were computed from the faces: 1"]
     text = f"{square}vn 0 0 1\nvn {normal}\nf 1//1 2//1 3//1\n"
-    assert told(write(tmp_path / "b.obj", text))[1] == []  # no face uses it
+    assert scene_and_warnings(write(tmp_path / "b.obj", text))[1] == []  # no face uses it
 
 
 def test_uvs_of_any_kind(tmp_path):
@@ -346,7 +346,9 @@ def test_uvs_of_any_kind(tmp_path):
     uvs = load(path).meshes[0].uvs
     assert np.isnan(uvs[0, 0])
     assert uvs[:, 1].tolist() == [-np.inf, 1e30, 1.0]
-    assert told(path, texture=np.ones((1, 1, 3)))[1] == [f"{path}: texture coordinates that are not finite count as 0"]
+    assert scene_and_warnings(path, texture=np.ones((1, 1, 3)))[1] == [
+        f"{path}: texture coordinates that are not finite count as 0"
+    ]
 
 
 def test_material_values_and_texture(tmp_path):
@@ -355,20 +357,20 @@ def test_material_values_and_texture(tmp_path):
     Image.fromarray(pixels).save(tmp_path / "maps" / "my image.png")
     mtl = "# c\nnewmtl m\n\tKa 0.5 0.5 0.5\nKd .25 0.5 1 # c\nKs 0.125\nNs 32\nillum 2\nmap_Kd maps\\my image.png\n"
     write(tmp_path / "a.mtl", mtl)
-    scene, messages = told(write(tmp_path / "a.obj", TEXTURED))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.obj", TEXTURED))
     assert messages == []
     material = scene.meshes[0].material
     assert (material.ka.tolist(), material.kd.tolist()) == ([0.5] * 3, [0.25, 0.5, 1])
     assert (material.ks.tolist(), material.n, material.name) == ([0.125] * 3, 32.0, "m")
     assert material.texture.lookup == "standard"
     assert np.array_equal(material.texture.image, srgb_to_linear(pixels / 255).astype(np.float32))
-    other = load(tmp_path / "a.obj", texture=pixels).meshes[0].material
-    assert np.array_equal(other.texture.image, (pixels / 255).astype(np.float32))
-    assert other.n == 32.0
+    retextured = load(tmp_path / "a.obj", texture=pixels).meshes[0].material
+    assert np.array_equal(retextured.texture.image, (pixels / 255).astype(np.float32))
+    assert retextured.n == 32.0
 
 
 def test_what_is_missing_is_told(tmp_path):
-    _, messages = told(write(tmp_path / "a.obj", TEXTURED))
+    _, messages = scene_and_warnings(write(tmp_path / "a.obj", TEXTURED))
     assert len(messages) == 2
     assert "a.obj: line 1: mtllib: there is no file 'a.mtl'" in messages[0]
     assert "usemtl: no library defines the material 'm'" in messages[1]
@@ -392,7 +394,7 @@ def test_an_image_that_is_not_used_is_not_decoded(tmp_path):
 
 
 def test_repeated_libraries_and_images(tmp_path):
-    _, messages = told(write(tmp_path / "b.obj", "mtllib none.mtl\n" * 50 + TRIANGLE + "f 1 2 3\n"))
+    _, messages = scene_and_warnings(write(tmp_path / "b.obj", "mtllib none.mtl\n" * 50 + TRIANGLE + "f 1 2 3\n"))
     assert len(messages) == 1
     Image.new("RGB", (8, 8)).save(tmp_path / "one.png")
     Image.new("RGB", (8, 8)).save(tmp_path / "two.png")
@@ -403,19 +405,19 @@ def test_repeated_libraries_and_images(tmp_path):
 
 
 def test_smoothing_and_what_is_not_rendered(tmp_path):
-    def found(text: str, **options):
-        scene, messages = told(write(tmp_path / "a.obj", TRIANGLE + text), **options)
+    def flat_and_ignored(text: str, **options):
+        scene, messages = scene_and_warnings(write(tmp_path / "a.obj", TRIANGLE + text), **options)
         assert len(messages) == (1 if scene.ignored else 0)
         return scene.meshes[0].normals is not None, scene.ignored
 
     face = "f 1 2 3\n"
-    assert found(face) == (False, ())  # smooth: left to the mesh
-    assert found("s 1\n" + face) == (False, ())
-    assert found("s off\n" + face) == found("s 0\n" + face) == (True, ())  # flat
-    assert found("s 1\n" + face + "s off\n" + face) == (False, ("smoothing groups",))
-    assert found("s 1\n" + face + "s 2\n" + face, crease=30) == (True, ())
-    assert found("vn 0 0 1\ns 1\nf 1//1 2//1 3//1\ns off\nf 1//1 2//1 3//1\n") == (True, ())
+    assert flat_and_ignored(face) == (False, ())  # smooth: left to the mesh
+    assert flat_and_ignored("s 1\n" + face) == (False, ())
+    assert flat_and_ignored("s off\n" + face) == flat_and_ignored("s 0\n" + face) == (True, ())  # flat
+    assert flat_and_ignored("s 1\n" + face + "s off\n" + face) == (False, ("smoothing groups",))
+    assert flat_and_ignored("s 1\n" + face + "s 2\n" + face, crease=30) == (True, ())
+    assert flat_and_ignored("vn 0 0 1\ns 1\nf 1//1 2//1 3//1\ns off\nf 1//1 2//1 3//1\n") == (True, ())
     lines = "l 1 2\nl 2 3\np 1\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3\nvc 1 0 0\n#MRGB ffff0000\n"
-    others = ("free-form curves and surfaces", "colors by vc", "colors in comments (#MRGB)")
-    assert found(face + lines) == (False, ("lines", "points", *others))
-    assert found("f 1 2\n" + face + "f\nf 1 1") == (False, ("faces of fewer than 3 corners",))
+    unsupported = ("free-form curves and surfaces", "colors by vc", "colors in comments (#MRGB)")
+    assert flat_and_ignored(face + lines) == (False, ("lines", "points", *unsupported))
+    assert flat_and_ignored("f 1 2\n" + face + "f\nf 1 1") == (False, ("faces of fewer than 3 corners",))

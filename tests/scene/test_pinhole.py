@@ -42,8 +42,8 @@ def projected(matrix: np.ndarray, pose: np.ndarray, points: np.ndarray, conventi
 
 def drawn_at(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Return columns and rows (P, 2) of points where the camera draws them, the first pixel's center at 0.5."""
-    found = np.column_stack([points, np.ones(len(points))]) @ camera_matrices(camera)[1]
-    return found[:, :2] / found[:, 3:] * camera.resolution
+    homogeneous = np.column_stack([points, np.ones(len(points))]) @ camera_matrices(camera)[1]
+    return homogeneous[:, :2] / homogeneous[:, 3:] * camera.resolution
 
 
 @pytest.mark.parametrize(("convention", "center"), EVERY)
@@ -93,12 +93,12 @@ def test_opencv_projects_points_where_they_are_drawn(center):
 def test_cameras_of_many_matrices():
     poses = np.stack([rigid(seed) for seed in range(3)])
     shared = Camera.from_matrices(K, poses[:, :3], SIZE)
-    each = Camera.from_matrices([K, 2 * K / [[1], [1], [2]], K], poses.tolist(), SIZE, convention="opengl")
-    assert [len(found) for found in (shared, each)] == [3, 3]
+    separate = Camera.from_matrices([K, 2 * K / [[1], [1], [2]], K], poses.tolist(), SIZE, convention="opengl")
+    assert [len(cameras) for cameras in (shared, separate)] == [3, 3]
     for k, pose in enumerate(poses):
         np.testing.assert_allclose(shared[k].to_matrix()[1], pose, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(each[k].pose("opengl"), pose, rtol=0, atol=1e-14)
-    assert each[1].to_matrix()[0][0, 0] == pytest.approx(2 * K[0, 0], rel=1e-15)
+        np.testing.assert_allclose(separate[k].pose("opengl"), pose, rtol=0, atol=1e-14)
+    assert separate[1].to_matrix()[0][0, 0] == pytest.approx(2 * K[0, 0], rel=1e-15)
     assert Camera.from_matrices(K, np.empty((0, 4, 4)), SIZE) == ()
 
 
@@ -121,10 +121,10 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("given", "parts"), REFUSED.values(), ids=list(REFUSED))
-def test_refused_matrices_and_poses(given, parts):
+@pytest.mark.parametrize(("arguments", "parts"), REFUSED.values(), ids=list(REFUSED))
+def test_refused_matrices_and_poses(arguments, parts):
     with pytest.raises(InputError) as caught:
-        Camera.from_matrix(*given, SIZE)
+        Camera.from_matrix(*arguments, SIZE)
     message = str(caught.value)
     assert message.startswith("Camera.from_matrix: ")
     assert "\n" not in message
@@ -173,10 +173,10 @@ def test_the_disparity_of_a_pair(convergence):
     assert np.abs(apart[:, 1]).max() < 1e-9
     np.testing.assert_allclose((left.eye + right.eye) / 2, camera.eye, rtol=0, atol=1e-14)
     np.testing.assert_allclose(right.eye - left.eye, baseline * pose[:3, 0], rtol=0, atol=1e-14)
-    (matrix, _), (other, _) = left.to_matrix(), right.to_matrix()
-    middle = (matrix + other) / 2
+    (matrix, _), (right_matrix, _) = left.to_matrix(), right.to_matrix()
+    middle = (matrix + right_matrix) / 2
     np.testing.assert_allclose(middle, K, rtol=0, atol=1e-10)
-    assert (abs(other[0, 2] - matrix[0, 2]) > 1) == (convergence is not None)
+    assert (abs(right_matrix[0, 2] - matrix[0, 2]) > 1) == (convergence is not None)
 
 
 @pytest.mark.parametrize(

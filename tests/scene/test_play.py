@@ -11,11 +11,11 @@ from mesh_writers import bar, triangle
 
 import clshade
 from clshade.errors import InputError
+from clshade.scene.description import digest_of
 from clshade.scene.formats.gltf import Animation
 from clshade.scene.formats.load import load, load_animation
 from clshade.scene.geometry import bounding_box, camera_axes
 from clshade.scene.pose import POSED, Pose, pose_between
-from clshade.view.frame_folder import digest_of
 
 HALF = math.sqrt(0.5)
 SECONDS = np.float32([0, 2])
@@ -47,9 +47,9 @@ def test_a_frame_is_what_load_shows_at_its_time(tmp_path, document):
     for frame, time in enumerate(played.times, 1):
         posed, expected = played.poses[frame].of(played.scene), load(path, time=time)
         assert len(posed.meshes) == len(expected.meshes)
-        for mesh, other in zip(posed.meshes, expected.meshes, strict=True):
+        for mesh, reference in zip(posed.meshes, expected.meshes, strict=True):
             for name in (*POSED, "faces"):
-                np.testing.assert_array_equal(getattr(mesh, name), getattr(other, name))
+                np.testing.assert_array_equal(getattr(mesh, name), getattr(reference, name))
     assert not played.poses[1].meshes  # which is the scene itself
     assert list(played.poses[2].meshes) == [0]
 
@@ -98,12 +98,12 @@ def test_the_chosen_camera_shows_every_frame(tmp_path):
     path = flying().glb(tmp_path / "a.glb")
     played = load_animation(path, count=8)
     assert len({id(camera) for camera in played.cameras.values()}) == 1
-    most = 0.0
+    peak = 0.0
     for frame in played.poses:
         for mesh in played.poses[frame].of(played.scene).meshes:
             (matrix,) = mesh.instances
-            most = max(most, np.abs(seen(played.cameras[frame], mesh.verts @ matrix[:3, :3].T + matrix[:3, 3])).max())
-    assert 0.85 < most < 0.9 + 1e-9
+            peak = max(peak, np.abs(seen(played.cameras[frame], mesh.verts @ matrix[:3, :3].T + matrix[:3, 3])).max())
+    assert 0.85 < peak < 0.9 + 1e-9
     assert [len(scene.meshes) for scene in (played.scene, played.stage)] == [2, 3]
     alone = seen(load(path).camera, np.array([[35.0, 0.0, 0.0]]))
     assert np.abs(alone).max() > 1.0  # that of the file at rest would not
@@ -187,13 +187,13 @@ def test_a_buffer_that_is_needed_late_is_of_the_source(tmp_path):
     path = document.gltf(tmp_path / "a.gltf", "a.bin")
     document.json["buffers"] += [{"byteLength": 36, "uri": "late.bin"}, {"byteLength": 4, "uri": "missing.bin"}]
     (tmp_path / "a.gltf").write_text(json.dumps(document.json))
-    found = []
+    digests = []
     for data in (np.zeros(9, np.float32), np.ones(9, np.float32)):
         (tmp_path / "late.bin").write_bytes(data.tobytes())
         played = load_animation(path, "Grow", count=2)
-        found.append((digest_of(played.scene.meshes), digest_of(played.poses.source)))
-    assert found[0][0] == found[1][0]
-    assert found[0][1] != found[1][1]
+        digests.append((digest_of(played.scene.meshes), digest_of(played.poses.source)))
+    assert digests[0][0] == digests[1][0]
+    assert digests[0][1] != digests[1][1]
 
 
 def test_frames_beyond_the_animation_do_not_exist(tmp_path):
@@ -206,5 +206,5 @@ def test_frames_beyond_the_animation_do_not_exist(tmp_path):
 
 def test_poses_of_equal_meshes_are_empty(tmp_path):
     path = bending().glb(tmp_path / "a.glb")
-    one, other = (load(path).meshes for _ in range(2))
-    assert pose_between(one, other).meshes == {}
+    one, second = (load(path).meshes for _ in range(2))
+    assert pose_between(one, second).meshes == {}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mesh_writers import ply, stl, stl_text
 from PIL import Image
-from scene_files import refusal, told, write
+from scene_files import refusal, scene_and_warnings, write
 
 from clshade.images.decode import srgb_to_linear
 from clshade.scene import geometry
@@ -30,7 +30,7 @@ def test_polygons_become_fans(tmp_path, form):
     for lists in ([[0, 1, 2], [1, 3, 2]], [[0, 1, 3, 2]], [[0, 1, 2], [0, 1, 3, 2], [3, 2, 1]]):
         rows = POINTS + [(f"B{len(row)}i", [len(row), *row]) for row in lists]
         path = write(tmp_path / "a.ply", ply(form, HEAD + FACES.format(len(lists)), rows))
-        scene, messages = told(path)
+        scene, messages = scene_and_warnings(path)
         (mesh,) = scene.meshes
         assert messages == []
         assert mesh.verts.tolist() == VERTS
@@ -115,7 +115,7 @@ def test_line_ends_and_what_is_not_rendered(tmp_path, monkeypatch):
     header = "comment TextureFile a.png\n" + HEAD + "element edge 1\nproperty int vertex1\n" + FACES.format(1) + more
     data = ply("ascii", header, [*POINTS, ("i", [0]), ("B3iB1i", [3, 0, 1, 2, 1, 7])])
     data = data.replace(b"ply\n", b"ply \n", 1).replace(b"end_header", b"end_header ").replace(b"\n", b"\r\n")
-    scene, messages = told(write(tmp_path / "a.ply", data))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.ply", data))
     assert scene.ignored == ("textures of faces without texture coordinates", "list flags", "element edge")
     assert len(messages) == 1
     assert scene.face_count == 1
@@ -140,13 +140,13 @@ def test_colors_are_codes_of_any_type_and_blend(tmp_path, kind, code, of):
     if kind == "float":
         paths.append(write(tmp_path / "a.obj", re.sub("^", "v ", colored, flags=re.MULTILINE) + "\nf 1 2 3\n"))
     for path in paths:
-        scene, messages = told(path)
+        scene, messages = scene_and_warnings(path)
         (mesh,) = scene.meshes
         np.testing.assert_allclose(mesh.colors[0], [srgb_to_linear(np.array(188 / 255)), 0, 1], rtol=1e-6)
         np.testing.assert_allclose(mesh.alphas, 0.2, rtol=1e-6)
         assert mesh.blends
         assert len(messages) == (2 if (kind, code) == ("float", 188.0) else 0)
-        linear = told(path, vertex_colors="linear")[0].meshes[0].colors[0]
+        linear = scene_and_warnings(path, vertex_colors="linear")[0].meshes[0].colors[0]
         np.testing.assert_allclose(linear, [188 / 255, 0, 1], rtol=1e-6)
 
 
@@ -158,7 +158,7 @@ def test_normals_and_colors_that_are_none(tmp_path, color, remark):
     color_names = "".join(f"property float {name}\n" for name in "rgba")
     lines = "".join(f"{x} {y} {z} {normal} {color}\n" for (x, y, z), normal in zip(VERTS, 4 * ["0 0 nan"], strict=True))
     header = f"ply\nformat ascii 1.0\nelement vertex 4\n{XYZ}{NORMALS}{color_names}{FACES.format(1)}end_header\n"
-    scene, messages = told(write(tmp_path / "a.ply", header + lines + "3 0 1 2\n"))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.ply", header + lines + "3 0 1 2\n"))
     (mesh,) = scene.meshes
     assert mesh.normals[mesh.normal_faces].tolist() == [[[0, 0, 1]] * 3]
     assert mesh.colors[0].tolist() == ([1, 1, 1] if "nan" in color else [0, 0, 0])
@@ -222,16 +222,16 @@ def test_refused_ply(tmp_path, text, parts):
 
 def test_a_ragged_file_cut_anywhere_is_refused(tmp_path):
     rows = [*POINTS, ("B3i", [3, 0, 1, 2]), ("B4i", [4, 0, 1, 3, 2])]
-    whole = ply("binary_big_endian", HEAD + FACES.format(2), rows)
-    for cut in range(len(whole) - 60, len(whole)):
-        refusal(write(tmp_path / "bad.ply", whole[:cut]), "bad.ply: element ")
+    data = ply("binary_big_endian", HEAD + FACES.format(2), rows)
+    for cut in range(len(data) - 60, len(data)):
+        refusal(write(tmp_path / "bad.ply", data[:cut]), "bad.ply: element ")
 
 
 def test_both_sides_are_lit_unless_asked_otherwise(tmp_path):
     for name, data in (("a.ply", GOOD), ("a.stl", stl(TRIANGLES)), ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")):
         path = write(tmp_path / name, data)
-        for asked, lit in ((None, True), (True, True), (False, False)):
-            assert load(path, two_sided=asked).meshes[0].material.two_sided is lit
+        for two_sided, lit in ((None, True), (True, True), (False, False)):
+            assert load(path, two_sided=two_sided).meshes[0].material.two_sided is lit
 
 
 @pytest.mark.parametrize("colored", [False, True])
@@ -290,7 +290,7 @@ BINARY_STL = stl(TRIANGLES)
     ],
 )
 def test_counts_of_facets_that_do_not_fit_the_file(tmp_path, data, words):
-    scene, messages = told(write(tmp_path / "a.stl", data))
+    scene, messages = scene_and_warnings(write(tmp_path / "a.stl", data))
     assert np.array_equal(scene.meshes[0].verts.reshape(-1, 3, 3), TRIANGLES)
     assert messages == [f"{tmp_path}/a.stl: facet count: {words}"]
 
@@ -298,12 +298,12 @@ def test_counts_of_facets_that_do_not_fit_the_file(tmp_path, data, words):
 def test_stl_options_and_attributes(tmp_path):
     square = [[VERTS[0], VERTS[1], VERTS[2]], [VERTS[1], [1, 1, 0], VERTS[2]]]
     path = write(tmp_path / "a.stl", stl(square, attribute=1))
-    scene, messages = told(path)
+    scene, messages = scene_and_warnings(path)
     assert scene.ignored == ("colors or attributes of facets",)
     assert len(messages) == 1
     assert scene.camera.up.tolist() == [0, 0, 1]
     assert scene.camera.eye[2] > scene.camera.lookat[2]
-    scene, _ = told(path, crease=30, up="y")
+    scene, _ = scene_and_warnings(path, crease=30, up="y")
     assert scene.meshes[0].verts.tolist() == [VERTS[0], VERTS[1], VERTS[2], [1, 1, 0]]
     assert scene.meshes[0].faces.tolist() == [[0, 1, 2], [1, 3, 2]]
     assert scene.meshes[0].normals.tolist() == [[0, 0, 1]] * 4

@@ -55,7 +55,7 @@ def loaded(path) -> tuple[list[tuple[int, ...] | None], list[str]]:
         textures = [mesh.material.texture for mesh in load(path).meshes]
     messages = [str(warning.message) for warning in caught]
     assert all(message.isprintable() for message in messages)
-    return [None if found is None else found.image.shape[:2] for found in textures], messages
+    return [None if texture is None else texture.image.shape[:2] for texture in textures], messages
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -225,7 +225,7 @@ def store(layout, top, *paths) -> str:
 def scene_and_parts(folder, ending: str) -> list:
     path = textured(folder, ending, "a.png")
     (folder / "a.png").write_bytes(png(np.zeros((2, 3, 3), np.uint8)))
-    return [folder / os.path.basename(path), *(other for other in folder.iterdir() if str(other) != str(path))]
+    return [folder / os.path.basename(path), *(neighbor for neighbor in folder.iterdir() if str(neighbor) != str(path))]
 
 
 @pytest.mark.parametrize("layout", STORES)
@@ -248,9 +248,9 @@ def test_a_store_gives_its_own_files_alone(tmp_path, layout):
         if ".git" in unnamed.parts
         else unnamed.with_name("a")
     )
-    for other in (private, unnamed):
-        other.parent.mkdir(parents=True, exist_ok=True)
-        other.write_bytes(image.read_bytes())
+    for decoy in (private, unnamed):
+        decoy.parent.mkdir(parents=True, exist_ok=True)
+        decoy.write_bytes(image.read_bytes())
     for target in (image, private, unnamed, "/dev/zero"):
         link.unlink(missing_ok=True)
         link.symlink_to(target)

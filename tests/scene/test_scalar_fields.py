@@ -35,12 +35,12 @@ def test_what_is_kept():
 
 
 def test_as_many_vertices_as_faces():
-    whole = Mesh(VERTS, [*FACES.tolist(), [1, 2, 3]], scalars={"a": np.arange(4)})
-    assert np.array_equal(at_corners(whole, "a"), whole.faces)
+    surface = Mesh(VERTS, [*FACES.tolist(), [1, 2, 3]], scalars={"a": np.arange(4)})
+    assert np.array_equal(at_corners(surface, "a"), surface.faces)
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("scalars", "message"),
     [
         (
             {"a": np.zeros(5)},
@@ -51,13 +51,13 @@ def test_as_many_vertices_as_faces():
         (7, "Mesh: scalars: expected a mapping from names to arrays, found 7"),
     ],
 )
-def test_refused_scalars(given, message):
+def test_refused_scalars(scalars, message):
     with pytest.raises(InputError, match=message):
-        Mesh(VERTS, FACES, scalars=given)
+        Mesh(VERTS, FACES, scalars=scalars)
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("fields", "message"),
     [
         ({"name": ""}, "Scalars: name: expected the name of the scalars, found ''"),
         ({"colormap": "virdis"}, "Scalars: colormap: expected a color map .*, found 'virdis': did you mean 'viridis'"),
@@ -69,9 +69,9 @@ def test_refused_scalars(given, message):
         ({"nan_color": "nothing"}, "Scalars: nan_color: expected a color such as red"),
     ],
 )
-def test_refused_settings(given, message):
+def test_refused_settings(fields, message):
     with pytest.raises(InputError, match=message):
-        Scalars(**{"name": "a", **given})
+        Scalars(**{"name": "a", **fields})
 
 
 def test_settings():
@@ -85,11 +85,11 @@ def test_settings():
 def test_the_color_map_of_a_scene():
     scene = Scene((mesh(a=[1.0, np.nan, 5.0, 2.0]), mesh(a=[-1.0, 0.0, np.inf]), mesh()), CAMERA)
     assert scalar_range(scene, "a") == (-1.0, 5.0)
-    found = color_map_of(scene, Scalars("a", ["black", "#808080"], nan_color=(1, 0, 0)))
-    assert (found.low, found.high, found.count) == (-1.0, 5.0, 2)
+    color_map = color_map_of(scene, Scalars("a", ["black", "#808080"], nan_color=(1, 0, 0)))
+    assert (color_map.low, color_map.high, color_map.count) == (-1.0, 5.0, 2)
     gray = ((128 / 255 + 0.055) / 1.055) ** 2.4
     rows = [[0] * 3, [0] * 3, [gray] * 3, [gray] * 3, [1, 0, 0]]
-    assert np.array_equal(found.table, np.float32(rows))
+    assert np.array_equal(color_map.table, np.float32(rows))
     course = color_map_of(Scene(mesh(a=np.zeros(4)), CAMERA, preset="course"), Scalars("a", ["#808080"]))
     assert course.table[1, 0] == np.float32(128 / 255)
     nothing = color_map_of(Scene(mesh(a=np.full(4, np.nan)), CAMERA), Scalars("a"))
@@ -122,15 +122,15 @@ HEADER = (
 @pytest.mark.parametrize("rows", ["4 0 1 2 3 70000 0.5\n", "3 0 1 2 1 0.5\n3 0 2 3 2 inf\n3 0 1 3 3 1\n3 1 2 3 4 2\n"])
 def test_properties_of_a_ply_file(tmp_path, rows):
     (tmp_path / "a.ply").write_text(HEADER.format(faces=rows.count("\n")) + rows)
-    found = clshade.load(tmp_path / "a.ply")
-    scalars = found.meshes[0].scalars
+    scene = clshade.load(tmp_path / "a.ply")
+    scalars = scene.meshes[0].scalars
     assert set(scalars) == {"heat", "label", "face_label", "area"}
     assert np.array_equal(scalars["heat"], [1.5, np.nan, 2.5, 1e300], equal_nan=True)
     assert np.array_equal(scalars["label"], [-7, 8, 9, 300])
-    labels = at_corners(found.meshes[0], "face_label")
+    labels = at_corners(scene.meshes[0], "face_label")
     assert np.array_equal(labels[:, 0], [70000, 70000] if len(labels) == 2 else [1, 2, 3, 4])
     assert (labels == labels[:, :1]).all()
-    assert found.ignored == ()
+    assert scene.ignored == ()
 
 
 def test_faces_with_colors_keep_the_vertices_scalars(tmp_path):
@@ -141,9 +141,9 @@ def test_faces_with_colors_keep_the_vertices_scalars(tmp_path):
         "property float area", "property uchar red\nproperty uchar green\nproperty uchar blue"
     )
     (tmp_path / "a.ply").write_text(text.format(faces=1) + "4 0 1 2 3 5 9 9 9\n")
-    found = clshade.load(tmp_path / "a.ply").meshes[0]
-    assert np.array_equal(at_corners(found, "label"), [[-7, 8, 9], [-7, 9, 300]])
-    assert (found.scalars["face_label"] == 5).all()
+    surface = clshade.load(tmp_path / "a.ply").meshes[0]
+    assert np.array_equal(at_corners(surface, "label"), [[-7, 8, 9], [-7, 9, 300]])
+    assert (surface.scalars["face_label"] == 5).all()
 
 
 def test_attributes_of_a_gltf_file(tmp_path):
@@ -156,8 +156,8 @@ def test_attributes_of_a_gltf_file(tmp_path):
     }
     document.add("nodes", {"mesh": document.mesh(attributes, INDICES)})
     with pytest.warns(UserWarning, match="not rendered: attribute _FLOW"):
-        found = clshade.load(document.glb(tmp_path / "a.glb"))
-    scalars = found.meshes[0].scalars
+        scene = clshade.load(document.glb(tmp_path / "a.glb"))
+    scalars = scene.meshes[0].scalars
     assert set(scalars) == {"HEAT", "LABEL"}
     assert np.array_equal(scalars["HEAT"], [0.5, np.nan, 3], equal_nan=True)
     assert np.array_equal(scalars["LABEL"], [7, 8, 65535])

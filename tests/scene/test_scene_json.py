@@ -76,7 +76,7 @@ def full_scene() -> Scene:
 def parts_of(value: Any) -> list[Any]:
     """Return all instances of dataclasses in a value."""
     if isinstance(value, (tuple, list)):
-        return [part for each in value for part in parts_of(each)]
+        return [part for entry in value for part in parts_of(entry)]
     if not dataclasses.is_dataclass(value):
         return []
     inner = [part for field in dataclasses.fields(value) for part in parts_of(getattr(value, field.name))]
@@ -108,9 +108,9 @@ def again(scene: Scene, folder) -> Scene:
 
 def test_every_field_comes_back(tmp_path):
     scene = full_scene()
-    found = again(scene, tmp_path)
-    assert same(scene, found)
-    for part in parts_of(found):
+    copy = again(scene, tmp_path)
+    assert same(scene, copy)
+    for part in parts_of(copy):
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
             assert not isinstance(value, np.ndarray) or not value.flags.writeable
@@ -141,11 +141,11 @@ def test_what_is_shared_is_shared_again(tmp_path):
     """Layers and tables number materials and textures by identity."""
     image, worn = texture(1), Material(pbr=mapped())
     glazed = [Material(texture=image, name=name) for name in "ab"]
-    meshes = [Mesh(VERTS, FACES, material=each) for each in (glazed[0], worn, glazed[1], glazed[0], worn)]
-    found = again(Scene(meshes, CAMERA), tmp_path).meshes
-    numbers = {id(mesh.material): number for number, mesh in enumerate(found)}
-    assert [numbers[id(mesh.material)] for mesh in found] == [3, 4, 2, 3, 4]
-    assert found[0].material.texture is found[2].material.texture
+    meshes = [Mesh(VERTS, FACES, material=material) for material in (glazed[0], worn, glazed[1], glazed[0], worn)]
+    copies = again(Scene(meshes, CAMERA), tmp_path).meshes
+    numbers = {id(mesh.material): number for number, mesh in enumerate(copies)}
+    assert [numbers[id(mesh.material)] for mesh in copies] == [3, 4, 2, 3, 4]
+    assert copies[0].material.texture is copies[2].material.texture
     written = json.loads((tmp_path / "again.json").read_text())
     assert (len(written["materials"]), len(written["textures"])) == (3, 1 + len(MAPS))
 
@@ -153,10 +153,10 @@ def test_what_is_shared_is_shared_again(tmp_path):
 def test_directions_are_not_normalized_twice(tmp_path):
     rng, changed = np.random.default_rng(1), 0
     for _ in range(40):
-        given = Environment(np.zeros((1, 1, 3)), up=rng.normal(size=3))
-        changed += dataclasses.replace(given).up.tobytes() != given.up.tobytes()
-        found = again(Scene((), CAMERA, environment=given), tmp_path)
-        assert same(found.environment, given)
+        environment = Environment(np.zeros((1, 1, 3)), up=rng.normal(size=3))
+        changed += dataclasses.replace(environment).up.tobytes() != environment.up.tobytes()
+        copy = again(Scene((), CAMERA, environment=environment), tmp_path)
+        assert same(copy.environment, environment)
     assert changed  # or this test could not fail
 
 
@@ -184,10 +184,10 @@ MINIMAL = """{
 def test_a_file_written_by_hand(tmp_path):
     """What has a default may be missing, and small arrays stand in the text."""
     (tmp_path / "a.json").write_text(MINIMAL)
-    found = load(tmp_path / "a.json")
+    scene = load(tmp_path / "a.json")
     mesh = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), [[0, 1, 2]])
     camera = Camera((0, 0, 5), (0, 0, 0), (0, 1, 0), 1, (0.6, 0.8))
-    assert same(found, Scene(mesh, camera, PointLight((1, 2, 3))))
+    assert same(scene, Scene(mesh, camera, PointLight((1, 2, 3))))
 
 
 def test_the_text_as_it_is_written(tmp_path):
@@ -373,8 +373,8 @@ def test_what_is_refused(saved, keys, value, message):
 
 
 def test_zero_rows_of_any_width_are_refused_by_the_mesh(saved):
-    most = (1 << 30) - 1
-    empty = {"type": "float64", "shape": [0, most, most], "offset": 0}
+    width = (1 << 30) - 1
+    empty = {"type": "float64", "shape": [0, width, width], "offset": 0}
     refusal(changed(saved, *MESH, "verts", value=empty), "verts: expected an array of shape (K, 3)")
 
 
@@ -502,22 +502,22 @@ def test_a_scene_replaced_twice_while_it_is_read(tmp_path, monkeypatch):
     first.to_json(path)
     read, reads = scene_json.read_file, []
 
-    def replacing(name, most):
-        data = read(name, most)
+    def replacing(name, limit):
+        data = read(name, limit)
         reads.append(name)
         if len(reads) == 1:
             second.to_json(path)
         return data
 
-    def found(*arguments):
-        given = beside(*arguments)
+    def restoring(*arguments):
+        arrays_path = beside(*arguments)
         if len(reads) == 1 and arguments[3] == "arrays.file":
             first.to_json(path)
-        return given
+        return arrays_path
 
     beside = scene_json.beside
     monkeypatch.setattr(scene_json, "read_file", replacing)
-    monkeypatch.setattr(scene_json, "beside", found)
+    monkeypatch.setattr(scene_json, "beside", restoring)
     assert same(load(path), first)
 
 

@@ -66,7 +66,7 @@ def test_normals_are_unit_and_agree_with_the_winding(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "told"),
+    ("name", "options", "words"),
     [
         ("tea", {}, "teapot, torus_knot, icosphere, quads, box_room, course"),
         (None, {}, "name"),
@@ -92,8 +92,8 @@ def test_normals_are_unit_and_agree_with_the_winding(name):
         ("course", {"level": None}, "level"),
     ],
 )
-def test_bad_options_are_refused_by_name(name, options, told):
-    with pytest.raises(InputError, match=told) as caught:
+def test_bad_options_are_refused_by_name(name, options, words):
+    with pytest.raises(InputError, match=words) as caught:
         scenes.builtin(name, **options)
     assert "\n" not in str(caught.value)
 
@@ -189,9 +189,9 @@ def test_icosphere_center_is_lit_head_on():
     scene = scenes.icosphere(3, resolution=(33, 33))
     material, light = scene.meshes[0].material, scene.lights[0]
     expected = material.ka * scene.ambient + light.intensity * (material.kd + material.ks)
-    found = oracle.render(scene, Settings()).rgb[16, 16]
+    color = oracle.render(scene, Settings()).rgb[16, 16]
     # The point nearest to the eye is a vertex or an edge midpoint, whose normal points to eye and light.
-    assert np.allclose(found, expected, rtol=1e-9)
+    assert np.allclose(color, expected, rtol=1e-9)
 
 
 # The quads

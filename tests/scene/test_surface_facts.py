@@ -27,59 +27,59 @@ def placement(scale=1.0, shift=(0.0, 0.0, 0.0)):
 
 
 def test_a_cube():
-    found = surface_facts(scene_of(Mesh(CORNERS, FACES)))
-    assert found == SurfaceFacts(8, 12, 6.0, 8, 1, 0, 0)
-    assert found.closed
+    facts = surface_facts(scene_of(Mesh(CORNERS, FACES)))
+    assert facts == SurfaceFacts(8, 12, 6.0, 8, 1, 0, 0)
+    assert facts.closed
 
 
 def test_corners_that_are_stored_several_times_count_as_one():
-    found = surface_facts(scene_of(Mesh(CORNERS[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))))
-    assert found == SurfaceFacts(36, 12, 6.0, 8, 1, 0, 0)
+    facts = surface_facts(scene_of(Mesh(CORNERS[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))))
+    assert facts == SurfaceFacts(36, 12, 6.0, 8, 1, 0, 0)
 
 
 def test_an_open_cube_and_a_fin():
     assert surface_facts(scene_of(Mesh(CORNERS, FACES[:-2]))) == SurfaceFacts(8, 10, 5.0, 8, 1, 4, 0)
     fin = np.concatenate([CORNERS, [(0.0, 0.5, -1.0)]])
-    found = surface_facts(scene_of(Mesh(fin, np.concatenate([FACES, [(0, 2, 8)]]))))
-    assert (found.boundary_edges, found.non_manifold_edges, found.shapes, found.closed) == (2, 1, 1, False)
+    facts = surface_facts(scene_of(Mesh(fin, np.concatenate([FACES, [(0, 2, 8)]]))))
+    assert (facts.boundary_edges, facts.non_manifold_edges, facts.shapes, facts.closed) == (2, 1, 1, False)
 
 
 def test_instances_and_meshes():
     """Two cubes of sides 1 and 2 apart, and one that another mesh adds to the first."""
     two = np.stack([placement(), placement(2.0, (5.0, 0.0, 0.0))])
-    found = surface_facts(scene_of(Mesh(CORNERS, FACES, instances=two), Mesh(CORNERS + (1.0, 0.0, 0.0), FACES)))
-    assert found.area == 6.0 + 24.0 + 6.0
-    assert (found.vertices, found.triangles, found.positions, found.shapes) == (24, 36, 20, 2)
-    assert (found.boundary_edges, found.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
+    facts = surface_facts(scene_of(Mesh(CORNERS, FACES, instances=two), Mesh(CORNERS + (1.0, 0.0, 0.0), FACES)))
+    assert facts.area == 6.0 + 24.0 + 6.0
+    assert (facts.vertices, facts.triangles, facts.positions, facts.shapes) == (24, 36, 20, 2)
+    assert (facts.boundary_edges, facts.non_manifold_edges) == (0, 4 + 1)  # the common side, and its diagonal
 
 
 def test_triangles_without_area_and_unused_vertices():
     verts = np.concatenate([CORNERS, [(9.0, 9.0, 9.0)]])
-    found = surface_facts(scene_of(Mesh(verts, np.concatenate([FACES, [(3, 3, 5)]]))))
-    assert found == SurfaceFacts(9, 13, 6.0, 8, 1, 0, 0)
+    facts = surface_facts(scene_of(Mesh(verts, np.concatenate([FACES, [(3, 3, 5)]]))))
+    assert facts == SurfaceFacts(9, 13, 6.0, 8, 1, 0, 0)
     assert surface_facts(scene_of()) == SurfaceFacts(0, 0, 0.0, 0, 0, 0, 0)
     assert surface_facts(scene_of(Mesh(CORNERS, np.zeros((0, 3), int)))) == SurfaceFacts(8, 0, 0.0, 0, 0, 0, 0)
 
 
 @pytest.mark.parametrize("meshes", [(), (Mesh(CORNERS, [(3, 3, 5)]),)])
 def test_a_scene_without_surface_is_not_closed(meshes):
-    found = surface_facts(scene_of(*meshes))
-    assert found.closed is False
-    assert isinstance(found.area, float)
+    facts = surface_facts(scene_of(*meshes))
+    assert facts.closed is False
+    assert isinstance(facts.area, float)
 
 
 @pytest.mark.parametrize("scale", [1e-150, 2.0**-500, 1e100])
 def test_any_scale(scale):
-    found = surface_facts(scene_of(Mesh(CORNERS * scale, FACES)))
-    assert found.area == pytest.approx(6.0 * scale**2, rel=1e-12)
-    assert found.closed
+    facts = surface_facts(scene_of(Mesh(CORNERS * scale, FACES)))
+    assert facts.area == pytest.approx(6.0 * scale**2, rel=1e-12)
+    assert facts.closed
 
 
 def test_edges_of_large_scenes_are_not_counted(monkeypatch):
     monkeypatch.setattr(module, "MAX_COUNTED_FACES", 11)
-    found = surface_facts(scene_of(Mesh(CORNERS, FACES)))
-    assert found == SurfaceFacts(8, 12, 6.0)
-    assert found.closed is None
+    facts = surface_facts(scene_of(Mesh(CORNERS, FACES)))
+    assert facts == SurfaceFacts(8, 12, 6.0)
+    assert facts.closed is None
 
 
 @pytest.mark.parametrize("name", ["teapot", "icosphere", "box_room"])
@@ -91,20 +91,20 @@ def test_against_trimesh(name):
         for mesh in scene.meshes
         for m in mesh.instances
     ]
-    whole = trimesh.util.concatenate(parts)
-    whole = trimesh.Trimesh(
-        np.unique(whole.vertices, axis=0, return_inverse=True)[0],
-        np.unique(whole.vertices, axis=0, return_inverse=True)[1].reshape(-1)[whole.faces],
+    merged = trimesh.util.concatenate(parts)
+    merged = trimesh.Trimesh(
+        np.unique(merged.vertices, axis=0, return_inverse=True)[0],
+        np.unique(merged.vertices, axis=0, return_inverse=True)[1].reshape(-1)[merged.faces],
         process=False,
     )
-    found = surface_facts(scene)
-    assert found.area == pytest.approx(whole.area, rel=1e-9)
-    _, uses = np.unique(whole.edges_sorted, axis=0, return_counts=True)
-    assert (found.boundary_edges, found.non_manifold_edges) == ((uses == 1).sum(), (uses > 2).sum())
-    labels, before = np.arange(len(whole.vertices)), None  # the least vertex that edges lead to
+    facts = surface_facts(scene)
+    assert facts.area == pytest.approx(merged.area, rel=1e-9)
+    _, uses = np.unique(merged.edges_sorted, axis=0, return_counts=True)
+    assert (facts.boundary_edges, facts.non_manifold_edges) == ((uses == 1).sum(), (uses > 2).sum())
+    labels, before = np.arange(len(merged.vertices)), None  # the least vertex that edges lead to
     while not np.array_equal(labels, before):
         before = labels.copy()
-        np.minimum.at(labels, whole.edges[:, 0], before[whole.edges[:, 1]])
-        np.minimum.at(labels, whole.edges[:, 1], labels[whole.edges[:, 0]])
+        np.minimum.at(labels, merged.edges[:, 0], before[merged.edges[:, 1]])
+        np.minimum.at(labels, merged.edges[:, 1], labels[merged.edges[:, 0]])
         labels = labels[labels]
-    assert found.shapes == len(np.unique(labels[whole.faces]))
+    assert facts.shapes == len(np.unique(labels[merged.faces]))

@@ -22,10 +22,10 @@ def at_corners(verts, faces, normals, uvs, normal_faces=None, uv_faces=None):
 
 
 def assert_as_reference(verts, faces, normals, uvs):
-    found = at_corners(verts, faces, normals, uvs)
-    assert not np.isnan(found).any()
-    np.testing.assert_allclose(found, reference_tangents(verts[faces], normals[faces], uvs[faces]), atol=1e-9)
-    return found
+    tangents = at_corners(verts, faces, normals, uvs)
+    assert not np.isnan(tangents).any()
+    np.testing.assert_allclose(tangents, reference_tangents(verts[faces], normals[faces], uvs[faces]), atol=1e-9)
+    return tangents
 
 
 def grid(rows, columns, height=0.3, seed=0):
@@ -40,28 +40,28 @@ def grid(rows, columns, height=0.3, seed=0):
 
 
 def test_an_upright_image_has_the_tangent_to_the_right_and_the_bitangent_up():
-    found = at_corners(SQUARE, FACES, UP, UPRIGHT)
-    np.testing.assert_allclose(found, np.broadcast_to([1.0, 0.0, 0.0, 1.0], (2, 3, 4)), atol=1e-15)
+    tangents = at_corners(SQUARE, FACES, UP, UPRIGHT)
+    np.testing.assert_allclose(tangents, np.broadcast_to([1.0, 0.0, 0.0, 1.0], (2, 3, 4)), atol=1e-15)
 
 
 def test_a_mirrored_image_turns_the_tangent_and_the_side():
-    found = at_corners(SQUARE, FACES, UP, UPRIGHT * [-1.0, 1.0])
-    np.testing.assert_allclose(found, np.broadcast_to([-1.0, 0.0, 0.0, -1.0], (2, 3, 4)), atol=1e-15)
+    tangents = at_corners(SQUARE, FACES, UP, UPRIGHT * [-1.0, 1.0])
+    np.testing.assert_allclose(tangents, np.broadcast_to([-1.0, 0.0, 0.0, -1.0], (2, 3, 4)), atol=1e-15)
 
 
 def test_a_turned_image_turns_the_tangent():
-    found = at_corners(SQUARE, FACES, UP, UPRIGHT[:, ::-1] * [1.0, -1.0])
-    np.testing.assert_allclose(found, np.broadcast_to([0.0, -1.0, 0.0, 1.0], (2, 3, 4)), atol=1e-15)
+    tangents = at_corners(SQUARE, FACES, UP, UPRIGHT[:, ::-1] * [1.0, -1.0])
+    np.testing.assert_allclose(tangents, np.broadcast_to([0.0, -1.0, 0.0, 1.0], (2, 3, 4)), atol=1e-15)
 
 
 def test_mirrored_halves_split_the_vertices_of_their_seam():
     verts = np.array([[-1, 0, 0], [0, 0, 0.5], [1, 0, 0], [-1, 1, 0], [0, 1, 0.5], [1, 1, 0]], float)
     faces = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]], np.int32)
     uvs = np.column_stack([np.abs(verts[:, 0]), 1.0 - verts[:, 1]])
-    found = assert_as_reference(verts, faces, vertex_normals(verts, faces), uvs)
-    np.testing.assert_array_equal(found[..., 3], np.repeat([-1.0, 1.0], [2, 2])[:, None] * np.ones(3))
-    assert (found[:2, :, 0] < 0.0).all()
-    assert (found[2:, :, 0] > 0.0).all()
+    tangents = assert_as_reference(verts, faces, vertex_normals(verts, faces), uvs)
+    np.testing.assert_array_equal(tangents[..., 3], np.repeat([-1.0, 1.0], [2, 2])[:, None] * np.ones(3))
+    assert (tangents[:2, :, 0] < 0.0).all()
+    assert (tangents[2:, :, 0] > 0.0).all()
 
 
 def test_angles_weigh_not_areas():
@@ -69,22 +69,22 @@ def test_angles_weigh_not_areas():
     verts = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-9, 9, 0]], float)
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     uvs = np.array([[0, 0], [1, 0], [0, -1], [-9, -20]], float)
-    own = [
+    face_tangents = [
         reference_tangents(verts[faces[[k]]], np.tile(UP[0], (1, 3, 1)), uvs[faces[[k]]])[0, 0, :3] for k in range(2)
     ]
-    expected = np.pi / 2 * own[0] + np.pi / 4 * own[1]
-    found = at_corners(verts, faces, UP, uvs)[0, 0, :3]
-    np.testing.assert_allclose(found, expected / np.linalg.norm(expected), atol=1e-15)
+    expected = np.pi / 2 * face_tangents[0] + np.pi / 4 * face_tangents[1]
+    tangent = at_corners(verts, faces, UP, uvs)[0, 0, :3]
+    np.testing.assert_allclose(tangent, expected / np.linalg.norm(expected), atol=1e-15)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_surfaces_agree_with_the_reference(seed):
     verts, faces, normals, uvs = grid(5, 6, seed=seed)
     rng = np.random.default_rng(seed)
-    found = assert_as_reference(verts, faces, normals, uvs)
+    tangents = assert_as_reference(verts, faces, normals, uvs)
     across = normals[faces]
-    np.testing.assert_allclose((found[..., :3] * across).sum(axis=2), 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(found[..., :3], axis=2), 1.0, atol=1e-12)
+    np.testing.assert_allclose((tangents[..., :3] * across).sum(axis=2), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(tangents[..., :3], axis=2), 1.0, atol=1e-12)
     assert_as_reference(verts, faces, normals, uvs + 0.4 * rng.random(uvs.shape))  # some faces mirrored
     assert_as_reference(verts, faces, normals, np.round(uvs * 2.0) / 2.0)  # some without an area
     assert_as_reference(verts, np.concatenate([faces, faces[:7], faces[3:9, [0, 2, 1]]]), normals, uvs)  # shared edges
@@ -105,8 +105,8 @@ def test_separate_indices_are_as_shared_ones():
     rng = np.random.default_rng(1)
     orders = [rng.permutation(len(verts)).astype(np.int32) for _ in range(2)]
     moved = [np.argsort(order).astype(np.int32)[faces] for order in orders]
-    found = at_corners(verts, faces, normals[orders[0]], uvs[orders[1]], *moved)
-    np.testing.assert_allclose(found, at_corners(verts, faces, normals, uvs), atol=1e-12)
+    tangents = at_corners(verts, faces, normals[orders[0]], uvs[orders[1]], *moved)
+    np.testing.assert_allclose(tangents, at_corners(verts, faces, normals, uvs), atol=1e-12)
 
 
 def test_scale_does_not_matter():
@@ -118,8 +118,8 @@ def test_scale_does_not_matter():
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf, -3e38])
 def test_no_direction_gives_zero(bad):
-    found = at_corners(SQUARE, FACES, UP, np.full((4, 2), bad))
-    assert not found.any()
+    tangents = at_corners(SQUARE, FACES, UP, np.full((4, 2), bad))
+    assert not tangents.any()
     assert not at_corners(SQUARE * 0.0, FACES, UP, UPRIGHT).any()
     empty = corner_tangents(SQUARE, FACES[:0], UP, FACES[:0], UPRIGHT, FACES[:0])
     assert empty[1].shape == (0, 3)
@@ -128,6 +128,6 @@ def test_no_direction_gives_zero(bad):
 def test_a_face_without_direction_takes_its_neighbors():
     uvs = UPRIGHT.copy()
     uvs[3] = uvs[0]  # the second face has no area in the texture
-    found = assert_as_reference(SQUARE, FACES, UP, uvs)
-    np.testing.assert_allclose(found[1, :2], np.tile([1.0, 0.0, 0.0, 1.0], (2, 1)), atol=1e-15)
-    assert not found[1, 2].any()
+    tangents = assert_as_reference(SQUARE, FACES, UP, uvs)
+    np.testing.assert_allclose(tangents[1, :2], np.tile([1.0, 0.0, 0.0, 1.0], (2, 1)), atol=1e-15)
+    assert not tangents[1, 2].any()

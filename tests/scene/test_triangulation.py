@@ -246,8 +246,8 @@ def test_cycles_that_meet_in_a_corner():
         ([(0, 1), (1, 2), (2, 3), (3, 1), (1, 4), (4, 0)], [[0, 1, 4], [1, 2, 3]]),
         ([(2, 3), (3, 2)], [[2, 3]]),
     ):
-        found = triangulate._cycles(Counter(edges))
-        turned = [cycle[cycle.index(min(cycle)) :] + cycle[: cycle.index(min(cycle))] for cycle in found]
+        cycles = triangulate._cycles(Counter(edges))
+        turned = [cycle[cycle.index(min(cycle)) :] + cycle[: cycle.index(min(cycle))] for cycle in cycles]
         assert sorted(turned) == expected
 
 
@@ -334,15 +334,15 @@ def test_large_polygons_are_looked_at_first(monkeypatch):
 
 def test_crossing_edges_are_found():
     rng = np.random.default_rng(7)
-    found = [0, 0]
+    counts = [0, 0]
     for _ in range(200):
         points = rng.random((int(rng.integers(4, 9)), 2))
         plain = triangulate._crosses(uncrossed(points))[0]
         assert not plain
         straight = len(uncrossed(points)) == len(points) and np.array_equal(uncrossed(points), points)
         assert triangulate._crosses(points)[0] == (not straight)
-        found[int(straight)] += 1
-    assert min(found) > 10
+        counts[int(straight)] += 1
+    assert min(counts) > 10
 
 
 def test_blocks_and_groups_change_nothing(monkeypatch):
@@ -350,6 +350,6 @@ def test_blocks_and_groups_change_nothing(monkeypatch):
     counts = rng.integers(3, 8, 300)
     verts = rng.random((int(counts.sum()), 3))
     corners = np.arange(len(verts), dtype=np.int32)
-    whole, _ = cut(verts, corners, counts)
+    expected, _ = cut(verts, corners, counts)
     monkeypatch.setattr(triangulate, "_BLOCK", 20)
-    assert np.array_equal(cut(verts, corners, counts)[0], whole)
+    assert np.array_equal(cut(verts, corners, counts)[0], expected)

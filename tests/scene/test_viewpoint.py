@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from clshade.errors import InputError
-from clshade.scene.adjust_camera import adjusted
+from clshade.scene.adjust_camera import adjusted, named_cameras
 from clshade.scene.builtin.scenes import builtin
 from clshade.scene.camera import Camera
 from clshade.scene.framing import UPS, up_of
 from clshade.scene.geometry import camera_axes
-from clshade.scene.views import named_cameras
 
 FRONT = Camera([0.0, 0.0, 5.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0], 1.0, (1.0, 1.0), (100, 50))
 

@@ -215,6 +215,12 @@ class Pipeline:
         self.visible = int(self.counters["visible"])
         return self.counters
 
+    def set_up_apart(self, xy: Array, z: Array, near: float = 0.0, **vertices: Any) -> Any:
+        """Run `setup` on triangles without shared vertices: snapped xy (F, 3, 2), depths z (F, 3). vertices: as of
+        `vertices_at`."""
+        made = vertices_at(self.device, xy.reshape(-1, 2), z.reshape(-1), structs=self.structs, **vertices)
+        return self.set_up(made, np.arange(z.size).reshape(-1, 3), near)
+
     def sort(self, exact: Any = None) -> Array:
         """Return the visible triangles, nearest first, sorted by the keys of `setup`."""
         order = front_to_back(self.made.keys.to_host(self.visible).copy(), exact)

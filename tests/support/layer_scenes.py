@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import clshade
 from clshade.scene.camera import Camera
 from clshade.scene.model import Material, Mesh, PointLight, Scene, Texture
 
@@ -84,18 +83,3 @@ def crowd(count: int = 100) -> Scene:
     floor, nothing, dome, wedge, tile = mixed().meshes
     many, some = replace(dome, instances=matrices(count, rng)), replace(wedge, instances=matrices(20, rng))
     return replace(mixed(), meshes=(floor, nothing, many, some, tile))
-
-
-# Scenes and options that take all ways to a frame.
-FRAME_CASES: dict[str, tuple[Scene, dict[str, Any]]] = {
-    "the teapot": (clshade.builtin("teapot"), {"resolution": (80, 60)}),
-    "clipped, in painter's order": (mixed(), {"preset": "course", "shader": "gouraud"}),
-    "several samples": (mixed(), {"texture_filter": "trilinear", "samples": 5}),
-    "float64": (mixed(), {"precision": "float64", "samples": 3}),
-    "shadows, pbr": (clshade.builtin("teapot"), {"preset": "pbr", "shadows": True, "resolution": (80, 60)}),
-    "ambient occlusion": (
-        clshade.builtin("box_room"),
-        {"ambient_occlusion": 2, "layers": "AO", "resolution": (40, 30)},
-    ),
-    "edges": (clshade.builtin("icosphere", level=2), {"edges": "all", "samples": 4, "resolution": (40, 30)}),
-}

@@ -182,3 +182,12 @@ def assert_layers(
             )
         errors[name] = float((error if skip is None else np.where(skip, 0.0, error)).max(initial=0.0))
     return errors
+
+
+def assert_all(frame: Any, **options: Any) -> Agreement:
+    """Assert that a frame with all its layers agrees with what the oracle makes of its scene and settings."""
+    agreement = assert_drawn(frame, **options)
+    if set(frame.layers) - {"Z", "id"}:
+        layers = oracle.render_layers(frame.scene, frame.settings)
+        assert_layers(frame, layers, frame.scene, frame.settings, skip=agreement.ties)
+    return agreement

@@ -83,7 +83,7 @@ def write(path, text: str | bytes) -> str:
     return str(path)
 
 
-def told(path, **options: Any) -> tuple[Scene, list[str]]:
+def scene_and_warnings(path, **options: Any) -> tuple[Scene, list[str]]:
     """Load a file; return the scene and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

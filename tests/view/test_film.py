@@ -5,24 +5,18 @@ from __future__ import annotations
 import importlib.util
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import assert_refused, listing, needs_device, run
 from PIL import Image
-from processes import ROOT
 
 from clshade.errors import InputError, OutputError
-from clshade.farm.frames import orbit, parse_frames
 from clshade.farm.job import FrameWriter
 from clshade.images import png
-from clshade.scene.builtin.scenes import builtin
-from clshade.scene.model import Settings
 from clshade.view import video
-from clshade.view.frame_folder import FrameFolder, digest_of
+from clshade.view.frame_folder import FrameFolder
 
 PLANE = """ply
 format ascii 1.0
@@ -48,11 +42,11 @@ needs_av = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="Py
 def shown(path: Path) -> list[np.ndarray]:
     """Return the frames of an animated image."""
     with Image.open(path) as film:
-        found = []
+        frames = []
         for number in range(film.n_frames):
             film.seek(number)
-            found.append(np.asarray(film.convert("RGB")))
-        return found
+            frames.append(np.asarray(film.convert("RGB")))
+        return frames
 
 
 def interrupt_after(monkeypatch, frames: int) -> None:
@@ -89,10 +83,14 @@ def test_a_video_of_ten_bits_and_its_frames(folder, capsys):
 
     big = ("--resolution", "65,64", "--bit-depth", "10", "--json", "-o", "new/a.mp4")
     code, out, _ = run(capsys, *TURN, *big, "--keep-frames")
-    found = json.loads(out)
-    assert (code, found["drawn"], found["film"]["resolution"]) == (0, 3, [66, 64])
-    assert (found["film"]["codec"], found["film"]["pixels"]) == ("HEVC", "yuv420p10le, BT.709")
-    assert (found["film"]["seconds"], found["film"]["fps"], found["film"]["frames"]) == (0.1, 30.0, "new/a.mp4.frames")
+    summary = json.loads(out)
+    assert (code, summary["drawn"], summary["film"]["resolution"]) == (0, 3, [66, 64])
+    assert (summary["film"]["codec"], summary["film"]["pixels"]) == ("HEVC", "yuv420p10le, BT.709")
+    assert (summary["film"]["seconds"], summary["film"]["fps"], summary["film"]["frames"]) == (
+        0.1,
+        30.0,
+        "new/a.mp4.frames",
+    )
     names = [f"{number:04d}.{kind}" for number in (1, 2, 3) for kind in ("exr", "png")]
     assert sorted(listing(folder / "new" / "a.mp4.frames")) == [*names, "film.json"]
     with av.open("new/a.mp4") as film:
@@ -104,8 +102,8 @@ def test_a_video_of_ten_bits_and_its_frames(folder, capsys):
     assert np.abs((luma / 4 - 16) * 255 / 219 - picture).mean() < 2
     # Frames that were kept stay, and serve a film of another rate.
     code, out, _ = run(capsys, *TURN, *big, "--fps", "10")
-    found = json.loads(out)
-    assert (code, found["drawn"], found["skipped"], found["film"]["seconds"]) == (0, 0, 3, 0.3)
+    summary = json.loads(out)
+    assert (code, summary["drawn"], summary["skipped"], summary["film"]["seconds"]) == (0, 0, 3, 0.3)
     assert len(listing(folder / "new" / "a.mp4.frames")) == 7
 
 
@@ -118,9 +116,9 @@ def test_an_interrupted_film_goes_on(folder, capsys, monkeypatch):
     frames = ["film.apng.frames", *(f"film.apng.frames/{name}" for name in ("0001.png", "0002.png", "film.json"))]
     assert listing(folder) == frames
     code, out, err = run(capsys, *TURN, "-o", "film.apng", "--json")
-    found = json.loads(out)
-    assert (code, found["drawn"], found["skipped"]) == (0, 1, 2), err
-    assert "first" not in found
+    summary = json.loads(out)
+    assert (code, summary["drawn"], summary["skipped"]) == (0, 1, 2), err
+    assert "first" not in summary
     assert listing(folder) == ["film.apng"]
     resumed = film.read_bytes()
     assert run(capsys, *TURN, "-o", "film.apng", "--quiet")[0] == 0
@@ -129,11 +127,11 @@ def test_an_interrupted_film_goes_on(folder, capsys, monkeypatch):
 
 @needs_device
 def test_frames_of_other_settings_are_drawn_again(folder, capsys, monkeypatch):
-    for number, other in enumerate((("--exposure", "1"), ("--camera-azimuth-angle", "9"), ("--degrees", "90"))):
+    for number, change in enumerate((("--exposure", "1"), ("--camera-azimuth-angle", "9"), ("--degrees", "90"))):
         with monkeypatch.context() as patched:
             interrupt_after(patched, 2)
             assert run(capsys, *TURN, "-o", "film.gif")[0] == 130
-        code, out, err = run(capsys, *TURN, *other, "-o", "film.gif", "--json")
+        code, out, err = run(capsys, *TURN, *change, "-o", "film.gif", "--json")
         assert (code, json.loads(out)["skipped"]) == (0, 0), number
         assert err[0] == "clshade: film.gif.frames: frames of another scene or other settings: drawn again"
         assert listing(folder) == ["film.gif"]
@@ -146,7 +144,7 @@ def test_a_full_disk_and_ctrl_c_leave_the_earlier_film(folder, capsys, monkeypat
     resource = pytest.importorskip("resource")
     name, encoder = f"film.{ending}", {"mp4": "encode_video", "webp": "encode_animation"}[ending]
     (folder / name).write_bytes(b"earlier")
-    left = [name, f"{name}.frames", *(f"{name}.frames/{each}" for each in ("0001.png", "0002.png", "0003.png"))]
+    left = [name, f"{name}.frames", *(f"{name}.frames/{frame}" for frame in ("0001.png", "0002.png", "0003.png"))]
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     encode = getattr(video, encoder)
 
@@ -222,35 +220,6 @@ def test_frames_of_a_film_have_one_size(folder, capsys):
     assert_refused(run(capsys, *command), "frame 2", "20x10, found 10x20", "--resolution gives them one")
     assert run(capsys, *command, "--resolution", "16,12", "--quiet")[0] == 0
     assert [frame.shape for frame in shown(folder / "a.gif")] == [(12, 16, 3)] * 2
-
-
-DIGEST = """
-from clshade.farm import orbit, parse_frames
-from clshade.scene.builtin.scenes import builtin
-from clshade.scene.model import Settings
-from clshade.view.frame_folder import digest_of
-scene, turn = builtin("teapot"), parse_frames("1..5")
-print(digest_of(scene, Settings(), orbit(scene.camera, turn.numbers, turn)))
-"""
-
-
-@pytest.mark.long
-def test_a_digest_is_the_same_in_every_process():
-    done = subprocess.run([sys.executable, "-c", DIGEST], cwd=ROOT, capture_output=True, text=True, timeout=60)
-    scene, turn = builtin("teapot"), parse_frames("1..5")
-    cameras = orbit(scene.camera, turn.numbers, turn)
-    assert done.stdout.strip() == digest_of(scene, Settings(), cameras), done.stderr
-    assert digest_of(scene, Settings(), cameras) != digest_of(scene, Settings(shader="gouraud"), cameras)
-    assert digest_of(scene, cameras) != digest_of(scene, orbit(scene.camera, turn.numbers, turn, 90.0))
-
-
-def test_a_digest_does_not_depend_on_which_values_are_one_object():
-    text, array = "two words", np.arange(12.0).reshape(3, 4)
-    others = ["".join(["two", " words"]), np.asfortranarray(array)]
-    assert digest_of(text, text, array, array) == digest_of(text, others[0], array, others[1])
-    assert digest_of(array) != digest_of(array.reshape(4, 3))
-    assert digest_of(array) != digest_of(array.view(np.int64))
-    assert digest_of(array) != digest_of(np.nextafter(array, 99.0))
 
 
 @pytest.mark.parametrize("record", ["", "[]", "{", '{"digest": 3}', "\xff"])

@@ -43,7 +43,7 @@ def encoded(ending: str, frames: list[np.ndarray], bits: int = 8, rate: Fraction
     if kind.encoder:
         video.encode_video(file, frames, len(frames), Fraction(rate), kind)
     else:
-        video.encode_animation(file, [partial(lambda frame: frame, each) for each in frames], Fraction(rate), kind)
+        video.encode_animation(file, [partial(lambda frame: frame, image) for image in frames], Fraction(rate), kind)
     return file.getvalue()
 
 
@@ -53,11 +53,11 @@ def encoded(ending: str, frames: list[np.ndarray], bits: int = 8, rate: Fraction
 def planes_of(frame) -> list[np.ndarray]:
     """Return the codes of a decoded frame's planes."""
     dtype = np.uint16 if frame.format.name.endswith("10le") else np.uint8
-    found = []
+    planes = []
     for plane in frame.planes:
         rows = np.frombuffer(plane, dtype).reshape(plane.height, -1)
-        found.append(rows[:, : plane.width].astype(np.float64))
-    return found
+        planes.append(rows[:, : plane.width].astype(np.float64))
+    return planes
 
 
 def rgb_of(y: np.ndarray, cb: np.ndarray, cr: np.ndarray, bits: int, kr: float = 0.2126, kb: float = 0.0722):
@@ -72,7 +72,7 @@ def centers(frame, bits: int, **weights: float) -> np.ndarray:
     """Return the colors in the middle of a card's patches, (12, 3)."""
     y, cb, cr = planes_of(frame)
     middle = np.arange(3)[:, None] * SIDE + SIDE // 2, np.arange(4)[None] * SIDE + SIDE // 2
-    small = tuple(each // 2 for each in middle)
+    small = tuple(index // 2 for index in middle)
     return rgb_of(y[middle], cb[small], cr[small], bits, **weights).reshape(12, 3)
 
 
@@ -178,15 +178,15 @@ def test_what_ffmpeg_reports_is_an_oserror():
 @pytest.mark.parametrize("ending", [".gif", ".apng", ".webp"])
 def test_an_animation_read_back(ending):
     """The card has few colors, which a GIF keeps as well."""
-    with Image.open(io.BytesIO(encoded(ending, images(), rate=24))) as found:
-        assert (found.n_frames, found.info["loop"], found.size) == (COUNT, 0, (4 * SIDE, 3 * SIDE))
+    with Image.open(io.BytesIO(encoded(ending, images(), rate=24))) as film:
+        assert (film.n_frames, film.info["loop"], film.size) == (COUNT, 0, (4 * SIDE, 3 * SIDE))
         total = 0.0
         for number in range(COUNT):
-            found.seek(number)
-            pixels = np.asarray(found.convert("RGB")).astype(int)
+            film.seek(number)
+            pixels = np.asarray(film.convert("RGB")).astype(int)
             assert (pixels == card(number).astype(int)).all(), number
-            found.load()
-            total += found.info["duration"]
+            film.load()
+            total += film.info["duration"]
     assert total == pytest.approx(1000 * COUNT / 24, abs=5 if ending == ".gif" else 0.5)
 
 
@@ -195,12 +195,12 @@ def test_a_gif_has_one_palette_and_dithers():
     ramp = np.linspace(0, 255, 96)
     image = np.stack([*np.meshgrid(ramp, ramp), np.full((96, 96), 60.0)], axis=-1).astype(np.uint8)
     frames = [np.roll(image, 5 * k, axis=1) for k in range(3)]
-    with Image.open(io.BytesIO(encoded(".gif", frames))) as found:
+    with Image.open(io.BytesIO(encoded(".gif", frames))) as film:
         palettes = []
         for number in range(3):
-            found.seek(number)
-            palettes.append(found.tile[0][3] and found.global_palette.getdata()[1])
-            pixels = np.asarray(found.convert("RGB")).astype(float)
+            film.seek(number)
+            palettes.append(film.tile[0][3] and film.global_palette.getdata()[1])
+            pixels = np.asarray(film.convert("RGB")).astype(float)
     assert palettes[0] == palettes[1] == palettes[2]
     blocks = (pixels - frames[2]).reshape(6, 16, 6, 16, 3).mean(axis=(1, 3))
     assert np.abs(blocks).max() < 4
@@ -210,12 +210,12 @@ def test_a_gif_has_one_palette_and_dithers():
 def test_equal_frames_are_shown_for_as_long():
     for ending in (".gif", ".apng"):
         frames = [images()[0]] * 3 + [images()[1]] * 2
-        with Image.open(io.BytesIO(encoded(ending, frames, rate=25))) as found:
+        with Image.open(io.BytesIO(encoded(ending, frames, rate=25))) as film:
             shown = []
-            for number in range(found.n_frames):
-                found.seek(number)
-                found.load()
-                shown.append(found.info["duration"])
+            for number in range(film.n_frames):
+                film.seek(number)
+                film.load()
+                shown.append(film.info["duration"])
         assert sum(shown) == 200
 
 
@@ -229,8 +229,8 @@ def test_a_gif_of_one_image_for_too_long_is_refused():
 
 def test_one_frame_is_a_film_too():
     for ending in (".gif", ".apng", ".webp"):
-        with Image.open(io.BytesIO(encoded(ending, images()[:1]))) as found:
-            assert (np.asarray(found.convert("RGB")) == images()[0]).all()
+        with Image.open(io.BytesIO(encoded(ending, images()[:1]))) as film:
+            assert (np.asarray(film.convert("RGB")) == images()[0]).all()
 
 
 # Rates and names

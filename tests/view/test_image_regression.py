@@ -186,19 +186,19 @@ def test_references_may_be_left_out(project, pytester, run):
 def fixture(opened, request, tmp_path):
     """Return the fixture's object for the test that asks for it, with a library in a temporary folder."""
 
-    def make(**given):
+    def make(**changes):
         node = request.node
         test = SimpleNamespace(
             path=tmp_path / "test.py", config=node.config, listchain=node.listchain, user_properties=[]
         )
         default = {"update": False, "references": True, "out": tmp_path / "out", "temporary": tmp_path.joinpath}
-        return image_regression.ImageRegression(test, **{**default, **given})
+        return image_regression.ImageRegression(test, **{**default, **changes})
 
     return make
 
 
 @pytest.mark.parametrize(
-    ("arguments", "given", "message"),
+    ("arguments", "options", "message"),
     [
         ((3,), {}, "clshade_image_regression: scene: expected a Scene or a Frame, found 3"),
         (
@@ -212,10 +212,10 @@ def fixture(opened, request, tmp_path):
         (("teapot",), {"samples": 65}, "Settings: samples: expected"),
     ],
 )
-def test_refused_arguments(fixture, arguments, given, message):
+def test_refused_arguments(fixture, arguments, options, message):
     scene = clshade.builtin("teapot") if arguments[0] == "teapot" else arguments[0]
     with pytest.raises(InputError, match=re.escape(message)) as caught:
-        fixture()(scene, *arguments[1:], **given)
+        fixture()(scene, *arguments[1:], **options)
     assert "\n" not in str(caught.value)
 
 
@@ -259,7 +259,7 @@ def test_differences_below_float32(fixture):
 
 
 def test_a_folder_that_cannot_be_written(fixture, tmp_path, monkeypatch):
-    def fail(*arguments, **others):
+    def fail(*arguments, **options):
         raise OSError(30, "Read-only file system")
 
     monkeypatch.setattr(os, "replace", fail)
@@ -287,7 +287,7 @@ def test_where_the_files_of_a_difference_cannot_be_written(fixture, tmp_path):
         ("", "file: expected content, found an empty file"),
         ("{", "JSON: expected a library of images, found Expecting property name"),
         ("[]", "JSON: expected an object, found 0 values"),
-        ("{}", "clshade_images: expected this key, found none"),
+        ("{}", "clshade_images: expected version 1, found none"),
         ('{"clshade_images": 2, "images": {}}', "clshade_images: expected version 1, found 2"),
         ('{"clshade_images": true, "images": {}}', "clshade_images: expected version 1, found True"),
         ('{"clshade_images": 1, "image": {}}', "found 'image': did you mean 'images'?"),
@@ -348,7 +348,7 @@ def test_processes_that_renew_one_library_at_once_lose_nothing(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", WRITER]
     running = [subprocess.Popen([*command, name, DIGEST], cwd=tmp_path, env=environment) for name in "ab"]
-    assert [each.wait(60) for each in running] == [0, 0]
+    assert [process.wait(60) for process in running] == [0, 0]
     keys = [f"{name}{number:02}" for name in "ab" for number in range(20)]
     assert list(image_regression.read_library(tmp_path / "test_images.json")) == keys
     files = ["test_images", "test_images.json", *(f"test_images/{key}.exr" for key in keys)]
@@ -387,8 +387,8 @@ def test_it_costs_nothing_before_a_test_asks_for_an_image(pytester, monkeypatch)
         """
     )
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(installed.parent), str(ROOT)]))
-    others = [f"-pno:{name}" for name in ("hypothesispytest", "anyio")]
-    pytester.runpytest_subprocess(*others).assert_outcomes(passed=1)
+    exclusions = [f"-pno:{name}" for name in ("hypothesispytest", "anyio")]
+    pytester.runpytest_subprocess(*exclusions).assert_outcomes(passed=1)
 
 
 @pytest.mark.parametrize("plugin", ["regressions", "others"])
@@ -410,7 +410,9 @@ def test_the_short_name_is_the_same_fixture(pytester, run):
 
 
 def test_the_fixtures_are_listed_with_what_they_do(pytester, run):
-    out, usage = (pytester.runpytest_inprocess("-p", PLUGIN, each).stdout.str() for each in ("--fixtures", "--help"))
+    out, usage = (
+        pytester.runpytest_inprocess("-p", PLUGIN, option).stdout.str() for option in ("--fixtures", "--help")
+    )
     assert re.search(
         r"^clshade_image_regression -- .*\n    Draw a scene and compare image and layers, bit for bit", out, re.M
     )

@@ -95,9 +95,9 @@ def at_rest(page: Any) -> int:
     page.wait_for_timeout(100)  # input on its way
     ends = time.monotonic() + 60.0
     while time.monotonic() < ends:
-        found: int = page.evaluate(f"{STILL} ? live.header.version : -1")
-        if any(found == client.session.version for client in page.server.clients):
-            return found
+        version: int = page.evaluate(f"{STILL} ? live.header.version : -1")
+        if any(version == client.session.version for client in page.server.clients):
+            return version
         page.wait_for_timeout(20)
     raise AssertionError("the view does not come to rest")
 

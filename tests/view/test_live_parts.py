@@ -31,12 +31,12 @@ def test_messages_hold_their_arrays_at_multiples_of_eight_bytes():
         "rgba": np.arange(60, dtype=np.uint8).reshape(3, 5, 4),
     }
     message = pack_picture({"width": 5, "height": 3, "name": "ü" * 3}, arrays)
-    header, found = unpacked(message)
+    header, planes = unpacked(message)
     assert header["name"] == "üüü"
     assert len(message) % 8 == 0
-    for each in header["arrays"]:
-        assert each["offset"] % 8 == 0
-        np.testing.assert_array_equal(found[each["name"]], arrays[each["name"]])
+    for entry in header["arrays"]:
+        assert entry["offset"] % 8 == 0
+        np.testing.assert_array_equal(planes[entry["name"]], arrays[entry["name"]])
 
 
 @pytest.mark.parametrize("shape", [(4, 6), (5, 7), (2, 3), (1, 1)])
@@ -87,8 +87,8 @@ def test_flying_moves_eye_and_target():
 def test_lights_are_multiplied():
     scene = clshade.builtin("teapot")
     for factors in ((0.5,), (0.5, 0.5, 0.5)):
-        found = scaled_lights(scene, factors)
-        for light, before in zip(found.lights, scene.lights, strict=True):
+        scaled = scaled_lights(scene, factors)
+        for light, before in zip(scaled.lights, scene.lights, strict=True):
             np.testing.assert_array_equal(light.intensity, before.intensity * 0.5)
             np.testing.assert_array_equal(light.position, before.position)
     for factors in ((), (1.0, 2.0), (1.0, -1.0, 1.0), (math.nan,)):

@@ -75,12 +75,12 @@ class Client:
             message = await asyncio.wait_for(self.ws.receive(), SECONDS)
             assert message.type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY), message
             if message.type == aiohttp.WSMsgType.TEXT:
-                found, arrays = json.loads(message.data), {}
+                header, arrays = json.loads(message.data), {}
             else:
-                found, arrays = unpacked(message.data)
+                header, arrays = unpacked(message.data)
                 await self.send(type="shown")
-            if found["type"] == kind:
-                return found, arrays
+            if header["type"] == kind:
+                return header, arrays
 
     async def send(self, **message: Any) -> None:
         await self.ws.send_str(json.dumps(message))
@@ -108,15 +108,15 @@ def in_loop(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
 def test_only_the_own_page_with_the_token_is_let_in():
     async def check() -> None:
         async with serving() as server, aiohttp.ClientSession() as session:
-            own, host = f"http://{HOST}:{server.port}", f"{HOST}:{server.port}"
+            address, host = f"http://{HOST}:{server.port}", f"{HOST}:{server.port}"
 
             async def status(path: str, **headers: str) -> int:
-                async with session.get(f"{own}{path}", headers=headers) as answer:
+                async with session.get(f"{address}{path}", headers=headers) as answer:
                     return answer.status
 
             page, live = f"/{server.token}/", f"/{server.token}/live"
             assert await status(page) == 200
-            assert await status(page, Origin=own) == 200
+            assert await status(page, Origin=address) == 200
             assert await status(page, Host=f"localhost:{server.port}") == 200
             for path in (
                 "/",
@@ -137,12 +137,12 @@ def test_only_the_own_page_with_the_token_is_let_in():
             assert await status(page, Host="evil.example") == 403
             assert await status(page, Host=f"evil.example:{server.port}") == 403
             assert await status(live) == 403  # no Origin
-            assert await status(live, Origin=own) == 400  # no WebSocket
+            assert await status(live, Origin=address) == 400  # no WebSocket
             for origin in ("http://evil.example", f"http://{HOST}:{server.port + 1}", None):
                 with pytest.raises(aiohttp.WSServerHandshakeError) as caught:
-                    await session.ws_connect(f"{own}{live}", origin=origin)
+                    await session.ws_connect(f"{address}{live}", origin=origin)
                 assert caught.value.status == 403
-            async with session.post(f"{own}{page}") as answer:
+            async with session.post(f"{address}{page}") as answer:
                 assert answer.status == 405
             assert not server.clients
 
@@ -176,17 +176,17 @@ def test_the_page_is_there_before_the_scene_and_says_what_it_waits_for(monkeypat
         async with serving(opened=lambda: begun.wait(SECONDS)) as server, client(server) as one:
             async with aiohttp.ClientSession() as session, session.get(server.url) as answer:
                 assert answer.status == 200
-            found, _ = await one.next("state")
-            assert found["state"] == "loading"
+            message, _ = await one.next("state")
+            assert message["state"] == "loading"
             await one.send(type="orbit", right=1.0)  # nothing happens yet
             begun.set()
             await one.next("scene")
-            while found["state"] != "compiling":
-                found, _ = await one.next("state")
+            while message["state"] != "compiling":
+                message, _ = await one.next("state")
             compiled.set()
             await one.next("image")
-            while found["state"] != "idle":
-                found, _ = await one.next("state")
+            while message["state"] != "idle":
+                message, _ = await one.next("state")
 
     in_loop(check)()
 
@@ -228,8 +228,8 @@ def test_two_clients_have_cameras_of_their_own_and_a_lost_one_leaves_nothing():
                 _, moved = await first.next("image")
                 assert not np.array_equal(before["R"], moved["R"])
                 await second.send(type="set", lights=[0.5, 1.0])
-                _, other = await second.next("image")
-                assert not np.array_equal(before["R"], other["R"])
+                _, dimmed = await second.next("image")
+                assert not np.array_equal(before["R"], dimmed["R"])
                 assert len(server.clients) == 2
                 renderers = len(server.scene.renderers)
                 second.ws._response.connection.transport.abort()  # as a browser that is killed
@@ -267,7 +267,7 @@ def test_pictures_wait_for_a_client_that_does_not_show_them():
             while json.loads((await _text(slow)).data)["type"] != "probe":
                 pass
             assert len(drawn) <= 2
-            (session,) = (each.session for each in server.clients)
+            (session,) = (connection.session for connection in server.clients)
             await slow.send(type="shown")
             await slow.send(type="shown")
             header, _ = await slow.next("image")
@@ -285,8 +285,8 @@ async def _text(client: Client) -> Any:
 
 def test_nonsense_is_answered_with_an_error_and_harms_nobody():
     async def check() -> None:
-        async with serving() as server, client(server) as other:
-            await other.next("image")
+        async with serving() as server, client(server) as neighbor:
+            await neighbor.next("image")
             for text in (
                 "",
                 "x",
@@ -297,17 +297,17 @@ def test_nonsense_is_answered_with_an_error_and_harms_nobody():
                 "[" * 50_000,
                 '{"type": "probe"}',
             ):
-                await other.ws.send_str(text)
-                assert (await other.next("error"))[0]["text"]
-            await other.ws.send_bytes(b"\0" * 100)
-            await other.send(type="probe", column=20, row=15)
-            found, _ = await other.next("probe")
-            assert {"R", "G", "B", "A", "Z", "N.X", "P.Z", "id"} <= found["values"].keys()
+                await neighbor.ws.send_str(text)
+                assert (await neighbor.next("error"))[0]["text"]
+            await neighbor.ws.send_bytes(b"\0" * 100)
+            await neighbor.send(type="probe", column=20, row=15)
+            probe, _ = await neighbor.next("probe")
+            assert {"R", "G", "B", "A", "Z", "N.X", "P.Z", "id"} <= probe["values"].keys()
             async with client(server) as rude:
                 await rude.ws.send_str("x" * (1 << 17))  # too long: that connection ends
                 await _until(lambda: len(server.clients) == 1)
-            await other.send(type="reset")
-            await other.next("image")
+            await neighbor.send(type="reset")
+            await neighbor.next("image")
 
     in_loop(check)()
 
@@ -319,17 +319,17 @@ def test_a_client_that_reads_nothing_holds_up_nobody(monkeypatch):
             await _until(lambda: len(server.clients) == 1)
             (deaf,) = server.clients
             one.ws._response.connection.transport.pause_reading()
-            async with client(server) as other:
+            async with client(server) as neighbor:
                 long = {"type": "error", "text": "x" * (24 << 20)}  # bytes: more than the buffers on the way hold
-                told = asyncio.create_task(server.tell_all(long))
-                assert (await other.next("error"))[0] == long
-                assert not told.done()
+                broadcast = asyncio.create_task(server.tell_all(long))
+                assert (await neighbor.next("error"))[0] == long
+                assert not broadcast.done()
                 monkeypatch.setattr(live_server, "SEND_SECONDS", 0.05)
                 await deaf.tell(long)
                 await _until(lambda: deaf not in server.clients)  # cut off
-                await asyncio.wait_for(told, SECONDS)
-                await other.send(type="orbit", right=1.0)
-                await other.next("image")
+                await asyncio.wait_for(broadcast, SECONDS)
+                await neighbor.send(type="orbit", right=1.0)
+                await neighbor.next("image")
                 one.ws._response.connection.transport.abort()
 
     in_loop(check)()

@@ -269,8 +269,8 @@ def test_the_probe_has_every_layer_of_the_final_picture():
     session.handle({"type": "dolly", "factor": 3.0})
     frame = clshade.render(replace(scene_of(*SMALL), camera=session.view.camera), samples=4, layers="all")
     planes = exr.flatten(frame.channels())
-    found = session.probe(20, 12)
-    assert found["values"] == {name: np.float32(plane[12, 20]) for name, plane in planes.items()}
+    probe = session.probe(20, 12)
+    assert probe["values"] == {name: np.float32(plane[12, 20]) for name, plane in planes.items()}
     assert session.probe(0, 0)["values"]["Z"] == "inf"
     for place in ((40, 0), (0, 30), (-1, 0), (None, 0), ("1", 0), (0.5, 0)):
         with pytest.raises(InputError, match="probe"):
@@ -320,32 +320,32 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize("given", ["--shadows", "--no-shadows"])
+@pytest.mark.parametrize("option", ["--shadows", "--no-shadows"])
 @pytest.mark.parametrize("preset", ["standard", "pbr"])
-def test_a_command_says_of_shadows_what_its_preset_does_not(preset, given):
-    live = LiveScene(source_of("icosphere", "--preset", preset, given))
+def test_a_command_says_of_shadows_what_its_preset_does_not(preset, option):
+    live = LiveScene(source_of("icosphere", "--preset", preset, option))
     named = {"--shadows", "--no-shadows"} & set(live.command(live.first_view(), None, 0.0))
-    assert named == (set() if (preset == "pbr") == (given == "--shadows") else {given})
+    assert named == (set() if (preset == "pbr") == (option == "--shadows") else {option})
 
 
 def test_names_that_look_like_options(folder, capsys):
     write(folder / "-a.obj", TRIANGLE + "f 1 2 3\n")
     session, _ = session_of("--resolution", "8,6", "--samples", "1", "--", "-a.obj")
-    found = session.snapshot()
-    assert found["files"] == ["-a-1.exr", "-a-1.png"]
-    pictures = [Path(name) for name in found["files"]]
+    snapshot = session.snapshot()
+    assert snapshot["files"] == ["-a-1.exr", "-a-1.png"]
+    pictures = [Path(name) for name in snapshot["files"]]
     written = pictures[1].read_bytes()
     for picture in pictures:
         picture.unlink()
-    assert main(shlex.split(found["command"])[1:]) == 0, capsys.readouterr()
+    assert main(shlex.split(snapshot["command"])[1:]) == 0, capsys.readouterr()
     assert pictures[1].read_bytes() == written
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=" ".join)
 def test_a_snapshot_is_what_its_command_renders(folder, capsys, options):
     write(folder / "pyramid.obj", PYRAMID)
-    given = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
-    session, clock = session_of(options[0], *given, *options[1:])
+    common_options = ("--resolution", "41,30", "--samples", "2", "-o", "a b")
+    session, clock = session_of(options[0], *common_options, *options[1:])
     session.handle({"type": "orbit", "right": 33.3, "up": -12.1})
     session.handle({"type": "pan", "right": 0.01, "up": -0.1})
     session.handle({"type": "dolly", "factor": 0.77})
@@ -353,11 +353,11 @@ def test_a_snapshot_is_what_its_command_renders(folder, capsys, options):
     if session.options()["choices"]["environment_intensity"]:
         session.handle({"type": "set", "environment_intensity": 0.6})
     drawn = all_drawings(session, clock)[-1].frame
-    found = session.snapshot()
-    assert found["files"] == ["a b-1.exr", "a b-1.png"]
-    assert found["warnings"] == []
+    snapshot = session.snapshot()
+    assert snapshot["files"] == ["a b-1.exr", "a b-1.png"]
+    assert snapshot["warnings"] == []
     assert same_bits(drawn, session._scene.render(session.view))
-    program, *arguments = shlex.split(found["command"])
+    program, *arguments = shlex.split(snapshot["command"])
     assert program == "clshade"
     again = [*arguments[:-1], "again"]
     assert main(again) == 0, capsys.readouterr()
@@ -380,8 +380,8 @@ def test_a_mesh_stands_in_the_studio_until_its_lights_are_asked_for(tmp_path):
     assert {"--look=studio", "--ground"} & set(session.command().split()) == {"--look=studio"}
     live = session._scene
     assert live._arranged(session.view).meshes[-1].material.texture is live._contact_shadow
-    other = replace(session.view, settings=replace(session.view.settings, shader="nolight"))
-    assert live._arranged(other).meshes[-1].material.texture is live._contact_shadow  # computed once
+    unlit_view = replace(session.view, settings=replace(session.view.settings, shader="nolight"))
+    assert live._arranged(unlit_view).meshes[-1].material.texture is live._contact_shadow  # computed once
     session.handle({"type": "set", "environment": "none", "ground": False})
     assert session.options()["choices"]["lights"] is True
     assert not any(option.startswith(("--look", "--no-ground")) for option in session.command().split())
@@ -484,7 +484,7 @@ def test_bad_options_are_refused_in_one_line(tmp_path, monkeypatch, capsys, argu
 def test_png_of_a_snapshot_has_the_exposure_of_the_display(tmp_path):
     session, _ = session_of(*SMALL, "--samples", "1", "-o", tmp_path / "view")
     session.handle({"type": "set", "exposure": 1.5, "tonemap": "reinhard"})
-    found = session.snapshot()
+    snapshot = session.snapshot()
     frame = clshade.render(scene_of(*SMALL), resolution=(40, 30))
     frame.save(tmp_path / "other", tonemap="reinhard", exposure=1.5)
-    assert Path(found["files"][1]).read_bytes() == (tmp_path / "other.png").read_bytes()
+    assert Path(snapshot["files"][1]).read_bytes() == (tmp_path / "other.png").read_bytes()

@@ -66,11 +66,11 @@ def test_every_bit_is_kept(monkeypatch, chunk):
     channels = {"Z": bits.view(np.float32), "id": bits, "R": bits.astype(np.uint16).view(np.float16)}
     elements = Elements(page.html({"a": Picture(channels)}))
     (described,) = json.loads(elements.text_of("manifest"))["images"]
-    found = decoded(elements, described)
-    assert {name: kind for name, (kind, _) in found.items()} == {"Z": "float", "id": "uint", "R": "half"}
-    assert (found["Z"][1] == bits).all()
-    assert (found["id"][1] == bits).all()
-    assert (found["R"][1] == bits.astype(np.uint16)).all()
+    stored = decoded(elements, described)
+    assert {name: kind for name, (kind, _) in stored.items()} == {"Z": "float", "id": "uint", "R": "half"}
+    assert (stored["Z"][1] == bits).all()
+    assert (stored["id"][1] == bits).all()
+    assert (stored["R"][1] == bits.astype(np.uint16)).all()
     assert (described["width"], described["height"]) == (5, 6)
 
 
@@ -80,9 +80,9 @@ def test_codes_of_a_png_are_kept(tmp_path, dtype):
     # Pillow writes 16 bits in gray alone.
     Image.fromarray(codes if dtype is np.uint8 else codes[:, :, 0]).save(tmp_path / "a.png")
     picture = read_picture(tmp_path / "a.png")
-    kind, found = page.stored_bits(next(iter(picture.channels.values())), picture.bits)
+    kind, stored = page.stored_bits(next(iter(picture.channels.values())), picture.bits)
     assert kind == f"u{dtype().itemsize * 8}"
-    assert (found == codes[:, :, 0]).all()
+    assert (stored == codes[:, :, 0]).all()
     assert page.info(picture)["encoded"] is True
 
 

@@ -38,8 +38,8 @@ def pixels(shown, rows=ROWS, columns=COLUMNS):
 
 
 def pixels_of_each(shown, settings, rows=ROWS, columns=COLUMNS):
-    found = shown.evaluate(PIXELS, [columns, rows, settings])
-    return [np.frombuffer(text.encode("latin-1"), np.uint8).reshape(rows, columns, 4)[:, :, :3] for text in found]
+    texts = shown.evaluate(PIXELS, [columns, rows, settings])
+    return [np.frombuffer(text.encode("latin-1"), np.uint8).reshape(rows, columns, 4)[:, :, :3] for text in texts]
 
 
 def ramp():
@@ -70,8 +70,8 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     names = json.dumps({"1": HOSTILE, "3009": "handle"})
     exr.write(folder / "a.exr", channels_of_a(), metadata={"comment": HOSTILE, "objectNames": names})
-    other = ramp()[:40, :50] + np.float32([1, 0, 0])
-    exr.write(folder / "b.exr", {"RGB": other}, half=True)
+    brighter = ramp()[:40, :50] + np.float32([1, 0, 0])
+    exr.write(folder / "b.exr", {"RGB": brighter}, half=True)
     from PIL import Image
 
     Image.fromarray(np.resize(np.arange(256, dtype=np.uint8), (ROWS, COLUMNS, 3))).save(folder / "c.png")
@@ -116,8 +116,8 @@ def shown(shared):
 def test_tone_maps_are_those_of_the_library(shown):
     """Within one code, which float32 may miss at a step."""
     settings = [{"operator": o, "exposure": e, "marking": False} for o in OPERATORS for e in (0.0, -3.5, 4.0)]
-    for setting, found in zip(settings, pixels_of_each(shown, settings), strict=True):
-        off = np.abs(found - tonemap(ramp(), setting["operator"], setting["exposure"]).astype(int))
+    for setting, picture in zip(settings, pixels_of_each(shown, settings), strict=True):
+        off = np.abs(picture - tonemap(ramp(), setting["operator"], setting["exposure"]).astype(int))
         assert off.max() <= 1, setting
         assert (off > 0).mean() < 0.02, setting
 
@@ -139,20 +139,20 @@ def test_false_color_is_in_stops(shown):
     rgb[0, 0] = 1.0
     stops = np.log2(rgb @ LUMINANCE) + 2.0
     expected = colormaps["turbo"](np.clip((stops + 8.0) / 12.0, 0.0, 1.0), bytes=True)[..., :3].astype(int)
-    (found,) = pixels_of_each(shown, [{"inStops": True, "exposure": 2.0, "marking": False}])
-    off = np.abs(found - expected)[1:]
+    (picture,) = pixels_of_each(shown, [{"inStops": True, "exposure": 2.0, "marking": False}])
+    off = np.abs(picture - expected)[1:]
     assert off.max() <= 8  # one of 256 colors
     assert (off > 0).mean() < 0.02
 
 
 @pytest.mark.long
 def test_the_histogram_counts_every_pixel(shown):
-    found = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
+    histograms = until(shown, "viewer.layerOf(viewer.image).full?.histograms.map((counts) => [...counts])")
     finite = ramp()[..., 0].astype(float)
     finite = finite[np.isfinite(finite) & (finite > 0)]
     edges = np.arange(-256, 257) / 8.0
-    assert found[1] == np.histogram(np.log2(finite), edges)[0].tolist()
-    assert sum(found[0]) == ROWS * COLUMNS - 1  # the first pixel's luminance is infinite
+    assert histograms[1] == np.histogram(np.log2(finite), edges)[0].tolist()
+    assert sum(histograms[0]) == ROWS * COLUMNS - 1  # the first pixel's luminance is infinite
 
 
 @pytest.mark.long
@@ -161,10 +161,10 @@ def test_the_probe_shows_the_values_of_the_file(shown, files):
     shown.evaluate("viewer.pin({ x: 17, y: 5 })")
     until(shown, "document.querySelector('#layers .place').textContent === '17, 5'")
     exact = shown.evaluate("[...document.querySelectorAll('#layers td')].map((cell) => cell.title).join('\\n')")
-    found = {name: float(value) for name, value in (line.rsplit(" ", 1) for line in exact.split("\n") if line)}
-    assert set(found) == set(channels)
+    values = {name: float(value) for name, value in (line.rsplit(" ", 1) for line in exact.split("\n") if line)}
+    assert set(values) == set(channels)
     for name, plane in channels.items():
-        assert plane.dtype.type(found[name]) == plane[5, 17], name
+        assert plane.dtype.type(values[name]) == plane[5, 17], name
     shown.mouse.move(150, 200)  # the pinned pixel stays
     shown.keyboard.press("Escape")
     shown.mouse.move(152, 200)
@@ -228,17 +228,17 @@ def test_comparison(shown):
     shown.evaluate("viewer.set({ marking: false })")
     a, b = tonemap(ramp()), tonemap(ramp()[:40, :50] + np.float32([1, 0, 0]))
     shown.evaluate("viewer.setMode('wipe'); viewer.setWipe(20 / viewer.canvas.width)")
-    found = pixels(shown).astype(int)
-    assert np.abs(found[:, :20] - a[:, :20]).max() <= 1
-    assert np.abs(found[:40, 20:50] - b[:, 20:]).max() <= 1  # half's rounding included
-    assert (found[40:, 20:] == 42).all()
-    assert (found[:, 50:] == 42).all()
+    picture = pixels(shown).astype(int)
+    assert np.abs(picture[:, :20] - a[:, :20]).max() <= 1
+    assert np.abs(picture[:40, 20:50] - b[:, 20:]).max() <= 1  # half's rounding included
+    assert (picture[40:, 20:] == 42).all()
+    assert (picture[:, 50:] == 42).all()
     shown.evaluate("viewer.setMode('difference')")
-    found = pixels(shown)
+    picture = pixels(shown)
     dim = np.s_[1:20, :50]  # where half is precise
-    assert (found[dim][..., 0] == 255).all()
-    assert (found[dim][..., 1] <= 3).all()
-    assert (found[40:] == 42).all()
+    assert (picture[dim][..., 0] == 255).all()
+    assert (picture[dim][..., 1] <= 3).all()
+    assert (picture[40:] == 42).all()
     assert shown.text_content("#images .figures").startswith("2,000 of 2,000 pixels differ")
     shown.keyboard.down("Shift")
     assert np.abs(pixels(shown).astype(int)[:40, :50] - b).max() <= 1
@@ -386,25 +386,25 @@ def test_any_number_of_tone_maps_fits(browser, written, count):
 @pytest.mark.long
 def test_halves_are_decoded(shown):
     halves = np.arange(65536, dtype=np.uint16).view(np.float16).astype(np.float64)
-    found = shown.evaluate("[...valueTable('half', false)].map(String)")
-    assert np.array_equal(np.array([float(text.replace("Infinity", "inf")) for text in found]), halves, equal_nan=True)
+    texts = shown.evaluate("[...valueTable('half', false)].map(String)")
+    assert np.array_equal(np.array([float(text.replace("Infinity", "inf")) for text in texts]), halves, equal_nan=True)
 
 
 @pytest.mark.long
 def test_nothing_leaves_the_page(browser, written):
     """Every host would answer."""
-    other = opened(browser, written)
-    other.route("https://**", lambda route: route.fulfill(body="x", headers={"Access-Control-Allow-Origin": "*"}))
-    assert other.evaluate("fetch('https://example.com').then(() => 'sent', () => 'refused')") == "refused"
+    tab = opened(browser, written)
+    tab.route("https://**", lambda route: route.fulfill(body="x", headers={"Access-Control-Allow-Origin": "*"}))
+    assert tab.evaluate("fetch('https://example.com').then(() => 'sent', () => 'refused')") == "refused"
     picture = "data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA="
-    other.route("https://**.gif", lambda route: route.fulfill(body=b64decode(picture.partition(",")[2])))
+    tab.route("https://**.gif", lambda route: route.fulfill(body=b64decode(picture.partition(",")[2])))
     load = """(src) => new Promise((resolve) => {
       const image = Object.assign(new Image(), { onload: () => resolve("sent"), onerror: () => resolve("refused") });
       image.src = src;
     })"""
-    assert other.evaluate(load, "https://example.com/a.gif") == "refused"
-    assert other.evaluate(load, picture) == "sent"
-    other.close()
+    assert tab.evaluate(load, "https://example.com/a.gif") == "refused"
+    assert tab.evaluate(load, picture) == "sent"
+    tab.close()
 
 
 NO_CONTEXT = """
@@ -422,8 +422,8 @@ def test_without_webgl(launch, written, how):
     shown = opened(plain, written, script=NO_CONTEXT if how == "no context" else "")
     assert "No WebGL 2" in shown.text_content("#notice")
     settings = [{"operator": operator, "exposure": 1.5, "marking": False} for operator in OPERATORS]
-    for setting, found in zip(settings, pixels_of_each(shown, settings), strict=True):
-        assert np.abs(found - tonemap(ramp(), setting["operator"], 1.5).astype(int)).max() <= 1, setting
+    for setting, picture in zip(settings, pixels_of_each(shown, settings), strict=True):
+        assert np.abs(picture - tonemap(ramp(), setting["operator"], 1.5).astype(int)).max() <= 1, setting
     expected = thumbnails(exr.flatten(channels_of_a()))
     for name in ("Z", "N", "object_id", "uv", "P"):
         shown.evaluate("(name) => viewer.setLayer(name)", name)
@@ -503,8 +503,8 @@ def test_the_screen_shows_the_frame(device, browser, tmp_path):
     place = shown.evaluate("[viewer.view.x, viewer.view.y, 640 * viewer.view.zoom, 360 * viewer.view.zoom]")
     clip = dict(zip(("x", "y", "width", "height"), place, strict=True))
     screen = Image.open(io.BytesIO(shown.screenshot(clip=clip))).convert("RGB").resize((64, 36), Image.Resampling.BOX)
-    own = Image.fromarray(frame.to_png8("aces", 1.0)).resize((64, 36), Image.Resampling.BOX)
-    off = np.abs(np.asarray(screen, int) - np.asarray(own, int))
+    expected = Image.fromarray(frame.to_png8("aces", 1.0)).resize((64, 36), Image.Resampling.BOX)
+    off = np.abs(np.asarray(screen, int) - np.asarray(expected, int))
     assert off.mean() < 3
     assert np.percentile(off, 99) < 30
     assert shown.faults == []

@@ -45,9 +45,9 @@ def assert_same_images(folder: Path, name: str, **options) -> None:
     frame = clshade.render(SCENE, resolution=SIZE, layers=("Z", "id"))
     frame.save(folder / "whole", **options)
     one, header = exr.read(folder / f"{name}.exr")
-    other, expected = exr.read(folder / "whole.exr")
-    assert list(one) == list(other)
-    assert all(one[channel].tobytes() == other[channel].tobytes() for channel in other)
+    direct, expected = exr.read(folder / "whole.exr")
+    assert list(one) == list(direct)
+    assert all(one[channel].tobytes() == direct[channel].tobytes() for channel in direct)
     assert header["worldToNDC"].tolist() == expected["worldToNDC"].tolist()
     assert header["settings"] == expected["settings"]
     if (folder / f"{name}.png").exists():
@@ -109,8 +109,8 @@ def test_tiles_that_are_kept_are_images(folder):
     assert poster.tiles == "p.tiles"
     channels, header = exr.read("p.tiles/0005.exr")
     assert channels["R"].shape == (36, 22)
-    whole, _ = exr.read("p.exr")
-    assert np.array_equal(channels["id"], whole["id"][64:, 128:])
+    joined, _ = exr.read("p.exr")
+    assert np.array_equal(channels["id"], joined["id"][64:, 128:])
     assert header["worldToNDC"].tolist() != exr.read("p.exr")[1]["worldToNDC"].tolist()  # of the tile
     assert draw(tile=128).run.drawn == 2  # other tiles are drawn again
 
@@ -143,16 +143,16 @@ def test_one_larger_than_can_be_drawn_at_once(folder):
     image = oiio.ImageInput.open("p.exr")
     assert (image.spec().width, image.spec().height) == (40_000, 300)
     left, columns = 19_900, 300
-    found = image.read_tiles(19_456, 20_480, 0, 300, 0, 1, 4, 5, oiio.TypeDesc("uint"))[
+    ids = image.read_tiles(19_456, 20_480, 0, 300, 0, 1, 4, 5, oiio.TypeDesc("uint"))[
         :, left - 19_456 : left - 19_456 + columns, 0
     ]
     view = SCENE.camera
     height = view.plane[0]
     lens = ((20_000 - left) / columns, 0.5)
-    own = Camera(view.eye, view.lookat, view.up, view.focal, (height, height), (columns, 300), lens)
-    frame = clshade.render(clshade.Scene(SCENE.meshes, own, SCENE.lights), layers="id")
-    assert len(np.unique(found)) > 50
-    assert np.array_equal(found, frame["id"])
+    camera = Camera(view.eye, view.lookat, view.up, view.focal, (height, height), (columns, 300), lens)
+    frame = clshade.render(clshade.Scene(SCENE.meshes, camera, SCENE.lights), layers="id")
+    assert len(np.unique(ids)) > 50
+    assert np.array_equal(ids, frame["id"])
 
 
 REFUSED = [
@@ -231,7 +231,7 @@ def one_tile(value: float = 1.0, **options) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("damaged", "found"),
+    ("damaged", "problem"),
     [
         (b"", "something else"),
         (b"\x76\x2f\x31\x01\x02", "damaged"),
@@ -242,11 +242,11 @@ def one_tile(value: float = 1.0, **options) -> bytes:
         (one_tile(half=True), "other channels"),
     ],
 )
-def test_files_that_are_no_tiles_of_it_are_refused(folder, damaged, found):
+def test_files_that_are_no_tiles_of_it_are_refused(folder, damaged, problem):
     (folder / "0.exr").write_bytes(damaged)
     (folder / "whole.exr").write_bytes(one_tile())
     start = poster.tiled_header("whole.exr", (5, 3), 8, {})
-    with pytest.raises(InputError, match=rf"0\.exr: file: expected a tile of this image.*{found}"):
+    with pytest.raises(InputError, match=rf"0\.exr: file: expected a tile of this image.*{problem}"):
         poster.join_tiles(io.BytesIO(), start, ["0.exr"], 1, 1)
 
 

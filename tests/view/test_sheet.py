@@ -13,9 +13,9 @@ from clshade.errors import InputError
 from clshade.images import exr, marks, png
 from clshade.images.marks import Crop, magnify, mark_crops
 from clshade.pipeline.frame import Frame
+from clshade.scene.adjust_camera import named_cameras
 from clshade.scene.ground import with_ground
 from clshade.scene.model import Mesh, Scene
-from clshade.scene.views import named_cameras
 from clshade.view import sheet as module
 from clshade.view.sheet import draw_sheet, sheet_paths
 
@@ -47,19 +47,19 @@ def views(sheet):
 @pytest.mark.long
 def test_a_box_of_known_size_spans_the_right_number_of_pixels(sheet):
     """In every parallel view, by the scale that the facts give; in the perspective one, at the focal distance."""
-    found = views(sheet)
+    by_name = views(sheet)
     for name, width, height in (("front", 4, 2), ("back", 4, 2), ("right", 1, 2), ("top", 4, 1)):
-        x, y, columns, rows = found[name]["covered_box"]
-        scale = found[name]["units_per_pixel"]
+        x, y, columns, rows = by_name[name]["covered_box"]
+        scale = by_name[name]["units_per_pixel"]
         assert abs(columns - width / scale) <= 1, name
         assert abs(rows - height / scale) <= 1, name
         assert abs(x + columns / 2 - 60) <= 1
         assert abs(y + rows / 2 - 45) <= 1
-        assert found[name]["coverage"] == columns * rows / (120 * 90)
-        assert found[name]["scale_holds"] == "everywhere"
-    near = found["camera"]["units_per_pixel"] * 19.5 / 20.0  # the near side is half a unit nearer
-    assert abs(found["camera"]["covered_box"][2] - 4 / near) <= 1
-    assert found["camera"]["scale_holds"] == "at the distance of the focal point"
+        assert by_name[name]["coverage"] == columns * rows / (120 * 90)
+        assert by_name[name]["scale_holds"] == "everywhere"
+    near = by_name["camera"]["units_per_pixel"] * 19.5 / 20.0  # the near side is half a unit nearer
+    assert abs(by_name["camera"]["covered_box"][2] - 4 / near) <= 1
+    assert by_name["camera"]["scale_holds"] == "at the distance of the focal point"
 
 
 def test_the_bar_in_the_picture_has_the_length_that_the_box_has_there(sheet):
@@ -69,7 +69,7 @@ def test_the_bar_in_the_picture_has_the_length_that_the_box_has_there(sheet):
         assert 0.1 * columns < bar["pixels"] <= 0.3 * columns
         left = x - (module._MIN_WIDTH - columns) // 2
         ink = (sheet.picture[y + rows + 2 :, left:][:40, :240] == marks.INK).all(axis=-1)
-        longest = max(len(run) for line in ink for run in "".join(".#"[int(each)] for each in line).split("."))
+        longest = max(len(run) for line in ink for run in "".join(".#"[int(pixel)] for pixel in line).split("."))
         assert abs(longest - bar["pixels"]) <= 1
     assert views(sheet)["front"]["scale_bar"]["length"] == 1.0
 
@@ -91,18 +91,18 @@ def test_facts(sheet):
     counts = facts["counts"]
     assert (counts["triangles"], counts["vertices"], counts["positions"], counts["shapes"]) == (12, 24, 8, 1)
     assert (facts["closed"], facts["surface_area"], counts["boundary_edges"]) == (True, 28.0, 0)
-    found = views(sheet)
-    assert {name: each["visible_faces"] for name, each in found.items()} == {
+    by_name = views(sheet)
+    assert {name: view["visible_faces"] for name, view in by_name.items()} == {
         **dict.fromkeys(("front", "back", "right", "top", "camera"), 2),
         "iso": 6,
     }
-    assert found["front"]["camera"]["eye"][2] > 9
-    assert found["front"]["statistics"]["channels"]["R"]["maximum"] > 0.3
+    assert by_name["front"]["camera"]["eye"][2] > 9
+    assert by_name["front"]["statistics"]["channels"]["R"]["maximum"] > 0.3
     assert facts["size"] == [sheet.picture.shape[1], sheet.picture.shape[0]]
-    again = clshade.Camera(**{**found["iso"]["camera"]})
+    again = clshade.Camera(**{**by_name["iso"]["camera"]})
     assert (
         clshade.render(Scene(box().meshes, again), shader="nolight", layers="id").alpha.mean(dtype=np.float64)
-        == found["iso"]["coverage"]
+        == by_name["iso"]["coverage"]
     )
 
 
@@ -112,8 +112,8 @@ def test_facts_leave_out_a_ground():
     rgba = np.ones((2, 4, 4), np.float32)
     rgba[0, 1, 3] = 0.5
     frame = Frame(rgba * (ids > 0)[..., None], {"id": ids}, scene, clshade.Settings(), lambda: {"visible": 5})
-    found = module.view_facts("front", frame)
-    assert (found["visible_faces"], found["covered_box"], found["coverage"]) == (3, [1, 0, 2, 2], 2.5 / 8)
+    facts = module.view_facts("front", frame)
+    assert (facts["visible_faces"], facts["covered_box"], facts["coverage"]) == (3, [1, 0, 2, 2], 2.5 / 8)
 
 
 def test_titles_do_not_overlap(sheet):
@@ -128,12 +128,12 @@ def test_titles_do_not_overlap(sheet):
 
 @pytest.mark.parametrize("resolution", [(1, 1), (7, 200), (300, 3)])
 def test_odd_sizes(resolution):
-    found = draw_sheet(box(resolution), ("front", "iso"), **FAST)
-    for view in found.facts["views"]:
+    drawing = draw_sheet(box(resolution), ("front", "iso"), **FAST)
+    for view in drawing.facts["views"]:
         x, y, columns, rows = view["panel"]
         assert (columns, rows) == resolution
-        assert x + columns <= found.picture.shape[1]
-        assert y + rows <= found.picture.shape[0]
+        assert x + columns <= drawing.picture.shape[1]
+        assert y + rows <= drawing.picture.shape[0]
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e300, 0.0), (1e-310, 0.0), (1.0, 1e12)])
@@ -145,8 +145,8 @@ def test_extreme_sizes(sheet, scale, shift):
         np.full(3, shift) + (0, 0, 20 * scale), np.full(3, shift), (0, 1, 0), 20.0, (120, 90)
     )
     scene = Scene(Mesh(verts, mesh.faces, mesh.colors), camera, background=0.0)
-    found = views(draw_sheet(scene, ("front", "iso", "camera"), **FAST))
-    for name, view in found.items():
+    by_name = views(draw_sheet(scene, ("front", "iso", "camera"), **FAST))
+    for name, view in by_name.items():
         expected = views(sheet)[name]
         assert view["coverage"] == pytest.approx(expected["coverage"], abs=0.02)
         assert view["scale_bar"]["length"] == pytest.approx(expected["scale_bar"]["length"] * scale)
@@ -161,10 +161,10 @@ def test_an_empty_scene_and_hostile_names(monkeypatch):
 
     monkeypatch.setattr(module, "render", render)
     scene = Scene((), box().camera, name="\udce9\n$x$ \x1b[2J" + "long " * 100)
-    found = draw_sheet(scene, ("front",), **FAST)
-    assert found.facts["views"][0]["covered_box"] is None
-    assert (found.facts["counts"]["triangles"], found.facts["views"][0]["coverage"]) == (0, 0.0)
-    json.dumps(found.facts, allow_nan=False)
+    drawing = draw_sheet(scene, ("front",), **FAST)
+    assert drawing.facts["views"][0]["covered_box"] is None
+    assert (drawing.facts["counts"]["triangles"], drawing.facts["views"][0]["coverage"]) == (0, 0.0)
+    json.dumps(drawing.facts, allow_nan=False)
 
 
 def test_refused_arguments():

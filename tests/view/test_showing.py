@@ -73,9 +73,9 @@ def test_large_frames_are_reduced(shape, shown):
 def test_ipython_shows_a_frame(frame):
     formatters = pytest.importorskip("IPython.core.formatters")
     formatter = formatters.DisplayFormatter()
-    found, _ = formatter.format(frame)
-    assert set(found) == {"text/plain", PNG}
-    assert found[PNG] == frame._repr_png_()
+    bundle, _ = formatter.format(frame)
+    assert set(bundle) == {"text/plain", PNG}
+    assert bundle[PNG] == frame._repr_png_()
     figure, _ = formatter.format(frame.plot_layers())
     assert figure[PNG].startswith(b"\x89PNG")
 
@@ -133,8 +133,8 @@ def test_a_frame_as_a_page(frame, tmp_path):
     made = frame.view(tmp_path / "a.html", exposure=-1.0)
     assert (tmp_path / "a.html").read_text("utf-8") == made.html
     formatters = pytest.importorskip("IPython.core.formatters")
-    found, _ = formatters.DisplayFormatter().format(made)
-    assert found["text/html"].startswith("<iframe srcdoc=")
+    bundle, _ = formatters.DisplayFormatter().format(made)
+    assert bundle["text/html"].startswith("<iframe srcdoc=")
     manifest = json.loads(re.search(r'id="manifest">(.*?)</script>', made.html)[1])
     assert manifest["settings"] == {"operator": "srgb", "exposure": -1.0}
     (image,) = manifest["images"]
@@ -172,9 +172,9 @@ def test_a_scene_is_drawn_small(monkeypatch, resolution, small):
     scene = clshade.builtin("quads")
     scene = replace(scene, camera=scene.camera.with_resolution(resolution))
     bundle = scene._repr_mimebundle_()
-    ((given, options),) = calls
-    assert given.camera.resolution == small
-    assert (given.camera.plane == scene.camera.plane, options) == (True, {"samples": 1})  # the same view
+    ((drawn_scene, options),) = calls
+    assert drawn_scene.camera.resolution == small
+    assert (drawn_scene.camera.plane == scene.camera.plane, options) == (True, {"samples": 1})  # the same view
     assert decoded(bundle[PNG]).shape == (small[1], small[0], 3)
     assert bundle["text/plain"].startswith(f"<Scene quads: {scene.face_count} triangles, ")
     assert f"{resolution[0]}x{resolution[1]}" in bundle["text/plain"]
@@ -183,8 +183,8 @@ def test_a_scene_is_drawn_small(monkeypatch, resolution, small):
 def test_ipython_shows_a_scene_and_draws_it_once(monkeypatch):
     formatters = pytest.importorskip("IPython.core.formatters")
     calls = drawn(monkeypatch)
-    found, _ = formatters.DisplayFormatter().format(clshade.builtin("quads"))
-    assert set(found) == {"text/plain", PNG}
+    bundle, _ = formatters.DisplayFormatter().format(clshade.builtin("quads"))
+    assert set(bundle) == {"text/plain", PNG}
     assert len(calls) == 1
 
 

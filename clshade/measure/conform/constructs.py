@@ -50,7 +50,7 @@ def cases() -> list[Case]:
         ("zeros_have_signs", "1.0f / (a[i] * 0.0f)", [half], lambda a: one / (a * np.float32(0.0))),
         ("not_reassociated", "(a[i] + b[i]) - a[i]", [half, tiny + half[::-1]], lambda a, b: (a + b) - a),
         ("denormals", "a[i] * 0.5f", [tiny], lambda a: a * np.float32(0.5)),
-        ("comparisons", COMPARISONS, pairs, _compared),
+        ("comparisons", COMPARISONS, list(pairs), _compared),
     ]
     return [
         _case("divergent_loop", LOOP, [_ints(1, 0, 30)], lambda a: a * (a - 1) * (2 * a - 1) // 6),

@@ -312,9 +312,8 @@ def starting() -> None:
 # The processor that PoCL compiles for
 
 # Names in LLVM 14 of processors with the instructions of level 4 (AVX-512) and of level 3 (AVX2, FMA).
-_AVX512 = (
-    "skylake-avx512 cascadelake cooperlake cannonlake icelake-client icelake-server tigerlake rocketlake sapphirerapids"
-)
+_AVX512 = "skylake-avx512 cascadelake cooperlake cannonlake icelake-client icelake-server tigerlake rocketlake"
+_AVX512 += " sapphirerapids"
 _AVX2 = "haswell broadwell skylake alderlake znver1 znver2 znver3"
 
 # What Linux calls the instructions of each level (x86-64 psABI, "Microarchitecture levels").

@@ -105,10 +105,8 @@ def device_fault(info: DeviceInfo, fault: str) -> str:
     """Return one line: the device, what is wrong with it (a predicate), and the remedy."""
     remedy = "update its driver or choose another device"
     if is_runtime(info, "pocl") and info.is_cpu and "first kernel" in fault:
-        remedy = (
-            "PyPI's PoCL needs a linker and the C library's development files: install them (`apt install gcc`), "
-            f"or {GET_INTEL}, or {GET_CONDA}"
-        )
+        needed = "PyPI's PoCL needs a linker and the C library's development files"
+        remedy = f"{needed}: install them (`apt install gcc`), or {GET_INTEL}, or {GET_CONDA}"
     elif is_runtime(info, "intel") and info.is_cpu:
         remedy = "reinstall it (`pip install -U intel-opencl-rt intel-cmplr-lib-rt`) or choose another device"
     return f"{info} {fault}: {remedy}"

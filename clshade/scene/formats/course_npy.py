@@ -24,7 +24,7 @@ from ..camera import MAX_RESOLUTION, Camera
 from ..lights import plain_lights
 from ..model import MAX_FACES, Material, Mesh, PointLight, Scene, Texture
 from . import safe_pickle
-from .reading import Options
+from .reading import Options, name_of
 
 MAX_BYTES = 1 << 31  # of a course file
 MAX_LIGHTS = 1 << 15  # a light takes far longer to create than its few bytes take to read
@@ -59,8 +59,7 @@ def read_course(path: Path, options: Options) -> Scene:
     names += ["uvs", "uv_faces"] if textured else []
     arrays = mesh_fields(owner, _NAMES, {name: file.value(_NAMES[name]) for name in names}, finite_uvs=False)
     material = Material(color("ka"), color("kd"), color("ks"), exponent(owner, file.value("n")))
-    name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
-    mesh = Mesh(**arrays, material=material, name=name)
+    mesh = Mesh(**arrays, material=material, name=name_of(path))
     ambient, background = color("Ia"), color("bg_color")
     pose = [file.value(f"cam_{name}") for name in ("eye", "lookat", "up")]
     focal = options.focal
@@ -78,7 +77,7 @@ def read_course(path: Path, options: Options) -> Scene:
         if mesh.uvs is None:
             raise file_error(owner, "uvs", "texture coordinates for the texture", "none")
         mesh = replace(mesh, material=replace(material, texture=options.texture))
-    return options.applied(Scene((mesh,), view, points, ambient, background, "course", name))
+    return options.applied(Scene((mesh,), view, points, ambient, background, "course", mesh.name))
 
 
 @arguments(scene=Scene, path=checked_path)

@@ -97,30 +97,28 @@ def _of_trimesh(source: Any, materials: dict[int, Material]) -> Mesh:
     visual: Any = getattr(source, "visual", None)
     kind = getattr(visual, "kind", None)
     name = (getattr(source, "metadata", None) or {}).get("name") or ""
-    fields: dict[str, Any] = {"normals": getattr(source, "vertex_normals", None), "name": str(name)}
     scalars = {  # attributes of a glTF file begin with an underscore
         name.removeprefix("_"): values.reshape(-1)
         for name, values in _arrays(source, "vertex_attributes").items()
         if values.size == len(values) == len(source.vertices)
     }
-    mesh = Mesh(source.vertices, source.faces, **fields, material=_MATERIAL, scalars=_numbers(scalars))
+    normals = getattr(source, "vertex_normals", None)
+    mesh = Mesh(source.vertices, source.faces, None, normals, material=_MATERIAL, name=str(name), scalars=scalars)
     if kind == "vertex":
         return replace(mesh, **_colored(visual.vertex_colors, mesh.material))
     if kind == "face":
         return _with_face_colors(mesh, np.asarray(visual.face_colors))
     if kind != "texture":
         return mesh
-    source_material = visual.material
-    if id(source_material) not in materials:
-        if hasattr(source_material, "materials"):
-            raise value_error(_OWNER, "visual.material", "one material for each mesh", source_material)
-        convert = _metallic_roughness if hasattr(source_material, "baseColorFactor") else _simple
-        materials[id(source_material)] = convert(source_material)
-    material = materials[id(source_material)]
+    material = visual.material
+    if id(material) not in materials:
+        if hasattr(material, "materials"):
+            raise value_error(_OWNER, "visual.material", "one material for each mesh", material)
+        convert = _metallic_roughness if hasattr(material, "baseColorFactor") else _simple
+        materials[id(material)] = convert(material)
     uvs = None if visual.uv is None else np.asarray(visual.uv) * [1.0, -1.0] + [0.0, 1.0]  # v = 0 is the bottom there
     colors = getattr(visual, "vertex_attributes", {}).get("color")
-    rgba = None if colors is None else _linear(colors)
-    return replace(mesh, uvs=uvs, material=material, colors=rgba)
+    return replace(mesh, uvs=uvs, material=materials[id(material)], colors=None if colors is None else _linear(colors))
 
 
 def _of_open3d(source: Any) -> Mesh:
@@ -141,38 +139,30 @@ def _of_pyvista(source: Any) -> Mesh:
         faces = np.zeros((0, 0))
     if faces.ndim != 2 or faces.shape[1] != 3:
         raise value_error(_OWNER, "source", "triangles alone (PolyData.triangulate() makes them)", source)
-    verts = np.asarray(source.points)
-    mesh = Mesh(verts, faces, material=_MATERIAL)
-    points, cells = _arrays(source, "point_data"), _arrays(source, "cell_data")
-    normals = points.get("Normals")
-    colors = next(
-        (values for values in points.values() if values.dtype == np.uint8 and values.shape[1:] in ((3,), (4,))), None
-    )
+    verts, points, cells = np.asarray(source.points), _arrays(source, "point_data"), _arrays(source, "cell_data")
     scalars = {name: values for name, values in points.items() if values.shape == (len(verts),)}
     if len(faces) != len(verts):  # of as many points as cells, numbers would count as those of points
-        scalars |= {
-            name: values for name, values in cells.items() if values.shape == (len(faces),) and name not in scalars
-        }
-    mesh = replace(mesh, normals=normals, scalars=_numbers(scalars))
-    return mesh if colors is None else replace(mesh, **_colored(colors, mesh.material))
+        of_cells = {name: values for name, values in cells.items() if values.shape == (len(faces),)}
+        scalars |= of_cells | scalars
+    mesh = Mesh(verts, faces, None, points.get("Normals"), material=_MATERIAL, scalars=scalars)
+    colors = (values for values in points.values() if values.dtype == np.uint8 and values.shape[1:] in ((3,), (4,)))
+    return next((replace(mesh, **_colored(values, mesh.material)) for values in colors), mesh)
 
 
 def _arrays(source: Any, kind: str) -> dict[str, Array]:
-    return {str(name): np.asarray(values) for name, values in getattr(source, kind, {}).items()}
-
-
-def _numbers(scalars: dict[str, Array]) -> dict[str, Array]:
-    return {name: values for name, values in scalars.items() if name and values.dtype.kind in "fiub"}
+    """Return the arrays of numbers that have a name."""
+    arrays = {str(name): np.asarray(values) for name, values in getattr(source, kind, {}).items()}
+    return {name: values for name, values in arrays.items() if name and values.dtype.kind in "fiub"}
 
 
 def _linear(colors: Any) -> Floats:
     """Return colors with alpha (K, 4): integers are decoded from sRGB, other numbers are linear."""
     array = np.asarray(colors)
-    is_coded = array.dtype.kind == "u"
-    values = array / np.iinfo(array.dtype).max if is_coded else array.astype(np.float64)
-    rgb = srgb_to_linear(values[:, :3]) if is_coded else values[:, :3]
-    alphas = values[:, 3:] if values.shape[1] == 4 else np.ones((len(values), 1))
-    return np.hstack([rgb, alphas])
+    rgba = np.ones((len(array), 4))
+    rgba[:, : array.shape[1]] = array / np.iinfo(array.dtype).max if array.dtype.kind == "u" else array
+    if array.dtype.kind == "u":
+        rgba[:, :3] = srgb_to_linear(rgba[:, :3])
+    return rgba
 
 
 def _colored(colors: Any, material: Material) -> dict[str, Any]:
@@ -186,10 +176,10 @@ def _with_face_colors(mesh: Mesh, colors: Array) -> Mesh:
     """Return the mesh with a color for each face: every corner becomes a vertex, normals stay."""
     corners = mesh.faces.reshape(-1)
     normals = vertex_normals(mesh.verts, mesh.faces) if mesh.normals is None else mesh.normals
-    verts, faces = mesh.verts[corners], np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    changes = _colored(np.repeat(colors, 3, axis=0), mesh.material)
+    changes: dict[str, Any] = {"normals": normals, "normal_faces": mesh.faces, "verts": mesh.verts[corners]}
+    changes["faces"] = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
     changes["scalars"] = {name: values[corners] for name, values in mesh.scalars.items()}
-    return replace(mesh, verts=verts, faces=faces, normals=normals, normal_faces=mesh.faces, **changes)
+    return replace(mesh, **changes, **_colored(np.repeat(colors, 3, axis=0), mesh.material))
 
 
 def _simple(source: Any) -> Material:

@@ -7,9 +7,9 @@ infinite positions.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -21,7 +21,7 @@ from ...base.input_files import quoted
 from ...base.spelling import hint
 from ...base.validation import integer, number
 from ...errors import InputError
-from .. import fitting, framing
+from .. import framing
 from ..camera import Camera
 from ..geometry import bounding_box
 from ..model import Mesh, Scene
@@ -29,20 +29,16 @@ from ..pose import PerFrame, Pose, Poses, changes_of, pose_between
 from .gltf_data import Item, open_gltf
 from .gltf_meshes import MeshBuilder
 from .gltf_nodes import NodeValues, Placed, camera_of, lights_of, place_nodes, target_count
-from .reading import FPS, Options, warn_ignored
+from .reading import FPS, Options, framed
 
 MAX_FRAMES = 1_000_000
-# Extensions that are rendered, and those that a renderer may ignore.
-RENDERED = (
-    "KHR_lights_punctual",
+_OF_MATERIALS = (
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
     "KHR_materials_unlit",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "EXT_texture_webp",
 )
+RENDERED = ("KHR_lights_punctual", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp", *_OF_MATERIALS)
 # What these hold is drawn from the data beside it, or refused where that is missing.
 _COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 _SILENT = ("KHR_xmp_json_ld", "KHR_xmp", *_COMPRESSED)
@@ -63,18 +59,16 @@ def read_gltf(path: Path, options: Options) -> Scene:
     at_rest = options.time is None and options.animation is None
     pose = {} if at_rest else read_animation(file.document, options.animation).at(options.time or 0.0)
     meshes, nodes = file.meshes(pose)
-    return file.framed(meshes, nodes, fitting.bounding_sphere(meshes))
+    return file.framed(meshes, nodes, framing.bounding_sphere(meshes))
 
 
 def animations_and_cameras(path: Path) -> tuple[list[float | None], int]:
     """Return the length of each animation of a glTF file, None of a broken one, and how many cameras it has."""
     document = open_gltf(path).document
-    lengths: list[float | None] = []
-    for index in range(len(names_of(document))):
-        try:
-            lengths.append(read_animation(document, index).seconds)
-        except InputError:
-            lengths.append(None)
+    lengths: list[float | None] = [None] * len(names_of(document))
+    for index in range(len(lengths)):
+        with contextlib.suppress(InputError):
+            lengths[index] = _animation(document, index).seconds
     return lengths, document.count("cameras")
 
 
@@ -83,7 +77,6 @@ class GltfFile:
 
     def __init__(self, path: Path, options: Options) -> None:
         self.data, self.options = open_gltf(path), options
-        self.name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
         self.document, self.ignored = self.data.document, self.data.ignored
         self.ignored += _check_asset(self.document)
         self._builder = MeshBuilder(self.data, options)
@@ -111,10 +104,9 @@ class GltfFile:
         if len(nodes.cameras) > 1 and not self.options.fit:
             self.ignored.append("cameras but the first")
         lights, light_scale = lights_of(nodes.lights, sphere)
-        resolution, up = self.options.resolution, self.options.up
-        scene = framing.framed(meshes, self.name, resolution, up=up, camera=camera, lights=lights, sphere=sphere)
-        scene = replace(scene, preset="pbr", light_scale=light_scale, animations=names_of(self.document))
-        return warn_ignored(scene, self.data.owner, self.ignored)
+        fields = {"camera": camera, "lights": lights, "sphere": sphere}
+        scene = framed(meshes, self.data.path, self.options, self.ignored, **fields)
+        return replace(scene, preset="pbr", light_scale=light_scale, animations=names_of(self.document))
 
 
 def _check_asset(document: Item) -> list[str]:
@@ -142,25 +134,13 @@ def _names(document: Item, key: str) -> list[str]:
 class Played:
     """An animation of a file, as frames 1, 2, ...
 
-    Attributes
-    ----------
-    scene : Scene
-        Its first frame. A camera and lights that the file lacks are chosen for all frames.
-    name : str
-        Name of the animation, "animation 0" and so on without one.
-    seconds : float
-        Its length.
-    times : tuple of float
-        Time of each frame, seconds: evenly spaced over the length, without its end, so that a film of
-        them loops.
-    poses : mapping of int to Pose
-        What each frame changes in `scene`, by frame number; computed when looked up.
-    cameras : mapping of int to Camera
-        Camera of each frame: the file's, which may move, or `scene.camera`.
-    stage : Scene
-        `scene` with one mesh more, last, of the boxes that its moving meshes fill in all frames: for
-        what is chosen to show everything. Computed when looked up, if the file has a camera and
-        lights: that takes all poses.
+    scene: the first frame. A camera and lights that the file lacks are chosen for all frames.
+    name: of the animation, "animation 0" and so on without one.
+    seconds: its length. times: of each frame, evenly spaced over the length, without its end, so that a film loops.
+    poses: what each frame changes in `scene`, by frame number; computed when looked up.
+    cameras: of each frame, by number: the file's, which may move, or `scene.camera`.
+    stage: `scene` with one mesh more, last, of the boxes that its moving meshes fill in all frames, for what is chosen to
+        show everything. Computed when looked up, if the file has a camera and lights: that takes all poses.
     """
 
     scene: Scene
@@ -190,10 +170,10 @@ def play(path: Path, options: Options, *, count: int | None = None, fps: float =
     times = tuple(animation.seconds * k / count for k in range(count))
     meshes, nodes = file.meshes(animation.at(times[0]))
     extent = functools.cache(lambda: _extent(file, animation, times, meshes))
-    sphere = fitting.bounding_sphere(meshes)
+    sphere = framing.bounding_sphere(meshes)
     chosen = file.camera(nodes, sphere) is None or not lights_of(nodes.lights, sphere)[0]
     stage_meshes = (*meshes, *extent()) if chosen else meshes
-    sphere = fitting.bounding_sphere(stage_meshes) if chosen else sphere
+    sphere = framing.bounding_sphere(stage_meshes) if chosen else sphere
     scene = replace(file.framed(stage_meshes, nodes, sphere), meshes=meshes)
 
     def pose(frame: int) -> Pose:
@@ -202,9 +182,9 @@ def play(path: Path, options: Options, *, count: int | None = None, fps: float =
         return pose_between(meshes, posed, lights)
 
     def camera(frame: int) -> Camera:
-        at = animation.at(times[frame - 1])
-        moved = None if scene.fitted else file.camera(place_nodes(file.document, at), sphere)
-        return moved or scene.camera
+        if scene.fitted:
+            return scene.camera
+        return file.camera(place_nodes(file.document, animation.at(times[frame - 1])), sphere) or scene.camera
 
     frames = range(1, count + 1)
     poses = Poses(frames, pose, lambda: (file.data.digest(), options, animation.name, times))
@@ -273,7 +253,6 @@ class Animation:
     channels: tuple[Channel, ...]
 
     def at(self, time: float) -> NodeValues:
-        """Return what is animated, at a time in seconds."""
         with np.errstate(over="ignore"):
             time = float(np.float32(time))  # as the file's times are: a step at 0.1 s has begun at 0.1
         pose: NodeValues = {}
@@ -374,12 +353,11 @@ def shorten(name: str) -> str:
     return name if len(name) <= 64 else name[:64] + "..."
 
 
-def _channel(item: Item, entry: Item, node: int, path: str) -> Channel:
-    """Return a channel of an animation. entry: its object."""
-    number, samplers = entry.integer("sampler"), list(item.items("samplers"))
+def _channel(animation: Item, entry: Item, node: int, path: str) -> Channel:
+    number, samplers = entry.integer("sampler"), list(animation.items("samplers"))
     if number >= len(samplers):
         raise entry.error("sampler", f"an index of the {len(samplers)} samplers", str(number))
-    animated = item.entry("nodes", node)
+    animated = entry.entry("nodes", node)
     if path != "weights" and "matrix" in animated.value:
         raise entry.error("target.node", "a node without a matrix", f"nodes[{node}], which has one")
     width = _WIDTHS[path] or target_count(animated)
@@ -387,15 +365,20 @@ def _channel(item: Item, entry: Item, node: int, path: str) -> Channel:
         raise entry.error("target.node", "a node whose mesh has morph targets", f"nodes[{node}]")
     sampler = samplers[number]
     kind = sampler.choice("interpolation", _INTERPOLATIONS, "LINEAR")
-    times = _times(sampler)
-    values = _values(sampler, len(times), 1 if path == "weights" else width, width, cubic=kind == "CUBICSPLINE")
-    keys = values[:, values.shape[1] // 2]
+    times, parts = _times(sampler), 3 if kind == "CUBICSPLINE" else 1  # tangent, value and tangent, or values alone
+    columns = 1 if path == "weights" else width
+    shape = len(times) * parts * (width // columns), columns
+    expected = f"{shape[0]} rows of {columns} for {len(times)} times, float32 or normalized integers"
+    rows = sampler.accessor("output", expected, lambda rows: rows.shape == shape and rows.dtype == np.float32)
+    sampler.check_rows("output", np.isfinite(rows), "finite numbers", rows)
+    values = rows.astype(np.float64).reshape(len(times), parts, width)
+    keys = values[:, parts // 2]
     if path == "rotation":
         lengths = np.linalg.norm(keys, axis=1)
         sampler.check_rows("output", lengths > 0.0, "quaternions other than 0", keys)
-        if values.shape[1] == 1:  # the tangents of a spline belong to the values as they are
+        if parts == 1:  # the tangents of a spline belong to the values as they are
             keys = keys / lengths[:, None]
-    return Channel(node, path, kind, times, keys, values[:, [0, 2]] if values.shape[1] == 3 else None)
+    return Channel(node, path, kind, times, keys, values[:, [0, 2]] if parts == 3 else None)
 
 
 def _times(sampler: Item) -> Floats:
@@ -409,13 +392,3 @@ def _times(sampler: Item) -> Floats:
         times_there = f"{times[row]:g} after {times[row - 1]:g} in row {row} of accessors[{sampler.value['input']}]"
         raise sampler.error("input", "times that increase", times_there)
     return times
-
-
-def _values(sampler: Item, count: int, columns: int, width: int, *, cubic: bool) -> Floats:
-    """Return (count, 1 or 3, width) numbers: values, or tangent, value and tangent of a spline. columns: of the accessor."""
-    parts = 3 if cubic else 1
-    shape = count * parts * (width // columns), columns
-    expected = f"{shape[0]} rows of {columns} for {count} times, float32 or normalized integers"
-    array = sampler.accessor("output", expected, lambda rows: rows.shape == shape and rows.dtype == np.float32)
-    sampler.check_rows("output", np.isfinite(array), "finite numbers", array)
-    return array.astype(np.float64).reshape(count, parts, width)

@@ -52,7 +52,6 @@ class Item:
         return f"{self.where}.{key}" if self.where and key else self.where or key
 
     def error(self, key: str, expected: str, found: str) -> InputError:
-        """Build the error for a field of this object."""
         return file_error(self.file.owner, self.path(key), expected, found)
 
     def check_rows(self, key: str, good: Array, expected: str, values: Array) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from ..triangulate import single_fan, strips
 from .gltf_data import GltfData, Item
 from .gltf_materials import Materials, Surface, transform_uvs, with_coordinates
 from .gltf_nodes import MAX_NODES, Placed, Placement
-from .reading import Options, repair_normals
+from .reading import Options, name_of, repair_normals
 
 _FEW = 1 << 12  # faces of a mesh whose flat normals are computed in a batch
 MAX_SCALARS = 64  # of a primitive
@@ -73,10 +72,9 @@ class MeshBuilder:
                 by_shape.setdefault(placement.node, []).append(placement)
             groups = [(group, _weights(item, primitives, group[0])) for group in by_shape.values()]
             # The name of the mesh, else of a node that has it, else of the file, with its number if there are several.
-            of_nodes = (placement.name for placement in nodes.meshes[index] if placement.name)
-            name = item.text("name") or next(of_nodes, "")
-            stem = os.path.splitext(os.path.basename(self.file.owner))[0]
-            name = name or (stem if self.document.count("meshes") == 1 else f"{stem} {index}")
+            names_of_nodes = (placement.name for placement in nodes.meshes[index] if placement.name)
+            suffix = f" {index}" if self.document.count("meshes") > 1 else ""
+            name = item.text("name") or next(names_of_nodes, "") or name_of(self.file.path) + suffix
             for primitive in primitives:
                 if primitive.where not in self._shapes:
                     self._shapes[primitive.where] = self._shape(primitive)

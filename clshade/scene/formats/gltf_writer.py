@@ -8,6 +8,7 @@ import math
 import os
 import struct
 import warnings
+from collections.abc import Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,12 +20,12 @@ from ...base.input_files import file_error
 from ...images import png
 from ...images.decode import srgb_to_linear
 from ...images.tonemap import srgb_curve
-from ..fitting import bounding_sphere
-from ..geometry import camera_axes, vertex_normals
+from ..contents import object_numbers
+from ..framing import bounding_sphere
+from ..geometry import camera_axes, normalized, vertex_normals
 from ..lights import PlacedLight
 from ..material import COMPONENTS, is_unlit
 from ..model import Light, Material, Mesh, MetallicRoughness, Scene, Texture
-from ..objects import object_numbers
 from ..scalar_colors import at_vertices
 from ..texture import Wrap
 
@@ -159,37 +160,32 @@ class _SceneWriter(Glb):
 
     def _add_meshes(self) -> list[int]:
         """Add the meshes that have triangles and placements; return the indices of their nodes."""
-        nodes: list[int] = []
-        written: dict[Any, Json] = {}  # by object and nodes: the parts of an object become primitives of one mesh
-        numbers = object_numbers(self.scene)
-        parts: dict[int, list[Mesh]] = {}
-        for number, mesh in zip(numbers, self.scene.meshes, strict=True):
-            parts.setdefault(number, []).append(mesh)
-        frames = {
-            number: float32_frame([mesh.verts[_used(mesh.faces, len(mesh.verts))] for mesh in meshes])
-            for number, meshes in parts.items()
-        }
-        for number, mesh in zip(numbers, self.scene.meshes, strict=True):
+        objects: dict[int, list[Mesh]] = {}
+        for number, mesh in zip(object_numbers(self.scene), self.scene.meshes, strict=True):
+            objects.setdefault(number, []).append(mesh)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return [node for parts in objects.values() for node in self._add_object(parts)]
+
+    def _add_object(self, parts: list[Mesh]) -> Iterator[int]:
+        """Add an object, whose parts become primitives of one mesh where they have the same placements."""
+        middle, exponent = float32_frame([mesh.verts[_used(mesh.faces, len(mesh.verts))] for mesh in parts])
+        matrix = np.diag([*[np.ldexp(1.0, exponent)] * 3, 1.0])
+        matrix[:3, 3] = middle
+        instance_names = next((mesh.instance_names for mesh in parts if mesh.instance_names), ())
+        written: dict[bytes, Json] = {}  # by placements
+        for mesh in parts:
             placements = np.asarray(mesh.instances)
             if not len(mesh.faces) or not len(placements):
                 continue
-            of_parts = (part.instance_names for part in parts[number] if part.instance_names)
-            names = next(of_parts, (mesh.name,) * len(placements))
-            with np.errstate(over="ignore", invalid="ignore"):
-                material = self._material(mesh.material, 0 if mesh.uvs is None else 1 + len(mesh.more_uvs))
-                primitive = {**self._primitive(mesh, *frames[number]), "material": material}
-                key = number, placements.tobytes()
-                if key in written:
-                    written[key]["primitives"].append(primitive)
-                    continue
-                written[key] = {**_named(mesh.name), "primitives": [primitive]}
-                index = self.add("meshes", written[key])
-                middle, exponent = frames[number]
-                matrix = np.diag([*[np.ldexp(1.0, exponent)] * 3, 1.0])
-                matrix[:3, 3] = middle
-                for placement, name in zip(placements, names, strict=True):
-                    nodes.append(self._add_placement(placement @ matrix, {"mesh": index, **_named(name)}))
-        return nodes
+            material = self._material(mesh.material, 0 if mesh.uvs is None else 1 + len(mesh.more_uvs))
+            primitive = {**self._primitive(mesh, middle, exponent), "material": material}
+            if (key := placements.tobytes()) in written:
+                written[key]["primitives"].append(primitive)
+                continue
+            written[key] = {**_named(mesh.name), "primitives": [primitive]}
+            index, names = self.add("meshes", written[key]), instance_names or (mesh.name,) * len(placements)
+            for placement, name in zip(placements, names, strict=True):
+                yield self._add_placement(placement @ matrix, {"mesh": index, **_named(name)})
 
     def _add_placement(self, matrix: Floats, content: Json) -> int:
         """Add a node, in two steps where its matrix shears, which nodes may not; return the index of the outer one."""
@@ -230,19 +226,16 @@ class _SceneWriter(Glb):
             kind, near = "perspective", max(0.5 * (depth - radius), 1e-3 * radius)
             fov, aspect = 2.0 * math.atan(height / camera.focal / 2.0), width / height
             if not (0.0 < fov < math.pi and 0.0 < aspect <= _MAX_NUMBER):
-                raise validation.value_error(
-                    _OWNER, "camera", "angles of view above 0 and below 180 degrees", camera.plane
-                )
+                expected = "angles of view above 0 and below 180 degrees"
+                raise validation.value_error(_OWNER, "camera", expected, camera.plane)
             lens = {"yfov": fov, "aspectRatio": aspect, "znear": near}
         entry = {"type": kind, kind: lens, "extras": {"clshade": facts}}
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = np.stack([right, up, -forward], axis=1), camera.eye
-        return self.add(
-            "nodes", self._placed({"name": "camera", "camera": self.add("cameras", entry)}, matrix, "camera")
-        )
+        node = {"name": "camera", "camera": self.add("cameras", entry)}
+        return self.add("nodes", self._placed(node, matrix, "camera"))
 
     def _add_lights(self) -> list[int]:
-        """Add the lights; return the indices of their nodes."""
         nodes: list[int] = []
         entries = self.extensions.setdefault("KHR_lights_punctual", {"lights": []})["lights"]
         for number, light in enumerate(self.scene.lights):
@@ -281,8 +274,8 @@ class _SceneWriter(Glb):
             outer = max(min(angles[1], math.pi / 2), _MIN_CONE)
             entry["spot"] = {"innerConeAngle": min(angles[0], outer * (1.0 - _MIN_CONE)), "outerConeAngle": outer}
         matrix[:3, 3] = light.position
-        others = {name: value for name, value in light.facts().items() if name not in _IN_GLTF}
-        return {**entry, "extras": {"clshade": others}}, matrix
+        unsaid = {name: value for name, value in light.facts().items() if name not in _IN_GLTF}
+        return {**entry, "extras": {"clshade": unsaid}}, matrix
 
     def _material(self, material: Material, sets: int) -> int:
         """Return the index of a material, for a mesh with so many sets of texture coordinates."""
@@ -471,7 +464,7 @@ def unify_vertices(faces: Faces, count: int, sources: dict[str, Source]) -> tupl
     """
     columns: list[Faces] = []
     for _, index in sources.values():
-        if index is not None and not any(np.array_equal(index, other) for other in (faces, *columns)):
+        if index is not None and not any(np.array_equal(index, column) for column in (faces, *columns)):
             columns.append(index)
     if not columns and _used(faces, count).all():
         return {name: rows[:count] for name, (rows, _) in sources.items()}, faces
@@ -494,7 +487,5 @@ def _used(faces: Faces, count: int) -> Array:
 
 def _unit(vectors: Array, otherwise: tuple[float, float, float]) -> Floats32:
     """Return vectors (K, 3) at length 1; `otherwise` for those of length 0, which glTF forbids."""
-    wide = vectors.astype(np.float64)
-    wide[~wide.any(axis=1)] = otherwise
-    wide = np.ldexp(wide, -np.frexp(np.abs(wide).max(axis=1, keepdims=True))[1])
-    return np.asarray((wide / np.sqrt((wide * wide).sum(axis=1, keepdims=True))).astype(np.float32))
+    nonzero = vectors.any(axis=1, keepdims=True)
+    return normalized(np.where(nonzero, vectors, otherwise).astype(np.float64)).astype(np.float32)

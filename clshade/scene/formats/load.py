@@ -109,7 +109,7 @@ def load(
 
     Notes
     -----
-    A mesh gets a camera that shows all of its vertices (`clshade.scene.fitting.fitted`) and lights
+    A mesh gets a camera that shows all of its vertices (`clshade.scene.framing.fitted`) and lights
     around it, unless a glTF file has its own; `Scene.fitted` says whether it got the camera.
     Materials and images are opened only inside the file's own folder. Code in a file is never run,
     and nothing is fetched. Loading that takes more than a second is announced on stderr.
@@ -206,8 +206,8 @@ def _options(who: str, form: Format, arguments: dict[str, Any]) -> Options:
     values = {name: arguments[name] for name in checks if arguments.get(name) is not None and (name != "flat" or flat)}
     for name, value in values.items():
         if name not in (*form.takes, "resolution", "two_sided", "fit"):
-            *others, last = extensions_with(name)
-            formats = f"{', '.join(others)} and {last}" if others else last
+            *first, last = extensions_with(name)
+            formats = f"{', '.join(first)} and {last}" if first else last
             raise value_error(who, name, f"one only for {formats} files", value)
     options = {name: checks[name](who, name, value) for name, value in values.items()}
     if options.pop("flat", False):

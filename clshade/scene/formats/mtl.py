@@ -11,7 +11,7 @@ import math
 import os
 import re
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -51,7 +51,9 @@ _OPTIONS = {
     "-mm": 2,
 }
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_IDENTITY = np.array([[1.0, 1.0], [0.0, 0.0]])  # scale and offset
 _WORD = re.compile(r"\S+")
+_VALUE = re.compile(r"\s+(\S+)(?=\s)")  # of an option: the name of the file follows
 
 
 @dataclass(frozen=True)
@@ -64,14 +66,12 @@ class _Map:
     clamp: bool = False
 
 
-@dataclass
 class _Statements:
     """The statements on one material. numbers: by keyword, colors as lists. maps: its map_kd and map_d, None without the
     image."""
 
-    numbers: dict[str, Any] = field(default_factory=dict)
-    maps: dict[str, _Map | None] = field(default_factory=dict)
-    ignored: list[str] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.numbers, self.maps, self.ignored = dict[str, Any](), dict[str, _Map | None](), list[str]()
 
 
 class Library:
@@ -85,16 +85,12 @@ class Library:
         self.images, self.owner = Images(path), shown(path)
         self.replacement, self.materials = replacement, dict[str, _Statements]()
         self.textures: dict[tuple[_Map | None, _Map | None], tuple[Texture | None, bool]] = {}
-        self.ignored: list[str] = []
-        self.undefined: list[str] = []
-        self.warned: set[str] = set()
-        texts = set()
+        self.ignored, self.undefined, self.warned = list[str](), list[str](), set[str]()
+        lines: dict[str, int] = {}
         for line, text in references:
-            if text in texts:
-                continue
-            texts.add(text)
-            where = f"line {line}: mtllib"
-            for library in filter(None, self._libraries(text, where)):
+            lines.setdefault(text, line)
+        for text, line in lines.items():
+            for library in filter(None, self._libraries(text, f"line {line}: mtllib")):
                 with within(self.owner):
                     self._read(library)
 
@@ -124,17 +120,23 @@ class Library:
     def _statement(self, material: _Statements, keyword: str, rest: str, library: str, where: str) -> None:
         if keyword in _NUMBERS:
             expected, counts = _NUMBERS[keyword]
-            text = rest.removeprefix("-halo") if keyword in ("d", "tr") else rest  # opaque where seen from the front
-            values = _floats(text, shown(library), where, expected, counts)
-            material.numbers[keyword] = (values * 3)[:3] if 3 in counts else values[0]
-            if keyword == "ns" and values[0] > 1e9:
-                raise file_error(shown(library), where, expected, f"{values[0]:g}")
-            if keyword == "ns" and values[0] < 0.0:  # Blender 2.7 wrote -1.960784
+            rest = rest.removeprefix("-halo") if keyword in ("d", "tr") else rest  # opaque where seen from the front
+            text = rest.split("#", 1)[0]
+            values = numbers(text.encode(), float, len(text.split()))
+            if values is None or len(values) not in counts or not np.isfinite(values).all():
+                raise file_error(shown(library), where, expected, quoted(text))
+            first, *_ = channels = (values.tolist() * 3)[:3]
+            material.numbers[keyword] = channels if 3 in counts else first
+            if keyword == "ns" and first > 1e9:
+                raise file_error(shown(library), where, expected, f"{first:g}")
+            if keyword == "ns" and first < 0.0:  # Blender 2.7 wrote -1.960784
                 self._warn("Ns below 0 is read as 0")
-            if keyword == "illum" and values[0] >= 3.0:
+            if keyword == "illum" and first >= 3.0:
                 material.ignored.append("reflection and refraction (illum)")
         elif keyword in ("map_kd", "map_d"):
-            material.maps[keyword] = self._map(rest, library, where, material)
+            name, options = _split_options(rest, material.ignored, shown(library), where)
+            path = self.images.find(name, shown(library), where, os.path.dirname(library))
+            material.maps[keyword] = None if path is None else _Map(path, **options)
         elif keyword in _IGNORED:
             words = rest.split("#", 1)[0].split()
             default = _DEFAULTS_IGNORED.get(keyword)
@@ -143,24 +145,18 @@ class Library:
         elif keyword.startswith("map_"):
             material.ignored.append(keyword[:32])
 
-    def _map(self, text: str, library: str, where: str, material: _Statements) -> _Map | None:
-        """Return the image and the rendered options of a map; None, with a warning, without an image."""
-        name, options = _split_options(text, material.ignored, shown(library), where)
-        path = self.images.find(name, shown(library), where, os.path.dirname(library))
-        return None if path is None else _Map(path, **options)
-
-    def material(self, name: str | None, textured: bool) -> tuple[Material, Array | None]:
+    def material(self, name: str | None, textured: bool) -> tuple[Material, Array]:
         """Return the material of that name, the default one if no library has it, and (2, 2) scale and offset of its texture
-        coordinates or None. textured: whether faces have texture coordinates."""
+        coordinates. textured: whether faces have texture coordinates."""
         statements, texture = self.materials.get(name or ""), self.replacement if textured else None
         if statements is None:
             if name is not None and name not in self.undefined:
                 self.undefined.append(name)
-            return replace(DEFAULT_MATERIAL, texture=texture), None
+            return replace(DEFAULT_MATERIAL, texture=texture), _IDENTITY
         self.ignored += statements.ignored
         values = self._values(statements)
         image, mask = statements.maps.get("map_kd"), statements.maps.get("map_d")
-        source, transform = image or mask, None
+        source, transform = image or mask, _IDENTITY
         if source is not None and not textured:
             self.ignored.append("textures of faces without texture coordinates")
         elif source is not None and texture is None:
@@ -169,8 +165,7 @@ class Library:
             texture, masked = self.textures[image, mask]
             values["blend"] = values["blend"] or masked
             transform = np.array([source.scale, source.offset])
-        material = Material(**values, texture=texture, name=name or "")
-        return material, None if transform is None or (transform == [[1.0, 1.0], [0.0, 0.0]]).all() else transform
+        return Material(**values, texture=texture, name=name or ""), transform
 
     def _values(self, statements: _Statements) -> dict[str, Any]:
         """Return the fields of a Material without its texture."""
@@ -233,16 +228,15 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
     place = 0
     while (word := _WORD.match(text, place)) and word.group().lower() in _OPTIONS:
         name, place = word.group().lower(), word.end()
-        count, numbers_only = _OPTIONS[name], _OPTIONS[name] == 0
         values: list[str] = []
-        while len(values) < (3 if numbers_only else count):
-            value = re.compile(r"\s+(\S+)(?=\s)").match(text, place)
-            if value is None or (numbers_only and not _NUMBER.fullmatch(value.group(1))):
+        while len(values) < (_OPTIONS[name] or 3) and (match := _VALUE.match(text, place)):
+            is_number = _NUMBER.fullmatch(match[1])
+            if not _OPTIONS[name] and not is_number:
                 break
-            values.append(value.group(1))
-            place = value.end()
-            if _NUMBER.fullmatch(values[-1]) and math.isinf(float(values[-1])):
-                raise file_error(owner, f"{where}: {name}", "finite numbers", quoted(values[-1]))
+            if is_number and math.isinf(float(match[1])):
+                raise file_error(owner, f"{where}: {name}", "finite numbers", quoted(match[1]))
+            values.append(match[1])
+            place = match.end()
         if name in ("-s", "-o") and values:
             first, second = float(values[0]), float((values[1:] or ["1" if name == "-s" else "0"])[0])
             options["scale" if name == "-s" else "offset"] = (first, second)
@@ -252,12 +246,3 @@ def _split_options(text: str, ignored: list[str], owner: str, where: str) -> tup
             ignored.append(f"option {name} of maps")
         place += len(text[place:]) - len(text[place:].lstrip())
     return text[place:], options
-
-
-def _floats(text: str, owner: str, where: str, expected: str, allowed: tuple[int, ...] = (1,)) -> list[float]:
-    """Return the numbers before a comment, as many as are allowed."""
-    text = text.split("#", 1)[0]
-    values = numbers(text.encode(), float, len(text.split()))
-    if values is None or len(values) not in allowed or not np.isfinite(values).all():
-        raise file_error(owner, where, expected, quoted(text))
-    return [float(value) for value in values]

@@ -22,12 +22,11 @@ from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file
 from ...errors import InputError
-from .. import framing
 from ..geometry import against_normals, crease_normals, seamless_normals, vertex_normals
 from ..model import MAX_FACES, Material, Mesh, Scene, with_fields
 from ..triangulate import CUT_AS_FANS, triangulated
 from .mtl import Library
-from .reading import Options, linear_colors, repair_normals, warn_ignored
+from .reading import Options, framed, linear_colors, name_of, repair_normals
 from .text_tokens import KEYWORDS, VN, VT, F, V, arguments, blank_comments, chunks, is_blank, numbers, tokenize
 
 MAX_BYTES = 1 << 31  # of a mesh file
@@ -55,7 +54,6 @@ def read_obj(path: Path, options: Options) -> Scene:
     `s off`.
     """
     owner = shown(path)
-    name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
     text = ObjText(read_file(path, MAX_BYTES), owner)
     if options.texture is not None and text.indices[:, 0, 1].max() < 0:
         raise file_error(owner, "vt", "texture coordinates for the texture", "none")
@@ -71,14 +69,12 @@ def read_obj(path: Path, options: Options) -> Scene:
         text.colors = np.ascontiguousarray(rgba[:, :3])
         text.alphas = rgba[:, 3].copy() if (rgba[:, 3] < 1.0).any() else None
     library = Library(os.fspath(path), text.libraries, options.texture)
-    meshes = _meshes(text, library, options, name)
+    meshes = _meshes(text, library, options, name_of(path))
     if library.undefined:
         more = f" and {len(library.undefined) - 1} more" if library.undefined[1:] else ""
         line = f"{owner}: usemtl: no library defines the material {quoted(library.undefined[0])}{more}"
         warnings.warn(line, stacklevel=2)
-    return warn_ignored(
-        framing.framed(meshes, name, options.resolution, up=options.up), owner, text.ignored + library.ignored
-    )
+    return framed(meshes, path, options, text.ignored + library.ignored)
 
 
 def _orient_by_normals(text: ObjText, owner: str) -> None:
@@ -100,8 +96,8 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str) -> tup
     is_single = len(parts) == 1
     tables = _Tables(text, _normals(text, options, is_single), [run.first for run, _ in parts])
     plain = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    materials: dict[tuple[str | None, bool, bool], tuple[Material, Array | None]] = {}
-    flipped: dict[bytes, Array] = {}
+    materials: dict[tuple[str | None, bool, bool], tuple[Material, Array]] = {}
+    flipped: dict[bytes, Array] = {}  # texture coordinates, by the bytes of their transform
     meshes = []
     for number, (run, end) in enumerate(parts):
         indices = text.indices[run.first : end]
@@ -111,13 +107,13 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str) -> tup
             material, transform = library.material(*key[:2])
             material = with_fields(material, blend=True) if fades else material
             materials[key] = options.lit(material), transform
-        material, transform = materials[key]
-        transform_key = b"" if transform is None else transform.tobytes()
-        if transform_key not in flipped:
+        material, (scale, offset) = materials[key]
+        uvs_key = scale.tobytes() + offset.tobytes()
+        if uvs_key not in flipped:
             with np.errstate(over="ignore", invalid="ignore"):  # overflowing coordinates mean texel 0
-                uvs = text.uvs if transform is None else text.uvs * transform[0] + transform[1]
-                flipped[transform_key] = np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)  # v = 0 is the bottom in OBJ
-        fields = tables.of_part(number, slice(run.first, end), flipped[transform_key])
+                u, v = (text.uvs * scale + offset).T
+                flipped[uvs_key] = np.stack([u, 1.0 - v], axis=1)  # v = 0 is the bottom in OBJ
+        fields = tables.of_part(number, slice(run.first, end), flipped[uvs_key])
         fields.update(material=material, name=run.object or name)
         if counts[run.object] > 1:
             fields["part_of"] = f"{name}/{run.object or ''}"
@@ -126,20 +122,16 @@ def _meshes(text: ObjText, library: Library, options: Options, name: str) -> tup
     return tuple(meshes)
 
 
-def _normals(text: ObjText, options: Options, is_single: bool) -> tuple[Array, Array | None] | None:
-    """Return normals (K, 3) for faces that have none, and indices (F, 3) into them, or None for those of the vertices.
-
-    None in place of both leaves the normals to the mesh.
-    """
-    if text.indices[:, 0, 2].min() >= 0:
-        return None
+def _normals(text: ObjText, options: Options, is_single: bool) -> tuple[Array | None, Array | None]:
+    """Return normals (K, 3) for faces that have none, None to leave them to the mesh; and indices (F, 3) into them, None
+    for those of the vertices."""
     faces = text.indices[:, :, 0]
+    if text.indices[:, 0, 2].min() >= 0:
+        return None, None
     if options.crease is not None:
         return crease_normals(text.verts, faces, options.crease)
     joined = seamless_normals(text.verts, faces) if options.weld else None
-    if joined is None and not is_single:
-        joined = vertex_normals(text.verts, faces)
-    return None if joined is None else (joined, None)
+    return vertex_normals(text.verts, faces) if joined is None and not is_single else joined, None
 
 
 def _parts(text: ObjText) -> list[tuple[FaceRun, int]]:
@@ -184,15 +176,13 @@ class _Split:
 class _Tables:
     """The tables of a file, split at the first faces of its parts. computed: see _normals."""
 
-    def __init__(self, text: ObjText, computed: tuple[Array, Array | None] | None, firsts: Sequence[int]) -> None:
-        self.text = text
+    def __init__(self, text: ObjText, computed: tuple[Array | None, Array | None], firsts: Sequence[int]) -> None:
+        self.text, (normals, indices) = text, computed
         self.verts, self.uvs, self.normals = (_Split(text.indices[:, :, k], firsts) for k in range(3))
         self.at_verts = {"verts": text.verts, "colors": text.colors, "alphas": text.alphas}
-        self.computed: tuple[Array, _Split] | None = None
-        if computed is not None and computed[1] is not None:
-            self.computed = computed[0], _Split(computed[1], firsts)
-        elif computed is not None:
-            self.at_verts["normals"] = computed[0]
+        self.computed = (None, None) if indices is None else (normals, _Split(indices, firsts))
+        if indices is None:
+            self.at_verts["normals"] = normals
 
     def of_part(self, number: int, faces: slice, uvs: Array) -> dict[str, Any]:
         """Return the arrays of the Mesh of a part. faces: of the file. uvs: (T, 2), in place of the file's."""
@@ -205,7 +195,7 @@ class _Tables:
         arrays["faces"] = self.verts.faces[faces]
         if has_uvs:
             arrays |= {"uvs": self.uvs.select(uvs, number), "uv_faces": self.uvs.faces[faces]}
-        values, split = (self.text.normals, self.normals) if has_normals else self.computed or (None, None)
+        values, split = (self.text.normals, self.normals) if has_normals else self.computed
         if values is not None and split is not None:
             arrays |= {"normals": split.select(values, number), "normal_faces": split.faces[faces]}
         return arrays
@@ -278,8 +268,8 @@ class ObjText:
 
     def _error(self, token: int, keyword: str, expected: str, found: str | bytes) -> InputError:
         """Build the error for a token of the current chunk. found: bytes of the file are quoted."""
-        found = quoted(found) if isinstance(found, bytes) else found
-        return file_error(self.owner, f"line {self._line_of(token)}: {keyword}", expected, found)
+        text = quoted(found) if isinstance(found, bytes) else found
+        return file_error(self.owner, f"line {self._line_of(token)}: {keyword}", expected, text)
 
     def _read_names(self, first_triangle: Array) -> None:
         """Read the lines without numbers. first_triangle: (face lines + 1,) index of each face line's first triangle."""
@@ -313,13 +303,12 @@ class ObjText:
             self.runs.append(run)
 
     def _read_numbers(self) -> None:
-        """Read the v, vt and vn lines of a chunk."""
         lines = self._lines
         for kind, (allowed, expected) in _COUNTS.items():
             wrong = np.flatnonzero((lines.kind == kind) & ~np.isin(lines.count, allowed))
             if len(wrong):
-                found = str(lines.count[wrong[0]])
-                raise self._error(int(lines.first[wrong[0]]), KEYWORDS[kind], expected, found)
+                line = wrong[0]
+                raise self._error(int(lines.first[line]), KEYWORDS[kind], expected, str(lines.count[line]))
         chosen = np.flatnonzero(np.isin(lines.kind, (V, VT, VN)))
         count, kinds = lines.count[chosen], lines.kind[chosen]
         values = numbers(arguments(lines, chosen), float, int(count.sum()))
@@ -337,9 +326,9 @@ class ObjText:
                     token = int(lines.first[chosen[mine[bad]]])
                     raise self._error(token, "v", "finite numbers", str(rows[bad].tolist()))
                 colored = np.flatnonzero(count[mine] >= 6)
-                numbers_of = start[mine[colored], None] + np.minimum(np.arange(3, 7), count[mine[colored], None] - 1)
-                colors = values[numbers_of]
-                colors[count[mine[colored]] == 6, 3] = np.nan
+                some = mine[colored]
+                colors = values[start[some, None] + np.minimum(np.arange(3, 7), count[some, None] - 1)]
+                colors[count[some] == 6, 3] = np.nan
                 self._colored.append(self._counts[V] + colored)
                 self._colors.append(colors)
             self._values[kind].append(rows)
@@ -352,9 +341,8 @@ class ObjText:
             first, count = int(lines.first[index]), int(lines.count[index])
             for token in range(first + 1, first + 1 + count):
                 text = lines.token(token)
-                fields = [part for part in text.split(b"/") if part] if dtype is int else [text]
-                good = all(numbers(part, dtype, 1) is not None for part in fields)
-                if not good or text.count(b"/") > 2:
+                fields = filter(None, text.split(b"/")) if dtype is int else [text]
+                if text.count(b"/") > 2 or any(numbers(part, dtype, 1) is None for part in fields):
                     return self._error(token, KEYWORDS[int(lines.kind[index])], expected, text)
         raise file_error(self.owner, "text", expected, "something else")
 
@@ -403,11 +391,9 @@ class ObjText:
 
     def _corner_token(self, chosen: Array, corner: int) -> int:
         """Return the token of a corner, counted over the chosen f lines."""
-        lines = self._lines
-        before = np.cumsum(lines.count[chosen])
-        line = int(np.searchsorted(before, corner, side="right"))
-        index = chosen[line]
-        return int(lines.first[index] + 1 + corner - (before[line] - lines.count[index]))
+        count = self._lines.count[chosen]
+        first = self._lines.first[chosen] + 1 - (np.cumsum(count) - count)
+        return int(np.repeat(first, count)[corner]) + corner
 
     def _resolved(self, chosen: Array, table: Array) -> Array:
         """Return (C, 3) int32 indices from 0, or -1, of the corners with the numbers `table` (see _corner_table)."""

@@ -6,7 +6,6 @@ indices out of range, doubles the precision of every position, and opens the tex
 
 from __future__ import annotations
 
-import os
 import re
 import struct
 import warnings
@@ -19,11 +18,11 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file, runs
-from .. import framing
+from ...errors import InputError
 from ..geometry import against_normals, crease_normals, seamless_normals, vertex_normals
 from ..model import MAX_FACES, Mesh, Scene, Texture
 from ..triangulate import CUT_AS_FANS, Cuts, strips, triangulated
-from .reading import DEFAULT_MATERIAL, Images, Options, linear_colors, repair_normals, warn_ignored
+from .reading import DEFAULT_MATERIAL, Images, Options, framed, linear_colors, name_of, repair_normals
 from .text_tokens import is_blank, numbers
 
 MAX_BYTES = 1 << 31
@@ -56,9 +55,7 @@ def read_ply(path: Path, options: Options) -> Scene:
     numbers and mean nothing else become Mesh.scalars; other elements are listed in Scene.ignored.
     """
     reader = _Reader(path, options)
-    mesh = reader.mesh()
-    scene = framing.framed((mesh,), mesh.name, options.resolution, up=options.up)
-    return warn_ignored(scene, reader.owner, reader.ignored)
+    return framed((reader.mesh(),), path, options, reader.ignored)
 
 
 class _Reader:
@@ -71,7 +68,7 @@ class _Reader:
     def __init__(self, path: Path, options: Options) -> None:
         self.path, self.owner, self.options = path, shown(path), options
         self.file = PlyFile(read_file(path, MAX_BYTES), self.owner)
-        self.ignored: list[str] = []
+        self.error, self.ignored = self.file.error, list[str]()
         vertex, face = self.file.elements.get("vertex"), self.file.elements.get("face")
         if vertex is None or not vertex.rows:
             raise self.error("element vertex", "at least one vertex", "none")
@@ -82,18 +79,15 @@ class _Reader:
         self.faces, self.polygon, self.cuts = self._faces(verts)
         self.arrays: dict[str, Any] = {"verts": verts, "faces": self.faces}
 
-    def error(self, where: str, expected: str, found: str) -> Exception:
-        return file_error(self.owner, where, expected, found)
-
     def mesh(self) -> Mesh:
         arrays, options = self.arrays, self.options
         arrays["normals"] = normals = self._columns("nx", "ny", "nz", finite=False)
         arrays["scalars"] = self._scalars(self.vertex)
         if normals is None and options.crease is not None:
-            creased = crease_normals(arrays["verts"], arrays["faces"], options.crease)
+            creased = crease_normals(arrays["verts"], self.faces, options.crease)
             arrays["normals"], arrays["normal_faces"] = creased
         elif normals is None and options.weld:
-            arrays["normals"] = seamless_normals(arrays["verts"], arrays["faces"])
+            arrays["normals"] = seamless_normals(arrays["verts"], self.faces)
         self._color()
         texture = self._texture()
         for name, values in ({} if self.face is None else self._scalars(self.face)).items():
@@ -105,9 +99,9 @@ class _Reader:
             self._orient_by_normals()
         blend = arrays["colors"] is not None and bool((arrays["colors"][:, 3] < 1.0).any())
         material = replace(options.lit(DEFAULT_MATERIAL), texture=texture, blend=blend)
-        others = (name for name in self.file.elements if name not in ("vertex", "face", "tristrips"))
-        self.ignored += [f"element {name[:32]}" for name in others]
-        return Mesh(**arrays, material=material, name=os.path.splitext(os.path.basename(self.owner))[0])
+        read = ("vertex", "face", "tristrips")
+        self.ignored += [f"element {name[:32]}" for name in self.file.elements if name not in read]
+        return Mesh(**arrays, material=material, name=name_of(self.path))
 
     def _columns(self, *names: str, finite: bool = True) -> Array | None:
         """Return (rows, len(names)) values of scalar properties of vertices, float32 or float64; None unless all are
@@ -224,17 +218,15 @@ class _Reader:
         groups = [names for names in groups if element.has(*names)]
         groups += [names for names in _COLORS if element.has(*names[:3])][:1]
         meant = {name for names in groups for name in names}
-        others = {name: column for name, column in element.columns.items() if name not in meant}
-        lists = [name for name, column in others.items() if isinstance(column, tuple)]
+        rest = {name: column for name, column in element.columns.items() if name not in meant}
+        lists = [name for name, column in rest.items() if isinstance(column, tuple)]
         self.ignored += [f"list {name[:32]}" for name in lists if is_vertex or name not in (*_INDICES, "texcoord")]
-        columns = [(name, column) for name, column in others.items() if name not in lists]
-        if len(columns) > MAX_SCALARS:
+        names = [name for name in rest if name not in lists]
+        if len(names) > MAX_SCALARS:
             self.ignored.append(f"properties of element {element.name} beyond {MAX_SCALARS}")
-        scalars = {}
-        for name, column in columns[:MAX_SCALARS]:  # float32 holds every number of 16 bits
-            single = column.dtype == np.float32 or (column.dtype.kind in "iu" and column.itemsize < 4)
-            scalars[name] = column.astype(np.float32 if single else np.float64)
-        return scalars
+        # float32 holds every number of 16 bits, and float64 those of 32.
+        kinds = {name: np.promote_types(rest[name].dtype, np.float32) for name in names[:MAX_SCALARS]}
+        return {name: rest[name].astype(kind) for name, kind in kinds.items()}
 
     def _texture(self) -> Texture | None:
         """Return the texture, and set its coordinates; None if the file has no coordinates or no image."""
@@ -279,11 +271,11 @@ class Property:
 
     name: str
     kind: str
-    count: str = ""
+    count: str
 
 
 class Stored(NamedTuple):
-    """How the rows of an element hold a property. kind: of its values. length: of a list, None for a scalar."""
+    """How the rows of an element hold a property. length: of a list, None for a scalar."""
 
     name: str
     kind: np.dtype
@@ -317,21 +309,24 @@ class PlyFile:
         self.elements: dict[str, Element] = {}
         self.comments: list[str] = []
         if not re.match(rb"ply\s", data):
-            raise file_error(owner, "magic", "a first line of ply", quoted(data[:8]))
+            raise self.error("magic", "a first line of ply", quoted(data[:8]))
         end = data.find(b"end_header", 0, MAX_HEADER)
         after = _LINE_END.match(data, end + len(b"end_header"))
         if end < 0 or after is None:
-            raise file_error(owner, "header", f"end_header in the first {MAX_HEADER} bytes", "none")
+            raise self.error("header", f"end_header in the first {MAX_HEADER} bytes", "none")
         lines = data[:end].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
         self._read_header(lines)
         if self.order != "=":
-            self._read_rows(after.end())
+            self._read_elements(after.end())
             return
         values = self._numbers(data, after.end(), len(lines))
         self.data = values.view(np.uint8).data
-        count = self._read_rows(0) // values.itemsize
+        count = self._read_elements(0) // values.itemsize
         if count != len(values):
-            raise file_error(owner, "rows", f"{count} values, as the header says", str(len(values)))
+            raise self.error("rows", f"{count} values, as the header says", str(len(values)))
+
+    def error(self, where: str, expected: str, found: str) -> InputError:
+        return file_error(self.owner, where, expected, found)
 
     def _read_header(self, lines: list[str]) -> None:
         names: list[str] = []
@@ -339,52 +334,48 @@ class PlyFile:
         for number, line in enumerate(lines[1:-1], 2):
             if not line.strip():
                 continue
-            keyword, *rest = line.split()
-            where = f"line {number}: {keyword}"
+            keyword, *words = line.split()
+            where, rest = f"line {number}: {keyword}", " ".join(words)
             if keyword in ("comment", "obj_info"):
                 self.comments.append(line.strip()[len(keyword) :].strip())
             elif keyword == "format":
-                if len(rest) != 2 or rest[0] not in _FORMATS or rest[1] != "1.0":
-                    expected = f"one of {', '.join(_FORMATS)}, and the version 1.0"
-                    raise file_error(self.owner, where, expected, quoted(" ".join(rest)))
-                self.order = _FORMATS[rest[0]]
+                if len(words) != 2 or words[0] not in _FORMATS or words[1] != "1.0":
+                    raise self.error(where, f"one of {', '.join(_FORMATS)}, and the version 1.0", quoted(rest))
+                self.order = _FORMATS[words[0]]
             elif keyword == "element":
-                if len(rest) != 2 or not re.fullmatch(r"[0-9]{1,18}", rest[1]):
-                    where, content = f"{where} {' '.join(rest[:1])[:32]}", quoted(" ".join(rest[1:]))
-                    raise file_error(self.owner, where, "a name and a number of rows from 0", content)
-                names.append(rest[0])
-                element = self.elements[rest[0]] = Element(rest[0], int(rest[1]))
+                if len(words) != 2 or not re.fullmatch(r"[0-9]{1,18}", words[1]):
+                    where, rows = f"{where} {' '.join(words[:1])[:32]}", quoted(" ".join(words[1:]))
+                    raise self.error(where, "a name and a number of rows from 0", rows)
+                names.append(words[0])
+                element = self.elements[words[0]] = Element(words[0], int(words[1]))
             elif keyword == "property":
                 if element is None:
-                    raise file_error(self.owner, where, "an element before it", "none")
-                self._add_property(element, rest, where)
+                    raise self.error(where, "an element before it", "none")
+                self._add_property(element, words, where)
             else:
                 expected = "format, element, property, comment, obj_info or end_header"
-                raise file_error(self.owner, f"line {number}", expected, quoted(keyword))
+                raise self.error(f"line {number}", expected, quoted(keyword))
         if self.order == "?":
-            raise file_error(self.owner, "header", "a line of format", "none")
+            raise self.error("header", "a line of format", "none")
         for element in self.elements.values():
             lists = sum(bool(item.count) for item in element.properties)
             if lists > MAX_LISTS:
-                raise file_error(self.owner, f"element {element.name}", f"at most {MAX_LISTS} lists", str(lists))
+                raise self.error(f"element {element.name}", f"at most {MAX_LISTS} lists", str(lists))
         if len(self.elements) != len(names):
-            raise file_error(self.owner, "header", "elements of different names", ", ".join(names)[:80])
+            raise self.error("header", "elements of different names", ", ".join(names)[:80])
 
     def _add_property(self, element: Element, words: list[str], where: str) -> None:
         listed = words[:1] == ["list"]
         if len(words) != (4 if listed else 2):
-            expected = "a type and a name, or list, two types and a name"
-            raise file_error(self.owner, where, expected, quoted(" ".join(words)))
+            raise self.error(where, "a type and a name, or list, two types and a name", quoted(" ".join(words)))
         *types, name = words[1:] if listed else words
         for word in types:
             if word not in _TYPES:
-                raise file_error(self.owner, where, f"one of the types {' '.join(_TYPES)}", quoted(word))
+                raise self.error(where, f"one of the types {' '.join(_TYPES)}", quoted(word))
         if listed and _TYPES[types[0]][0] == "f":
-            expected = "a type of whole numbers for the length of a list"
-            raise file_error(self.owner, where, expected, quoted(types[0]))
+            raise self.error(where, "a type of whole numbers for the length of a list", quoted(types[0]))
         if any(name == item.name for item in element.properties):
-            expected = f"properties of different names in element {element.name}"
-            raise file_error(self.owner, where, expected, quoted(name))
+            raise self.error(where, f"properties of different names in element {element.name}", quoted(name))
         element.properties.append(Property(name, _TYPES[types[-1]], _TYPES[types[0]] if listed else ""))
 
     def _numbers(self, data: bytes, start: int, lines: int) -> Array:
@@ -398,12 +389,12 @@ class PlyFile:
             if part is None:
                 bad = next((word for word in text.split() if numbers(word, float, 1) is None), b"")
                 line = lines + data.count(b"\n", body, data.find(bad, start)) + 1
-                raise file_error(self.owner, f"line {line}", "numbers", quoted(bad))
+                raise self.error(f"line {line}", "numbers", quoted(bad))
             parts.append(part)
             start = end
         return np.concatenate(parts)
 
-    def _read_rows(self, place: int) -> int:
+    def _read_elements(self, place: int) -> int:
         """Fill in the columns of all elements, whose rows begin at a byte. Returns the position after them."""
         for element in self.elements.values():
             items = []
@@ -415,69 +406,59 @@ class PlyFile:
             if element.rows * row_size > len(self.data) - place:
                 expected = f"{element.rows} rows, of at least {self._amount(row_size)} each"
                 content = f"{self._amount(len(self.data) - place)} left in the file"
-                raise file_error(self.owner, f"element {element.name}", expected, content)
+                raise self.error(f"element {element.name}", expected, content)
             if element.rows and items:
-                place = self._read_even_rows(place, element, items) or self._read_ragged_rows(place, element, items)
+                place = self._read_rows(place, element, items)
         return place
 
     def _amount(self, size: int) -> str:
         return f"{size // 8} values" if self.order == "=" else f"{size} bytes"
 
-    def _read_even_rows(self, place: int, element: Element, items: list[Stored]) -> int:
-        """Fill in the columns of an element all of whose rows have lists as long as the first. Returns the position after
-        its rows, 0 for other elements."""
-        counts, starts, size = [], [], 0
-        for _, kind, length in items:
-            count, start = 1, place + size
-            if length is not None:
-                fits = start + length.size <= len(self.data)
-                (count,) = length.unpack_from(self.data, start) if fits else (0,)
-                count = int(count) if count > 0 and count % 1 == 0 else 0
-                start += length.size
-            counts.append(count)
-            starts.append(start)
-            size = start - place + kind.itemsize * count
-        if size > (len(self.data) - place) // element.rows:
-            return 0
-        for (_, _, length), count, start in zip(items, counts, starts, strict=True):
-            if length is not None:
-                kind = np.dtype(length.format)
-                lengths: Array = np.ndarray((element.rows,), kind, self.data, start - length.size, (size,))
-                if (lengths != count).any():
-                    return 0
-        for (name, kind, length), count, start in zip(items, counts, starts, strict=True):
-            if length is not None:
-                values = runs(self.data, start, element.rows, size, kind, count).reshape(-1)
-                element.columns[name] = values, np.broadcast_to(np.int64(count), element.rows)
+    def _read_rows(self, place: int, element: Element, items: list[Stored]) -> int:
+        """Fill in the columns of an element: at once if all its rows have lists as long as the first, else after locating
+        them one by one. Returns the position after them."""
+        data, rows = self.data, element.rows
+        starts, counts, end = self._located(place, element.name, items, 1)
+        size = end - place
+        is_even = size <= (len(data) - place) // rows
+        for (_, _, length), start, count in zip(items, starts, counts, strict=True):
+            if length is not None and is_even:
+                lengths: Array = np.ndarray((rows,), length.format, data, int(start[0]) - length.size, (size,))
+                is_even = bool((lengths == count).all())
+        if is_even:
+            end = place + rows * size
+        else:
+            starts, counts, end = self._located(place, element.name, items, rows)
+        for (name, kind, length), start, count in zip(items, starts, counts, strict=True):
+            if not is_even:
+                values = _joined_runs(data, start, count * kind.itemsize).view(kind)
+            elif length is not None:
+                values = runs(data, int(start[0]), rows, size, kind, int(count[0])).reshape(-1)
             else:  # a view of the data: the only copy is made where the column is used
-                single: Array = np.ndarray((element.rows,), kind, self.data, start, (size,))
-                element.columns[name] = single.astype(kind.newbyteorder("="), copy=False)
-        return place + element.rows * size
+                values = np.ndarray((rows,), kind, data, int(start[0]), (size,))
+            values = values.astype(kind.newbyteorder("="), copy=False)
+            element.columns[name] = values if length is None else (values, np.broadcast_to(count, rows))
+        return end
 
-    def _read_ragged_rows(self, place: int, element: Element, items: list[Stored]) -> int:
-        """Read rows of unequal length: locate them one by one, then read their values all at once."""
+    def _located(self, place: int, name: str, items: list[Stored], rows: int) -> tuple[list[Array], list[Array], int]:
+        """Return where the values of each property begin and their numbers, (rows,) each, and the position after them."""
         starts, counts = ([array("q") for _ in items] for _ in range(2))
         steps, data, total = [(kind.itemsize, length) for _, kind, length in items], self.data, len(self.data)
-        for row in range(element.rows):
+        for row in range(rows):
             for number, (size, length) in enumerate(steps):
                 count: Any = 1
                 if length is not None and place + length.size <= total:
                     (count,) = length.unpack_from(data, place)
                 place += 0 if length is None else length.size
                 if place > total or not 0 <= count * size <= total - place or count % 1:
-                    where = f"element {element.name}: row {row}: {items[number].name}"
+                    where = f"element {name}: row {row}: {items[number].name}"
                     content = f"a length of {count:.10g}, and {self._amount(total - place)} left in the file"
                     content = "the end of the file" if place > total else content
-                    raise file_error(self.owner, where, "a length and as many values", content)
+                    raise self.error(where, "a length and as many values", content)
                 starts[number].append(place)
                 counts[number].append(int(count))
                 place += int(count) * size
-        for number, (name, kind, length) in enumerate(items):
-            start, lengths = np.array(starts[number]), np.array(counts[number])
-            values = _joined_runs(data, start, lengths * kind.itemsize).view(kind)
-            values = values.astype(kind.newbyteorder("="), copy=False)
-            element.columns[name] = values if length is None else (values, lengths)
-        return place
+        return [np.frombuffer(k, np.int64) for k in starts], [np.frombuffer(k, np.int64) for k in counts], place
 
 
 def _joined_runs(data: Any, start: Array, sizes: Array) -> Array:

@@ -22,11 +22,12 @@ from ...base.input_files import beside, file_error, quoted, read_file
 from ...base.validation import choice, flag, number, value_error
 from ...errors import InputError
 from ...images.decode import MAX_BYTES, CodedImage, decode_image, read_image, srgb_to_linear
+from .. import framing
 from ..adjust_camera import refitted
 from ..camera import checked_resolution
 from ..framing import UPS, Up
 from ..geometry import crease_angle, vertex_normals
-from ..model import Material, Scene, Texture, with_fields, with_materials
+from ..model import Material, Mesh, Scene, Texture, with_fields, with_materials
 from ..texture import Lookup, Wrap
 
 FPS = 30  # of animations that are played
@@ -126,13 +127,19 @@ def repair_normals(verts: Array, faces: Array, normals: Array, normal_faces: Arr
     return np.concatenate([normals, computed]), normal_faces
 
 
-def warn_ignored(scene: Scene, owner: str, ignored: Iterable[str]) -> Scene:
-    """Return the scene with the features that are not rendered in `Scene.ignored`, each once, and warn of them once, and of
-    texture coordinates that are not finite."""
-    textured = (mesh.uvs for mesh in scene.meshes if mesh.uvs is not None and mesh.material.texture is not None)
+def name_of(path: Path) -> str:
+    """Return the name of a scene: that of its file without folders and extension."""
+    return os.path.splitext(os.path.basename(os.fspath(path)))[0]
+
+
+def framed(meshes: tuple[Mesh, ...], path: Path, options: Options, ignored: Iterable[str], **fields: Any) -> Scene:
+    """Return the scene of a file's meshes by `framing.framed`, of which `fields` are further arguments; warn of features
+    that are not rendered, which `Scene.ignored` lists, and of texture coordinates that are not finite."""
+    owner, scene = shown(path), framing.framed(meshes, name_of(path), options.resolution, up=options.up, **fields)
+    textured = (mesh.uvs for mesh in meshes if mesh.uvs is not None and mesh.material.texture is not None)
     if not all(np.isfinite(uvs).all() for uvs in textured):
         warnings.warn(f"{owner}: texture coordinates that are not finite count as 0", stacklevel=2)
-    names: Any = tuple(dict.fromkeys((*scene.ignored, *ignored)))
+    names = tuple(dict.fromkeys(ignored))
     if not names:
         return scene
     line = f"{owner}: not rendered: {', '.join(names)}"

@@ -15,8 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
-from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ...base.input_files import beside, file_error, quoted, read_file, size_of, 
 from ...base.json_values import MAX_VALUES, found_text, parse_text
 from ...base.spelling import hint
 from ...base.validation import path as checked_path
-from ...base.validation import value_error
+from ...base.validation import read_only, value_error
 from ...errors import InputError
 from ..camera import Camera
 from ..environment import Environment
@@ -124,10 +123,10 @@ class _Reader:
         if value is None:
             return b""
         facts = self.check_keys(value, ("file", "bytes", "sha256"), "arrays")
+        for key in ("file", "sha256"):
+            if not isinstance(facts[key], str):
+                raise self.error(f"arrays.{key}", "a text", found_text(facts[key]))
         reference, digest = facts["file"], facts["sha256"]
-        for key, text in (("file", reference), ("sha256", digest)):
-            if not isinstance(text, str):
-                raise self.error(f"arrays.{key}", "a text", found_text(text))
         size = self._whole(facts["bytes"], "arrays.bytes", MAX_BINARY_BYTES)
         path = beside(self.path, reference, self.owner, "arrays.file")
         if path is None:
@@ -152,8 +151,7 @@ class _Reader:
             # Restore the bits of a unit vector, which normalizing it again may change.
             up = np.array(values["up"], np.float64).reshape(3)
             if np.abs(up - instance.up).max() <= _SAME:
-                up.flags.writeable = False
-                vars(instance)["up"] = up
+                vars(instance)["up"] = read_only(up)
         return instance
 
     def _field(self, name: str, value: Any, where: str) -> Any:
@@ -169,9 +167,8 @@ class _Reader:
             read = self._light if name == "lights" else partial(self._made, Mesh)
             return [read(entry, f"{where}[{k}]") for k, entry in enumerate(self._list(value, where))]
         if name == "scalars":
-            if not isinstance(value, dict):
-                raise self.error(where, "an object", found_text(value))
-            return {key: self._plain(entry, f"{where} {quoted(key)}") for key, entry in value.items()}
+            items = self.check_keys(value, value, where).items()
+            return {key: self._plain(entry, f"{where} {quoted(key)}") for key, entry in items}
         return self._plain(value, where)
 
     def _light(self, value: Any, where: str) -> Any:
@@ -198,8 +195,7 @@ class _Reader:
             raise self.error(f"{where}.type", f"one of {', '.join(TYPES)}", found_text(name) + hint(name, TYPES))
         shape = tuple(self._whole(n, f"{where}.shape", _MAX_SIDE) for n in self._list(value["shape"], f"{where}.shape"))
         offset = self._whole(value["offset"], f"{where}.offset", size)
-        kind = np.dtype(name).newbyteorder("<")
-        count = math.prod(shape)
+        kind, count = np.dtype(name).newbyteorder("<"), math.prod(shape)
         if not 1 <= len(shape) <= 3 or offset % kind.itemsize or offset + count * kind.itemsize > size:
             content = f"shape {list(shape)} at byte {offset}"
             raise self.error(where, f"1 to 3 dimensions of whole values within {size} bytes", content)
@@ -218,14 +214,6 @@ class _Reader:
         if not isinstance(value, list):
             raise self.error(where, "a list", found_text(value))
         return value
-
-
-class SceneFile(NamedTuple):
-    """A scene as it is written: the JSON in UTF-8, the name of the binary file ("" without arrays), and its parts."""
-
-    text: bytes
-    file: str
-    parts: list[bytes | memoryview]
 
 
 def checked_name(path: Path, argument: tuple[str, str] = ("Scene.to_json", "path")) -> str:
@@ -247,19 +235,19 @@ def write_scene(scene: DataclassInstance, path: Path) -> None:
     The JSON names its binary file, whose name has its hash: whenever this process ends, and whoever else writes this file,
     the JSON and the arrays belong to one scene.
     """
-    text = checked_name(path)
-    folder, basename = os.path.split(text)
-    encoded_scene = encoded(scene, basename)
-    binary = os.path.join(folder, encoded_scene.file)
+    name = checked_name(path)
+    folder, basename = os.path.split(name)
+    text, file, parts = _encoded(scene, basename)
+    binary = os.path.join(folder, file)
     with contextlib.ExitStack() as stack:
-        with replacing_all(*((binary, text) if encoded_scene.parts else (text,))) as files:
-            if encoded_scene.parts:
+        with replacing_all(*((binary, name) if parts else (name,))) as files:
+            if parts:
                 with naming(binary):
-                    files[0].writelines(encoded_scene.parts)
-            with naming(text):
-                files[-1].write(encoded_scene.text)
+                    files[0].writelines(parts)
+            with naming(name):
+                files[-1].write(text)
             locked = stack.enter_context(folder_locked(folder or "."))  # before both take their places
-        _remove_earlier(folder or ".", basename, encoded_scene.file, at_once=locked)
+        _remove_earlier(folder or ".", basename, file, at_once=locked)
 
 
 def _remove_earlier(folder: str, basename: str, current: str, *, at_once: bool) -> None:
@@ -274,8 +262,9 @@ def _remove_earlier(folder: str, basename: str, current: str, *, at_once: bool) 
                         os.unlink(entry.path)
 
 
-def encoded(scene: DataclassInstance, name: str) -> SceneFile:
-    """Return a scene as it is written to a JSON file of this name. Raises InputError beyond the limits of the format."""
+def _encoded(scene: DataclassInstance, name: str) -> tuple[bytes, str, list[bytes | memoryview]]:
+    """Return a scene as it is written to a JSON file of this name: the text, the name of the binary file ("" without
+    arrays), and its parts. Raises InputError beyond the limits of the format."""
     encoder = _Encoder()
     content = {"format": FORMAT, "version": VERSION, "scene": encoder.fields_of(scene), **encoder.tables}
     if encoder.size > MAX_BINARY_BYTES:
@@ -291,7 +280,7 @@ def encoded(scene: DataclassInstance, name: str) -> SceneFile:
     if values > MAX_VALUES or len(text) > MAX_BYTES:
         expected = f"at most {MAX_VALUES} values and {MAX_BYTES} bytes beside its arrays"
         raise value_error("Scene.to_json", "scene", expected, f"{values} values and {len(text)} bytes")
-    return SceneFile(text, file, encoder.parts)
+    return text, file, encoder.parts
 
 
 class _Encoder:
@@ -309,9 +298,7 @@ class _Encoder:
         return kind | {field.name: self._value(field.name, getattr(instance, field.name)) for field in fields(instance)}
 
     def _value(self, name: str, value: Any) -> Any:
-        if value is None or isinstance(value, str):
-            return value
-        if name in _SHARED:
+        if name in _SHARED and value is not None:
             return self._number(self.tables[_SHARED[name]], value)
         if is_dataclass(value) and not isinstance(value, type):
             return self.fields_of(value)
@@ -321,20 +308,18 @@ class _Encoder:
             return {key: self._value("", entry) for key, entry in value.items()}
         if isinstance(value, (list, tuple)):
             return [self._value("", entry) for entry in value]
-        if isinstance(value, (bool, np.bool_)):
-            return bool(value)
-        if isinstance(value, Integral):
-            return int(value)
-        if isinstance(value, Real) and math.isfinite(value):
-            return float(value)
+        if isinstance(value, np.generic):
+            value = value.item()
+        if value is None or isinstance(value, (str, int)) or (isinstance(value, float) and math.isfinite(value)):
+            return value
         raise value_error("Scene.to_json", name, "a value that a scene file can hold", value)
 
     def _number(self, table: list[Any], value: Any) -> int:
         """Return the number of an object in its table, in which it is entered once."""
         if id(value) not in self._numbers:
-            self._numbers[id(value)] = number = len(table)
-            table.append(None)
-            table[number] = self.fields_of(value)
+            entry = self.fields_of(value)  # which enters what it holds before it
+            self._numbers[id(value)] = len(table)
+            table.append(entry)
         return self._numbers[id(value)]
 
     def _array(self, array: Array) -> Any:

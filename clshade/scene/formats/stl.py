@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 
@@ -11,10 +10,9 @@ import numpy as np
 from ...base.arrays import Array
 from ...base.atomic_files import Path, shown
 from ...base.input_files import file_error, quoted, read_file, runs
-from .. import framing
 from ..geometry import crease_normals, welded
 from ..model import MAX_FACES, Mesh, Scene
-from .reading import DEFAULT_MATERIAL, Options, warn_ignored
+from .reading import DEFAULT_MATERIAL, Options, framed, name_of
 from .text_tokens import numbers
 
 MAX_BYTES = 1 << 31
@@ -64,9 +62,8 @@ def read_stl(path: Path, options: Options) -> Scene:
         vertices, index = welded(verts)
         verts, faces = verts[vertices], index[faces]
         normals, normal_faces = crease_normals(verts, faces, options.crease)
-    name = os.path.splitext(os.path.basename(owner))[0]
-    mesh = Mesh(verts, faces, None, normals, normal_faces, material=options.lit(DEFAULT_MATERIAL), name=name)
-    return warn_ignored(framing.framed((mesh,), name, options.resolution, up=options.up), owner, ignored)
+    mesh = Mesh(verts, faces, None, normals, normal_faces, material=options.lit(DEFAULT_MATERIAL), name=name_of(path))
+    return framed((mesh,), path, options, ignored)
 
 
 def _counted(count: int, size: int, owner: str) -> int:
@@ -78,8 +75,7 @@ def _counted(count: int, size: int, owner: str) -> int:
     if count > available:
         expected = f"{_HEAD + _RECORD * count} bytes for its {count} facets, or ASCII text that begins with solid"
         raise file_error(owner, "facet count", expected, f"{_HEAD + size} bytes")
-    excess = size - _RECORD * count
-    if excess:
+    if excess := size - _RECORD * count:
         line = f"{owner}: facet count: bytes after the last of {count} facets are left out: {excess}"
         warnings.warn(line, stacklevel=2)
     return count
@@ -92,9 +88,8 @@ def _ascii(data: bytes, owner: str) -> Array:
     while start < len(data):
         last = _FACET_END.search(data, start + _CHUNK)
         end = last.end() if last else len(data)
-        part = _facets(data[start:end], owner, facets)
-        parts.append(part)
-        facets += len(part) // 3
+        parts.append(_facets(data[start:end], owner, facets))
+        facets += len(parts[-1]) // 3
         if facets > MAX_FACES:
             raise file_error(owner, "facet count", f"at most {MAX_FACES}", "more")
         start = end

@@ -14,9 +14,10 @@ from ...base.input_files import file_error
 CHUNK = 1 << 20  # bytes of text taken at once
 MAX_LINE = 1 << 24  # bytes; a chunk grows up to this, and its tokens take 32 times as much memory
 
-V, VT, VN, F = (ord(text[0]) + (ord(text[1]) << 8 if text[1:] else 0) for text in ("v", "vt", "vn", "f"))
-KEYWORDS = {V: "v", VT: "vt", VN: "vn", F: "f"}
+KEYWORDS = {int.from_bytes(text.encode(), "little"): text for text in ("v", "vt", "vn", "f")}
+V, VT, VN, F = KEYWORDS
 _COMMENT = re.compile(rb"(?<!\S)#")
+_LINE_END = re.compile(rb"(?<!\\)(?<!\\\r)\n")
 _NUMERIC = tuple(keyword.encode() for keyword in KEYWORDS.values())
 _BLANKS = b" \t\r\n\v\f"
 # Translation tables: 1 for each blank; a space for each blank, and 255 for other bytes that are not printable ASCII.
@@ -51,22 +52,12 @@ def chunks(data: bytes, owner: str) -> Iterator[tuple[int, bytes]]:
     InputError for a line, including its continuation, of more than MAX_LINE bytes."""
     start = 0
     while start < len(data):
-        end = _line_end(data, min(start + CHUNK, len(data)))
-        if end - start > MAX_LINE + CHUNK:
+        last = _LINE_END.search(data, start + CHUNK - 1, start + CHUNK + MAX_LINE)
+        end = last.end() if last else len(data)
+        if end - start > CHUNK + MAX_LINE:
             raise file_error(owner, "line", f"lines of at most {MAX_LINE} bytes", "a longer one")
         yield start, data[start:end]
         start = end
-
-
-def _line_end(data: bytes, end: int) -> int:
-    """Return the first position from `end` on, or len(data), that is just after a line."""
-    while True:
-        end = data.find(b"\n", end - 1) + 1
-        if end == 0:
-            return len(data)
-        if not data[max(end - 3, 0) : end - 1].rstrip(b"\r").endswith(b"\\"):
-            return end
-        end += 1
 
 
 def blank_comments(chunk: bytes) -> bytes:
@@ -90,7 +81,6 @@ def blank_comments(chunk: bytes) -> bytes:
 
 
 def tokenize(chunk: bytes) -> Lines:
-    """Split a cleaned chunk into lines and tokens."""
     text = b"\n" + chunk + b"\n"
     letters, blank = np.frombuffer(text, np.uint8), is_blank(text)
     edges = np.flatnonzero(blank[1:] != blank[:-1]) + 1

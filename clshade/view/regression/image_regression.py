@@ -12,6 +12,7 @@ import shlex
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
@@ -119,7 +120,8 @@ class ImageRegression:
 
     def _check(self, key: str, frame: Frame) -> str:
         """Compare an image with the library's, or renew that. Return the message of a failed test, "" if it passes."""
-        expected, actual = read_library(self._library).get(key), entry_of(frame)
+        arrays = {IMAGE: frame.rgba, **{name: frame[name] for name in frame.layers}}
+        expected, actual = read_library(self._library).get(key), {name: digest(array) for name, array in arrays.items()}
         if self._update:
             self._renew(key, frame, expected, actual)
             return ""
@@ -172,23 +174,9 @@ def _drawn(scene: Scene | Frame, options: Options) -> Frame:
     return render(scene, **options)
 
 
-def _reference(path: Path, entry: Entry | None) -> tuple[Picture | None, str]:
-    """Return the reference image, or why it is not at hand: there is no file, or one with other hashes."""
-    if entry is None:
-        return None, ""
-    if not path.exists():
-        return None, f"there is no reference image {shown(path)}"
-    try:
-        picture = read_picture(path)
-    except InputError as error:
-        return None, f"no reference image: {error}"
-    if picture.header.get(HASHES) != json.dumps(entry):
-        return None, f"{shown(path)} is not the image of the library, and is not shown"
-    return Picture(picture.channels, picture.header, name="reference"), ""
-
-
 class _Failure:
-    """A frame, and the image of the library that it should be, None without one, and why. path: of that image."""
+    """A frame, and the image of the library that it should be; None if that is not at hand, and why. path: of that
+    image."""
 
     def __init__(self, frame: Frame, path: Path, expected: Entry | None) -> None:
         self.frame, self._path = frame, path
@@ -197,7 +185,18 @@ class _Failure:
             for name, plane in channels.items():
                 channels[name] = plane.astype(np.float32) if plane.dtype == np.float64 else plane
         self.result = Picture(channels, frame.metadata(deterministic=True), name="result")
-        self.reference, self.lacking = _reference(path, expected)
+        self.reference: Picture | None = None
+        self.lacking = f"there is no reference image {shown(path)}"
+        if expected is None or not path.exists():
+            return
+        try:
+            picture = read_picture(path)
+        except InputError as error:
+            self.lacking = f"no reference image: {error}"
+            return
+        self.lacking = f"{shown(path)} is not the image of the library, and is not shown"
+        if picture.header.get(HASHES) == json.dumps(expected):
+            self.reference = replace(picture, name="reference")
 
     def write(self, folder: Path) -> str:
         """Write result, reference, difference and their page into a folder, and return a line that names them.
@@ -210,10 +209,11 @@ class _Failure:
             if self.reference is not None:
                 names.append("reference")
                 write_bytes(folder / "reference.exr", read_file(self._path, _MAX_BYTES))
-                is_opaque, operator = self.frame.scene.background is not None, default_tonemap(self.frame.scene)
-                pixels = np.stack([self.reference.channels[name] for name in "RGBA"[: 3 if is_opaque else 4]], axis=-1)
-                codes = tonemap(pixels, operator, 0.0) if is_opaque else tonemap_rgba(pixels, operator, 0.0)
-                png.write(folder / "reference.png", codes)
+                convert, names_used = (
+                    (tonemap_rgba, "RGBA") if self.frame.scene.background is None else (tonemap, "RGB")
+                )
+                pixels = np.stack([self.reference.channels[name] for name in names_used], axis=-1)
+                png.write(folder / "reference.png", convert(pixels, default_tonemap(self.frame.scene)))
                 if self.reference.shape == self.result.shape:
                     names.append("difference")
                     self._write_difference(folder)
@@ -229,8 +229,8 @@ class _Failure:
         layers = compare.chosen_layers(self.result, self.reference)
         channels, references = self.result.channels, self.reference.channels
         errors = {
-            name: compare.errors_of(Group("", (name,), (plane,)), Group("", (name,), (references[name],)))
-            for name, plane in channels.items()
+            name: compare.errors_of(*(Group("", (name,), (planes[name],)) for planes in (channels, references)))
+            for name in channels
             if name in references
         }
         exr.write(folder / "difference.exr", errors)
@@ -262,11 +262,8 @@ def _difference_lines(expected: Entry, actual: Entry, failure: _Failure) -> list
     if different and not worst:
         worst = [f"{different}: other bits, equal values in float32"]
     facts, facts_now = _header_facts(reference), _header_facts(failure.result)
-    headers = [
-        f"{name}: expected {in_line(facts.get(name, 'none'))}, found {in_line(facts_now.get(name, 'none'))}"
-        for name in {**facts, **facts_now}
-        if facts.get(name) != facts_now.get(name)
-    ]
+    pairs = {name: (facts.get(name, "none"), facts_now.get(name, "none")) for name in {**facts, **facts_now}}
+    headers = [f"{n}: expected {in_line(was)}, found {in_line(now)}" for n, (was, now) in pairs.items() if was != now]
     return [*lines, *worst, *headers]
 
 
@@ -284,10 +281,6 @@ def digest(array: Array) -> str:
     """Return type, shape and SHA-256 of an array's bytes in C order, little-endian: `float32 240x320x4 9f86...`."""
     ordered = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     return f"{array.dtype.name} {'x'.join(map(str, array.shape))} {hashlib.sha256(ordered.data).hexdigest()}"
-
-
-def entry_of(frame: Frame) -> Entry:
-    return {IMAGE: digest(frame.rgba), **{name: digest(frame[name]) for name in frame.layers}}
 
 
 def reference_path(library: Path, key: str) -> Path:
@@ -315,10 +308,7 @@ def read_library(library: Path) -> dict[str, Entry]:
         return {}
     owner = shown(library)
     content = _object(owner, "", parse_text(data, owner, "a library of images", unique=True), _KEYS)
-    for key in _KEYS:
-        if key not in content:
-            raise file_error(owner, key, "this key", "none")
-    version, images = (content[key] for key in _KEYS)
+    version, images = map(content.get, _KEYS)
     if version != VERSION or isinstance(version, bool):
         raise file_error(owner, _KEYS[0], f"version {VERSION}", found_text(version))
     entries = _object(owner, _KEYS[1], images)
@@ -351,16 +341,14 @@ def put_image(library: Path, key: str, entry: Entry, encode: Callable[[BinaryIO]
     """
     with _locked(library):
         entries = {**read_library(library), key: entry}
-        content = dict(zip(_KEYS, (VERSION, dict(sorted(entries.items()))), strict=True))
-        text = json.dumps(content, indent=2) + "\n"
-        reference = reference_path(library, key) if encode else None
-        paths = [library] if reference is None else [reference, library]
-        with folder_made(reference and reference.parent), replacing_all(*paths) as files:
-            if encode is not None:
-                with naming(paths[0]):
-                    encode(files[0])
-            with naming(library):
-                files[-1].write(text.encode())
+        text = json.dumps(dict(zip(_KEYS, (VERSION, dict(sorted(entries.items()))), strict=True)), indent=2) + "\n"
+        contents: dict[Path, Callable[[BinaryIO], Any]] = {library: lambda file: file.write(text.encode())}
+        if encode is not None:
+            contents = {reference_path(library, key): encode, **contents}
+        with folder_made(next(iter(contents)).parent), replacing_all(*contents) as files:
+            for (path, write), file in zip(contents.items(), files, strict=True):
+                with naming(path):
+                    write(file)
 
 
 @contextlib.contextmanager
@@ -370,12 +358,11 @@ def _locked(library: Path) -> Iterator[None]:
     name = hashlib.sha256(os.fsencode(os.path.realpath(library))).hexdigest()[:16]
     path = os.path.join(tempfile.gettempdir(), f"clshade-{user}-{name}.lock")
     with naming(path):
-        descriptor, until = lock_file(path), time.monotonic() + _PATIENCE
-        while descriptor is None:
+        until = time.monotonic() + _PATIENCE
+        while (descriptor := lock_file(path)) is None:
             if time.monotonic() > until:
                 raise write_error(library, f"another process has held {shown(path)} for {_PATIENCE:.0f} s")
             time.sleep(0.01)
-            descriptor = lock_file(path)
     try:
         yield
     finally:

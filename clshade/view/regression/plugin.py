@@ -5,6 +5,7 @@ pytest imports this module at the start of every run, so nothing that draws is i
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,23 +65,19 @@ def clshade_image_regression(
         update=request.config.getoption(UPDATE),
         references=request.config.getini(REFERENCES),
         out=None if out is None else Path(request.config.invocation_params.dir, out),
-        temporary=lambda name: tmp_path_factory.mktemp(name),
+        temporary=tmp_path_factory.mktemp,
     )
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    renewed: dict[tuple[str, str], tuple[str, str]] = {}
-    for reports in terminalreporter.stats.values():
-        for report in reports:
-            for name, value in getattr(report, "user_properties", ()):
-                if name == RENEWED:
-                    state, library, key, remark = value
-                    renewed[library, key] = state, remark
+    reports = chain.from_iterable(terminalreporter.stats.values())
+    properties = chain.from_iterable(getattr(report, "user_properties", ()) for report in reports)
+    renewed = {tuple(value[1:3]): value for name, value in properties if name == RENEWED}  # library and key
     if not renewed:
         return
     terminalreporter.section("clshade images")
-    for (library, key), (state, remark) in sorted(renewed.items()):
+    for _, (state, library, key, remark) in sorted(renewed.items()):
         if state != "unchanged":
             terminalreporter.line(f"{state} {library}: {key}{remark and f' ({remark})'}")
-    states = [state for state, _ in renewed.values()]
+    states = [state for state, *_ in renewed.values()]
     terminalreporter.line(", ".join(f"{states.count(state)} {state}" for state in STATES if state in states))

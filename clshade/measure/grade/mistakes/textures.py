@@ -41,7 +41,8 @@ def _in_texels(change: Callable[[Floats], Floats]) -> Edit:
 
         def moved(corners: Corners) -> Corners:
             size = sizes[corners.mesh][:, None]
-            return replace(corners, uvs=change(np.clip(corners.uvs, 0.0, 1.0) * size) / size)
+            uvs = change(np.clip(corners.uvs, 0.0, 1.0) * size) / size
+            return replace(corners, uv_sets=uvs[:, :, None])
 
         return then(corners=moved)(drawing)
 
@@ -61,7 +62,9 @@ def _flat(drawing: Drawing) -> Drawing:
         faces = np.arange(len(corners.mesh))
         textured = replace(corners, scene=scene)  # with its textures
         colors = corner_colors(settings, textured, faces) if at_corners else corners.colors
-        return replace(corners, colors=_mean(colors), normals=unit(_mean(corners.normals)), uvs=_mean(corners.uvs))
+        return replace(
+            corners, colors=_mean(colors), normals=unit(_mean(corners.normals)), uv_sets=_mean(corners.uv_sets)
+        )
 
     return then(corners=flat)(plain_materials(drawing) if at_corners else drawing)
 

@@ -51,7 +51,7 @@ def exact_highlights(points: Array, normals: Array, light: Array, n: float) -> A
     try:
         import mpmath
     except ImportError:
-        return shade.specular(Directions.at(points, normals, np.zeros(3), light), np.float64(n))
+        return shade.specular(Directions.at(points, normals, np.zeros(3), light), np.array(n, np.float64))
     exact = np.zeros(len(points))
     with mpmath.workdps(DIGITS):
         for k in range(len(points)):
