@@ -144,6 +144,17 @@ def test_a_mesh_is_watertight_at_every_sample(device):
         assert (frame.rgb == 1.0).all()
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("options", [{"lanes": 1}, {}], ids=str)
+def test_triangles_of_a_millionth_of_a_pixel_show_at_centers(device, options):
+    """Their edge functions are below 2^16, the unit in which blocks are tested."""
+    places = np.argwhere(np.ones((4, 4))) + [8, 20]
+    corners = np.array([[0.0, 1e-3], [-1e-3, -1e-3], [1e-3, -1e-3]]) + places[:, None] + 0.5
+    frame = draw(device, flat(corners.reshape(-1, 2), np.arange(48).reshape(-1, 3)), shader="nolight", **options)
+    rows, columns = np.nonzero(frame.alpha)
+    assert sorted(zip(columns, HEIGHT - 1 - rows, strict=True)) == [tuple(place) for place in places]
+
+
 @pytest.mark.sampled
 @pytest.mark.parametrize("samples", [2, 64])
 def test_triangles_smaller_than_a_pixel(device, samples):
